@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from guard_motions import NOISE, cell_of, random_motion
 from scancell import sensor as sensor_rt
 from scancell.config.loading import load_setup
-from scancell.config.resolved import sensor_json
+from scancell.config.sensor import sensor_json
 from scancell.geometry.pose import log_rotation
 from scancell.guard.identify import Identifier, _Window
 from scancell.guard.motion import Path

@@ -166,10 +166,7 @@ def checked_fields(cls: C) -> C:
 def checked_value(name: str, value: Any, hint: Any) -> Any:
     """The value as the type `hint` has it.
 
-    Raises
-    ------
-    DescriptionError
-        Naming the argument, its value and what was expected.
+    Raises `DescriptionError` naming the argument, its value and what was expected.
     """
     try:
         return _converted(value, hint)

@@ -11,10 +11,7 @@ from scancell.errors import MissingExtraError
 def require(module: str, extra: str) -> Any:
     """Import `module`, which ``pip install "scancell[extra]"`` provides.
 
-    Raises
-    ------
-    MissingExtraError
-        If the package is not installed, with the command that installs it.
+    Raises `MissingExtraError` if the package is not installed, with the command that installs it.
     """
     try:
         return import_module(module)

@@ -20,10 +20,7 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
     Missing folders are created. The temporary name keeps the suffix, from which many writers choose the format. If the
     block raises (keyboard interrupts included), the temporary file is removed and an older file at `path` remains.
 
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
+    Raises `OutputError` if the file cannot be written.
     """
     path = Path(path)
     if not path.name:

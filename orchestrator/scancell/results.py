@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -76,11 +76,6 @@ class ScanResult(ScanData, Result):
       deviation  mean ... um, RMS ... um, ...
     >>> files = result.save("run", formats=["ply", "e57"])
     """
-
-    @classmethod
-    def of(cls, data: ScanData) -> Self:
-        """The result of `data`, what a scan has measured."""
-        return cls(**{one.name: getattr(data, one.name) for one in fields(data)})
 
     @cached_property
     def deviation(self) -> Deviation:
@@ -285,11 +280,6 @@ class ShotResult(ShotData, Result):
     >>> shot.camera_counts
     {'plus': ..., 'minus': ...}
     """
-
-    @classmethod
-    def of(cls, data: ShotData) -> Self:
-        """The result of `data`, what a shot has measured."""
-        return cls(**{one.name: getattr(data, one.name) for one in fields(data)})
 
     @property
     def figures(self) -> dict[str, Any]:

@@ -34,10 +34,10 @@ from scancell.errors import DescriptionError, ScancellError
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.parts import PartCache
 from scancell.nominal.plausibility import setup_warnings
+from scancell.planning.model import SensorRange
 from scancell.planning.options import scan_options
 from scancell.planning.path_map.configuration_map import QualityFactor
 from scancell.planning.plan import Plan
-from scancell.planning.plan_file import read_plan
 from scancell.planning.setups import SetUpPlanner, SetUps
 from scancell.planning.work import Work
 from scancell.progress import Progress, ProgressCallback, as_progress
@@ -48,7 +48,6 @@ from scancell.scanning.job import Job
 from scancell.scanning.pipeline import ScanPipeline
 from scancell.scanning.scan import Scan
 from scancell.scanning.sense import OnImages, make_sensors
-from scancell.scanning.sensor_range import sensor_range
 from scancell.scanning.session import ScanSession
 from scancell.scanning.single_exposure import expose
 from scancell.scanning.survey import Survey, SurveyRegion, SurveyResult
@@ -189,16 +188,16 @@ class Scanner(Closing):
             Naming what is wrong and what was expected; `EmptyScanError` when no point of the part is found, and
             `CancelledError` when `progress` cancels.
         """
-        heard, watch = as_progress(progress), Stopwatch()
+        reporter, watch = as_progress(progress), Stopwatch()
         with watch.measure("load"):
-            heard.stage("loading", 1, "cell")
+            reporter.stage("loading", 1, "cell")
             job = self._job(part, unit, as_built, seed, setup, estimated_sensor)
-            heard.advance(1)
-        saved = read_plan(Path(plan)) if isinstance(plan, str | Path) else plan
+            reporter.advance(1)
+        saved = Plan.load(plan) if isinstance(plan, str | Path) else plan
         # Descriptions of this scan alone are not checked again.
-        doubts = self.setup_warnings if job.setup is self.setup else ()
-        scan = Scan(self.pipeline, job, engine, estimated, on_images, doubts, normals, samples)
-        return ScanResult.of(scan.run(saved, heard, watch, hook))
+        warnings = self.setup_warnings if job.setup is self.setup else ()
+        scan = Scan(self.pipeline, job, engine, estimated, on_images, warnings, normals, samples)
+        return ScanResult.of(scan.run(saved, reporter, watch, hook))
 
     @checked_arguments
     def render(
@@ -224,14 +223,14 @@ class Scanner(Closing):
             what the cell did.
         """
         require_sensor_words(assignments(as_built), "the recording states what the cell did")
-        heard, watch = as_progress(progress), Stopwatch()
+        watch = Stopwatch()
         with watch.measure("load"):
             job = self._job(part, unit, as_built, seed, None, estimated_sensor)
             if not isinstance(recording, Recording):
                 job = replace(job, recording_file=Path(recording))
                 recording = read_recording(Path(recording))
         scan = Scan(self.pipeline, job, engine, estimated, on_images, self.setup_warnings)
-        return ScanResult.of(scan.of_recording(recording, None, heard, watch))
+        return ScanResult.of(scan.of_recording(recording, None, as_progress(progress), watch))
 
     @checked_arguments
     def plan(
@@ -259,14 +258,8 @@ class Scanner(Closing):
             Naming the poses that cannot be reached, which bodies collide, or what was reached when
             ``scan.max_planning_work`` was used up.
         """
-        heard = as_progress(progress)
-        heard.stage("planning", 1, "plan")
-        job = self._job(part, unit, setup=setup)
-        made = self.pipeline.plan(
-            job.loaded, job.setup, job.sensors.nominal, quality_factors=quality_factors, progress=heard
-        )
-        heard.advance(1)
-        return made
+        scan = Scan(self.pipeline, self._job(part, unit, setup=setup), "geometric")
+        return scan.plan(as_progress(progress), quality_factors=quality_factors)
 
     @checked_arguments
     def survey(
@@ -336,13 +329,12 @@ class Scanner(Closing):
             If no resting pose is stable, fits on the table and can be scanned.
         """
         setup, mesh = self.setup, self.load_part(part, unit)
-        range_ = sensor_range(make_sensors(setup.sensor, (), 0).nominal)
-        cycle = setup.cell.world.controller_cycle_us * 1e-6
-        heard = as_progress(progress)
-        work = Work(setup.scan.max_planning_work, heard)
+        range_ = SensorRange.of(make_sensors(setup.sensor, (), 0).nominal)
+        reporter = as_progress(progress)
+        work = Work(setup.scan.max_planning_work, reporter)
         options, threads = scan_options(setup.scan), self.pipeline.threads
-        planner = SetUpPlanner(setup.cell, setup.sensor, range_, options, cycle, threads, work)
-        return planner.propose(mesh, share, heard)
+        planner = SetUpPlanner(setup.cell, setup.sensor, range_, options, threads, work)
+        return planner.propose(mesh, share, reporter)
 
     @contextmanager
     @checked_arguments

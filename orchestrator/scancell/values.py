@@ -6,7 +6,7 @@ from base64 import b64encode
 from collections.abc import Iterator, Mapping
 from dataclasses import Field, fields, is_dataclass
 from html import escape
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -76,6 +76,11 @@ class Result(Value):
 
     The representation holds the first line of the summary.
     """
+
+    @classmethod
+    def of(cls, data: Value) -> Self:
+        """The result with the fields of `data`, which is of a base class."""
+        return cls(**{one.name: getattr(data, one.name) for one in fields(data)})
 
     if TYPE_CHECKING:
 

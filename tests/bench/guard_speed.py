@@ -23,7 +23,7 @@ from scancell.guard.messages import CellState, GuardMessage
 from scancell.guard.path_check import RATE_SLOPE
 from scancell.guard.stopping import braking_time, stopping_motion
 from scancell.nominal.cell import NominalCell
-from scancell.proximity.cell_scene import arm_chain, cell_scene
+from scancell.proximity.scene import arm_chain, cell_scene
 
 from .table import Row, cpu_model
 

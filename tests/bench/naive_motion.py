@@ -14,10 +14,9 @@ from scancell.config.loading import assets_dir, load_setup
 from scancell.geometry import pose
 from scancell.geometry.mesh import load_mesh
 from scancell.nominal.cell import Body, nominal_cell
-from scancell.planning.model import PlanningCell
+from scancell.planning.model import PlanningCell, SensorRange
 from scancell.planning.motion.connection import Connector
 from scancell.scanning.sense import make_sensor
-from scancell.scanning.sensor_range import sensor_range
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
@@ -45,7 +44,7 @@ def example() -> tuple[PlanningCell, Motion, Motion]:
     setup = load_setup()
     sensor = make_sensor(setup.sensor, 0)
     cycle = setup.cell.world.controller_cycle_us * 1e-6
-    cell = PlanningCell(nominal_cell(setup.cell, load_mesh(PART)), sensor_range(sensor), cycle)
+    cell = PlanningCell(nominal_cell(setup.cell, load_mesh(PART)), SensorRange.of(sensor), cycle)
     start, end = (taught(cell, side) for side in (1.0, -1.0))
     connector = Connector(cell, CLEARANCE)
     planned = connector.connect(start, end, "the other side")

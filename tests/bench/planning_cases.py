@@ -27,7 +27,7 @@ from scancell.errors import PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import box_mesh, load_mesh
 from scancell.nominal.cell import Body, NominalCell, nominal_cell
-from scancell.planning.model import PlanningCell
+from scancell.planning.model import PlanningCell, SensorRange
 from scancell.planning.motion.verification import check_part
 from scancell.planning.path_map.optimum import best_motion
 from scancell.planning.path_map.path_planner import PathPlanner
@@ -35,7 +35,6 @@ from scancell.planning.path_map.ray_shooting import shoot
 from scancell.planning.path_map.table_motion import Lattice
 from scancell.planning.views.sensor_paths import SensorPath, sensor_paths
 from scancell.scanning.sense import make_sensors
-from scancell.scanning.sensor_range import sensor_range
 
 Array = NDArray[np.float64]
 
@@ -67,7 +66,7 @@ def planning_cell(case: dict[str, Any]) -> PlanningCell:
         name = f"box {number}"
         mesh = box_mesh(tuple(float(x) for x in size), name).transformed(pose.translation(centre))
         boxes.append(Body(name, box.get("moves_with", "world"), mesh, nominal.bodies[0].material))
-    range_ = sensor_range(make_sensors(load_setup().sensor, (), 0).nominal)
+    range_ = SensorRange.of(make_sensors(load_setup().sensor, (), 0).nominal)
     return PlanningCell(replace(nominal, bodies=(*nominal.bodies, *boxes)), range_, 0.016, threads=1)
 
 

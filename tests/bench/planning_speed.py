@@ -13,13 +13,12 @@ from scancell.config.loading import load_setup
 from scancell.config.path import PathDescription
 from scancell.geometry.mesh import load_mesh
 from scancell.nominal.cell import nominal_cell
-from scancell.planning.model import PlanningCell
+from scancell.planning.model import PlanningCell, SensorRange
 from scancell.planning.options import scan_options
 from scancell.planning.path_map.configuration_map import ConfigurationMap, StaticConstraints
 from scancell.planning.planner import plan
 from scancell.planning.views.sensor_paths import sensor_paths
 from scancell.scanning.sense import make_sensors
-from scancell.scanning.sensor_range import sensor_range
 
 from .table import Row
 
@@ -34,7 +33,7 @@ def planning_rows() -> Iterator[Row]:
     setup = load_setup()
     part = load_mesh(assets_dir() / "parts" / "free_form.stl")
     nominal = nominal_cell(setup.cell, part)
-    range_ = sensor_range(make_sensors(setup.sensor, (), 0).nominal)
+    range_ = SensorRange.of(make_sensors(setup.sensor, (), 0).nominal)
     yield from map_rows(PlanningCell(nominal, range_, _CYCLE))
     seconds = []
     for verify in (False, True):

@@ -11,11 +11,10 @@ import trimesh
 from numpy.typing import NDArray
 
 from scancell.config.loading import assets_dir, load_setup
-from scancell.geometry.decimation import decimated
 from scancell.geometry.mesh import Mesh, box_mesh, load_mesh
+from scancell.geometry.reduction import decimated
 from scancell.nominal.cell import NominalCell, nominal_cell
-from scancell.proximity.cell_scene import cell_scene
-from scancell.proximity.scene import ProximityScene
+from scancell.proximity.scene import ProximityScene, cell_scene
 
 from .table import Row, Wanted
 from .timing import measure, scaled

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.config.loading import load_setup
-from scancell.config.resolved import sensor_json
+from scancell.config.sensor import sensor_json
 from scancell.geometry import pose
 
 Array = NDArray[np.float64]

@@ -14,8 +14,7 @@ from scancell.geometry.mesh import Mesh, box_mesh
 from scancell.geometry.pose import from_rotation, transform_points, translation
 from scancell.guard.tool import Tool
 from scancell.nominal.cell import Body, NominalCell
-from scancell.proximity.cell_scene import cell_scene
-from scancell.proximity.scene import ProximityScene
+from scancell.proximity.scene import ProximityScene, cell_scene
 
 Square = tuple[np.ndarray, np.ndarray, float, NominalCell, ProximityScene]
 

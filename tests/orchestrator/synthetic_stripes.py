@@ -7,7 +7,7 @@ import json
 import numpy as np
 
 from scancell.calibration.sensor.problem import StripePeaks, TargetExposure
-from scancell.config.resolved import sensor_json
+from scancell.config.sensor import sensor_json
 from scancell.geometry import pose
 from scancell.geometry.shapes import ShapeGroup
 from scancell.sensor import Sensor, triangulate_pixels

@@ -14,8 +14,7 @@ from scancell.config.loading import assets_dir, load_setup
 from scancell.errors import CellError, DescriptionError, MeshError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
-from scancell.geometry.part_surface import PartSurface
-from scancell.geometry.shapes import Box, Cone, Cylinder, Plane, Ring, ShapeMesh, Sphere
+from scancell.geometry.shapes import Box, Cone, Cylinder, PartSurface, Plane, Ring, ShapeMesh, Sphere
 from scancell.nominal.cell import nominal_cell
 from scancell.nominal.parts import PartCache, load_part, shape_group
 from scancell.scanning.exposures import build_scene, visible_bodies

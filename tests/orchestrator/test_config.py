@@ -16,11 +16,10 @@ from scancell.config.cell import CellDescription
 from scancell.config.description import FileDescription, PoseDescription
 from scancell.config.keys import join_path
 from scancell.config.loading import assets_dir, load_resolved, load_setup, parse_assignment, split_path
-from scancell.config.resolved import sensor_json
 from scancell.config.robot import RobotDescription
 from scancell.config.scan import ScanDescription
 from scancell.config.schema import json_schemas
-from scancell.config.sensor import SensorDescription
+from scancell.config.sensor import SensorDescription, sensor_json
 from scancell.config.study import load_study
 from scancell.config.units import si_value, split_unit, to_si
 from scancell.errors import DescriptionError, OutputError

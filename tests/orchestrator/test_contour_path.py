@@ -11,8 +11,7 @@ from scancell.config.path import ContourDescription, PathDescription
 from scancell.errors import PlanningError
 from scancell.geometry.mesh import Mesh
 from scancell.planning.path_map.path_planner import PathPlanner, PlacedPath
-from scancell.planning.views.contour_path import contour_poses
-from scancell.planning.views.sensor_paths import sensor_paths
+from scancell.planning.views.sensor_paths import contour_poses, sensor_paths
 
 STANDOFF = 0.09
 

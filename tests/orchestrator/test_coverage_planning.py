@@ -21,11 +21,10 @@ from scancell.geometry.mesh import Mesh, load_mesh
 from scancell.nominal.cell import nominal_cell
 from scancell.planning.model import PlanningCell
 from scancell.planning.options import ScanOptions, scan_options
-from scancell.planning.views import surface
 from scancell.planning.views.coverage import CoveragePlanner, _least_time
 from scancell.planning.views.legs import legs
 from scancell.planning.views.sight import GRAZING, OCCLUDED, OUT_OF_RANGE, SEEN, Sight
-from scancell.planning.views.views import Pass, sweep_pose
+from scancell.planning.views.views import Pass, sample_part, sweep_pose
 from scancell.scanning.sense import make_sensors
 from scancell.visibility.measurable import MeasurableSurface, measurable_surface
 
@@ -120,7 +119,7 @@ def test_seen_samples_are_those_that_the_geometric_engine_measures(seed: int) ->
 
 def test_choice_sees_the_share_and_its_report_adds_up() -> None:
     cell, sight = sight_of(BLOCK)
-    part = surface.sample(cell.nominal.part, cell.nominal.table_from_part)
+    part = sample_part(cell.nominal.part, cell.nominal.table_from_part)
     views, report = CoveragePlanner(cell, sight, options_of()).choose(part, 5000)
     seen = np.any([sight.judge(placed.view) == SEEN for placed, _ in views], axis=0)
     assert report.share >= 0.99
@@ -134,7 +133,7 @@ def test_choice_sees_the_share_and_its_report_adds_up() -> None:
 @pytest.mark.slow
 def test_share_and_budget_limit_the_choice() -> None:
     cell, sight = sight_of(BLOCK, samples=1000)
-    part = surface.sample(cell.nominal.part, cell.nominal.table_from_part)
+    part = sample_part(cell.nominal.part, cell.nominal.table_from_part)
     half = CoveragePlanner(cell, sight, options_of("scan.coverage.share=0.5")).choose(part, 5000)[1]
     quick = CoveragePlanner(cell, sight, options_of("scan.coverage.max_time_s=4")).choose(part, 5000)[1]
     assert 0.5 <= half.share < 0.99
@@ -149,7 +148,7 @@ def test_share_and_budget_limit_the_choice() -> None:
 @pytest.mark.slow
 def test_exposures_are_thinned_to_the_largest_number() -> None:
     cell, sight = sight_of(BLOCK)
-    part = surface.sample(cell.nominal.part, cell.nominal.table_from_part)
+    part = sample_part(cell.nominal.part, cell.nominal.table_from_part)
     views, _ = CoveragePlanner(cell, sight, options_of()).choose(part, 100)
     assert sum(count for _, count in views) <= 100
     with pytest.raises(PlanningError, match=r"scan\.max_profiles = 3: \d+ views need two exposures each"):
@@ -192,7 +191,7 @@ def test_part_without_measurable_surface_is_refused() -> None:
         found = measurable_surface(cell.nominal, setup.sensor, 100)
         return replace(found, measurable=np.zeros_like(found.measurable))
 
-    part = surface.sample(cell.nominal.part, cell.nominal.table_from_part)
+    part = sample_part(cell.nominal.part, cell.nominal.table_from_part)
     with pytest.raises(PlanningError, match="nothing of the part is measurable"):
         CoveragePlanner(cell, Sight(cell.nominal, setup.sensor, nothing), options_of()).choose(part, 1000)
     near = sight_of(BLOCK)[1]

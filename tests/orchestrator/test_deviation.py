@@ -11,8 +11,8 @@ import trimesh
 
 from scancell.evaluation.deviation import Deviation, DeviationFigures, deviation_from_mesh
 from scancell.geometry.mesh import Mesh
-from scancell.geometry.part_surface import PartSurface
 from scancell.geometry.sampling import sample_surface
+from scancell.geometry.shapes import PartSurface
 from scancell.reconstruction import Cloud
 
 

@@ -21,7 +21,7 @@ from scancell.geometry.fits.fit import fit_sphere
 from scancell.geometry.mesh import load_mesh
 from scancell.guard.messages import CellState, Mode, Operation
 from scancell.output.frame_index import read_index
-from scancell.planning.plan_file import read_plan
+from scancell.planning.plan import Plan
 from scancell.reconstruction.cloud_files import parse_formats
 from scancell.reconstruction.cloud_files.points import read_points
 
@@ -72,7 +72,7 @@ def test_message_is_composed_of_what_the_error_carries(parts, message) -> None:
         (lambda _: read_toml(MISSING), ("nowhere.toml", None, None, None)),
         (lambda _: load_mesh("nowhere.stl"), ("nowhere.stl", None, None, None)),
         (lambda _: load_mesh(assets_dir() / "x.stl", "cm"), (None, "unit", "cm", "one of mm, m, inch")),
-        (lambda _: read_plan(Path("no.json")), ("no.json", None, None, None)),
+        (lambda _: Plan.load(Path("no.json")), ("no.json", None, None, None)),
         (
             lambda folder: load_setup(scan=scan_file(folder, "max_profiles = 0")),
             ("{}/scan.toml", "max_profiles", 0, "greater than or equal to 1"),

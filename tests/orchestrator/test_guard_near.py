@@ -9,8 +9,8 @@ from guard_walls import behind_wall, boxes, distances, near_home, straight
 from bench.guard_retreat import CYCLE, ROWS, SETTINGS, run
 from guard_motions import NOISE, POLL, unit
 from scancell.cell.controller import Mode, Operation
-from scancell.config.drives import DriveDescription
 from scancell.config.loading import load_setup
+from scancell.config.robot import DriveDescription
 from scancell.guard.guard import Guard
 from scancell.guard.messages import CellState
 from scancell.guard.near import NearPairs

@@ -14,8 +14,7 @@ from guard_walls import boxes, distances, square, straight
 from guard_motions import POLL, unit
 from scancell.guard.path_check import RATE_SLOPE, PathCheck
 from scancell.nominal.cell import NominalCell
-from scancell.proximity.cell_scene import cell_scene
-from scancell.proximity.scene import ProximityScene
+from scancell.proximity.scene import ProximityScene, cell_scene
 
 CONTACT = 1e-3  # m
 MAX_AGE, CYCLE = 0.12, 0.016  # s

@@ -11,7 +11,7 @@ from bench.inverse_kinematics import compare, random_joints, shipped_arms, skew_
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.geometry.arm import Arm, HeldJoint, Joint
-from scancell.geometry.denavit_hartenberg import dh_from_axes
+from scancell.geometry.chain import dh_from_axes
 
 RIGHT = np.pi / 2
 RNG = np.random.default_rng(8)

@@ -13,7 +13,7 @@ from scancell import sensor as sensor_rt
 from scancell.config.description import validate
 from scancell.config.light import LightDescription
 from scancell.config.loading import load_setup
-from scancell.config.resolved import sensor_json
+from scancell.config.sensor import sensor_json
 from scancell.errors import DescriptionError
 from scancell.nominal.cell import Lamp, nominal_cell
 from scancell.scanning.exposures import build_scene, visible_bodies

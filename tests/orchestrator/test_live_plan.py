@@ -14,9 +14,8 @@ from scancell.config.loading import Setup
 from scancell.errors import CommandError, PlanningError
 from scancell.live.cell import LiveCell
 from scancell.live.plan import LivePlan, nearest_turn
-from scancell.planning.model import PlanningCell
+from scancell.planning.model import PlanningCell, SensorRange
 from scancell.planning.path_map.configuration_map import CLEARANCE, FREE, REACH, ConfigurationMap
-from scancell.scanning.sensor_range import sensor_range
 from scancell.scanning.session import ScanSession
 from scancell.views.program_motion import ProgramMotion
 from spiral_cell import PART, spiral_setup
@@ -120,7 +119,7 @@ def test_pose_without_clearance_names_the_pair_and_its_distance(rig: Rig, map_: 
     pose = rig.plan.judge(0, map_.branch, *some_cell(map_, CLEARANCE))
     assert pose.quality == 0
     job = rig.session.job
-    cell = PlanningCell(rig.session.nominal, sensor_range(job.sensors.nominal), 8e-3)
+    cell = PlanningCell(rig.session.nominal, SensorRange.of(job.sensors.nominal), 8e-3)
     clashes = cell.clearance_violations(pose.axes[None, :-1], pose.axes[None, -1], job.setup.scan.clearance_mm * 1e-3)
     worst = max(clashes, key=lambda clash: clash.clearance - clash.distance)
     assert worst.body_a in pose.reason

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from scancell.reconstruction.normals import estimate_normals
+from scancell.sensor import estimate_normals
 
 Array = NDArray[np.float64]
 Inputs = tuple[Array, NDArray[np.int64], NDArray[np.int32], NDArray[np.int64], Array]

@@ -14,7 +14,7 @@ import scancell
 from bench.paper import BEGIN, END, between_marks
 from paper_errata import sensor_of
 from scancell.config.path import QualityDescription
-from scancell.scanning.sensor_range import sensor_range
+from scancell.planning.model import SensorRange
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "paper.md"
@@ -81,7 +81,7 @@ def test_errors_of_equations_4_and_5_are_those_of_the_shipped_sensor() -> None:
 
 
 def test_printed_equation_5_narrows_the_range_of_planning() -> None:
-    exact, printed = (sensor_range(sensor_of(form)) for form in ("exact", "eq5_as_printed"))
+    exact, printed = (SensorRange.of(sensor_of(form)) for form in ("exact", "eq5_as_printed"))
     ratio = 1 + paper_errata.equation_5()["ratio"]
     assert (printed.near, printed.far) == (exact.near, exact.far)
     assert printed.half_near == pytest.approx(ratio * exact.half_near, rel=1e-12)

@@ -14,7 +14,7 @@ from scancell import sensor as sensor_rt
 from scancell.config.cell import PartDescription
 from scancell.config.loading import load_setup
 from scancell.config.material import Material
-from scancell.config.resolved import sensor_json
+from scancell.config.sensor import sensor_json
 from scancell.errors import CellError
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import Body

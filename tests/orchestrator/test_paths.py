@@ -9,16 +9,25 @@ from scancell.errors import PlanningError
 from scancell.geometry import pose
 from scancell.planning.model import SensorRange
 from scancell.planning.options import RasterOptions, Spacing, SweepOptions
-from scancell.planning.views import paths, surface
+from scancell.planning.views import paths
 from scancell.planning.views.sensor_paths import SensorPath
-from scancell.planning.views.views import Pass, Sweep, exposure_counts, seen_by, sweep_pose
+from scancell.planning.views.views import (
+    Pass,
+    Sweep,
+    crossing_angles,
+    exposure_counts,
+    lit_cosine,
+    sample_part,
+    seen_by,
+    sweep_pose,
+)
 
 SWEEP = SweepOptions(tuple(np.radians((30.0, 60.0))), np.radians(105), 0.08, 0.03, np.radians(1), 0.7)
 RASTER = RasterOptions(0.08, 0.0005, 0.004, 0.05)
 
 
 def on_table(mesh, x=0.0):
-    return surface.sample(mesh, pose.translation((x, 0.0, -mesh.bounds[0, 2])))
+    return sample_part(mesh, pose.translation((x, 0.0, -mesh.bounds[0, 2])))
 
 
 def test_range_trapezoid():
@@ -49,7 +58,7 @@ def test_lit_cosine():
     points = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, -0.07], [0.0, 0.03, 0.0], [0.0, 0.0, 0.03]])
     slope = np.array([np.sin(1.0), 0.0, np.cos(1.0)])
     normals = np.array([[0, 0, 1.0], slope, [0, 0, 1], [0, 0, 1], [0, 0, -1]])
-    cosine = surface.lit_cosine(RANGE, looking_down, points, normals)
+    cosine = lit_cosine(RANGE, looking_down, points, normals)
     assert np.allclose(cosine, [1.0, np.cos(1.0), 0.0, 0.0, 0.0])  # zeros: out of range, outside the line, back-facing
 
 
@@ -114,7 +123,7 @@ def test_side_sweeps_cover_radial_walls():
 def test_points_cross_sheet_twice_per_turn():
     points = np.random.default_rng(2).uniform(-0.05, 0.05, (200, 3))
     for offset in (0.0, 0.02, -0.02):
-        turned = (pose.rotation_about(2, surface.crossing_angles(points, offset)) @ points[..., None])[..., 0]
+        turned = (pose.rotation_about(2, crossing_angles(points, offset)) @ points[..., None])[..., 0]
         crossing = np.hypot(points[:, 0], points[:, 1]) > abs(offset)
         assert (np.isfinite(turned).all((0, 2)) == crossing).all()
         assert np.abs(turned[:, crossing, 1] - offset).max() < 1e-15

@@ -19,7 +19,7 @@ from scancell.planning.options import scan_options
 from scancell.planning.path_map import constraints
 from scancell.planning.plan import Plan
 from scancell.planning.planner import plan
-from scancell.planning.views import surface
+from scancell.planning.views.views import sample_part
 
 
 def scan(**changes) -> ScanDescription:
@@ -161,7 +161,7 @@ def test_sweeps_make_one_turn_with_vertical_sheet(off_axis):
 
 def test_part_is_in_range_at_exposures(off_axis):
     cell, result = off_axis
-    part = surface.sample(cell.nominal.part, np.eye(4))
+    part = sample_part(cell.nominal.part, np.eye(4))
     meets = []
     # A sheet offset from the axis misses an off-axis part during some of the turn.
     beside = [number for number, name in result.program.names.items() if "beside" in name]

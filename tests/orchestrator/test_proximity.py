@@ -13,8 +13,7 @@ from scancell.config.loading import assets_dir, load_setup
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import nominal_cell
-from scancell.proximity.cell_scene import cell_pairs, cell_scene, intersecting_pairs
-from scancell.proximity.scene import ProximityScene
+from scancell.proximity.scene import ProximityScene, cell_pairs, cell_scene, intersecting_pairs
 
 
 def _mesh(made: trimesh.Trimesh) -> Mesh:

@@ -12,8 +12,8 @@ from trigger_records import Triggers
 from scancell.geometry import pose
 from scancell.geometry.arm import Arm, Joint
 from scancell.reconstruction import Envelope, ProfilePoints, reconstruct
-from scancell.reconstruction.normals import estimate_normals
 from scancell.reconstruction.reconstruct import points_in_part, quality_of
+from scancell.sensor import estimate_normals
 
 ARM = Arm(
     [

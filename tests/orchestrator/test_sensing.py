@@ -13,7 +13,7 @@ from scancell.cell.mesh_json import read_mesh_json
 from scancell.cell.sensing import sensing_json, simplified
 from scancell.config.loading import assets_dir, load_setup
 from scancell.errors import CellError, DescriptionError
-from scancell.geometry.decimation import decimated, deviation
+from scancell.geometry.reduction import decimated, deviation
 from scancell.nominal.cell import nominal_cell
 
 BLOCK = block(0.04, 0.03, 0.02)

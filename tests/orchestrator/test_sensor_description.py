@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from scancell.config.loading import as_built_sensor, load_setup
-from scancell.config.resolved import sensor_json
+from scancell.config.sensor import sensor_json
 from scancell.errors import DescriptionError
 from scancell.sensor import Sensor
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh
-from scancell.visibility.tracer import Tracer
+from scancell.visibility.surface_search import Tracer
 
 Array = NDArray[np.float64]
 

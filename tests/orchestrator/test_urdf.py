@@ -14,7 +14,7 @@ import trimesh
 from scancell.config.description import plain_data
 from scancell.config.loading import assets_dir, load_setup
 from scancell.config.robot import RobotDescription
-from scancell.config.robot_from_urdf import ConvertedRobot, robot_from_urdf
+from scancell.config.urdf import ConvertedRobot, robot_from_urdf
 from scancell.errors import CellError, DescriptionError
 from scancell.geometry import pose
 from scancell.nominal.cell import arm_of

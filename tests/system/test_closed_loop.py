@@ -17,7 +17,7 @@ import pytest
 
 from scancell import sensor as sensor_rt
 from scancell.config.loading import load_setup
-from scancell.config.resolved import sensor_json
+from scancell.config.sensor import sensor_json
 from scancell.geometry import pose
 
 # Dimensions of the default probe.

@@ -11,8 +11,7 @@ import scancell
 from scancell.cell.instance import CellInstance
 from scancell.config.loading import assets_dir, load_setup, with_path
 from scancell.config.path import PathDescription, SpiralDescription
-from scancell.planning.model import PlanningCell
-from scancell.scanning.sensor_range import sensor_range
+from scancell.planning.model import PlanningCell, SensorRange
 
 PART = assets_dir() / "parts" / "free_form.stl"
 STEP_US = 2000  # an eighth of the controller's cycle
@@ -46,7 +45,7 @@ def test_executed_clearances_are_those_planned_within_a_fifth_of_a_millimetre(
     with scancell.Scanner(setup=setup) as scanner:
         result = scanner.scan(PART, engine="geometric")
     assert result.plan is not None
-    cell = PlanningCell(result.nominal, sensor_range(result.sensors.nominal), 0.016)
+    cell = PlanningCell(result.nominal, SensorRange.of(result.sensors.nominal), 0.016)
     planned = np.concatenate([np.column_stack([s.q, s.table]) for s in result.plan.program.segments])
     executed = np.array(visited)
     assert len(executed) > 6 * len(planned)

@@ -17,7 +17,7 @@ from scancell.cell.controller import Operation
 from scancell.errors import DescriptionError
 from scancell.geometry.mesh import load_mesh
 from scancell.geometry.reduction import protrusion_bound
-from scancell.proximity.cell_scene import arm_chain
+from scancell.proximity.scene import arm_chain
 from scancell.studies.guard.campaign import Campaign, RunRow, stated_distance
 from scancell.studies.guard.parts import standing_parts
 from scancell.studies.guard.programs import program_points

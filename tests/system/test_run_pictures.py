@@ -14,7 +14,7 @@ from PIL import Image
 from scancell.cell.recording import read_recording
 from scancell.errors import OutputError
 from scancell.geometry import pose
-from scancell.planning.plan_file import read_plan
+from scancell.planning.plan import Plan
 from scancell.reconstruction.cloud_files import read_ply, write_cloud
 from scancell.views import pictures, video
 from scancell.views.coloured_cloud import coloured_by
@@ -74,7 +74,7 @@ def test_motion_has_no_jumps(run) -> None:
 
 
 def test_gaps_between_exposures_follow_the_plan(run, folder, recording) -> None:
-    plan = read_plan(folder / "plan.json")
+    plan = Plan.load(folder / "plan.json")
     planned = np.concatenate([run.cell.world_from_sensor(segment.q)[:, :3, 3] for segment in plan.program.segments])
     times = recording.measured.time
     widest = int(np.argmax(np.diff(times)))

@@ -12,7 +12,7 @@ from commands import scancell_here
 import scancell
 from scancell.config.files import assets_dir
 from scancell.errors import DescriptionError, PlanningError
-from scancell.planning.plan_file import plan_json, read_plan
+from scancell.planning.plan import Plan, plan_json
 
 PART = assets_dir() / "parts" / "step_block.stl"
 SMALL = {"scan.max_profiles": 60, "scan.raster.enabled": False}
@@ -42,7 +42,7 @@ def changed(saved: Path, folder: Path, change: object) -> Path:
 
 
 def test_a_plan_survives_its_file(saved: Path) -> None:
-    assert plan_json(read_plan(saved)) == json.loads(saved.read_text())
+    assert plan_json(Plan.load(saved)) == json.loads(saved.read_text())
 
 
 def test_a_scan_with_a_saved_plan_is_the_scan_that_makes_it(saved: Path) -> None:
@@ -110,9 +110,9 @@ def test_plans_for_another_cell_are_refused(saved: Path, tmp_path: Path, change:
 )
 def test_files_that_hold_no_plan_are_refused(saved: Path, tmp_path: Path, change: object, message: str) -> None:
     with pytest.raises(DescriptionError, match=message):
-        read_plan(changed(saved, tmp_path, change))
+        Plan.load(changed(saved, tmp_path, change))
 
 
 def test_a_missing_or_broken_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(DescriptionError, match=r"none\.json: no such file"):
-        read_plan(tmp_path / "none.json")
+        Plan.load(tmp_path / "none.json")

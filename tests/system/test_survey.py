@@ -14,7 +14,7 @@ from scancell.config.loading import assets_dir, load_setup
 from scancell.errors import DescriptionError, PlanningError
 from scancell.planning.occupancy import read_voxels
 from scancell.planning.plan import Plan
-from scancell.proximity.cell_scene import cell_scene
+from scancell.proximity.scene import cell_scene
 from scancell.scanner import Scanner
 from scancell.scanning.drive import DriveRequest
 from scancell.scanning.survey import SurveyResult

@@ -21,10 +21,7 @@ Array = NDArray[np.float64]
 class MeasuredTable:
     """A table by its columns; rows count from 1 in messages, after the header.
 
-    Raises
-    ------
-    DescriptionError
-        If the file is missing, no table, or has no rows.
+    Raises `DescriptionError` if the file is missing, no table, or has no rows.
     """
 
     def __init__(self, path: Path) -> None:
@@ -40,10 +37,7 @@ class MeasuredTable:
     def numbers(self, name: str, default: float | None = None, where: NDArray[np.bool_] | None = None) -> Array:
         """A column (n,) of numbers, NaN where empty; those of the rows `where` (n,), by default all, must be finite.
 
-        Raises
-        ------
-        DescriptionError
-            If the column is missing and has no default, or a value is no finite number.
+        Raises `DescriptionError` if the column is missing and has no default, or a value is no finite number.
         """
         if name not in self._table.column_names:
             if default is None and (where is None or where.any()):
@@ -63,10 +57,7 @@ class MeasuredTable:
     def words(self, name: str, default: str | None = None) -> list[str]:
         """A column of words, empty ones where the table has none.
 
-        Raises
-        ------
-        DescriptionError
-            If the column is missing and has no default.
+        Raises `DescriptionError` if the column is missing and has no default.
         """
         if name not in self._table.column_names:
             if default is None:
@@ -98,10 +89,7 @@ class MeasuredTable:
 def write_measured_table(path: Path, columns: dict[str, Any]) -> None:
     """Write columns as CSV or Parquet (by suffix); NaN becomes an empty field.
 
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
+    Raises `OutputError` if the file cannot be written.
     """
     table = pa.table({name: pa.array(values, from_pandas=True) for name, values in columns.items()})
     with atomic_write(path) as temporary:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.config.cell import CellDescription
-from scancell.config.drives import DriveDescription, InertiaDescription
+from scancell.config.robot import DriveDescription, InertiaDescription
 from scancell.config.units import to_si
 from scancell.geometry.mesh import Mesh, load_mesh, mass_properties
 from scancell.nominal.gripper import housing_mesh

@@ -10,11 +10,11 @@ from scancell.config.cell import CellDescription
 from scancell.config.sensing import CellSensorDescription
 from scancell.config.units import si_value, to_si
 from scancell.errors import CellError
-from scancell.geometry.decimation import decimated, deviation
 from scancell.geometry.mesh import Mesh
+from scancell.geometry.reduction import decimated, deviation
 from scancell.nominal.cell import NominalCell
 from scancell.nominal.poses import pose_json, pose_matrix
-from scancell.proximity.cell_scene import cell_scene
+from scancell.proximity.scene import cell_scene
 
 # Keys of the cell's description that list sensors; the FMU reads each from a key in the plural.
 SENSOR_KEYS = tuple(

@@ -36,7 +36,7 @@ def from_urdf(
     def work() -> Outcome:
         import numpy as np  # noqa: PLC0415
 
-        from scancell.config.robot_from_urdf import RAMP_TIME, robot_from_urdf  # noqa: PLC0415
+        from scancell.config.urdf import RAMP_TIME, robot_from_urdf  # noqa: PLC0415
         from scancell.errors import DescriptionError  # noqa: PLC0415
         from scancell.geometry import pose  # noqa: PLC0415
 

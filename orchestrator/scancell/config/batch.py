@@ -46,10 +46,7 @@ class BatchDescription(VaryingScansDescription):
 def load_batch(path: Path | None, changes: Mapping[str, Any], variants: int | None = None) -> BatchDescription:
     """Read and check a batch, or take all defaults; `changes` replace keys, `variants` the trials of its design.
 
-    Raises
-    ------
-    DescriptionError
-        Naming file, key, value and what was expected.
+    Raises `DescriptionError` naming file, key, value and what was expected.
     """
     source = "batch" if path is None else str(path)
     raw = {**({} if path is None else read_toml(path)), **changes}

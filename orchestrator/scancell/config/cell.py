@@ -27,20 +27,19 @@ from scancell.config.devices import (
     PartReflectance,
     PartSprings,
     check_devices,
+    check_soft,
 )
-from scancell.config.drives import InertiaDescription
 from scancell.config.estimated import EstimatedDescription
 from scancell.config.gripper import GripperDescription
 from scancell.config.light import LightDescription
 from scancell.config.material import MaterialDescription
-from scancell.config.robot import EncoderLatency, EncoderNoise, EncoderResolution, RobotDescription
+from scancell.config.robot import EncoderLatency, EncoderNoise, EncoderResolution, InertiaDescription, RobotDescription
 from scancell.config.sensing import (
     CollisionDescription,
     DistanceSensorDescription,
     LightCurtainDescription,
     PresenceSensorDescription,
 )
-from scancell.config.soft import check_soft
 
 
 class FixtureDescription(Description):
@@ -182,6 +181,11 @@ class WorldDescription(Description):
     )
     gravity_m_s2: NonNegative = Field(default=9.80665, description="gravity along world -z, m/s²")
     floor_z_mm: Finite = Field(default=0.0, description="height of the floor, on which falling parts come to rest, mm")
+
+    @property
+    def controller_cycle(self) -> float:
+        """Cycle of the robot controller, s."""
+        return self.controller_cycle_us * 1e-6
 
     @model_validator(mode="after")
     def _whole_cycles(self) -> Self:

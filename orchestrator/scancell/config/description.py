@@ -41,6 +41,8 @@ class Description(BaseModel):
     def replace(self, changes: Mapping[str, Any] | None = None, /, **values: Any) -> Self:
         """Return a copy with some values changed, checked like a file.
 
+        Raises `DescriptionError` naming each wrong key, its value and what was expected.
+
         Parameters
         ----------
         changes
@@ -49,11 +51,6 @@ class Description(BaseModel):
             created. Relative paths of files are relative to the current folder.
         values
             The same for keys without a dot: ``camera.replace(tilt_deg=30)``.
-
-        Raises
-        ------
-        DescriptionError
-            Naming each wrong key, its value and what was expected.
         """
         source = f"{type(self).__name__}.replace"
         raw = plain_data(self)
@@ -83,10 +80,7 @@ class FileDescription(Description):
 
         Relative paths of meshes are relative to the file, else to the folder of the shipped descriptions.
 
-        Raises
-        ------
-        DescriptionError
-            Naming file, key, value and what was expected.
+        Raises `DescriptionError` naming file, key, value and what was expected.
         """
         return checked(cls, *read_description(cls.kind, Path(path)))
 
@@ -96,10 +90,7 @@ class FileDescription(Description):
 
         Paths of meshes become absolute, or relative to the file if they lie below its folder.
 
-        Raises
-        ------
-        OutputError
-            If the file cannot be written.
+        Raises `OutputError` if the file cannot be written.
         """
         with atomic_write(path) as temporary:
             text = toml_text(self.model_dump(exclude_defaults=True), Path(path).parent)
@@ -140,17 +131,14 @@ def checked(model: type[Model], data: dict[str, Any], source: str, origins: Sequ
 def validate(model: type[Model], data: Any, source: str, origins: Sequence[Origin] = ()) -> Model:
     """Check `data` against `model`.
 
+    Raises `DescriptionError` naming the source of each wrong value, its key, the value and what was expected.
+
     Parameters
     ----------
     source
         Name of the file or object for messages.
     origins
         Values that came from elsewhere; a later one counts before an earlier one of the same path.
-
-    Raises
-    ------
-    DescriptionError
-        Naming the source of each wrong value, its key, the value and what was expected.
     """
     try:
         return model.model_validate(data)

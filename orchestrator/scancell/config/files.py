@@ -47,10 +47,7 @@ def assets_dir() -> Path:
 def read_toml(path: Path) -> dict[str, Any]:
     """Parse one TOML file.
 
-    Raises
-    ------
-    DescriptionError
-        If the file is missing, unreadable, not UTF-8 or not TOML (with line and column).
+    Raises `DescriptionError` if the file is missing, unreadable, not UTF-8 or not TOML (with line and column).
     """
     try:
         with path.open("rb") as stream:
@@ -70,10 +67,7 @@ def read_description(kind: str, path: Path) -> tuple[dict[str, Any], str, list[O
     A robot that a cell names by path is read in. Paths become absolute: relative to the file that names them, else
     to the folder of the shipped descriptions of that kind, so that a copy of a shipped file works anywhere.
 
-    Raises
-    ------
-    DescriptionError
-        If a file is missing or not TOML, or has sections but not the one of its kind.
+    Raises `DescriptionError` if a file is missing or not TOML, or has sections but not the one of its kind.
     """
     data, source = read_toml(path), str(path)
     found = [section for section in _SECTIONS if isinstance(data.get(section), dict)]
@@ -94,10 +88,8 @@ def read_description(kind: str, path: Path) -> tuple[dict[str, Any], str, list[O
 def resolve_files(data: Any, source: Callable[[KeyPath], str], folders: Sequence[Path]) -> None:
     """Make the paths of files in plain data absolute, in place; `folders` are searched in turn.
 
-    Raises
-    ------
-    DescriptionError
-        Naming the `source` of the path's key, the key, the value and every place where the file was expected.
+    Raises `DescriptionError` naming the `source` of the path's key, the key, the value and every place where the file
+    was expected.
     """
     for owner, key, path in file_entries(data):
         owner[key] = str(_existing(owner[key], folders, source(path), join_path(path)))

@@ -38,10 +38,7 @@ class Origin:
 def assignments(given: Assignments) -> list[str]:
     """``key=value`` words of a mapping, or the words themselves.
 
-    Raises
-    ------
-    DescriptionError
-        If a single word is given in place of a list.
+    Raises `DescriptionError` if a single word is given in place of a list.
     """
     if isinstance(given, str):
         raise DescriptionError(repr(given), expected="a mapping or a list of key=value words")
@@ -65,10 +62,7 @@ def _toml_value(value: Any) -> str:
 def parse_assignment(word: str) -> tuple[str, Any]:
     """Split ``key=value``; the value is read as TOML, and as plain text where it is not TOML.
 
-    Raises
-    ------
-    DescriptionError
-        If there is no ``=`` or no key.
+    Raises `DescriptionError` if there is no ``=`` or no key.
     """
     key, equals, text = word.partition("=")
     if not equals or not key.strip():
@@ -83,10 +77,7 @@ def parse_assignment(word: str) -> tuple[str, Any]:
 def split_path(key: str) -> list[str | int]:
     """``camera[1].tilt_deg`` becomes ``["camera", 0, "tilt_deg"]`` (indices in keys count from 1).
 
-    Raises
-    ------
-    DescriptionError
-        If an index is not a positive integer.
+    Raises `DescriptionError` if an index is not a positive integer.
     """
     parts: list[str | int] = []
     for piece in key.split("."):
@@ -109,15 +100,12 @@ def join_path(path: Sequence[str | int]) -> str:
 def override(raw: dict[str, Any], word: str, argument: str) -> Origin:
     """Change plain data by a ``key=value`` word of an argument; the key is not checked against a schema.
 
+    Raises `DescriptionError` if the key leads through something that is neither a table nor an item of a list.
+
     Returns
     -------
     Origin
         The value or table that the word has set or created; for the messages of `validate`.
-
-    Raises
-    ------
-    DescriptionError
-        If the key leads through something that is neither a table nor an item of a list.
     """
     key, value = parse_assignment(word)
     source = f"`{argument}` {word}"
@@ -127,10 +115,8 @@ def override(raw: dict[str, Any], word: str, argument: str) -> Origin:
 def set_value(raw: dict[str, Any], path: Sequence[str | int], value: Any, source: str) -> KeyPath:
     """Set the value at a path, creating missing tables on the way; return the shortest path that was set or created.
 
-    Raises
-    ------
-    DescriptionError
-        If the path leads through something that is neither a table nor an item of a list; names `source`.
+    Raises `DescriptionError` if the path leads through something that is neither a table nor an item of a list; names
+    `source`.
     """
     node: Any = raw
     changed = len(path)

@@ -110,10 +110,7 @@ def load_setup(
 def with_path(setup: Setup, path: PathDescription | str | Path | None) -> Setup:
     """The setup with a sensor path, or the file of one, as the only view of its scan; unchanged where it is None.
 
-    Raises
-    ------
-    DescriptionError
-        Naming the file, key, value and what was expected.
+    Raises `DescriptionError` naming the file, key, value and what was expected.
     """
     if path is None:
         return setup
@@ -125,17 +122,14 @@ def with_path(setup: Setup, path: PathDescription | str | Path | None) -> Setup:
 def load_resolved(path: str | Path) -> tuple[Setup, dict[str, Any]]:
     """Read the ``resolved.toml`` of a run folder.
 
+    Raises `DescriptionError` naming file, key, value and what was expected.
+
     Returns
     -------
     setup
         The nominal descriptions that the run used.
     run
         Its other inputs: part, unit, engine, as_built, seed, command line.
-
-    Raises
-    ------
-    DescriptionError
-        Naming file, key, value and what was expected.
     """
     run = read_toml(Path(path)).get("run")
     if not isinstance(run, dict):
@@ -155,10 +149,7 @@ def _raw(
 def as_built_sensor(nominal: SensorDescription, words: Sequence[str]) -> SensorDescription:
     """Sensor as built: the nominal one changed by those of `words` that begin with ``sensor.``.
 
-    Raises
-    ------
-    DescriptionError
-        If a key is unknown, is no property of the hardware, or its value is out of bounds.
+    Raises `DescriptionError` if a key is unknown, is no property of the hardware, or its value is out of bounds.
     """
     words = sensor_words(words)
     if not words:
@@ -182,10 +173,7 @@ def sensor_words(as_built: Sequence[str]) -> list[str]:
 def require_sensor_words(as_built: Sequence[str], why: str) -> None:
     """Refuse ``as_built`` words of the cell where only those of the sensor apply; `why` explains it.
 
-    Raises
-    ------
-    DescriptionError
-        Naming the word.
+    Raises `DescriptionError` naming the word.
     """
     for word in as_built:
         if word not in sensor_words([word]):

@@ -1,4 +1,4 @@
-"""Description of a scan: views, spacing, speed."""
+"""Description of a scan: views, spacing, speed, and the space to keep clear of."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from scancell.config.choices import ScanMode
+from scancell.config.choices import CloudFrame, ScanMode
 from scancell.config.description import (
     Description,
     FileDescription,
@@ -16,10 +16,24 @@ from scancell.config.description import (
     PoseDescription,
     Positive,
 )
-from scancell.config.occupied import OccupiedDescription
 from scancell.config.path import PathDescription
 
 _Elevation = Annotated[float, Field(ge=0.0, le=85.0)]
+
+
+class OccupiedDescription(Description):
+    """Space that planning keeps clear of, from a file: voxels of `scancell survey`, or a point cloud."""
+
+    file: str = Field(description="voxels (NPZ) of `scancell survey`, or a point cloud (ply, npz, xyz, pcd, laz, e57)")
+    frame: CloudFrame = Field(
+        default="part",
+        description="frame of the points of a cloud, as --frame of the scan that made it; points in the frames of part"
+        " and table turn with the table",
+    )
+    voxel_mm: Positive = Field(default=5.0, description="edge of the voxels that a cloud becomes, mm")
+    inflate_mm: NonNegative = Field(
+        default=0.0, description="distance from points or voxels up to which space counts as occupied, mm"
+    )
 
 
 class SweepDescription(Description):

@@ -1,4 +1,4 @@
-"""Description of the laser profile sensor: laser, cameras, detector, rendering, extraction."""
+"""Description of the laser profile sensor: laser, cameras, detector, rendering, extraction; SI data for the library."""
 
 from __future__ import annotations
 
@@ -6,16 +6,22 @@ import json
 import re
 from collections import Counter
 from itertools import pairwise
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from scancell.config.description import Description, FileDescription, Finite, Fraction, NonNegative, Positive
+from scancell.config.units import si_value, to_si
 
 _Pixels = Annotated[int, Field(ge=16, le=16_384)]
 _Lean = Annotated[float, Field(ge=-40.0, le=40.0)]
 _Coefficient = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 _Small = Annotated[float, Field(ge=-10.0, le=10.0)]
+
+_FORMAT = 1
+_STRAIGHTNESS = 6  # number of coefficients that the library expects
+_GAUSSIAN_NODES = 513  # linear interpolation errs by less than 1e-4 of the peak
 
 
 class LaserDescription(Description):
@@ -396,7 +402,6 @@ class SensorDescription(FileDescription):
     @model_validator(mode="after")
     def _lenses_have_an_inverse(self) -> Self:
         if any(any(camera.distortion) for camera in self.camera):
-            from scancell.config.resolved import sensor_json  # noqa: PLC0415  (it imports this module)
             from scancell.sensor import Sensor  # noqa: PLC0415  (few descriptions need the library)
 
             try:
@@ -416,3 +421,54 @@ def ignored_by_geometric_engine(sensor: SensorDescription) -> list[str]:
         if getattr(values, name) != type(values).model_fields[name].default:
             found.append(f"sensor.{key}")
     return found
+
+
+def sensor_json(sensor: SensorDescription, seed: int) -> dict[str, Any]:
+    """SI description of the sensor as the native library reads it; `seed` is the random seed of the images."""
+    data: dict[str, Any] = to_si(sensor.model_dump(exclude={"camera", "detector", "laser"}))
+    data["detector"] = _detector_json(sensor.detector)
+    data["laser"] = _laser_json(sensor.laser)
+    data["cameras"] = [_camera_json(camera, sensor.laser.wavelength_nm) for camera in sensor.camera]
+    data["render"]["seed"] = seed
+    if sensor.band_pass.centre_nm is None:
+        data["band_pass"]["centre"] = data["laser"]["wavelength"]
+    return {"format": _FORMAT, **data}
+
+
+def _detector_json(detector: DetectorDescription) -> dict[str, Any]:
+    data: dict[str, Any] = to_si(detector.model_dump(exclude={"shutter", "row_readout_us"}))
+    data["row_readout"] = 1e-6 * (detector.row_readout_us or 0.0)  # 0: global
+    return data
+
+
+def _laser_json(laser: LaserDescription) -> dict[str, Any]:
+    data: dict[str, Any] = to_si(laser.model_dump(exclude={"profile", "profile_half_width_deg"}))
+    if laser.profile_half_width_deg is not None:
+        half, width = (to_si({"a_deg": a})["a"] for a in (laser.fan_half_angle_deg, laser.profile_half_width_deg))
+        angles = np.linspace(-half, half, _GAUSSIAN_NODES)
+        data["profile_angle"] = angles.tolist()
+        data["profile_power"] = np.exp(-2.0 * (angles / width) ** 2).tolist()
+    shape = data["straightness"]
+    data["straightness"] = [*shape, *[0.0] * (_STRAIGHTNESS - len(shape))]
+    return data
+
+
+def _camera_json(camera: CameraDescription, wavelength_nm: float) -> dict[str, Any]:
+    data: dict[str, Any] = to_si(camera.model_dump(exclude={"half_angle_deg", "cx_px", "cy_px"}))
+    data["focal_px"] = focal_length_px(camera)
+    data["cx_px"] = (camera.width_px - 1) / 2 if camera.cx_px is None else camera.cx_px
+    data["cy_px"] = (camera.height_px - 1) / 2 if camera.cy_px is None else camera.cy_px
+    data["focus"] = data["focus"] or 0.0  # 0: no defocus
+    if camera.psf_sigma_px == "diffraction":
+        # Gaussian approximation of the Airy disc (Zhang, Zerubia, Olivo-Marin, Applied Optics 46 (2007) 1819).
+        spot, pitch = to_si(
+            {"spot_nm": 0.42 * wavelength_nm * camera.f_number, "pitch_um": camera.pixel_pitch_um}
+        ).values()
+        data["psf_sigma_px"] = spot / pitch
+    return data
+
+
+def focal_length_px(camera: CameraDescription) -> float:
+    """Focal length from image height and half angle: ``f = H / (2 tan gamma)``."""
+    gamma = si_value(camera, "half_angle_deg")
+    return float(camera.height_px / (2.0 * np.tan(gamma)))

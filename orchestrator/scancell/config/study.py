@@ -86,10 +86,7 @@ class StudyDescription(VaryingScansDescription):
 def load_study(path: Path, settings: Sequence[str] = ()) -> StudyDescription:
     """Read and check a study; `settings` are words like ``design.trials=20``.
 
-    Raises
-    ------
-    DescriptionError
-        Naming file, key, value and what was expected.
+    Raises `DescriptionError` naming file, key, value and what was expected.
     """
     raw = read_toml(path)
     origins = [override(raw, word, "settings") for word in settings]

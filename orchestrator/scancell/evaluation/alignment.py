@@ -59,15 +59,12 @@ def check_request(points: Array, align: str) -> None:
 def best_fit_of_starts(points: Array, distances: Distances, bounds: Array) -> tuple[Array, list[str]]:
     """Best fit from where the points (n, 3) are or, where that fits badly, the best of several turns; with warnings.
 
+    Raises `FitError` with fewer than six points.
+
     Parameters
     ----------
     bounds
         (2, 3) lower and upper corner of the surface.
-
-    Raises
-    ------
-    FitError
-        With fewer than six points.
     """
     size, (count, iterations) = float(np.linalg.norm(bounds[1] - bounds[0])), _SEARCH[-1]
     some = _thinned(points, count)
@@ -144,10 +141,7 @@ def best_fit(points: Array, distances: Distances, start: Array | None = None, it
     Points that are farther than 5 robust standard deviations (of the median) away do not take part. `start` is the pose
     (4, 4) to begin with, by default that of the points.
 
-    Raises
-    ------
-    FitError
-        With fewer than six points.
+    Raises `FitError` with fewer than six points.
     """
     if len(points) < _LEAST_POINTS:
         raise FitError(f"best fit: {len(points)} points; at least {_LEAST_POINTS} are needed")
@@ -183,17 +177,14 @@ def datum_fit(regions: Sequence[tuple[DatumPlane, Array]], least: int = 3) -> Ar
     The primary plane fixes two rotations and its offset, the secondary the third rotation and its offset, the tertiary
     the last offset. Motions that fewer planes leave free stay as small as possible.
 
+    Raises `FitError` if there are too few or too many planes, they are nearly parallel, or one has too few points.
+
     Parameters
     ----------
     regions
         Nominal planes, and the points (n, 3), m, measured on each.
     least
         Number of planes that are needed.
-
-    Raises
-    ------
-    FitError
-        If there are too few or too many planes, they are nearly parallel, or one has too few points.
     """
     if not least <= len(regions) <= 3:
         raise FitError(f"datum: {len(regions)} planes; three are needed, none of them parallel")

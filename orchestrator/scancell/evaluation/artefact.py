@@ -139,6 +139,9 @@ def evaluate_against_artefact(
 ) -> ArtefactEvaluation:
     """Align points (n, 3), m, to an artefact, and measure it from them.
 
+    Raises `DescriptionError` if `align` is unknown, or there are no points; `FitError` if no face has enough points, or
+    they do not determine the alignment.
+
     Parameters
     ----------
     datum
@@ -148,13 +151,6 @@ def evaluate_against_artefact(
         Largest distance of a point from the face that it belongs to, m.
     guard
         Points nearer to an edge do not count, m.
-
-    Raises
-    ------
-    DescriptionError
-        If `align` is unknown, or there are no points.
-    FitError
-        If no face has enough points, or they do not determine the alignment.
     """
     check_request(points, align)
     faces = faces_of(artefact)

@@ -89,10 +89,7 @@ class FittedFace:
 def fitted_face(face: Face, points: Array) -> FittedFace:
     """Least-squares fit of the points (n, 3), m, of a face, its sense as that of the nominal face.
 
-    Raises
-    ------
-    FitError
-        If the points do not determine the element.
+    Raises `FitError` if the points do not determine the element.
     """
     fit = _FITS[face.kind](points)
     if isinstance(fit, PlaneFit) and fit.normal @ face.axis < 0:

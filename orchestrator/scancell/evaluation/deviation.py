@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.geometry.mesh import Mesh
-from scancell.geometry.part_surface import PartSurface
+from scancell.geometry.shapes import PartSurface
 from scancell.reconstruction.cloud import Cloud
 from scancell.values import Value
 

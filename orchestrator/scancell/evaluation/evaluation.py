@@ -21,10 +21,7 @@ class Evaluation(Result):
     def save(self, folder: str | Path) -> list[Path]:
         """Write ``evaluation.json``, ``.csv`` and ``.png`` into `folder`, all or none, and return their paths.
 
-        Raises
-        ------
-        OutputError
-            If the folder cannot be written.
+        Raises `OutputError` if the folder cannot be written.
         """
         from scancell.output.evaluation_files import save_evaluation  # noqa: PLC0415
 

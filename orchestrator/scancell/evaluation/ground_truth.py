@@ -79,6 +79,8 @@ class CloudTruth:
 class TrueWorld:
     """Bodies and sensor with their true poses at the middle of every exposure.
 
+    Raises `SensorError` if the sensor has a rolling shutter: one pose per exposure does not describe its rows.
+
     Parameters
     ----------
     bodies
@@ -87,11 +89,6 @@ class TrueWorld:
         Description of the sensor as built.
     threads
         Number of threads; 0 uses all cores.
-
-    Raises
-    ------
-    SensorError
-        If the sensor has a rolling shutter: one pose per exposure does not describe its rows.
     """
 
     def __init__(

@@ -18,10 +18,9 @@ from scancell.evaluation.deviation import DeviationFigures, figures_by_label
 from scancell.evaluation.evaluation import Evaluation
 from scancell.geometry import pose
 from scancell.geometry.mesh import METRES_PER_UNIT, Mesh
-from scancell.geometry.part_surface import PartSurface
 from scancell.geometry.regions import Regions, smooth_regions
 from scancell.geometry.sampling import sample_surface
-from scancell.geometry.shapes import ShapeMesh
+from scancell.geometry.shapes import PartSurface, ShapeMesh
 from scancell.sensor import MeshSurface
 
 Array = NDArray[np.float64]
@@ -152,6 +151,9 @@ def evaluate_against_mesh(
 ) -> MeshEvaluation:
     """Align points (n, 3), m, and compare them with the mesh.
 
+    Raises `DescriptionError` if `align` is unknown, or there are no points; `FitError` if the points do not determine
+    the alignment.
+
     Parameters
     ----------
     datum
@@ -159,13 +161,6 @@ def evaluate_against_mesh(
         was measured, of three directions.
     tolerance
         Distance within which a point covers the surface, m.
-
-    Raises
-    ------
-    DescriptionError
-        If `align` is unknown, or there are no points.
-    FitError
-        If the points do not determine the alignment.
     """
     check_request(points, align)
     surface, regions = PartSurface(mesh), smooth_regions(mesh)

@@ -183,15 +183,12 @@ def measure_plane(
 ) -> PlaneReading:
     """Expose a target several times, each with noise of its own.
 
+    Raises `SensorError` if the library reports an error.
+
     Parameters
     ----------
     ideal
         The sensor without noise, whose view of the target says where points are expected.
-
-    Raises
-    ------
-    SensorError
-        If the library reports an error.
     """
     scene = sensor_rt.Scene()
     roughness = PRESETS["matt_white"].roughness

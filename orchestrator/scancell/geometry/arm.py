@@ -2,23 +2,157 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scancell.geometry.branches import Branches
-from scancell.geometry.chain import Chain, Joint
+from scancell.geometry import numeric_ik, pose, spherical_wrist
+from scancell.geometry.chain import Chain, Joint, dh_from_axes
+from scancell.geometry.continuation import SixJoints
 
 __all__ = ["Arm", "HeldJoint", "Joint"]
 
 Array = NDArray[np.float64]
 
+_SMALL_LENGTH, _SMALL_ANGLE = 5e-3, np.radians(1.0)  # deviations from a chain with a closed form
+
+# Joints that are added to chains of fewer than six, in general position; lengths in terms of the chain's.
+_ADDED = (Joint(0.21, 0.13, 1.1), Joint(0.17, -0.19, 0.7))
+
 _BLOCK = 512  # poses whose solutions are chosen at a time: they stay in the cache
 _AT_LIMIT = 1e-9  # rad: solutions that exceed a limit by rounding count as at the limit
+
+
+class Branches:
+    """Inverse kinematics of a chain whose joints numbered in `held` (from 0) are at its angles, rad.
+
+    It is that of the chain of all other joints, six or fewer.
+
+    Attributes
+    ----------
+    dimensions
+        a, d and alpha of the closed form; None without one.
+    """
+
+    def __init__(self, chain: Chain, held: Mapping[int, float]) -> None:
+        self._held = held
+        self._count = len(chain.joints)
+        self._free = [i for i in range(self._count) if i not in held]
+        self._flange_from_end = np.eye(4)
+        self._chain = self._reduced(chain) if held else chain
+        self._theta = self._chain.column("theta")
+        self.dimensions = self._closed_form_dimensions()
+
+    @property
+    def suffix(self) -> str:
+        return "".join(f", joint {i + 1} at {np.degrees(value):g} deg" for i, value in self._held.items())
+
+    @property
+    def is_named(self) -> bool:
+        return self.dimensions is not None or self._neighbour is not None
+
+    @property
+    def branch_names(self) -> tuple[str, ...]:
+        if self.is_named:
+            return spherical_wrist.BRANCH_NAMES
+        return tuple(str(i) for i in range(1, numeric_ik.number_of_branches(self._completed[0]) + 1))
+
+    def along(self, paths: Array, on_step: Callable[[int], None] | None = None) -> Array:
+        """Joints (n, k, branches, joints) of the whole chain along paths (n, k, 4, 4), without regard to limits."""
+        targets = paths @ self._flange_from_end
+        n, k = paths.shape[:2]
+        if self.is_named:
+            q = self._configurations(targets.reshape(-1, 4, 4))
+            q = q.reshape(n, k, *q.shape[1:])
+        else:
+            q = self._continued(targets, on_step)
+        if not self._held:
+            return q
+        whole = np.full((*q.shape[:-1], self._count), np.nan)
+        whole[..., self._free] = q
+        for index, value in self._held.items():
+            whole[..., index] = np.where(np.isfinite(q[..., 0]), value, np.nan)
+        return whole
+
+    def distance_outside_reach(self, targets: Array) -> Array:
+        if self.dimensions is None:
+            return np.full(len(targets), np.nan)
+        base_from_end = pose.inverse(self._chain.world_from_base) @ targets @ self._flange_from_end
+        return spherical_wrist.distance_outside_reach(*self.dimensions, base_from_end)
+
+    def _reduced(self, chain: Chain) -> Chain:
+        q = np.zeros(self._count)
+        for index, value in self._held.items():
+            q[index] = value
+        frames = Chain(chain.joints).link_poses(q)
+        axes = frames[self._free]
+        reduced, last_from_end = dh_from_axes(axes[:, :3, 3], axes[:, :3, 2], frames[-1])
+        self._flange_from_end = pose.inverse(last_from_end)
+        return Chain(reduced.joints, chain.world_from_base @ reduced.world_from_base)
+
+    def _closed_form_dimensions(self) -> tuple[Array, Array, Array] | None:
+        """a, d and alpha of the closed form. Where axes 2 and 3 are opposed, joint 3 counts the other way round."""
+        if len(self._chain.joints) != 6:
+            return None
+        a, d, alpha, beta = (self._chain.column(name) for name in ("a", "d", "alpha", "beta"))
+        self._sign = np.ones(6)
+        if np.cos(alpha[1]) < 0:  # Rx(pi) Rz(q) T(a, 0, d) = Rz(-q) T(a, 0, -d) Rx(pi)
+            self._sign[2], d[2] = -1.0, -d[2]
+            alpha[1:3] += np.pi
+        return (a, d, alpha) if spherical_wrist.is_supported(a, d, alpha, beta) else None
+
+    def _configurations(self, targets: Array) -> Array:
+        """Branches (n, 8, 6) in closed form, or refined from those of a chain nearby."""
+        if self.dimensions is None:
+            assert self._neighbour is not None
+            return numeric_ik.refined(self._chain, targets, self._neighbour.along(targets[:, None])[:, 0])
+        base_from_end = pose.inverse(self._chain.world_from_base) @ targets
+        return np.asarray(self._sign * spherical_wrist.solve(*self.dimensions, base_from_end) - self._theta)
+
+    def _continued(self, targets: Array, on_step: Callable[[int], None] | None) -> Array:
+        """Numbered branches (n, k, branches, joints) along paths (n, k, 4, 4)."""
+        completed, flange_from_last = self._completed
+        joints, count = len(self._theta), numeric_ik.number_of_branches(completed)
+        first = targets[:, 0]
+        base_from_last = pose.inverse(self._chain.world_from_base) @ first @ flange_from_last
+        seeds = numeric_ik.candidates(completed, joints, base_from_last) - self._theta
+        start = numeric_ik.distinct_solutions(self._chain, first, seeds, count)
+        path = np.repeat(targets.swapaxes(0, 1), count, axis=1)
+        q = numeric_ik.continued(self._chain, path, start.reshape(-1, joints), on_step)
+        return q.reshape(-1, len(first), count, joints).swapaxes(0, 1)
+
+    @cached_property
+    def _completed(self) -> tuple[SixJoints, Array]:
+        """The chain with joints added behind its flange up to six, and ``flange_from_last`` when those are at 0."""
+        own = self._chain.joints
+        reach = sum(float(np.hypot(joint.a, joint.d)) for joint in own)
+        added = [replace(joint, a=reach * joint.a, d=reach * joint.d) for joint in _ADDED[: 6 - len(own)]]
+        whole = Chain([*own, *added])
+        rows = [tuple(float(x) for x in whole.column(name)) for name in ("a", "d", "alpha", "beta")]
+        return SixJoints(*rows), Chain(added).fk(np.zeros(len(added)))
+
+    @cached_property
+    def _neighbour(self) -> Branches | None:
+        """Those of a chain with a closed form from which this one deviates little, as if calibrated; None if none."""
+        if len(self._chain.joints) != 6:
+            return None
+        joints = []
+        for i, joint in enumerate(self._chain.joints):
+            right = np.round(joint.alpha / (np.pi / 2)) * (np.pi / 2)
+            a = 0.0 if i in (3, 4) else joint.a
+            d = 0.0 if i == 4 else joint.d
+            alpha = joint.alpha if i == 5 else right
+            if max(abs(a - joint.a), abs(d - joint.d)) > _SMALL_LENGTH:
+                return None
+            if max(abs(alpha - joint.alpha), abs(joint.beta)) > _SMALL_ANGLE:
+                return None
+            joints.append(replace(joint, a=a, d=d, alpha=alpha, beta=0.0))
+        nearby = Branches(Chain(joints, self._chain.world_from_base), {})
+        return nearby if nearby.dimensions is not None else None
 
 
 @dataclass(frozen=True)

@@ -88,10 +88,7 @@ class Start:
 def starts(arm: SixJoints) -> tuple[Start, ...]:
     """Independent start poses with all of their solutions; the same for every call.
 
-    Raises
-    ------
-    DescriptionError
-        If the joints are dependent at every pose, as those of four parallel axes are.
+    Raises `DescriptionError` if the joints are dependent at every pose, as those of four parallel axes are.
     """
     rng = np.random.default_rng(0)
     singular_values = np.linalg.svd(arm.flange(_random_angles(rng, 1))[2][0], compute_uv=False)

@@ -220,11 +220,8 @@ def load_mesh(path: str | Path, unit: str = "mm") -> Mesh:
     Equal vertices are joined, repeated faces removed and faces that certainly look the wrong way turned over;
     `Mesh.warnings` says so. The order of the faces is that of the file.
 
-    Raises
-    ------
-    MeshError
-        With the file and the fault: missing, not a mesh, empty, NaN or infinite vertices, a face index out of range,
-        no face with an area, or a size that cannot be meant.
+    Raises `MeshError` with the file and the fault: missing, not a mesh, empty, NaN or infinite vertices, a face index
+    out of range, no face with an area, or a size that cannot be meant.
     """
     path = Path(path)
     if unit not in METRES_PER_UNIT:

@@ -24,10 +24,7 @@ _BLOCK = 1 << 16
 def read_mesh(path: Path) -> tuple[Vertices, Faces]:
     """Vertices (n, 3) in the unit of the file and faces (m, 3), neither welded nor validated.
 
-    Raises
-    ------
-    MeshError
-        If the file is missing, empty, of an unknown format, or broken.
+    Raises `MeshError` if the file is missing, empty, of an unknown format, or broken.
     """
     if not path.is_file():
         raise MeshError("is not a file" if path.exists() else "no such file", file=path)

@@ -4,19 +4,55 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, fields
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh, joined
-from scancell.geometry.revolved_mesh import chords, revolved_mesh
+from scancell.sensor import MeshSurface
 
 Array = NDArray[np.float64]
 
 _BLOCK = 1 << 15  # points worked on at a time, which stay in the cache
 CHORD_ERROR = 10e-6  # m: default distance of a tessellation from its shape
+
+
+def chords(radius: float, chord_error: float) -> int:
+    """Even number of chords of a circle that stay within `chord_error` of it."""
+    half_angle = np.arccos(max(1.0 - chord_error / radius, 0.5))
+    return 2 * int(np.ceil(np.pi / half_angle / 2))
+
+
+def revolved_mesh(profile: Array, segments: int, source: str) -> Mesh:
+    """Mesh of a polyline (k, 2) of radius and z, material on its left, turned about z."""
+    angle = 2 * np.pi * np.arange(segments) / segments
+    circle = np.stack([np.cos(angle), np.sin(angle)], 1)
+    is_closed = bool((profile[0] == profile[-1]).all())
+    corners = profile[:-1] if is_closed else profile
+    rings = [_ring(radius, z, circle) for radius, z in corners]
+    first = np.cumsum([0, *(len(ring) for ring in rings)])
+    pairs = [(k, (k + 1) % len(rings)) for k in range(len(profile) - 1)]
+    strips = [_strip(int(first[a]), len(rings[a]), int(first[b]), len(rings[b])) for a, b in pairs]
+    return Mesh(np.concatenate(rings), np.concatenate(strips), source)
+
+
+def _ring(radius: float, z: float, circle: Array) -> Array:
+    """Vertices of one corner of the profile: a circle, or a point on the axis."""
+    if radius == 0.0:
+        return np.array([[0.0, 0.0, z]])
+    return np.column_stack([radius * circle, np.full(len(circle), z)])
+
+
+def _strip(low: int, low_count: int, high: int, high_count: int) -> NDArray[np.int64]:
+    """Faces between two rings of vertices, of which one may be a point."""
+    count = max(low_count, high_count)
+    here = np.arange(count)
+    after = (here + 1) % count
+    below = np.stack([low + here, low + after, high + after % high_count], 1)
+    above = np.stack([low + here % low_count, high + after, high + here], 1)
+    return np.concatenate([below] * (low_count > 1) + [above] * (high_count > 1))
 
 
 @dataclass(frozen=True)
@@ -367,3 +403,34 @@ def _nearest_on_profile(points: Array, profile: Array) -> tuple[Array, Array]:
     across = np.where(at_corner, height, 1.0) / scale
     lengthwise = np.where(at_corner, beyond, 0.0) / scale
     return signed, across[:, None] * outward[side] + lengthwise[:, None] * along[side]
+
+
+class PartSurface:
+    """Distances to the exact shapes of a part that has them, otherwise to its mesh.
+
+    Attributes
+    ----------
+    is_exact
+        Whether the part consists of exact shapes.
+    is_signed
+        Whether distances have a sign: a mesh that is not closed has no inside.
+    """
+
+    def __init__(self, part: Mesh) -> None:
+        self._part, self._mesh = part, MeshSurface(part.vertices, part.faces)
+        self._shapes = part.shapes if isinstance(part, ShapeMesh) else None
+        self.is_exact = self._shapes is not None
+        self.is_signed = self.is_exact or part.is_closed
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return PartSurface, (self._part,)
+
+    def distances(self, points: Array, threads: int = 0) -> tuple[Array, NDArray[np.uint32]]:
+        """Distance (n,), m, positive outside, and nearest face of the mesh (n,) of points (n, 3) in the part frame.
+
+        `threads` does not change the result; 0 uses all cores.
+        """
+        signed, face = self._mesh.signed_distances(points, threads)
+        if self._shapes is not None:
+            signed = self._shapes.nearest(points)[0]
+        return (signed if self.is_signed else np.abs(signed)), face

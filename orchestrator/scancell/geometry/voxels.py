@@ -30,10 +30,7 @@ class VoxelGrid:
     def around(cls, points: ArrayLike, spacing: float, inflation: float = 0.0) -> VoxelGrid:
         """The voxels that hold one of the points (n, 3), m, or come within `inflation` (m) of one that does.
 
-        Raises
-        ------
-        ValueError
-            If there is no point, one is not finite, or the grid would have more than 50 million voxels.
+        Raises `ValueError` if there is no point, one is not finite, or the grid would have more than 50 million voxels.
         """
         points = np.asarray(points, float)
         if not len(points):

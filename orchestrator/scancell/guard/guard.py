@@ -29,8 +29,8 @@ from scancell.guard.settings import GuardSettings
 from scancell.guard.stopping import WorstCase
 from scancell.guard.unseen import jog_limits
 from scancell.nominal.cell import NominalCell
-from scancell.proximity.cell_scene import cell_scene
 from scancell.proximity.motion_check import MotionCheck, MotionClash
+from scancell.proximity.scene import cell_scene
 
 Array = NDArray[np.float64]
 

@@ -17,8 +17,8 @@ from scancell.config.robot import RobotDescription
 from scancell.config.units import si_value
 from scancell.geometry import pose
 from scancell.nominal.cell import Body, NominalCell
-from scancell.proximity.cell_scene import arm_chain
 from scancell.proximity.motion_bounds import MotionBounds
+from scancell.proximity.scene import arm_chain
 
 Array = NDArray[np.float64]
 

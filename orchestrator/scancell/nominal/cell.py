@@ -282,10 +282,7 @@ def with_unknown_obstacles(nominal: NominalCell, cell: CellDescription) -> Nomin
 
     For the FMU and the ray tracer only.
 
-    Raises
-    ------
-    MeshError
-        If the mesh of an obstacle cannot be used.
+    Raises `MeshError` if the mesh of an obstacle cannot be used.
     """
     return replace(nominal, bodies=(*nominal.bodies, *_obstacles(cell, known=False)))
 

@@ -29,10 +29,7 @@ def gripper_from_finger(width: float) -> Array:
 def finger_mesh(gripper: GripperDescription) -> Mesh:
     """A finger in its own frame, metres.
 
-    Raises
-    ------
-    MeshError
-        If a described mesh cannot be used.
+    Raises `MeshError` if a described mesh cannot be used.
     """
     if gripper.finger_mesh is not None:
         return load_mesh(Path(gripper.finger_mesh))
@@ -44,10 +41,7 @@ def finger_mesh(gripper: GripperDescription) -> Mesh:
 def housing_mesh(gripper: GripperDescription) -> Mesh | None:
     """What carries the fingers, in the gripper's frame, metres; None if nothing is described.
 
-    Raises
-    ------
-    MeshError
-        If a described mesh cannot be used.
+    Raises `MeshError` if a described mesh cannot be used.
     """
     if gripper.housing_mesh is not None:
         return load_mesh(Path(gripper.housing_mesh))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -101,28 +101,21 @@ class PartCache:
     """Parts from files; the two used last are kept."""
 
     def __init__(self) -> None:
-        self._parts: OrderedDict[tuple[str, str, int, int], Mesh] = OrderedDict()
+        self._load = lru_cache(_MOST_KEPT)(lambda path, unit, _place, _size, _modified: load_part(path, unit))
 
     def part(self, part: str | Path | Mesh, unit: str) -> Mesh:
         """The part of a file, see `load_part`, or the mesh itself; a file is read again only when it has changed.
 
-        Raises
-        ------
-        ScancellError
-            If the file is missing, unreadable, empty or broken.
+        Raises `ScancellError` if the file is missing, unreadable, empty or broken.
         """
         if isinstance(part, Mesh):
             return part.usable
         path = Path(part)
-        status = path.stat() if path.is_file() else None
-        key = (str(path.absolute()), unit, status.st_mtime_ns if status else 0, status.st_size if status else 0)
-        if key not in self._parts:
-            self._parts[key] = load_part(path, unit)
-        self._parts.move_to_end(key)
-        if len(self._parts) > _MOST_KEPT:
-            self._parts.popitem(last=False)
-        return self._parts[key]
+        if not path.is_file():
+            return load_part(path, unit)
+        status = path.stat()
+        return self._load(path, unit, path.absolute(), status.st_size, status.st_mtime_ns)
 
     def clear(self) -> None:
         """Forget all parts."""
-        self._parts.clear()
+        self._load.cache_clear()

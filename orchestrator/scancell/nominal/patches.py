@@ -26,10 +26,7 @@ class Patch:
 def part_patches(part: Mesh, description: PartDescription) -> tuple[Patch, ...]:
     """Patches of the part, none of them empty or overlapping.
 
-    Raises
-    ------
-    CellError
-        If the file of face materials cannot be read or does not fit the mesh, or the part has no faces.
+    Raises `CellError` if the file of face materials cannot be read or does not fit the mesh, or the part has no faces.
     """
     regions = description.material_region
     if isinstance(part, ShapeMesh):

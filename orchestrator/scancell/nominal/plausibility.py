@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.config.loading import Setup
-from scancell.config.resolved import sensor_json
 from scancell.config.robot import JointDescription, RobotDescription
-from scancell.config.sensor import CameraDescription, SensorDescription
+from scancell.config.sensor import CameraDescription, SensorDescription, sensor_json
 from scancell.config.units import si_value
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
@@ -31,12 +30,8 @@ _DEPTHS, _ANGLES = 200, 41  # samples of the laser sheet
 def setup_warnings(setup: Setup) -> list[str]:
     """Sentences about descriptions that are valid but unlikely to be meant, each naming the keys to check.
 
-    Raises
-    ------
-    DescriptionError
-        If a camera cannot see the laser line anywhere in the measuring range.
-    MeshError
-        If the mesh of a link cannot be read.
+    Raises `DescriptionError` if a camera cannot see the laser line anywhere in the measuring range; `MeshError` if the
+    mesh of a link cannot be read.
     """
     return [*_link_warnings(setup.cell.robot), *_camera_warnings(setup.sensor), *_motion_warnings(setup)]
 

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.cell.recording import Recording
-from scancell.config.resolved import sensor_json
-from scancell.config.sensor import SensorDescription
+from scancell.config.sensor import SensorDescription, sensor_json
 from scancell.errors import OutputError
 from scancell.evaluation.ground_truth import CloudTruth, Stripe, Surface, TrueWorld
 from scancell.extras import require

@@ -10,7 +10,7 @@ from scancell.evaluation.artefact import ArtefactEvaluation
 from scancell.evaluation.deviation import Deviation
 from scancell.evaluation.evaluation import Evaluation
 from scancell.evaluation.mesh_evaluation import MeshEvaluation
-from scancell.geometry.part_surface import PartSurface
+from scancell.geometry.shapes import PartSurface
 from scancell.output.deviation_picture import deviation_picture
 from scancell.output.run_files import write_json
 from scancell.output.run_folder import RunFolder

@@ -19,7 +19,7 @@ from scancell.output.deviation_picture import deviation_picture
 from scancell.output.frames import draw_stripes
 from scancell.output.manifest import manifest, resolved_toml
 from scancell.output.run_folder import RunFolder
-from scancell.planning.plan_file import plan_json
+from scancell.planning.plan import plan_json
 from scancell.reconstruction.cloud_files import write_cloud
 from scancell.scanning.result import ScanData
 from scancell.stopwatch import Stopwatch

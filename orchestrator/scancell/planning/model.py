@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scancell import sensor as sensor_rt
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.reduction import ReducedMesh, reduced
@@ -16,9 +17,8 @@ from scancell.nominal.cell import OCCUPIED, NominalCell
 from scancell.planning.motion.torques import TorqueLimits
 from scancell.planning.motion.trajectory import Limits
 from scancell.planning.work import CONFIGURATION, NUMERICAL_POSE, NUMERICAL_ROW, NUMERICAL_STEP, POSE, Work
-from scancell.proximity.cell_scene import arm_chain, cell_scene
 from scancell.proximity.motion_check import MotionCheck
-from scancell.proximity.scene import Clash, ProximityScene
+from scancell.proximity.scene import Clash, ProximityScene, arm_chain, cell_scene
 
 Array = NDArray[np.float64]
 
@@ -51,6 +51,21 @@ class SensorRange:
     half_near: float
     half_far: float
     cameras: Array
+
+    @classmethod
+    def of(cls, sensor: sensor_rt.Sensor) -> SensorRange:
+        """What all cameras see of the laser line, within the limits of the description."""
+        near, far = sensor.range
+        corners = np.array([sensor.trapezoid(k) for k in range(len(sensor.cameras))])
+        by_range = [camera[np.argsort(camera[:, 1])] for camera in corners]
+        seen_near = max(near, *(camera[0, 1] for camera in by_range))
+        seen_far = min(far, *(camera[-1, 1] for camera in by_range))
+        halves = [
+            min(float(np.interp(z, camera[[0, 2], 1], np.abs(camera[[0, 2], 0]))) for camera in by_range)
+            for z in (seen_near, seen_far)
+        ]
+        centres = np.array([camera.sensor_from_camera[:3, 3] for camera in sensor.cameras])
+        return cls(float(seen_near), float(seen_far), halves[0], halves[1], centres)
 
     def half_line(self, z: ArrayLike) -> Array:
         """Half-width (...,), m, of the visible laser line at ranges `z` (...,), m."""

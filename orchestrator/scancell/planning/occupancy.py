@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.config.material import Material
-from scancell.config.occupied import OccupiedDescription
+from scancell.config.scan import OccupiedDescription
 from scancell.config.units import si_value
 from scancell.errors import DescriptionError
 from scancell.files import atomic_write
@@ -29,10 +29,7 @@ _FRAMES = ("world", "table", "fixed")
 def with_occupied_space(nominal: NominalCell, files: tuple[OccupiedDescription, ...]) -> NominalCell:
     """The cell with the occupied space of the files as bodies, which exist for planning only.
 
-    Raises
-    ------
-    DescriptionError
-        If a file is missing, of another kind, empty, or has values that are not finite.
+    Raises `DescriptionError` if a file is missing, of another kind, empty, or has values that are not finite.
     """
     made: list[Body] = []
     for item in files:
@@ -81,10 +78,7 @@ def _grids(item: OccupiedDescription, nominal: NominalCell) -> dict[str, VoxelGr
 def write_voxels(path: Path, grids: Mapping[str, VoxelGrid], **more: NDArray[np.generic]) -> None:
     """Write grids by frame, see `occupied_bodies`, and further arrays as NPZ; it appears whole or not at all.
 
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
+    Raises `OutputError` if the file cannot be written.
     """
     arrays: dict[str, NDArray[np.generic]] = {"kind": np.array(_KIND), **more}
     for frame, grid in grids.items():
@@ -108,10 +102,7 @@ def _holds_voxels(path: Path) -> bool:
 def read_voxels(path: Path) -> dict[str, VoxelGrid]:
     """Grids by frame from a file of `write_voxels`.
 
-    Raises
-    ------
-    DescriptionError
-        If it is of another kind, or its grids are not complete, finite and of three dimensions.
+    Raises `DescriptionError` if it is of another kind, or its grids are not complete, finite and of three dimensions.
     """
     with np.load(path) as arrays:
         if str(arrays["kind"]) != _KIND:

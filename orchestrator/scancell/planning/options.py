@@ -92,10 +92,7 @@ class ScanOptions:
 def pair_clearances(scan: ScanDescription, nominal: NominalCell) -> dict[frozenset[str], float]:
     """Clearances (m) of the described pairs of bodies.
 
-    Raises
-    ------
-    DescriptionError
-        If a pair names a body that the cell does not have, or one twice.
+    Raises `DescriptionError` if a pair names a body that the cell does not have, or one twice.
     """
     names = [body.name for body in nominal.bodies]
     for number, pair in enumerate(scan.pair_clearance, start=1):

@@ -16,12 +16,11 @@ from scancell.planning.path_map.configuration_map import QualityFactor
 from scancell.planning.path_map.path_planner import PathPlanner, PlacedPath
 from scancell.planning.plan import Plan
 from scancell.planning.reasons import join_reasons
-from scancell.planning.views import surface
 from scancell.planning.views.coverage import CHOICE_SHARE, CoveragePlanner
 from scancell.planning.views.default_views import default_views
 from scancell.planning.views.placement import Infeasible, Placed, PlacedSweep, Placer
 from scancell.planning.views.sight import Sight
-from scancell.planning.views.views import seen_by
+from scancell.planning.views.views import sample_part, seen_by
 
 Array = NDArray[np.float64]
 
@@ -34,11 +33,8 @@ def plan(
     `sight` judges coverage-driven views, which need it; `quality_factors` are further constraints of motions along
     sensor paths.
 
-    Raises
-    ------
-    PlanningError
-        If the part does not fit on the table or poses are infeasible, naming them with the distance out of reach, the
-        angle outside the joint limits, or the bodies that collide.
+    Raises `PlanningError` if the part does not fit on the table or poses are infeasible, naming them with the distance
+    out of reach, the angle outside the joint limits, or the bodies that collide.
     """
     check_part(cell)
     placer = Placer(cell, options.azimuth, options.clearance)
@@ -56,7 +52,7 @@ def plan(
             expected="a larger pitch_mm of the paths or a larger scan.max_profiles",
         )
     left = options.max_profiles - needed
-    part, report = surface.sample(cell.nominal.part, cell.nominal.table_from_part), None
+    part, report = sample_part(cell.nominal.part, cell.nominal.table_from_part), None
     warnings: list[str] = []
     if options.coverage:
         assert sight is not None

@@ -22,9 +22,9 @@ from scancell.planning.model import PlanningCell, SensorRange
 from scancell.planning.motion.verification import check_part
 from scancell.planning.options import CoverageOptions, ScanOptions
 from scancell.planning.reasons import join_reasons
-from scancell.planning.views import surface
 from scancell.planning.views.coverage import CoveragePlanner
 from scancell.planning.views.sight import Sight
+from scancell.planning.views.views import sample_part
 from scancell.planning.work import Work, WorkLimitError
 from scancell.progress import Progress
 from scancell.values import Result, Value
@@ -163,8 +163,6 @@ class SetUpPlanner:
         Of the sensor.
     options
         Of the scan; coverage options are replaced.
-    cycle
-        Controller cycle, s.
     threads
         0: all cores.
     work
@@ -177,21 +175,18 @@ class SetUpPlanner:
         sensor: SensorDescription,
         sensor_range: SensorRange,
         options: ScanOptions,
-        cycle: float,
         threads: int = 0,
         work: Work | None = None,
     ) -> None:
         self._cell, self._sensor, self._range, self._options = cell, sensor, sensor_range, options
-        self._cycle, self._threads, self._work = cycle, threads, work or Work()
+        self._threads, self._work = threads, work or Work()
         self._coverage = CoverageOptions(1.0, _MOST_VIEWS, _MOST_TIME)
 
     def propose(self, part: Mesh, share: float, progress: Progress) -> SetUps:
         """Set-ups that scan `share` of the surface that is measurable in any stable resting pose.
 
-        Raises
-        ------
-        PlanningError
-            If the part has no stable resting pose, fits on the table in none, or is measurable in none.
+        Raises `PlanningError` if the part has no stable resting pose, fits on the table in none, or is measurable in
+        none.
         """
         # More in each set-up than is asked of both together.
         self._coverage = replace(self._coverage, share=(1 + share) / 2)
@@ -290,7 +285,9 @@ class SetUpPlanner:
         return nominal
 
     def _planning_cell(self, nominal: NominalCell) -> PlanningCell:
-        return PlanningCell(nominal, self._range, self._cycle, threads=self._threads, work=self._work)
+        return PlanningCell(
+            nominal, self._range, self._cell.world.controller_cycle, threads=self._threads, work=self._work
+        )
 
     def _measurable(self, nominal: NominalCell) -> MeasurableSurface:
         return measurable_surface(nominal, self._sensor, _SAMPLES, self._work, threads=self._threads)
@@ -300,7 +297,7 @@ class SetUpPlanner:
         cell = self._planning_cell(nominal)
         sight = Sight(nominal, self._sensor, lambda *_: found, self._threads, self._work)
         options = replace(self._options, coverage=self._coverage)
-        part = surface.sample(nominal.part, nominal.table_from_part)
+        part = sample_part(nominal.part, nominal.table_from_part)
         planner = CoveragePlanner(cell, sight, options)
         report = planner.select(part)
         scanned = np.zeros(len(found.samples), bool)

@@ -38,12 +38,8 @@ class Work:
     def spend(self, amount: float) -> None:
         """Count work that is about to be done.
 
-        Raises
-        ------
-        WorkLimitError
-            Naming what was being done, when the limit is exceeded.
-        CancelledError
-            When the progress cancels.
+        Raises `WorkLimitError` naming what was being done, when the limit is exceeded; `CancelledError` when the
+        progress cancels.
         """
         self.spent += amount
         self._progress.advance(0.0)

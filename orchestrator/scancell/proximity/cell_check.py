@@ -38,10 +38,7 @@ def check_cell(nominal: NominalCell) -> None:
 
     The table is at angle 0 and the arm does not count: its motion is checked by planning.
 
-    Raises
-    ------
-    CellError
-        Naming each pair, the depth in mm, and the keys that place them.
+    Raises `CellError` naming each pair, the depth in mm, and the keys that place them.
     """
     found = [
         f"'{a}' and '{b}' intersect, about {depth * 1e3:.2g} mm deep: change {_key(a, nominal)} or {_key(b, nominal)}"

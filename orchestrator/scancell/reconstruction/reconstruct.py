@@ -17,7 +17,7 @@ from scancell.geometry import pose
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.footprint import Footprint
 from scancell.reconstruction.foreign import TOLERANCE, Neighbours, foreign_points
-from scancell.reconstruction.normals import estimate_normals
+from scancell.sensor import estimate_normals
 from scancell.values import Value
 
 Array = NDArray[np.float64]
@@ -246,6 +246,8 @@ def reconstruct_and_count(
 ) -> tuple[Cloud, Dropped]:
     """Cloud of all points inside the envelope and on no neighbour, in the order in which they came, and the others.
 
+    Raises `ValueError` if a frame number has no trigger.
+
     Parameters
     ----------
     profiles
@@ -262,11 +264,6 @@ def reconstruct_and_count(
         What stands beside the part, see `scancell.reconstruction.foreign`.
     threads
         Number of threads for the normals, which does not change them; 0 uses all cores.
-
-    Raises
-    ------
-    ValueError
-        If a frame number has no trigger.
     """
     frame = np.asarray(profiles.frame, np.int64)
     if len(frame) and not 0 <= frame.min() <= frame.max() < len(triggers.index):

@@ -26,10 +26,7 @@ class HasCloud(Protocol):
 def points_of(cloud: str | Path | HasCloud | Cloud | Array) -> Array:
     """Points (n, 3), m, of a scan, a cloud, a cloud file in mm, or a run folder.
 
-    Raises
-    ------
-    DescriptionError
-        If the file is missing, of another kind, broken or without points.
+    Raises `DescriptionError` if the file is missing, of another kind, broken or without points.
     """
     if isinstance(cloud, np.ndarray):
         return np.asarray(cloud, float)
@@ -41,12 +38,8 @@ def points_of(cloud: str | Path | HasCloud | Cloud | Array) -> Array:
 def cloud_of(run: str | Path | HasCloud | Cloud) -> Cloud:
     """Cloud of a scan, of a run folder, or of a PLY file that scancell has written.
 
-    Raises
-    ------
-    MeshError
-        If the file is missing or not a cloud of scancell.
-    DescriptionError
-        If the folder holds no ``cloud.ply``.
+    Raises `MeshError` if the file is missing or not a cloud of scancell; `DescriptionError` if the folder holds no
+    ``cloud.ply``.
     """
     if isinstance(run, str | Path):
         return read_cloud(_file(Path(run)))

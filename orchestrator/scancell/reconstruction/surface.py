@@ -35,17 +35,12 @@ _MM = 1e3
 def reconstruct_surface(cloud: Cloud, method: Reconstruction = "poisson", spacing: float | None = None) -> Mesh:
     """Surface of a cloud in the part frame, m; points without a normal do not take part.
 
+    Raises `FitError` with fewer than 100 points with normals; `MissingExtraError` without Open3D.
+
     Parameters
     ----------
     spacing
         Size of the smallest details, m; by default 1/250 of the extent. Points are averaged in cells of half of it.
-
-    Raises
-    ------
-    FitError
-        With fewer than 100 points with normals.
-    MissingExtraError
-        Without Open3D.
     """
     open3d = require("open3d", "mesh")
     kept = np.isfinite(cloud.normals).all(1) & (np.linalg.norm(cloud.normals, axis=1) > 0.5)
@@ -70,12 +65,7 @@ def reconstruct_surface(cloud: Cloud, method: Reconstruction = "poisson", spacin
 def write_surface(surface: Mesh, path: Path) -> None:
     """Write a mesh in mm as STL, PLY or OBJ, by its suffix.
 
-    Raises
-    ------
-    MeshError
-        If the suffix is another one.
-    OutputError
-        If the file cannot be written.
+    Raises `MeshError` if the suffix is another one; `OutputError` if the file cannot be written.
     """
     import trimesh  # noqa: PLC0415  (takes a while to import)
 

@@ -57,12 +57,8 @@ class FmuRunner(Closing):
     def start(self, request: DriveRequest) -> CellInstance:
         """The initialised instance at time 0, with the requested cell and perturbations.
 
-        Raises
-        ------
-        DescriptionError
-            If a perturbation is unknown.
-        CellError
-            If the FMU cannot be built or reports an error.
+        Raises `DescriptionError` if a perturbation is unknown; `CellError` if the FMU cannot be built or reports an
+        error.
         """
         if self._cell is None:
             # The process id in the name lets others remove what a killed process leaves.
@@ -81,12 +77,8 @@ class FmuRunner(Closing):
     ) -> Recording:
         """Recording of `program`, executed after the commands of `hook`.
 
-        Raises
-        ------
-        DescriptionError
-            If a perturbation is unknown.
-        CellError
-            If the FMU cannot be built or reports an error, or its controller rejects a command of `hook`.
+        Raises `DescriptionError` if a perturbation is unknown; `CellError` if the FMU cannot be built or reports an
+        error, or its controller rejects a command of `hook`.
         """
         progress.stage("driving", program.duration, "s")
         options = DriveOptions.of(request.setup)

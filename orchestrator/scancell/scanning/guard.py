@@ -39,7 +39,7 @@ def settings_of(cell: CellDescription) -> GuardSettings:
             drive.max_torque_n_m / drive.gear_stiffness_n_m_rad + np.radians(drive.backlash_deg) for drive in drives
         ]
     return GuardSettings(
-        cycle=cell.world.controller_cycle_us * 1e-6,
+        cycle=cell.world.controller_cycle,
         noise=noise,
         angle_error=tuple(float(error) for error in _SIGMAS * noise + twist),
         latency=1e-3 * max(one.encoder_latency_ms for one in encoders),

@@ -29,10 +29,10 @@ from scancell.config.sensor import SensorDescription
 from scancell.config.units import si_value
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
-from scancell.geometry.part_surface import PartSurface
+from scancell.geometry.shapes import PartSurface
 from scancell.nominal.cell import Body, Lamp, NominalCell, nominal_cell, with_unknown_obstacles
 from scancell.nominal.estimated import estimated_cell
-from scancell.planning.model import PlanningCell
+from scancell.planning.model import PlanningCell, SensorRange
 from scancell.planning.motion.assembly import approach
 from scancell.planning.motion.torques import TorqueLimits
 from scancell.planning.motion.verification import recheck
@@ -52,7 +52,6 @@ from scancell.reconstruction.reconstruct import Dropped, Envelope, ProfilePoints
 from scancell.scanning.drive import DriveRequest, FmuRunner, PreScanHook
 from scancell.scanning.exposures import build_scene, visible_bodies
 from scancell.scanning.sense import OnImages, Sensing, SensingResult, Sensors, sense
-from scancell.scanning.sensor_range import sensor_range
 from scancell.visibility.measurable import MeasurableSurface, cache_folder, measurable_surface
 
 _MAX_CELLS = 2
@@ -112,12 +111,8 @@ class ScanPipeline(Closing):
     def load(self, cell: CellDescription, part: Mesh | None) -> LoadedCell:
         """The nominal cell with `part` or an empty table, and its scene; the two used last are cached.
 
-        Raises
-        ------
-        MeshError
-            If a mesh of the description cannot be used.
-        CellError
-            If the description of the cell is inconsistent.
+        Raises `MeshError` if a mesh of the description cannot be used; `CellError` if the description of the cell is
+        inconsistent.
         """
 
         def make() -> tuple[Mesh | None, LoadedCell]:
@@ -147,12 +142,8 @@ class ScanPipeline(Closing):
         It is cached by a digest of all inputs, unless there are `quality_factors`, see `planner.plan`. Any thread may
         call; one that asks for the same plan meanwhile waits for it. `progress` may cancel; its steps are not counted.
 
-        Raises
-        ------
-        DescriptionError
-            If a file of occupied space cannot be used, or a pair with its own clearance does not exist.
-        PlanningError
-            Naming the poses that cannot be reached, or the bodies that collide.
+        Raises `DescriptionError` if a file of occupied space cannot be used, or a pair with its own clearance does not
+        exist; `PlanningError` naming the poses that cannot be reached, or the bodies that collide.
         """
         work = Work(setup.scan.max_planning_work, progress)
         cell = replace(self._planning_cell(loaded, setup, sensor), work=work)
@@ -186,19 +177,16 @@ class ScanPipeline(Closing):
     ) -> Program | None:
         """Motions between joints and table angles (joints + 1,), rad; None from a place to itself.
 
-        Raises
-        ------
-        PlanningError
-            If no path free of collision is found, naming the bodies that collide on the direct one.
+        Raises `PlanningError` if no path free of collision is found, naming the bodies that collide on the direct one.
         """
         cell = _with_torques(self._planning_cell(loaded, setup, sensor), setup)
         return approach(cell, scan_options(setup.scan).clearance, start, goal, purpose)
 
     def _planning_cell(self, loaded: LoadedCell, setup: Setup, sensor: sensor_rt.Sensor) -> PlanningCell:
-        cycle = setup.cell.world.controller_cycle_us * 1e-6
+        cycle = setup.cell.world.controller_cycle
         nominal = with_occupied_space(loaded.nominal, setup.scan.occupied)
         own = pair_clearances(setup.scan, nominal)
-        return PlanningCell(nominal, sensor_range(sensor), cycle, threads=self.threads, pair_clearance=own)
+        return PlanningCell(nominal, SensorRange.of(sensor), cycle, threads=self.threads, pair_clearance=own)
 
     def _measurable(self, work: Work, nominal: NominalCell, sensor: SensorDescription) -> MeasurableSurface:
         return measurable_surface(nominal, sensor, progress=work, cache=cache_folder(), threads=self.threads)
@@ -212,12 +200,8 @@ class ScanPipeline(Closing):
     ) -> Recording:
         """Recording of the planned program on the simulated cell with its perturbations.
 
-        Raises
-        ------
-        DescriptionError
-            If a perturbation is unknown.
-        CellError
-            If the FMU reports an error, or its controller rejects a command of `hook`.
+        Raises `DescriptionError` if a perturbation is unknown; `CellError` if the FMU reports an error, or its
+        controller rejects a command of `hook`.
         """
         return self.runner.run(request, plan.program, progress, hook)
 

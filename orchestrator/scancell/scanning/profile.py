@@ -54,10 +54,7 @@ def measure_profile(
 ) -> Profile:
     """The profile of a recording of one exposure.
 
-    Raises
-    ------
-    SensorError
-        If the sensor library reports an error.
+    Raises `SensorError` if the sensor library reports an error.
     """
     cell = loaded.estimated
     measured = recording.measured.after(cell.trigger_latency)

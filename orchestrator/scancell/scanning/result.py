@@ -14,7 +14,7 @@ from scancell.config.choices import CloudFrame, Engine
 from scancell.config.loading import Setup
 from scancell.config.sensor import SensorDescription
 from scancell.geometry import pose
-from scancell.geometry.part_surface import PartSurface
+from scancell.geometry.shapes import PartSurface
 from scancell.nominal.cell import NominalCell
 from scancell.planning.plan import Plan
 from scancell.reconstruction.cloud import Cloud
@@ -70,10 +70,7 @@ class ScanData(Value):
     def frame_from_part(self, frame: CloudFrame, table_angle: float = 0.0) -> Array:
         """Estimated pose (4, 4) of the part in a frame, with the table at `table_angle` (rad).
 
-        Raises
-        ------
-        DescriptionError
-            If `frame` is not part, table, base or world.
+        Raises `DescriptionError` if `frame` is not part, table, base or world.
         """
         cell = self.estimated
         match frame:

@@ -14,6 +14,7 @@ from scancell.config.estimated import EstimatedDescription
 from scancell.config.sensor import ignored_by_geometric_engine
 from scancell.errors import DescriptionError, EmptyScanError
 from scancell.nominal.estimated import estimated_cell
+from scancell.planning.path_map.configuration_map import QualityFactor
 from scancell.planning.plan import Plan
 from scancell.progress import Progress
 from scancell.reconstruction.cloud import Cloud
@@ -67,14 +68,21 @@ class Scan:
         self, saved: Plan | None, progress: Progress, watch: Stopwatch, hook: PreScanHook | None = None
     ) -> ScanData:
         """Plan, or check the `saved` plan again, drive, sense and reconstruct; see `Scanner.scan` for errors."""
-        job = self.job
         with watch.measure("plan"):
-            progress.stage("planning", 1, "plan")
-            plan = self.pipeline.plan(job.loaded, job.setup, job.sensors.nominal, saved, progress=progress)
-            progress.advance(1)
+            plan = self.plan(progress, saved)
         with watch.measure("drive"):
-            recording = self.pipeline.drive(job.drive_request(hook is not None), plan, progress, hook)
+            recording = self.pipeline.drive(self.job.drive_request(hook is not None), plan, progress, hook)
         return self.of_recording(recording, plan, progress, watch)
+
+    def plan(
+        self, progress: Progress, saved: Plan | None = None, quality_factors: Sequence[QualityFactor] = ()
+    ) -> Plan:
+        """The plan, or the `saved` one checked again, see `ScanPipeline.plan`."""
+        job = self.job
+        progress.stage("planning", 1, "plan")
+        plan = self.pipeline.plan(job.loaded, job.setup, job.sensors.nominal, saved, quality_factors, progress)
+        progress.advance(1)
+        return plan
 
     def measure(self, plan: Plan, progress: Progress) -> tuple[Recording, SensingResult]:
         """Drive and sense a plan of which no cloud is wanted."""
@@ -84,10 +92,7 @@ class Scan:
     def of_recording(self, recording: Recording, plan: Plan | None, progress: Progress, watch: Stopwatch) -> ScanData:
         """Sense and reconstruct a recording, whose `plan` may be unknown.
 
-        Raises
-        ------
-        EmptyScanError
-            When no point of the part is found.
+        Raises `EmptyScanError` when no point of the part is found.
         """
         rows = sample_rows(len(recording), SAMPLE_IMAGES) if self.samples else []
         with watch.measure("sense"):

@@ -15,8 +15,7 @@ from scancell import sensor as sensor_rt
 from scancell.cell.recording import Recording
 from scancell.config.choices import Engine
 from scancell.config.loading import as_built_sensor
-from scancell.config.resolved import sensor_json
-from scancell.config.sensor import SensorDescription
+from scancell.config.sensor import SensorDescription, sensor_json
 from scancell.errors import DescriptionError, SensorError
 from scancell.nominal.cell import Body, Lamp
 from scancell.progress import Progress
@@ -105,10 +104,7 @@ class Sensors:
 def make_sensor(description: SensorDescription, seed: int) -> sensor_rt.Sensor:
     """Native sensor model of a description.
 
-    Raises
-    ------
-    SensorError
-        If the library rejects the description.
+    Raises `SensorError` if the library rejects the description.
     """
     try:
         return sensor_rt.Sensor(json.dumps(sensor_json(description, seed)))
@@ -121,19 +117,15 @@ def make_sensors(
 ) -> Sensors:
     """Native sensor models of a nominal description and its perturbations.
 
+    Raises `DescriptionError` if a perturbation is invalid, or the images of the calibrated sensor are of other sizes;
+    `SensorError` if the library rejects a description.
+
     Parameters
     ----------
     as_built
         Perturbations as ``key=value`` words; those of the cell are ignored.
     estimated
         Calibrated description; interprets the images instead of `nominal`.
-
-    Raises
-    ------
-    DescriptionError
-        If a perturbation is invalid, or the images of the calibrated sensor are of other sizes.
-    SensorError
-        If the library rejects a description.
     """
     if estimated is not None:
         _require_same_images(nominal, estimated)
@@ -171,17 +163,14 @@ def sense(
 ) -> SensingResult:
     """Profiles of all exposures; `frame` is the row of the recording.
 
+    Raises `SensorError` if the library reports an error.
+
     Parameters
     ----------
     on_images
         Called with the camera images of each exposure, in order; never with the geometric engine.
     image_rows
         Rows of the recording whose images are passed on; None for all.
-
-    Raises
-    ------
-    SensorError
-        If the library reports an error.
     """
     timings: Counter[str] = Counter()
     progress.stage("sensing", len(task.recording), "profiles")
@@ -201,10 +190,7 @@ def expose(
 ) -> sensor_rt.ScanResult:
     """What the sensor measures in exposures, with their images where these are wanted and the engine makes any.
 
-    Raises
-    ------
-    SensorError
-        If the library reports an error.
+    Raises `SensorError` if the library reports an error.
     """
     try:
         keep = images and engine == "ray-traced"

@@ -11,14 +11,13 @@ from scancell import sensor as sensor_rt
 from scancell.config.choices import Engine
 from scancell.config.units import si_value
 from scancell.geometry import pose
-from scancell.planning.model import PlanningCell
+from scancell.planning.model import PlanningCell, SensorRange
 from scancell.planning.views.placement import PlacedPose, Placer
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning import sense
 from scancell.scanning.exposures import still_exposure
 from scancell.scanning.job import Job
 from scancell.scanning.sense import ExposureImages
-from scancell.scanning.sensor_range import sensor_range
 from scancell.values import Value
 
 Array = NDArray[np.float64]
@@ -40,13 +39,10 @@ class ShotData(Value):
 def expose(job: Job, part_from_sensor: Array, engine: Engine, threads: int) -> ShotData:
     """The exposure from a pose (4, 4), see `Scanner.shot`.
 
-    Raises
-    ------
-    SensorError
-        If the sensor library reports an error.
+    Raises `SensorError` if the sensor library reports an error.
     """
     loaded, sensors = job.loaded, job.sensors
-    cell = PlanningCell(loaded.nominal, sensor_range(sensors.nominal), 1.0, threads=threads)
+    cell = PlanningCell(loaded.nominal, SensorRange.of(sensors.nominal), 1.0, threads=threads)
     exposure, warnings = _posture(cell, job, part_from_sensor)
     result = sense.expose(loaded.scene, sensors, exposure, engine, threads, images=True)
     images = ExposureImages.of(result, 0, trigger=1)

@@ -22,7 +22,7 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, joined
 from scancell.geometry.voxels import MAX_VOXELS, VoxelGrid
 from scancell.nominal.cell import NominalCell
-from scancell.planning.model import PlanningCell
+from scancell.planning.model import PlanningCell, SensorRange
 from scancell.planning.motion.assembly import Assembly
 from scancell.planning.motion.verification import check_part
 from scancell.planning.occupancy import occupied_bodies, write_voxels
@@ -35,7 +35,6 @@ from scancell.progress import Progress
 from scancell.scanning.drive import DriveRequest
 from scancell.scanning.pipeline import LoadedCell, ScanPipeline
 from scancell.scanning.sense import Sensors
-from scancell.scanning.sensor_range import sensor_range
 from scancell.values import Result
 
 Array = NDArray[np.float64]
@@ -70,10 +69,7 @@ class SurveyRegion:
     def __post_init__(self) -> None:
         """Refuse sizes that are not positive and finite, and more than 5e7 voxels.
 
-        Raises
-        ------
-        DescriptionError
-            Naming the size and its value, m.
+        Raises `DescriptionError` naming the size and its value, m.
         """
         for name in ("radius", "height", "voxel", "pitch"):
             if not 0.0 < getattr(self, name) < np.inf:
@@ -176,6 +172,8 @@ class SurveyResult(Result):
 class Survey:
     """A survey in progress.
 
+    Raises `DescriptionError` if a voxel is larger than 0.9 times the measuring range.
+
     Parameters
     ----------
     setup, loaded, sensors, pipeline
@@ -184,11 +182,6 @@ class Survey:
         Space to survey.
     seed, as_built
         Of the simulated cell, as for a scan.
-
-    Raises
-    ------
-    DescriptionError
-        If a voxel is larger than 0.9 times the measuring range.
     """
 
     def __init__(
@@ -202,7 +195,7 @@ class Survey:
         as_built: Sequence[str] = (),
     ) -> None:
         self._setup, self._loaded, self._sensors, self._pipeline = setup, loaded, sensors, pipeline
-        self._region, self._range = region, sensor_range(sensors.nominal)
+        self._region, self._range = region, SensorRange.of(sensors.nominal)
         # Layers and rows overlap by a voxel.
         largest = 0.9 * min(self._range.far - self._range.near, 2 * self._range.half_near)
         if region.voxel > largest:
@@ -226,12 +219,8 @@ class Survey:
     def run(self, progress: Progress) -> SurveyResult:
         """Survey all layers.
 
-        Raises
-        ------
-        PlanningError
-            If the home position is not free, no exposure is possible, or ``scan.max_planning_work`` is used up.
-        CellError
-            If the FMU reports an error.
+        Raises `PlanningError` if the home position is not free, no exposure is possible, or ``scan.max_planning_work``
+        is used up; `CellError` if the FMU reports an error.
         """
         counts, work = np.zeros(3, np.int64), Work(self._setup.scan.max_planning_work, progress)
         layers = self._layers()
@@ -286,7 +275,7 @@ class Survey:
         cell = PlanningCell(
             replace(nominal, bodies=(*nominal.bodies, *occupied_bodies(blocked, nominal))),
             self._range,
-            setup.cell.world.controller_cycle_us * 1e-6,
+            setup.cell.world.controller_cycle,
             threads=self._pipeline.threads,
             work=work,
         )

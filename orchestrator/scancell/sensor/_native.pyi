@@ -390,7 +390,15 @@ def estimate_normals(
 ) -> NDArray[np.float64]:
     """Estimate unit normals (m, 3) of a scanned surface at points (m, 3), towards the light; NaN where unknown.
 
-    `frame`, `camera` and `column` are (m,), `light` is (frames, 3), all in one frame of reference, m.
+    `frame`, `camera` and `column` are (m,), `light` is (frames, 3), all in one frame of reference, m. Of several points
+    of one camera, frame and column the grid holds the last one. Three methods in order, until one faces the light:
+
+    1. Grid of frames and columns. Along the profile: the slope of a line fit over up to six columns on either side.
+       Across: the steps to the previous and next frame in the same column. Neighbours are connected by steps shorter
+       than 10 mm and than four times the median step in a block of 400 frames.
+    2. Plane fit to the twelve nearest points if they lie within 10 mm and are not collinear; otherwise to those among
+       every 4th, 16th or 64th point, because points are much denser along a profile than across.
+    3. The direction perpendicular to the profile that is nearest to the incident light.
     """
 
 def closest_points(

@@ -13,7 +13,7 @@ from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell, nominal_cell, with_unknown_obstacles
 from scancell.nominal.parts import load_part
-from scancell.planning.plan_file import read_plan
+from scancell.planning.plan import Plan
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import read_ply, read_ply_comments, transformed_columns
 from scancell.views.motion import RunMotion
@@ -69,7 +69,7 @@ def open_run(folder: str | Path, most_points: int = 200_000) -> RecordedRun:
     part = load_part(beside if beside.is_file() and not file.is_file() else file, made["unit"])
     cell = with_unknown_obstacles(nominal_cell(setup.cell, part), setup.cell)
     recording = read_recording(folder / "recording.parquet")
-    plan = read_plan(folder / "plan.json") if (folder / "plan.json").is_file() else None
+    plan = Plan.load(folder / "plan.json") if (folder / "plan.json").is_file() else None
     try:
         motion = RunMotion(cell, recording, None if plan is None else plan.program)
     except DescriptionError as error:

@@ -1,8 +1,9 @@
-"""Search for sensor poses that measure samples of a part's surface."""
+"""Search for sensor poses that measure samples of a part's surface, and occlusion tests."""
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,6 @@ from scancell.geometry.sampling import sample_surface
 from scancell.nominal.cell import Body, NominalCell
 from scancell.progress import Progress
 from scancell.visibility.sensor_field import POSITION_STEP, SensorField
-from scancell.visibility.tracer import Tracer
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -29,6 +29,30 @@ _SEED = 0
 _AZIMUTHS = round(2 * np.pi / ANGLE_STEP)
 _CHUNK = 1000  # samples between two reports of progress
 _MOST_TRIES = 100  # poses of a sample that are looked at
+
+
+class Tracer:
+    """Occlusion queries against static meshes in one frame, m.
+
+    Parameters
+    ----------
+    threads
+        Number of threads of each query; 0 uses all cores.
+    """
+
+    def __init__(self, meshes: Sequence[Mesh], threads: int = 0) -> None:
+        self._scene = sensor_rt.Scene()
+        for number, mesh in enumerate(meshes):
+            self._scene.add_mesh(str(number), mesh.vertices, mesh.faces, 0.5)
+        self._poses = np.tile(np.eye(4), (len(meshes), 1, 1))
+        self._threads = threads
+
+    def blocked(self, start: Array, end: Array) -> NDArray[np.bool_]:
+        """Whether a surface crosses the segments from `start` (n, 3) to `end` (n, 3), (n,).
+
+        Raises `ValueError` if a segment has zero length or is not finite.
+        """
+        return sensor_rt.occluded(self._scene, self._poses, start, end, self._threads)
 
 
 class SurfaceSearch:

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.config.material import Material
-from scancell.geometry.decimation import decimated
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.mesh_files import weld
+from scancell.geometry.reduction import decimated
 from scancell.nominal.cell import Body
 from scancell.views.pictures import painted
 

@@ -21,10 +21,7 @@ _SAME = 1e-9  # deg: readings of one exposure must agree
 def write_points(data: Observations, path: Path) -> None:
     """Write CSV or Parquet (by suffix), a row per point; see docs/calibration.md for the columns.
 
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
+    Raises `OutputError` if the file cannot be written.
     """
     readings, frame = data.readings, data.frame
     columns: dict[str, NDArray[np.generic]] = {"exposure": frame + 1}
@@ -50,16 +47,13 @@ def write_points(data: Observations, path: Path) -> None:
 def read_points(path: Path, joints: int) -> Observations:
     """Observations from CSV or Parquet.
 
+    Raises `DescriptionError` if the file is missing, lacks a column, holds values that are not finite numbers, or the
+    readings of an exposure differ.
+
     Parameters
     ----------
     joints
         Number of joints of the arm.
-
-    Raises
-    ------
-    DescriptionError
-        If the file is missing, lacks a column, holds values that are not finite numbers, or the readings of an exposure
-        differ.
     """
     table = MeasuredTable(path)
     number, first, frame = np.unique(table.numbers("exposure"), return_index=True, return_inverse=True)

@@ -24,7 +24,7 @@ from scancell.output.manifest import command_words, manifest, resolved_toml
 from scancell.output.residual_picture import residual_picture
 from scancell.output.run_files import write_json
 from scancell.output.run_folder import RunFolder
-from scancell.planning.plan_file import plan_json
+from scancell.planning.plan import plan_json
 from scancell.values import Result
 
 _DOUBTFUL = 3.0  # times the stated noise of points, from which a warning says so

@@ -103,17 +103,14 @@ def calibrate_in_cell(
 ) -> CalibrationReport:
     """Measure the artefact of a job in the simulated cell, and calibrate.
 
+    Raises `ScancellError` naming what is wrong and what was expected.
+
     Parameters
     ----------
     scan
         That of the request in the nominal cell.
     job
         The artefact in the cell with as-built deviations.
-
-    Raises
-    ------
-    ScancellError
-        Naming what is wrong and what was expected.
     """
     made = scan.run(job, engine, progress)
     units = scan.pipeline.runner.units(job.drive_request())
@@ -125,10 +122,7 @@ def calibrate_from_points(
 ) -> CalibrationReport:
     """Calibrate from measured points of the artefact of a job, see `read_points`.
 
-    Raises
-    ------
-    ScancellError
-        Naming what is wrong and what was expected.
+    Raises `ScancellError` naming what is wrong and what was expected.
     """
     report = _report(scan.solve(read_points(points, len(job.setup.cell.robot.joint))), job, request, None)
     return replace(report, inputs=(*report.inputs, points))

@@ -26,7 +26,7 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import ShapeMesh, Sphere
 from scancell.nominal.cell import NominalCell
-from scancell.planning.model import PlanningCell
+from scancell.planning.model import PlanningCell, SensorRange
 from scancell.planning.options import scan_options
 from scancell.planning.plan import Plan
 from scancell.planning.work import Work
@@ -36,7 +36,6 @@ from scancell.scanning.job import Job
 from scancell.scanning.pipeline import ScanPipeline
 from scancell.scanning.scan import Scan
 from scancell.scanning.sense import expose, points_of
-from scancell.scanning.sensor_range import sensor_range
 
 Array = NDArray[np.float64]
 
@@ -133,10 +132,7 @@ def _meeting_point(camera: sensor_rt.Camera) -> Array:
 def artefact_of(nominal: NominalCell, options: CalibrationOptions) -> Artefact:
     """The artefact where the description puts it.
 
-    Raises
-    ------
-    CalibrationError
-        If the sizes of a mesh are asked for.
+    Raises `CalibrationError` if the sizes of a mesh are asked for.
     """
     part = nominal.part
     sizes: tuple[int, ...] = ()
@@ -168,20 +164,16 @@ class CalibrationScan:
         self.pipeline, self.job = pipeline, job
         self.options, self._start = options, start
         self._part, self._scan = job.loaded.nominal.part, scan_options(job.setup.scan)
-        cycle = job.setup.cell.world.controller_cycle_us * 1e-6
-        range_ = sensor_range(job.sensors.nominal)
+        cycle = job.setup.cell.world.controller_cycle
+        range_ = SensorRange.of(job.sensors.nominal)
         self._cell = PlanningCell(job.loaded.nominal, range_, cycle, threads=pipeline.threads)
 
     @cached_property
     def plan(self) -> Plan:
         """The poses and passes, connected without collision.
 
-        Raises
-        ------
-        CalibrationError
-            If too few views of the artefact are feasible.
-        PlanningError
-            If no collision-free path is found.
+        Raises `CalibrationError` if too few views of the artefact are feasible; `PlanningError` if no collision-free
+        path is found.
         """
         rng, options = np.random.default_rng(self.options.pose_seed), self.options
         still = self._still(rng)
@@ -191,10 +183,8 @@ class CalibrationScan:
     def run(self, job: Job, engine: Engine, progress: Progress) -> Calibration:
         """Drive, sense and solve; `job` is that of the nominal cell with as-built deviations and a seed of its own.
 
-        Raises
-        ------
-        CalibrationError
-            If the artefact cannot be measured, or what was measured does not determine the unknowns.
+        Raises `CalibrationError` if the artefact cannot be measured, or what was measured does not determine the
+        unknowns.
         """
         progress.stage("planning", 1, "plan")
         self._cell = replace(self._cell, work=Work(self.job.setup.scan.max_planning_work, progress))
@@ -210,10 +200,8 @@ class CalibrationScan:
     def solve(self, measured: Observations, plan: Plan | None = None) -> Calibration:
         """Calibrate by measured profiles of the artefact.
 
-        Raises
-        ------
-        CalibrationError
-            If they do not determine the unknowns; the message names what is likely to be the cause.
+        Raises `CalibrationError` if they do not determine the unknowns; the message names what is likely to be the
+        cause.
         """
         problem = self.problem(measured)
         try:

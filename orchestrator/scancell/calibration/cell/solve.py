@@ -68,10 +68,8 @@ def solve(problem: CalibrationProblem) -> CalibrationResult:
     First a robust fit without pose errors finds what belongs to the artefact; then outliers are removed, the noise is
     estimated, and all is fitted again.
 
-    Raises
-    ------
-    CalibrationError
-        If there are too few points, or the poses do not determine the unknowns; the message states what is missing.
+    Raises `CalibrationError` if there are too few points, or the poses do not determine the unknowns; the message
+    states what is missing.
     """
     _check(problem)
     state = _start(problem)

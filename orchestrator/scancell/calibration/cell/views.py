@@ -44,10 +44,7 @@ def candidates(
 ) -> Candidates:
     """Random views of the measured surfaces of an artefact.
 
-    Raises
-    ------
-    CalibrationError
-        If the arm reaches none.
+    Raises `CalibrationError` if the arm reaches none.
     """
     found_q: list[Array] = []
     found_table: list[Array] = []
@@ -119,10 +116,7 @@ def _tilted(directions: Array, tilt: Array, around: Array) -> Array:
 def passes(cell: PlanningCell, count: int, rng: np.random.Generator, options: ScanOptions) -> list[PlacedPass]:
     """Passes of the sensor over the artefact along its x, each followed by the same one backwards.
 
-    Raises
-    ------
-    CalibrationError
-        If fewer are feasible.
+    Raises `CalibrationError` if fewer are feasible.
     """
     assert options.raster is not None
     speed, pitch = options.raster.speed, options.raster.pitch
@@ -156,10 +150,7 @@ def _pass(part_from_sensor: Array, number: int) -> Pass:
 def plan_views(cell: PlanningCell, options: ScanOptions, still: Candidates, moving: Sequence[PlacedPass]) -> Plan:
     """Collision-free program: one exposure at rest at each of `still`, each time the nearest in time; then the passes.
 
-    Raises
-    ------
-    PlanningError
-        If no collision-free path is found.
+    Raises `PlanningError` if no collision-free path is found.
     """
     check_part(cell)
     options = replace(options, dynamic=True)

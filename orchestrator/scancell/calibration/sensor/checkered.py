@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from scancell.calibration.sensor.parameters import SensorParameters
 from scancell.calibration.sensor.problem import Corners, TargetExposure
-from scancell.config.resolved import focal_length_px
-from scancell.config.sensor import CameraDescription, SensorDescription
+from scancell.config.sensor import CameraDescription, SensorDescription, focal_length_px
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
 from scancell.geometry.shapes import PlacedShape, Plane, ShapeGroup
@@ -116,10 +115,7 @@ def start_from_corners(
     By ``cv2.calibrateCamera`` (Zhang's method) for every camera with three views or more and no tilted image sensor;
     others keep their description. A view's pose is that by the first camera that sees it.
 
-    Raises
-    ------
-    CalibrationError
-        If a view has no corners, or its pose cannot be found.
+    Raises `CalibrationError` if a view has no corners, or its pose cannot be found.
     """
     for camera in range(len(sensor.camera)):
         sensor = _with_intrinsics(sensor, camera, views)

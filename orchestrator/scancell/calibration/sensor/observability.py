@@ -25,10 +25,7 @@ _ONE_DIRECTION = 0.05  # standard deviation of normals across their mean
 def require_observable(sensor: SensorDescription, parameters: SensorParameters, blocks: Sequence[Block]) -> Array:
     """Standard deviations (k,) along the principal directions of the parameters, in tolerances, descending.
 
-    Raises
-    ------
-    CalibrationError
-        If one of them exceeds 1; the message names the direction and what is missing.
+    Raises `CalibrationError` if one of them exceeds 1; the message names the direction and what is missing.
     """
     system = reduced(blocks)
     _, singular, directions = np.linalg.svd(

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from scancell import sensor as sensor_rt
 from scancell.config.files import plain_data
 from scancell.config.keys import split_path
-from scancell.config.resolved import sensor_json
-from scancell.config.sensor import SensorDescription
+from scancell.config.sensor import SensorDescription, sensor_json
 from scancell.errors import CalibrationError, DescriptionError
 
 Array = NDArray[np.float64]
@@ -83,17 +82,14 @@ def free_parameters(sensor: SensorDescription, poses_known: bool, checkered: boo
 class SensorParameters:
     """Chosen keys of a sensor description as a vector, in the units of the keys.
 
+    Raises `CalibrationError` if a name is unknown or given twice.
+
     Parameters
     ----------
     start
         The description whose other values are kept.
     names
         Keys such as ``sensor.camera[1].tilt_deg``, and `RADIUS_OFFSET`.
-
-    Raises
-    ------
-    CalibrationError
-        If a name is unknown or given twice.
     """
 
     def __init__(self, start: SensorDescription, names: Sequence[str]) -> None:
@@ -111,10 +107,7 @@ class SensorParameters:
     def description(self, values: Array) -> SensorDescription:
         """The description with other values (k,), by which points are triangulated on the described sheet.
 
-        Raises
-        ------
-        CalibrationError
-            If a value is outside the bounds of its key.
+        Raises `CalibrationError` if a value is outside the bounds of its key.
         """
         pairs = zip(self.names, values.tolist(), strict=True)
         try:

@@ -43,10 +43,7 @@ class MeasuredExposures:
 def write_exposures(exposures: Sequence[TargetExposure], path: Path) -> None:
     """Write CSV or Parquet (by suffix), a row per stripe peak or corner.
 
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
+    Raises `OutputError` if the file cannot be written.
     """
     blocks = [columns for number, one in enumerate(exposures, 1) for columns in _written(number, one)]
     write_measured_table(path, {name: np.concatenate([one[name] for one in blocks]) for name in blocks[0]})
@@ -83,11 +80,8 @@ def _written(number: int, one: TargetExposure) -> Iterator[dict[str, Any]]:
 def read_exposures(path: Path, sensor: SensorDescription) -> MeasuredExposures:
     """Exposures from CSV or Parquet.
 
-    Raises
-    ------
-    DescriptionError
-        If the file is missing or no table, a column is missing, a value is no finite number or out of bounds, or the
-        rows of an exposure state different targets or poses.
+    Raises `DescriptionError` if the file is missing or no table, a column is missing, a value is no finite number or
+    out of bounds, or the rows of an exposure state different targets or poses.
     """
     table = MeasuredTable(path)
     accepted = np.array([not word for word in table.words("flags", "")], bool)

@@ -66,11 +66,8 @@ def calibrate_described(
 ) -> SensorCalibrationReport:
     """Calibrate the sensor of a setup; `as_built` are perturbations as ``key=value`` words.
 
-    Raises
-    ------
-    ScancellError
-        Naming what is wrong and what was expected; `CalibrationError` where the measurements do not determine the
-        unknowns.
+    Raises `ScancellError` naming what is wrong and what was expected; `CalibrationError` where the measurements do not
+    determine the unknowns.
     """
     words = tuple(as_built)
     require_sensor_words(words, "the calibration of a sensor is without the robot")

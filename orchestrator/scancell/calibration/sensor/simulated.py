@@ -49,17 +49,14 @@ def calibrate_from(
 
     Views of a checkered board need no start for their poses and the cameras' intrinsics: `start_from_corners` finds it.
 
+    Raises `CalibrationError` if the measurements do not determine the free parameters.
+
     Parameters
     ----------
     sensor
         Nominal description: the start.
     also
         Free parameters beside `free_parameters`.
-
-    Raises
-    ------
-    CalibrationError
-        If the measurements do not determine the free parameters.
     """
     views = [one for one in exposures if one.corners is not None]
     start, placed = start_from_corners(sensor, views)
@@ -85,6 +82,8 @@ def measure(
 ) -> tuple[TargetExposure, ...]:
     """Measurements of the targets in ray-traced images of the sensor as built.
 
+    Raises `DescriptionError` or `SensorError` if a perturbation or a description is invalid.
+
     Parameters
     ----------
     sensor
@@ -97,11 +96,6 @@ def measure(
     displacement_as_built
         How far (4, 4) the stage of ball and step block is from where it is said to be, which the solution does not
         know; None: their poses in the sensor frame are known.
-
-    Raises
-    ------
-    DescriptionError, SensorError
-        If a perturbation or a description is invalid.
     """
     built = as_built_sensor(sensor, as_built)
     # Cameras that are not calibrated yet cannot vouch for each other's peaks.

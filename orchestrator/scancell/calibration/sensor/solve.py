@@ -81,11 +81,8 @@ class SensorCalibration:
 def solve(problem: SensorProblem) -> SensorCalibration:
     """Solve for the free parameters.
 
-    Raises
-    ------
-    CalibrationError
-        If the measurements do not determine all free parameters (the message names the directions and what is
-        missing), are fewer than the unknowns, or the iteration does not converge.
+    Raises `CalibrationError` if the measurements do not determine all free parameters (the message names the directions
+    and what is missing), are fewer than the unknowns, or the iteration does not converge.
     """
     if not problem.exposures:
         raise CalibrationError("no measurements: the calibration of a sensor needs exposures of a target")

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from scancell.calibration.sensor.checkered import CheckeredBoard
 from scancell.config.choices import SensorTarget
 from scancell.config.material import PRESETS, Material
-from scancell.config.resolved import focal_length_px
-from scancell.config.sensor import SensorDescription
+from scancell.config.sensor import SensorDescription, focal_length_px
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import PlacedShape, Plane, ShapeGroup, Sphere

@@ -1,7 +1,14 @@
 """Fits of geometric elements to points: least squares and minimum zone, with covariance."""
 
 from scancell.geometry.fits.fit import (
+    CircleFit,
+    ConeFit,
     Criterion,
+    CylinderFit,
+    Fit,
+    LineFit,
+    PlaneFit,
+    SphereFit,
     fit_circle,
     fit_cone,
     fit_cylinder,
@@ -9,7 +16,6 @@ from scancell.geometry.fits.fit import (
     fit_plane,
     fit_sphere,
 )
-from scancell.geometry.fits.results import CircleFit, ConeFit, CylinderFit, Fit, LineFit, PlaneFit, SphereFit
 
 __all__ = [
     "CircleFit",

@@ -22,10 +22,7 @@ _SMALL_MOVE = np.radians(0.5)  # joint moves up to this need no collision check:
 def approach(cell: PlanningCell, clearance: float, start: Array, goal: Array, purpose: str) -> Program | None:
     """Collision-free motions from `start` to `goal` (axes,), rad, which `purpose` names; None where both are the same.
 
-    Raises
-    ------
-    PlanningError
-        If none is found, naming the bodies that collide on the direct way.
+    Raises `PlanningError` if none is found, naming the bodies that collide on the direct way.
     """
     motions = Connector(cell, clearance).connect(start, goal, purpose)
     segments = (
@@ -103,6 +100,8 @@ class Assembly:
     def finish(self) -> Parts:
         """Append the motion home and return the result.
 
+        Raises `PlanningError` if no collision-free path home is found.
+
         Returns
         -------
         program
@@ -111,11 +110,6 @@ class Assembly:
             (m,) segment id of each exposure.
         q, table
             (m, joints), (m,) joints and table angle of each exposure, rad.
-
-        Raises
-        ------
-        PlanningError
-            If no collision-free path home is found.
         """
         self._go(np.append(self._cell.nominal.home, self._at[-1]), "home")
         program = Program(tuple(self._segments), 0.0 if self._all_moving() else self._options.settle)

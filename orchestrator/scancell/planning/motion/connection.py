@@ -43,10 +43,7 @@ class Connector:
     def move(self, start: Array, end: Array) -> Array:
         """Set-points (n, axes), rad, of the straight motion from `start` to `end` (axes,), without collision check.
 
-        Raises
-        ------
-        PlanningError
-            If a motor cannot hold the arm somewhere on the way.
+        Raises `PlanningError` if a motor cannot hold the arm somewhere on the way.
         """
         setpoints = trajectory.move(start, end, self._limits, self._cell.cycle)
         if self._cell.torques is None:
@@ -59,6 +56,9 @@ class Connector:
     def connect(self, start: Array, end: Array, purpose: str) -> list[Array]:
         """Set-points of a collision-free path as rest-to-rest motions.
 
+        Raises `PlanningError` if every candidate path collides and the search finds none, naming `purpose` and the
+        bodies that collide on the direct path.
+
         Parameters
         ----------
         start, end
@@ -70,12 +70,6 @@ class Connector:
         -------
         list of (n, axes) arrays
             One per motion, rad; empty when `start` and `end` coincide.
-
-        Raises
-        ------
-        PlanningError
-            If every candidate path collides and the search finds none, naming `purpose` and the bodies that collide on
-            the direct path.
         """
         if np.abs(end - start).max() < 1e-9:
             return []

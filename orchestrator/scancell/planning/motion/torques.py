@@ -23,17 +23,13 @@ def joint_torques(cell: CellDescription, q: ArrayLike, qd: ArrayLike, qdd: Array
 
     Friction and the inertia of motors are not included.
 
+    Raises `CellError` if a link has neither an inertia nor a mesh to compute it from; `MeshError` if a mesh that tells
+    of masses cannot be used.
+
     Parameters
     ----------
     q, qd, qdd
         (n, joints) joints of a path, rad, their rates, rad/s, and accelerations, rad/s².
-
-    Raises
-    ------
-    CellError
-        If a link has neither an inertia nor a mesh to compute it from.
-    MeshError
-        If a mesh that tells of masses cannot be used.
     """
     q, qd, qdd = (np.atleast_2d(np.asarray(x, float)) for x in (q, qd, qdd))
     return _inverse_dynamics(_skeleton(cell), q, qd, qdd)
@@ -42,15 +38,12 @@ def joint_torques(cell: CellDescription, q: ArrayLike, qd: ArrayLike, qdd: Array
 class TorqueLimits:
     """Torque limits of an arm with dynamic drives, for planning.
 
+    Raises `CellError` or `MeshError` as `joint_torques`.
+
     Parameters
     ----------
     cell
         Description; every joint must have a drive.
-
-    Raises
-    ------
-    CellError, MeshError
-        As `joint_torques`.
     """
 
     def __init__(self, cell: CellDescription) -> None:

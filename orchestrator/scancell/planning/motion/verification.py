@@ -49,11 +49,8 @@ def check_part(cell: PlanningCell) -> None:
 def recheck(cell: PlanningCell, saved: Plan, options: ScanOptions) -> Plan:
     """A saved plan, after it was checked in this cell as a new one is: limits, clearances, python-fcl.
 
-    Raises
-    ------
-    PlanningError
-        If the plan is for another arm or controller, does not start at the home position, does not continue, exceeds a
-        limit, or comes too close to something; with the segment.
+    Raises `PlanningError` if the plan is for another arm or controller, does not start at the home position, does not
+    continue, exceeds a limit, or comes too close to something; with the segment.
     """
     check_part(cell)
     nominal, at = cell.nominal, np.append(cell.nominal.home, cell.table_start)

@@ -29,8 +29,7 @@ from scancell.planning.views.legs import legs
 from scancell.planning.views.paths import sweeps, sweeps_beside_axis
 from scancell.planning.views.placement import PATH_ACCELERATION, Infeasible, Placed, Placer, sweep_run
 from scancell.planning.views.sight import GRAZING, OCCLUDED, OUT_OF_RANGE, SEEN, Judgements, Sight
-from scancell.planning.views.surface import Surface
-from scancell.planning.views.views import Pass, Sweep, exposure_counts
+from scancell.planning.views.views import Pass, Surface, Sweep, exposure_counts
 from scancell.planning.work import WorkLimitError
 from scancell.values import Value
 
@@ -135,10 +134,7 @@ class CoveragePlanner:
     def choose(self, part: Surface, max_profiles: int) -> tuple[list[tuple[Placed, int]], CoverageReport]:
         """Placed views with their numbers of exposures, at most `max_profiles` in total; see `select`.
 
-        Raises
-        ------
-        PlanningError
-            If there are too few exposures.
+        Raises `PlanningError` if there are too few exposures.
         """
         report = self.select(part)
         return self._thinned(max_profiles), report
@@ -146,10 +142,7 @@ class CoveragePlanner:
     def select(self, part: Surface) -> CoverageReport:
         """Choose views of the part, which lies on the table; `covered` (n,) are the samples of `Sight` that they see.
 
-        Raises
-        ------
-        PlanningError
-            If nothing of the part is measurable, or no view of it is feasible.
+        Raises `PlanningError` if nothing of the part is measurable, or no view of it is feasible.
         """
         if not len(self._sight.points):
             raise PlanningError("nothing of the part is measurable: no pose that the arm reaches sees its surface")

@@ -11,8 +11,7 @@ from scancell.planning.options import ScanOptions
 from scancell.planning.reasons import join_reasons
 from scancell.planning.views import paths
 from scancell.planning.views.placement import Infeasible, Placed, PlacedSweep, Placer
-from scancell.planning.views.surface import Surface
-from scancell.planning.views.views import Sweep, exposure_counts, seen_by
+from scancell.planning.views.views import Surface, Sweep, exposure_counts, seen_by
 
 Flags = NDArray[np.bool_]
 
@@ -28,17 +27,15 @@ def default_views(
 
     The warnings name views that were omitted or replaced. What is seen (n,) ignores occlusion.
 
+    Raises `PlanningError` if infeasible views lose more of the surface than `ScanOptions.max_lost_share`, or there are
+    too few exposures.
+
     Parameters
     ----------
     max_profiles
         Largest number of exposures.
     is_needed
         Whether it is an error if no view sees the part.
-
-    Raises
-    ------
-    PlanningError
-        If infeasible views lose more of the surface than `ScanOptions.max_lost_share`, or there are too few exposures.
     """
     turns = paths.sweeps(part, cell.range, options.sweep) if options.sweep else []
     lines = paths.passes(part, cell.range, options.raster) if options.raster else []

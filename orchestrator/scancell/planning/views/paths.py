@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 from scancell.geometry import pose
 from scancell.planning.model import SensorRange
 from scancell.planning.options import RasterOptions, SweepOptions
-from scancell.planning.views import surface
-from scancell.planning.views.surface import MIN_COSINE, Surface
-from scancell.planning.views.views import Pass, Sweep, seen_by, sweep_pose
+from scancell.planning.views.views import MIN_COSINE, Pass, Surface, Sweep, crossing_angles, seen_by, sweep_pose
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -72,7 +70,7 @@ def _sweeps_at(
     wanted = facing & ~done
     if wanted.mean() < _MIN_LEVEL_GAIN:
         return []
-    turns = pose.rotation_about(2, surface.crossing_angles(part.extremes, offset))
+    turns = pose.rotation_about(2, crossing_angles(part.extremes, offset))
     solid = (turns @ part.extremes[..., None]).reshape(-1, 3)
     solid_up, solid_depth = _line_and_view(solid[np.isfinite(solid[:, 0])], elevation)
     half = _half_line(sensor_range, options.standoff)
@@ -115,7 +113,7 @@ def _line_and_view(points: Array, elevation: float) -> tuple[Array, Array]:
 
 def _in_sheet(part: Surface, elevation: float, offset: float) -> tuple[Array, Array, Flags]:
     """Line and view coordinates (n,) of each point where it crosses the sheet, and whether it faces the sensor."""
-    turn = pose.rotation_about(2, surface.crossing_angles(part.points, offset))
+    turn = pose.rotation_about(2, crossing_angles(part.points, offset))
     points = (turn @ part.points[..., None])[..., 0]
     normals = (turn @ part.normals[..., None])[..., 0]
     # NaN (never crosses the sheet) compares as not facing.

@@ -1,4 +1,4 @@
-"""Sensor paths over the part from their descriptions: spirals, straight legs between waypoints, recorded poses."""
+"""Sensor paths over the part: spirals, contours, straight legs between waypoints, recorded poses."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from scancell.config.description import PoseDescription
 from scancell.config.path import (
+    ContourDescription,
     PathDescription,
     QualityDescription,
     SpiralDescription,
@@ -26,9 +28,11 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.poses import pose_matrix
 from scancell.planning.options import Spacing
-from scancell.planning.views.contour_path import contour_poses
 
 Array = NDArray[np.float64]
+
+_STEP = 2e-3  # m between poses
+_JOINED = 1e-6  # m: ends of segments of the section nearer than this are one point
 
 _COLUMNS = ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")
 _SPIRAL_STEP = np.radians(3.0)
@@ -37,6 +41,104 @@ _SHEET = 3e-3  # m: surface this near to the laser sheet counts for the stand-of
 _SMOOTHING = 10  # steps of a spiral on either side over which the stand-off is smoothed
 _EXTRA_KNOTS = 6  # beyond either end of a path; what a spline does at a knot decays by 0.27 at each further one
 _LEAST_STEP = 1e-6  # m: poses nearer than this count as one place
+
+
+def contour_poses(contour: ContourDescription, part: Mesh, standoff: float) -> Array:
+    """Poses (n, 4, 4) in the part frame: once around the outermost contour, the laser line upright.
+
+    The sensor looks at the contour against its outward normal, raised by the elevation. Normals are averaged along the
+    contour, so that the sensor turns evenly around edges.
+
+    Raises `PlanningError` if the height is not within the part, or the contour is more concave than the stand-off
+    allows.
+    """
+    height = 1e-3 * contour.height_mm
+    points = _outermost(part, height)
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    count = max(8, int(np.ceil(length[-1] / _STEP)))
+    at = np.linspace(0.0, length[-1], count, endpoint=False)
+    fine = np.stack([np.interp(at, length, points[:, k]) for k in (0, 1)], -1)
+    tangent = np.roll(fine, -1, axis=0) - np.roll(fine, 1, axis=0)
+    window = np.hanning(2 * max(1, round(1e-3 * contour.smoothing_mm / _STEP)) + 3)[1:-1]
+    # Counterclockwise: the outward normal is to the right of the tangent.
+    normal = _averaged(np.stack([tangent[:, 1], -tangent[:, 0]], -1), window)
+    azimuth = np.arctan2(normal[:, 1], normal[:, 0])
+    start = int(np.argmin(np.abs(np.angle(np.exp(1j * (azimuth - np.radians(contour.start_deg)))))))
+    order = np.roll(np.arange(count), -start)
+    order = np.append(order, order[0]) if contour.turns > 0 else np.append(order, order[0])[::-1]
+    # Rolled by half a turn: the sensor's x points counterclockwise.
+    looking = pose.looking_from(azimuth, np.radians(contour.elevation_deg))
+    rotation = (looking @ np.diag([-1.0, -1.0, 1.0]))[order]
+    target = np.column_stack([_averaged(fine, window / window.sum()), np.full(count, height)])[order]
+    origin = target - standoff * rotation[:, :, 2]
+    _refuse_loops(origin, target, contour)
+    return pose.from_rotation(rotation, origin)
+
+
+def _averaged(values: Array, window: Array) -> Array:
+    """Weighted means (n, 2) of neighbours around a closed curve."""
+    half = len(window) // 2
+    around = np.concatenate([values[-half:], values, values[:half]]) if half else values
+    return np.stack([np.convolve(around[:, k], window, mode="valid") for k in (0, 1)], -1)
+
+
+def _refuse_loops(origin: Array, target: Array, contour: ContourDescription) -> None:
+    """The sensor must go forward wherever the contour does."""
+    forward = (np.diff(origin, axis=0) * np.diff(target, axis=0)).sum(1)
+    if (forward < 0).any():
+        x, y = 1e3 * target[int(np.argmin(forward)), :2]
+        raise PlanningError(
+            f"at ({x:.0f}, {y:.0f}) mm it is more concave than the stand-off allows",
+            key="contour at height_mm",
+            value=contour.height_mm,
+            expected="a larger smoothing_mm or a smaller standoff_mm",
+        )
+
+
+def _outermost(part: Mesh, height: float) -> Array:
+    """The closed contour (n, 2), counterclockwise, m, that encloses the largest area at a height of the part."""
+    solid = trimesh.Trimesh(part.vertices, part.faces, process=False)
+    pieces = trimesh.intersections.mesh_plane(solid, [0.0, 0.0, 1.0], [0.0, 0.0, height])[..., :2]
+    loops = [loop for loop in _chained(pieces) if np.allclose(loop[0], loop[-1], atol=_JOINED)]
+    if not loops:
+        low, high = 1e3 * part.bounds[:, 2]
+        raise PlanningError(
+            f"the part has no closed contour there (it extends from {low:g} to {high:g} mm)",
+            key="contour at height_mm",
+            value=float(f"{1e3 * height:g}"),
+        )
+    areas = [_area(loop) for loop in loops]
+    largest = int(np.argmax(np.abs(areas)))
+    return loops[largest] if areas[largest] > 0 else loops[largest][::-1]
+
+
+def _area(loop: Array) -> float:
+    return float((loop[:-1, 0] * loop[1:, 1] - loop[1:, 0] * loop[:-1, 1]).sum() / 2)
+
+
+def _chained(pieces: Array) -> list[Array]:
+    """Curves (n, 2) of segments (k, 2, 2) that share ends."""
+    keys = [[tuple(np.rint(end / _JOINED).astype(np.int64).tolist()) for end in piece] for piece in pieces]
+    at_end: dict[tuple[int, ...], set[int]] = {}
+    for number, (a, b) in enumerate(keys):
+        if a != b:
+            at_end.setdefault(a, set()).add(number)
+            at_end.setdefault(b, set()).add(number)
+    curves: list[Array] = []
+    left = {number for number, (a, b) in enumerate(keys) if a != b}
+    while left:
+        number = min(left)
+        side, curve = 0, [pieces[number][0]]
+        while number in left:
+            left.remove(number)
+            curve.append(pieces[number][1 - side])
+            key = keys[number][1 - side]
+            following = min(at_end[key] & left, default=None)
+            if following is None:
+                break
+            number, side = following, keys[following].index(key)
+        curves.append(np.array(curve))
+    return curves
 
 
 @dataclass(frozen=True)
@@ -124,12 +226,8 @@ class SensorPath:
 def sensor_paths(description: PathDescription, part: Mesh, table_from_part: Array) -> list[SensorPath]:
     """Paths of a description: one, or one for each leg between waypoints.
 
-    Raises
-    ------
-    DescriptionError
-        If a file of recorded poses is missing or malformed, naming file, line and column.
-    PlanningError
-        If a path has no length.
+    Raises `DescriptionError` if a file of recorded poses is missing or malformed, naming file, line and column;
+    `PlanningError` if a path has no length.
     """
     standoff = 1e-3 * description.standoff_mm
     if description.spiral is not None:
@@ -161,10 +259,8 @@ def sensor_paths(description: PathDescription, part: Mesh, table_from_part: Arra
 def recorded_poses(file: Path) -> Array:
     """``part_from_sensor`` (n, 4, 4), m, from a CSV file with the columns x_mm, y_mm, z_mm, rx_deg, ry_deg, rz_deg.
 
-    Raises
-    ------
-    DescriptionError
-        If the file is missing, lacks a column or holds fewer than two poses, or a value is not a finite number.
+    Raises `DescriptionError` if the file is missing, lacks a column or holds fewer than two poses, or a value is not a
+    finite number.
     """
     try:
         with file.open(newline="", encoding="utf-8") as stream:

@@ -15,8 +15,7 @@ from scancell.planning.views.views import View
 from scancell.planning.work import SIGHT, Work
 from scancell.visibility.measurable import MeasurableSurface, measurable_surface
 from scancell.visibility.sensor_field import SensorField, SensorOptics
-from scancell.visibility.surface_search import INCIDENCE_LIMIT, SurfaceSearch
-from scancell.visibility.tracer import Tracer
+from scancell.visibility.surface_search import INCIDENCE_LIMIT, SurfaceSearch, Tracer
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

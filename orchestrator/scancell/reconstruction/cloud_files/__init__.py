@@ -48,19 +48,14 @@ def write_cloud(
 ) -> None:
     """Write a cloud atomically in the format given by the suffix of `path`.
 
+    Raises `DescriptionError` if the suffix is not in `FORMATS`; `OutputError` if the file cannot be written.
+
     Parameters
     ----------
     comments
         Lines of text for the header of the file.
     frame_from_part
         Transform (4, 4) applied to points and normals; identity by default.
-
-    Raises
-    ------
-    DescriptionError
-        If the suffix is not in `FORMATS`.
-    OutputError
-        If the file cannot be written.
     """
     write = _writer(parse_formats(path.suffix.removeprefix(".").lower(), "format", path)[0])
     if frame_from_part is not None and not np.array_equal(frame_from_part, np.eye(4)):
@@ -72,10 +67,7 @@ def write_cloud(
 def read_cloud(path: Path) -> Cloud:
     """The cloud of a file that scancell has written: PLY, or NPZ at full precision.
 
-    Raises
-    ------
-    MeshError
-        If the file is missing or not a cloud of scancell.
+    Raises `MeshError` if the file is missing or not a cloud of scancell.
     """
     from scancell.reconstruction.cloud_files import plain  # noqa: PLC0415
 
@@ -91,12 +83,8 @@ def transformed_columns(cloud: Cloud, target_from_source: NDArray[np.float64]) -
 def parse_formats(text: str, key: str, file: str | Path | None = None) -> tuple[str, ...]:
     """Distinct formats of a comma-separated list such as ``ply,laz``.
 
-    Raises
-    ------
-    DescriptionError
-        Naming `file` and `key`, the unknown word and the known ones.
-    MissingExtraError
-        If the package that writes a format is not installed.
+    Raises `DescriptionError` naming `file` and `key`, the unknown word and the known ones; `MissingExtraError` if the
+    package that writes a format is not installed.
     """
     words = tuple(dict.fromkeys(word.strip().lower() for word in text.split(",")))
     for word in words:

@@ -26,10 +26,7 @@ def write_e57(path: Path, cloud: Cloud, comments: Sequence[str]) -> None:
 
     All cameras share this grid, so that a cell may hold one point of each.
 
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
+    Raises `OSError` if the file cannot be written.
     """
     fields = _fields(cloud)
     digest = hashlib.sha256(record_of(cloud).tobytes() + "\n".join(comments).encode()).digest()

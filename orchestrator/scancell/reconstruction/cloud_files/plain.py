@@ -35,10 +35,7 @@ def write_npz(path: Path, cloud: Cloud, comments: Sequence[str]) -> None:
 def read_npz(path: Path) -> Cloud:
     """The cloud of an archive of `write_npz`.
 
-    Raises
-    ------
-    MeshError
-        If the file is missing or no such archive.
+    Raises `MeshError` if the file is missing or no such archive.
     """
     try:
         with np.load(path) as archive:

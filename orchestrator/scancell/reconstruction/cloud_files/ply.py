@@ -19,10 +19,7 @@ _PLY_NAMES = {"<f8": "double", "<f4": "float", "|u1": "uchar", "<i4": "int"}
 def write_ply(path: str | Path, cloud: Cloud, comments: tuple[str, ...] = ()) -> None:
     """Write a binary little-endian PLY file atomically; x, y, z and sigma in mm, time in s.
 
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
+    Raises `OutputError` if the file cannot be written.
     """
     with atomic_write(path) as temporary, temporary.open("wb") as stream:
         stream.write(_header(len(cloud), comments))
@@ -33,10 +30,7 @@ def write_ply(path: str | Path, cloud: Cloud, comments: tuple[str, ...] = ()) ->
 def read_ply(path: str | Path) -> Cloud:
     """Read a cloud written by `write_ply`.
 
-    Raises
-    ------
-    MeshError
-        If the file is missing, has other properties, or is truncated.
+    Raises `MeshError` if the file is missing, has other properties, or is truncated.
     """
     path = Path(path)
     if not path.is_file():
@@ -55,10 +49,7 @@ def read_ply(path: str | Path) -> Cloud:
 def read_ply_comments(path: str | Path) -> list[str]:
     """Lines of text in the header of a PLY file.
 
-    Raises
-    ------
-    MeshError
-        If the file is missing.
+    Raises `MeshError` if the file is missing.
     """
     path = Path(path)
     if not path.is_file():

@@ -21,12 +21,8 @@ def read_points(path: Path) -> Array:
 
     Other programs' PLY files with x, y, z in millimetres are read, too.
 
-    Raises
-    ------
-    DescriptionError
-        If the file is missing, of another kind, broken, without points, or a point is not finite.
-    MissingExtraError
-        If the package that reads the format is not installed.
+    Raises `DescriptionError` if the file is missing, of another kind, broken, without points, or a point is not finite;
+    `MissingExtraError` if the package that reads the format is not installed.
     """
     kind = path.suffix.lower()
     if kind not in _READERS:

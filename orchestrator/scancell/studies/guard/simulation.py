@@ -22,9 +22,8 @@ from scancell.guard.guarded_cell import GuardedCell
 from scancell.guard.link import Link
 from scancell.guard.messages import GuardMessage
 from scancell.nominal.cell import NominalCell
-from scancell.proximity.cell_scene import arm_chain, cell_scene
 from scancell.proximity.judge import Judge
-from scancell.proximity.scene import ProximityScene
+from scancell.proximity.scene import ProximityScene, arm_chain, cell_scene
 from scancell.studies.guard.scenario import Operator, Scenario
 
 Array = NDArray[np.float64]

@@ -18,8 +18,7 @@ from scancell.geometry.reduction import ReducedMesh, reduced
 from scancell.guard.guard import Guard
 from scancell.guard.settings import GuardSettings
 from scancell.nominal.cell import Body, NominalCell, nominal_cell
-from scancell.proximity.cell_scene import arm_chain, cell_scene
-from scancell.proximity.scene import ProximityScene
+from scancell.proximity.scene import ProximityScene, arm_chain, cell_scene
 from scancell.scanning.guard import settings_of
 
 Array = NDArray[np.float64]
