@@ -6,15 +6,14 @@ import json
 import re
 import shutil
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 import typer
 
 from scancell import cli
-from scancell.cli import common
-from scancell.cli.groups import GROUPS
+from scancell.cli import common, scan
+from scancell.cli.common import GROUPS
 from scancell.config.loading import assets_dir
 from scancell.config.robot import RobotDescription
 from scancell.errors import MeshError, ScancellError
@@ -92,11 +91,11 @@ def test_errors_and_warnings_name_the_options_of_the_command(monkeypatch, capsys
 
 
 def test_every_command_has_options_to_name() -> None:
-    files = Path(cli.__file__).parent.glob("*.py")
-    commands = [name for file in files for name in re.findall(r'\brun(?:_command)?\("([\w -]+)"', file.read_text())]
-    assert "study resume" in commands
-    for command in commands:
-        assert common.options_by_argument(command)["as_json"] == "--json"
+    commands = typer.main.get_command(common.app).commands
+    names = [f"{name} {sub}".strip() for name, one in commands.items() for sub in getattr(one, "commands", [""])]
+    assert "study resume" in names
+    for name in names:
+        assert common.options_by_argument(name)["as_json"] == "--json"
 
 
 def test_interrupt_exits_with_code_130(capsys) -> None:
@@ -147,11 +146,11 @@ def test_version(monkeypatch, capsys) -> None:
 @pytest.mark.parametrize("text", ["1,2,3", "", "1,2,3,4,5,x", "1,2,3,4,5,inf", "1,2,3,4,5,6,7"])
 def test_pose_option_needs_six_numbers(text) -> None:
     with pytest.raises(ScancellError, match="--pose"):
-        cli._numbers(text, 6, "--pose")
+        scan._numbers(text, 6, "--pose")
 
 
 def test_pose_option_accepts_signs_and_spaces() -> None:
-    assert cli._numbers("1, -2,3e1,0,0,.5", 6, "--pose") == (1.0, -2.0, 30.0, 0.0, 0.0, 0.5)
+    assert scan._numbers("1, -2,3e1,0,0,.5", 6, "--pose") == (1.0, -2.0, 30.0, 0.0, 0.0, 0.5)
 
 
 def test_robot_from_urdf(monkeypatch, capsys, tmp_path) -> None:

@@ -8,18 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
-from scancell.cli.common import (
-    AsBuiltOption,
-    JsonOption,
-    Outcome,
-    SeedOption,
-    SensorOption,
-    SetOption,
-    ThreadsOption,
-    show_progress,
-)
-from scancell.cli.common import run as run_command
-from scancell.config.choices import CalibrationTarget, Engine, SensorTarget
+from scancell.cli.common import Outcome, command, show_progress
+from scancell.cli.options import AsBuiltOption, EngineOption, SeedOption, SensorOption, SetOption, ThreadsOption
+from scancell.config.choices import CalibrationTarget, SensorTarget
 from scancell.errors import DescriptionError
 
 if TYPE_CHECKING:
@@ -32,6 +23,7 @@ _OF_CELL = ("artefact", "wobble", "poses", "passes", "random_poses", "robot_nois
 _OF_SIMULATION = ("target", "pose", "as_built")
 
 
+@command("calibrate")
 def calibrate(
     context: typer.Context,
     what: Annotated[
@@ -60,7 +52,7 @@ def calibrate(
         Path | None,
         typer.Option(
             "--from-points",
-            help="points and joints of a real cell, or peaks of a real sensor (CSV, Parquet), not simulated",
+            help="points and joints of a real cell, or peaks of a real sensor (CSV, Parquet)",
         ),
     ] = None,
     out: Annotated[
@@ -81,34 +73,34 @@ def calibrate(
     ] = None,
     pose: Annotated[
         Literal["described", "unknown"] | None,
-        typer.Option("--pose", help="whether the artefact, or stage of the target, is exactly where it is said to be"),
+        typer.Option(
+            "--pose", help="pose of the artefact, or of the stage of the target: taken from the description, or found"
+        ),
     ] = None,
     unknown_size: Annotated[
         bool, typer.Option("--unknown-size", help="also find the sizes of the shapes of artefact or target")
     ] = False,
     random_poses: Annotated[
-        bool, typer.Option("--random-poses", help="poses at random, instead of by their expected covariance")
+        bool, typer.Option("--random-poses", help="draw poses at random instead of minimizing the expected covariance")
     ] = False,
     robot_noise: Annotated[
         Literal["none", "joints", "flange"],
         typer.Option("--robot-noise", help="random errors of the robot that the covariance includes"),
     ] = "flange",
-    engine: Annotated[Engine, typer.Option("--engine", help="rendered images, or ideal ray intersection")] = (
-        "geometric"
-    ),
+    engine: EngineOption = "geometric",
     sensor: SensorOption = None,
     set_: SetOption = None,
     as_built: AsBuiltOption = None,
     seed: SeedOption = 0,
     threads: ThreadsOption = 0,
-    as_json: JsonOption = False,
-) -> None:
-    """Scan an artefact, find the deviations of the cell, and write a calibrated cell; or likewise of a sensor."""
+    as_json: bool = False,
+) -> Outcome:
+    """Scan an artefact, find the deviations of the cell, and write a calibrated cell; or the same for a sensor."""
+    from scancell.config.loading import load_setup  # noqa: PLC0415
+    from scancell.scanner import Scanner  # noqa: PLC0415
 
     def cell_report(progress: Progress) -> CalibrationReport | SensorCalibrationReport:
         from scancell.calibration.cell.request import CalibrationRequest  # noqa: PLC0415
-        from scancell.config.loading import load_setup  # noqa: PLC0415
-        from scancell.scanner import Scanner  # noqa: PLC0415
 
         _refuse(context, what, ("target",))
         request = CalibrationRequest(
@@ -136,8 +128,6 @@ def calibrate(
 
     def sensor_report(progress: Progress) -> CalibrationReport | SensorCalibrationReport:
         from scancell.calibration.sensor.request import SensorCalibrationRequest  # noqa: PLC0415
-        from scancell.config.loading import load_setup  # noqa: PLC0415
-        from scancell.scanner import Scanner  # noqa: PLC0415
 
         _refuse(context, what, _OF_CELL)
         if from_points is not None:
@@ -152,15 +142,12 @@ def calibrate(
         with Scanner(setup=load_setup(None, description, None, set_ or []), threads=threads) as scanner:
             return scanner.calibrate_sensor(request, as_built=as_built or (), seed=seed, progress=progress)
 
-    def work() -> Outcome:
-        with show_progress(as_json) as progress:
-            report = sensor_report(progress) if what == "sensor" else cell_report(progress)
-        files = report.save(out)
-        written = next(file for file in files if file.name.startswith("calibrated"))
-        lines = [report.summary(), f"  calibrated {'sensor' if what == 'sensor' else 'cell  '}  {written}"]
-        return Outcome(lines, report.figures, [str(file) for file in files], report.warnings)
-
-    run_command("calibrate", as_json, work)
+    with show_progress(as_json) as progress:
+        report = sensor_report(progress) if what == "sensor" else cell_report(progress)
+    files = report.save(out)
+    written = next(file for file in files if file.name.startswith("calibrated"))
+    lines = [report.summary(), f"  calibrated {'sensor' if what == 'sensor' else 'cell  '}  {written}"]
+    return Outcome(lines, report.figures, [str(file) for file in files], report.warnings)
 
 
 def _refuse(context: typer.Context, what: str, names: Sequence[str]) -> None:

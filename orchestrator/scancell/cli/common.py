@@ -1,16 +1,18 @@
-"""Options of all commands, and how their outcome or error is printed."""
+"""The application, the decorator that registers its commands, and how an outcome or error is printed."""
 
 from __future__ import annotations
 
+import functools
+import inspect
 import json
 import sys
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
+from typer.core import TyperGroup
 
 from scancell.cli.interrupts import EXIT_INTERRUPTED, InterruptibleProgress
 from scancell.errors import ScancellError, named_by
@@ -23,89 +25,155 @@ EXIT_ERROR = 1
 # Arguments of Python functions whose options have other names.
 _RENAMED = {"settings": "set_", "targets": "target", "formats": "format_", "is_size_known": "unknown_size"}
 
-CellOption = Annotated[Path | None, typer.Option("--cell", help="cell description (TOML)")]
-SensorOption = Annotated[Path | None, typer.Option("--sensor", help="sensor description (TOML)")]
-ScanOption = Annotated[Path | None, typer.Option("--scan", help="scan description (TOML)")]
-PathOption = Annotated[
-    Path | None, typer.Option("--path", help="sensor path (TOML) instead of the views of the scan description")
-]
-SetOption = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="change the nominal description: cell.part.x_mm=20; repeatable"),
-]
-AsBuiltOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--as-built",
-        metavar="KEY=VALUE",
-        help="perturb the true cell: tool.x_mm=0.1, sensor.laser.turn_y_deg=0.1; repeatable",
-    ),
-]
-SeedOption = Annotated[int, typer.Option("--seed", min=0, max=2**31 - 1, help="random seed")]
-UnitOption = Annotated[str, typer.Option("--unit", help="unit of the mesh file: mm, m or inch")]
-ThreadsOption = Annotated[int, typer.Option("--threads", min=0, help="number of threads; 0 for one per core")]
+GROUPS = {
+    "Scan": ("scan", "shot", "plan", "place", "survey", "render", "rerun", "extract"),
+    "Evaluate and calibrate": ("evaluate", "mesh", "calibrate", "acceptance"),
+    "Many scans": ("study", "batch"),
+    "Robot cell": ("workspace", "run", "guard", "fmu", "robot"),
+    "Recorded runs": ("picture", "animate", "page", "export"),
+    "About": ("schema", "version"),
+}
+_WITH_SUBCOMMANDS = {
+    "fmu": "Build and inspect FMUs of the robot cell.",
+    "guard": "Protect a robot from collisions.",
+    "robot": "Make descriptions of arms.",
+    "study": "Vary inputs over many scans: run, sensitivity analysis, report.",
+}
+
 JsonOption = Annotated[bool, typer.Option("--json", help="print one JSON object as the last line")]
+
+
+class GroupedCommands(TyperGroup):
+    """Help that lists commands by `GROUPS`, each with the first sentence of its own help."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the sections, all with one width of the names."""
+        width = max(map(len, self.commands))
+        for title, names in GROUPS.items():
+            rows = [(name.ljust(width), _first_sentence(self.commands[name].help or "")) for name in names]
+            with formatter.section(title):
+                formatter.write_dl(rows)
+
+
+def _first_sentence(text: str) -> str:
+    return " ".join(text.split("\n\n", maxsplit=1)[0].split()).rstrip(".")
+
+
+app = typer.Typer(
+    cls=GroupedCommands,
+    help="A robot cell that scans parts in 3D with a laser profile sensor, simulated end to end.",
+    no_args_is_help=True,
+    rich_markup_mode=None,  # importing rich takes longer than the rest of the help
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+_apps = {"": app}
+for _name, _help in _WITH_SUBCOMMANDS.items():
+    _apps[_name] = typer.Typer(help=_help, no_args_is_help=True, rich_markup_mode=None)
+    app.add_typer(_apps[_name], name=_name)
 
 
 @dataclass
 class Outcome:
-    """What a command has to say; `text` is for people, the rest goes into the JSON object."""
+    """Result of a command: `text` for people, `code` the exit status, the rest for the JSON object."""
 
     text: list[str] = field(default_factory=list)
     figures: Mapping[str, Any] = field(default_factory=dict)
     files: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     timings: Mapping[str, float] = field(default_factory=dict)
+    code: int = 0
 
     @classmethod
     def of(cls, report: RunReport) -> Outcome:
-        """What a job reports."""
+        """The outcome that a report describes."""
         return cls(report.lines, report.figures, report.files, report.warnings, report.timings)
 
 
-def run(command: str, as_json: bool, work: Callable[[], Outcome]) -> None:
-    """Do the work, print what came of it, and turn errors into messages and exit codes."""
+def command(
+    name: str, options: type | None = None, around: Callable[[], AbstractContextManager[None]] = nullcontext
+) -> Callable[[Callable[..., Outcome]], Callable[..., None]]:
+    """Decorator: register a function as a command with the option ``--json``, and print the outcome that it returns.
+
+    Parameters
+    ----------
+    name
+        Words of the command, such as ``fmu build``.
+    options
+        Dataclass whose fields become options of the command; the function receives them as `options`.
+    around
+        Context in which the function runs and its outcome is printed.
+    """
+
+    def decorate(function: Callable[..., Outcome]) -> Callable[..., None]:
+        own = inspect.signature(function, eval_str=True).parameters
+        shared = {} if options is None else inspect.signature(options, eval_str=True).parameters
+
+        @functools.wraps(function)
+        def called(as_json: bool, **given: Any) -> None:
+            if options is not None:
+                given["options"] = options(**{key: given.pop(key) for key in shared if key in given}, as_json=as_json)
+            if "as_json" in own:
+                given["as_json"] = as_json
+            with around():
+                run(name, as_json, lambda: function(**given))
+
+        listed = {key: item for key, item in {**own, **shared}.items() if key not in ("options", "as_json")}
+        keyword = inspect.Parameter.KEYWORD_ONLY
+        parameters = [item.replace(kind=keyword) for item in listed.values()]
+        parameters.append(inspect.Parameter("as_json", keyword, default=False, annotation=JsonOption))
+        # Typer reads both.
+        called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        called.__annotations__ = {item.name: item.annotation for item in parameters}
+        group, _, last = name.rpartition(" ")
+        return _apps[group].command(last)(called)
+
+    return decorate
+
+
+def run(name: str, as_json: bool, work: Callable[[], Outcome]) -> None:
+    """Do the work of the command `name`, print its outcome, and turn errors into messages and exit codes."""
     try:
         outcome = work()
     except ScancellError as error:
-        _fail(command, as_json, error.in_options(options_by_argument(command)), type(error).__name__, EXIT_ERROR)
+        _fail(name, as_json, error.in_options(options_by_argument(name)), type(error).__name__, EXIT_ERROR)
     except KeyboardInterrupt:
-        _fail(command, as_json, "interrupted", "KeyboardInterrupt", EXIT_INTERRUPTED)
-    else:
-        for line in outcome.text:
-            print(line, file=sys.stderr if as_json else sys.stdout)
-        if outcome.warnings:
-            options = options_by_argument(command)
-            outcome = replace(outcome, warnings=[named_by(warning, options) for warning in outcome.warnings])
-        for warning in outcome.warnings:
-            print(f"warning: {warning}", file=sys.stderr)
-        if as_json:
-            fields = {name: getattr(outcome, name) for name in ("figures", "files", "warnings", "timings")}
-            print(json.dumps({"command": command, "ok": True, **fields}))
+        _fail(name, as_json, "interrupted", "KeyboardInterrupt", EXIT_INTERRUPTED)
+    for line in outcome.text:
+        print(line, file=sys.stderr if as_json else sys.stdout)
+    if outcome.warnings:
+        options = options_by_argument(name)
+        outcome = replace(outcome, warnings=[named_by(warning, options) for warning in outcome.warnings])
+    for warning in outcome.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+    if as_json:
+        fields = {key: getattr(outcome, key) for key in ("figures", "files", "warnings", "timings")}
+        print(json.dumps({"command": name, "ok": True, **fields}))
+    if outcome.code:
+        raise typer.Exit(outcome.code)
 
 
-def options_by_argument(command: str) -> dict[str, str]:
-    """Options of a command by the arguments of the Python functions that they give."""
-    from scancell.cli import app  # noqa: PLC0415  (it imports this module)
-
+def options_by_argument(name: str) -> dict[str, str]:
+    """Options of a command by the arguments of the Python functions that they set."""
     found: Any = typer.main.get_command(app)
-    for word in command.split():
+    for word in name.split():
         found = found.commands[word]
     options = {item.name: item.opts[-1] for item in found.params if item.param_type_name == "option"}
-    renamed = {argument: options[name] for argument, name in _RENAMED.items() if name in options}
-    return {name.removesuffix("_"): option for name, option in options.items()} | renamed
+    renamed = {argument: options[key] for argument, key in _RENAMED.items() if key in options}
+    return {key.removesuffix("_"): option for key, option in options.items()} | renamed
 
 
-def _fail(command: str, as_json: bool, message: str, kind: str, code: int) -> None:
+def _fail(name: str, as_json: bool, message: str, kind: str, code: int) -> NoReturn:
     print(f"scancell: {message}", file=sys.stderr)
     if as_json:
-        print(json.dumps({"command": command, "ok": False, "error": {"kind": kind, "message": message}}))
+        print(json.dumps({"command": name, "ok": False, "error": {"kind": kind, "message": message}}))
     sys.stdout.flush()
     raise typer.Exit(code)
 
 
 def show_progress(as_json: bool) -> AbstractContextManager[Progress]:
-    """Bars on a terminal; silence where nobody looks.  Every report of progress is a place where Ctrl-C acts."""
+    """Progress bars on a terminal, else none; every report of progress can raise a pending interrupt."""
     if as_json or not sys.stderr.isatty():
         return InterruptibleProgress(NullProgress())
     from scancell.cli.terminal import TerminalProgress  # noqa: PLC0415  (rich takes 0.1 s to import)

@@ -8,12 +8,11 @@ from typing import Annotated
 
 import typer
 
-from scancell.cli.common import JsonOption, Outcome, SeedOption, SetOption, UnitOption, run
+from scancell.cli.common import Outcome, command
+from scancell.cli.options import SeedOption, SetOption, UnitOption
 
-fmu_app = typer.Typer(help="Build and inspect FMUs of the robot cell.", no_args_is_help=True, rich_markup_mode=None)
 
-
-@fmu_app.command("build")
+@command("fmu build")
 def fmu_build(
     cell: Annotated[Path | None, typer.Argument(help="cell description (TOML)")] = None,
     part: Annotated[Path | None, typer.Option("--part", help="mesh of the part on the table")] = None,
@@ -32,52 +31,40 @@ def fmu_build(
     integers: Annotated[
         bool, typer.Option("--integers", help="integers instead of enumerations, which libcosim and ecos do not know")
     ] = False,
-    as_json: JsonOption = False,
-) -> None:
+) -> Outcome:
     """Write the co-simulation FMUs of a cell: RobotCell2.fmu (FMI 2.0) and RobotCell3.fmu (FMI 3.0)."""
+    from scancell.cell.fmu_file import build_fmu, cell_json  # noqa: PLC0415
+    from scancell.cell.fmu_package.contents import FmuOptions  # noqa: PLC0415
+    from scancell.cell.sensing import simplified  # noqa: PLC0415
+    from scancell.config.loading import assets_dir, load_setup  # noqa: PLC0415
+    from scancell.nominal.cell import nominal_cell, with_unknown_obstacles  # noqa: PLC0415
+    from scancell.nominal.parts import load_part  # noqa: PLC0415
 
-    def work() -> Outcome:
-        from scancell.cell.fmu_file import build_fmu, cell_json  # noqa: PLC0415
-        from scancell.cell.fmu_package.contents import FmuOptions  # noqa: PLC0415
-        from scancell.cell.sensing import simplified  # noqa: PLC0415
-        from scancell.config.loading import assets_dir, load_setup  # noqa: PLC0415
-        from scancell.nominal.cell import nominal_cell, with_unknown_obstacles  # noqa: PLC0415
-        from scancell.nominal.parts import load_part  # noqa: PLC0415
-
-        setup = load_setup(cell, settings=set_ or [])
-        mesh = load_part(part, unit) if part else load_part(assets_dir() / "parts" / "step_block.stl")
-        nominal = with_unknown_obstacles(nominal_cell(setup.cell, mesh), setup.cell)
-        description = cell_json(setup.cell, nominal, seed)
-        files = []
-        for version in (fmi,) if fmi else (2, 3):
-            path = out / f"RobotCell{version}.fmu"
-            build_fmu(
-                description, path, 2 if version == 2 else 3, FmuOptions(clock=clock, arrays=arrays, integers=integers)
-            )
-            files.append(str(path))
-        sizes = {Path(file).name: Path(file).stat().st_size for file in files}
-        lighter = simplified(setup.cell, nominal)
-        lines = [f"{file}: {Path(file).stat().st_size / 1e6:.1f} MB" for file in files]
-        figures = {"bytes": sizes, "simplified": [asdict(body) for body in lighter]}
-        return Outcome([*lines, *(body.line() for body in lighter)], figures, files)
-
-    run("fmu build", as_json, work)
+    setup = load_setup(cell, settings=set_ or [])
+    mesh = load_part(part, unit) if part else load_part(assets_dir() / "parts" / "step_block.stl")
+    nominal = with_unknown_obstacles(nominal_cell(setup.cell, mesh), setup.cell)
+    description = cell_json(setup.cell, nominal, seed)
+    files = []
+    for version in (fmi,) if fmi else (2, 3):
+        path = out / f"RobotCell{version}.fmu"
+        build_fmu(description, path, 2 if version == 2 else 3, FmuOptions(clock, arrays, integers))
+        files.append(str(path))
+    sizes = {Path(file).name: Path(file).stat().st_size for file in files}
+    lighter = simplified(setup.cell, nominal)
+    lines = [f"{file}: {Path(file).stat().st_size / 1e6:.1f} MB" for file in files]
+    figures = {"bytes": sizes, "simplified": [asdict(body) for body in lighter]}
+    return Outcome([*lines, *(body.line() for body in lighter)], figures, files)
 
 
-@fmu_app.command("info")
+@command("fmu info")
 def fmu_info(
     fmu: Annotated[Path, typer.Argument(help="FMU file, or folder of an unpacked FMU")],
     filter_: Annotated[
         str, typer.Option("--filter", metavar="PREFIX", help="only variables whose name starts with this")
     ] = "",
-    as_json: JsonOption = False,
-) -> None:
+) -> Outcome:
     """Show version, token and variables of an FMU: name, unit, start value and description of each."""
+    from scancell.cell.fmu_info import describe_fmu  # noqa: PLC0415
 
-    def work() -> Outcome:
-        from scancell.cell.fmu_info import describe_fmu  # noqa: PLC0415
-
-        info = describe_fmu(fmu)
-        return Outcome(info.lines(filter_), info.figures(filter_))
-
-    run("fmu info", as_json, work)
+    info = describe_fmu(fmu)
+    return Outcome(info.lines(filter_), info.figures(filter_))

@@ -9,88 +9,75 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from scancell.cli.common import EXIT_ERROR, JsonOption, Outcome, ScanOption, UnitOption, run
-from scancell.cli.execution import WorkersOption
+from scancell.cli.common import EXIT_ERROR, Outcome, command
+from scancell.cli.options import ScanOption, TablePartOption, UnitOption, WorkersOption
 from scancell.config.choices import LOOPBACK, TransportProtocol
 
 if TYPE_CHECKING:
     from scancell.studies.guard.campaign import RunRow
 
-guard_app = typer.Typer(help="Protect a robot from collisions.", no_args_is_help=True, rich_markup_mode=None)
 
-
-@guard_app.callback()
-def guard() -> None:
-    """Protect a robot from collisions."""
-
-
-@guard_app.command("serve")
+@command("guard serve")
 def guard_serve(
     cell: Annotated[Path | None, typer.Argument(help="cell description (TOML)")] = None,
-    part: Annotated[Path | None, typer.Option("--part", help="mesh of the part; without, the table is empty")] = None,
+    part: TablePartOption = None,
     unit: UnitOption = "mm",
     scan: ScanOption = None,
     host: Annotated[str, typer.Option("--host", help="address to listen on")] = LOOPBACK,
-    port: Annotated[int, typer.Option("--port", min=0, max=65535, help="port to listen on; 0: any free one")] = 0,
+    port: Annotated[int, typer.Option("--port", min=0, max=65535, help="port to listen on; 0: any free port")] = 0,
     max_age: Annotated[
-        float, typer.Option("--max-age", min=0.03, max=5.0, help="longest age of an answered state, s; as in the cell")
+        float,
+        typer.Option(
+            "--max-age", min=0.03, max=5.0, help="largest age of an answered state, s; the same as in the cell"
+        ),
     ] = 0.12,
     transport: Annotated[
         TransportProtocol, typer.Option("--transport", help="protocol that carries the packets")
     ] = "udp",
-    as_json: JsonOption = False,
-) -> None:
+    as_json: bool = False,
+) -> Outcome:
     """Answer the states of a cell (docs/guard_protocol.md) until Ctrl-C; no rated safety function."""
+    from scancell.guard.server import serve_guard  # noqa: PLC0415
+    from scancell.scanning.guard import guard_of  # noqa: PLC0415
 
     def started(host: str, port: int) -> None:
         print(f"guard: {transport} {host} {port}", file=sys.stderr if as_json else sys.stdout, flush=True)
         if not ip_address(host).is_loopback:
             print("warning: other machines can reach the guard, and packets are not authenticated", file=sys.stderr)
 
-    def work() -> Outcome:
-        from scancell.guard.server import serve_guard  # noqa: PLC0415
-        from scancell.scanning.guard import guard_of  # noqa: PLC0415
-
-        counts = serve_guard(guard_of(cell, part, scan, unit=unit, max_age=max_age), host, port, transport, started)
-        lines = [f"  {number:>10} packets {outcome}" for outcome, number in sorted(counts.items())]
-        return Outcome(lines or ["  no packets"], {"packets": dict(counts)})
-
-    run("guard serve", as_json, work)
+    counts = serve_guard(guard_of(cell, part, scan, unit=unit, max_age=max_age), host, port, transport, started)
+    lines = [f"  {number:>10} packets {outcome}" for outcome, number in sorted(counts.items())]
+    return Outcome(lines or ["  no packets"], {"packets": dict(counts)})
 
 
-@guard_app.command("check")
+@command("guard check")
 def guard_check(
-    part: Annotated[Path, typer.Argument(help="mesh of a part on the table; parts that stick out take turns with it")],
+    part: Annotated[
+        Path, typer.Argument(help="mesh of a part on the table, which alternates with parts that stick out")
+    ],
     cell: Annotated[
-        Path | None, typer.Option("--cell", help="cell description (TOML); default: all shipped ones in turn")
+        Path | None, typer.Option("--cell", help="cell description (TOML); default: all shipped cells in turn")
     ] = None,
     unit: UnitOption = "mm",
     seed: Annotated[int, typer.Option("--seed", min=0, help="seed of all runs")] = 1,
-    runs: Annotated[int, typer.Option("--runs", min=1, help="number of runs, each with its twin")] = 180,
-    out: Annotated[Path, typer.Option("--out", help="folder of the rows and tables")] = Path("out/guard"),
+    runs: Annotated[
+        int, typer.Option("--runs", min=1, help="number of scenarios, each run with and without the guard")
+    ] = 180,
+    out: Annotated[Path, typer.Option("--out", help="folder for the rows and tables")] = Path("out/guard"),
     workers: WorkersOption = 0,
-    as_json: JsonOption = False,
-) -> None:
-    """Run a guarded cell over bad networks, each run beside its unguarded twin; goes on where it was stopped.
+    as_json: bool = False,
+) -> Outcome:
+    """Run a guarded cell over bad networks, and the same scenarios without the guard; resumes an earlier campaign.
 
-    The status is 1 if a guarded robot collided.
+    The exit status is 1 if a guarded robot collided.
     """
+    from scancell.studies.guard.run import CampaignOptions, run_campaign  # noqa: PLC0415
 
-    collisions = 0
-
-    def work() -> Outcome:
-        nonlocal collisions
-        from scancell.studies.guard.run import CampaignOptions, run_campaign  # noqa: PLC0415
-
-        options = CampaignOptions(str(cell) if cell else None, str(part), unit, seed)
-        figures = run_campaign(options, runs, out, workers, None if as_json else _show)
-        collisions = figures["collisions"]
-        lines = [f"  {name:<26} {value}" for name, value in figures.items()]
-        return Outcome(lines, figures, [str(out / "rows.csv"), str(out / "tables.md")])
-
-    run("guard check", as_json, work)
-    if collisions:
-        raise typer.Exit(EXIT_ERROR)
+    options = CampaignOptions(str(cell) if cell else None, str(part), unit, seed)
+    figures = run_campaign(options, runs, out, workers, None if as_json else _show)
+    lines = [f"  {name:<26} {value}" for name, value in figures.items()]
+    files = [str(out / "rows.csv"), str(out / "tables.md")]
+    return Outcome(lines, figures, files, code=EXIT_ERROR if figures["collisions"] else 0)
 
 
 def _show(row: RunRow) -> None:

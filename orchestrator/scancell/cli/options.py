@@ -1,27 +1,15 @@
-"""Options that commands share, as tables that a command takes as one."""
+"""Options that commands share, one by one and as dataclasses for `command`."""
 
 from __future__ import annotations
 
-import functools
-import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from scancell.cli.common import (
-    AsBuiltOption,
-    CellOption,
-    JsonOption,
-    Outcome,
-    SeedOption,
-    SensorOption,
-    SetOption,
-    ThreadsOption,
-    UnitOption,
-)
+from scancell.cli.common import JsonOption, Outcome
 from scancell.config.choices import CloudFrame, Engine
 from scancell.errors import DescriptionError
 
@@ -30,34 +18,84 @@ if TYPE_CHECKING:
     from scancell.progress import Progress
     from scancell.results import ScanResult
 
+PartArgument = Annotated[Path, typer.Argument(help="mesh (STL, OBJ, PLY) or artefact (TOML)")]
+CellOption = Annotated[Path | None, typer.Option("--cell", help="cell description (TOML)")]
+SensorOption = Annotated[Path | None, typer.Option("--sensor", help="sensor description (TOML)")]
+ScanOption = Annotated[Path | None, typer.Option("--scan", help="scan description (TOML)")]
+PathOption = Annotated[
+    Path | None, typer.Option("--path", help="sensor path (TOML) instead of the views of the scan description")
+]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="change the nominal description: cell.part.x_mm=20; repeatable"),
+]
+AsBuiltOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--as-built",
+        metavar="KEY=VALUE",
+        help="perturb the true cell: tool.x_mm=0.1, sensor.laser.turn_y_deg=0.1; repeatable",
+    ),
+]
+EngineOption = Annotated[Engine, typer.Option("--engine", help="rendered camera images, or ideal ray intersection")]
+IdealOption = Annotated[bool, typer.Option("--ideal", help="switch off all noise")]
+SeedOption = Annotated[int, typer.Option("--seed", min=0, max=2**31 - 1, help="random seed")]
+UnitOption = Annotated[str, typer.Option("--unit", help="unit of the mesh file: mm, m or inch")]
+ThreadsOption = Annotated[int, typer.Option("--threads", min=0, help="number of threads; 0 for one per core")]
+WorkersOption = Annotated[int, typer.Option("--workers", min=0, help="processes on this machine; 0: one per core")]
+OutOption = Annotated[Path, typer.Option("--out", help="folder for the results")]
+TablePartOption = Annotated[
+    Path | None, typer.Option("--part", help="mesh of the part; the table is empty without this option")
+]
+NoGuardOption = Annotated[bool, typer.Option("--no-guard", help="run without the collision guard")]
+
 
 @dataclass(frozen=True)
-class CellOptions:
-    """Options of commands that expose the sensor in the cell."""
+class PartOptions:
+    """Options of commands that load a cell with a part."""
 
     cell: CellOption = None
     sensor: SensorOption = None
-    engine: Annotated[Engine, typer.Option("--engine", help="rendered camera images, or ideal ray intersection")] = (
-        "ray-traced"
-    )
     set_: SetOption = None
-    as_built: AsBuiltOption = None
-    ideal: Annotated[bool, typer.Option("--ideal", help="switch off all noise")] = False
-    seed: SeedOption = 0
     unit: UnitOption = "mm"
     threads: ThreadsOption = 0
     as_json: JsonOption = False
 
-    def setup(self, scan: Path | None = None, settings: list[str] | None = None) -> Setup:
+    def setup(self, scan: Path | None = None, path: Path | None = None, settings: Sequence[str] = ()) -> Setup:
         """The descriptions that the options name."""
-        from scancell.config.loading import load_setup  # noqa: PLC0415
+        from scancell.config.loading import load_setup, with_path  # noqa: PLC0415
 
-        return load_setup(self.cell, self.sensor, scan, [*(self.set_ or []), *(settings or [])], self.ideal)
+        words = [*(self.set_ or []), *settings]
+        return with_path(load_setup(self.cell, self.sensor, scan, words, self._is_ideal), path)
+
+    @property
+    def _is_ideal(self) -> bool:
+        return False
+
+
+@dataclass(frozen=True)
+class SimulationOptions(PartOptions):
+    """Options of commands that simulate measurements in the cell."""
+
+    as_built: AsBuiltOption = None
+    ideal: IdealOption = False
+    seed: SeedOption = 0
+
+    @property
+    def _is_ideal(self) -> bool:
+        return self.ideal
+
+
+@dataclass(frozen=True)
+class CellOptions(SimulationOptions):
+    """Options of commands that expose the sensor with a choice of the engine."""
+
+    engine: EngineOption = "ray-traced"
 
 
 @dataclass(frozen=True)
 class CloudOptions(CellOptions):
-    """Options of commands that make a cloud in a run folder."""
+    """Options of commands that write a cloud into a run folder."""
 
     images: Annotated[bool, typer.Option("--images", help="keep the camera images of every exposure")] = False
     format_: Annotated[
@@ -77,7 +115,7 @@ class CloudOptions(CellOptions):
     def run_into(
         self, out: Path, setup: Setup, progress: Progress, scan: Callable[[dict[str, Any]], ScanResult]
     ) -> Outcome:
-        """Make a scan with the options and leave its files in `out`, whole or not at all."""
+        """Make a scan with the options and write its files into `out`, all or none."""
         from scancell.config.sensor import SensorDescription  # noqa: PLC0415
         from scancell.output.frames import ImageWriter  # noqa: PLC0415
         from scancell.output.run_folder import RunFolder  # noqa: PLC0415
@@ -106,27 +144,3 @@ class CloudOptions(CellOptions):
         lines = [result.summary(), f"  results    {out}"]
         files = [str(path) for path in folder.paths]
         return Outcome(lines, result.figures, files, list(result.warnings), result.timings)
-
-
-def with_options(options: type) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Decorator: the fields of the dataclass `options` become options of the command, which gets them as `options`."""
-    shared = list(inspect.signature(options, eval_str=True).parameters.values())
-    keyword = [item.replace(kind=inspect.Parameter.KEYWORD_ONLY) for item in shared]
-
-    def decorate(command: Callable[..., None]) -> Callable[..., None]:
-        @functools.wraps(command)
-        def called(**given: Any) -> None:
-            command(options=options(**{item.name: given.pop(item.name) for item in shared}), **given)
-
-        own = [
-            item.replace(kind=inspect.Parameter.KEYWORD_ONLY)
-            for name, item in inspect.signature(command, eval_str=True).parameters.items()
-            if name != "options"
-        ]
-        everything = [*own, *keyword]
-        # Typer reads both.
-        called.__signature__ = inspect.Signature(everything)  # type: ignore[attr-defined]
-        called.__annotations__ = {item.name: item.annotation for item in everything}
-        return called
-
-    return decorate

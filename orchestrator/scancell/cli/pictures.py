@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from scancell.cli.common import JsonOption, Outcome, ThreadsOption, run, show_progress
+from scancell.cli.common import Outcome, command, show_progress
+from scancell.cli.options import ThreadsOption
 
 if TYPE_CHECKING:
     from scancell.views.recorded_run import RecordedRun
@@ -25,6 +26,7 @@ _SizeOption = Annotated[str, typer.Option("--size", metavar="WIDTHxHEIGHT", help
 _ColourOption = Annotated[_Colour, typer.Option("--colour", help="what the colours of the cloud show")]
 
 
+@command("picture")
 def picture(
     run_folder: _Run,
     out: Annotated[Path, typer.Option("--out", help="file for the picture (PNG)")] = Path("out/picture.png"),
@@ -35,21 +37,17 @@ def picture(
     size: _SizeOption = "1280x720",
     colour: _ColourOption = "deviation",
     threads: ThreadsOption = 0,
-    as_json: JsonOption = False,
-) -> None:
+) -> Outcome:
     """Render the cell of a run at one time: arm, sensor, table, part, laser, and the cloud measured until then."""
+    from scancell.views import pictures  # noqa: PLC0415
 
-    def work() -> Outcome:
-        from scancell.views import pictures  # noqa: PLC0415
-
-        options: dict[str, Any] = {"view": view, "size": _size(size), "colour": colour, "threads": threads}
-        opened, warnings = _opened(run_folder)
-        at = pictures.picture(opened, out, time=time, **options)
-        return Outcome([f"{out}: {opened.name} at {at:.2f} s"], {"time_s": at}, [str(out)], warnings)
-
-    run("picture", as_json, work)
+    options: dict[str, Any] = {"view": view, "size": _size(size), "colour": colour, "threads": threads}
+    opened, warnings = _opened(run_folder)
+    at = pictures.picture(opened, out, time=time, **options)
+    return Outcome([f"{out}: {opened.name} at {at:.2f} s"], {"time_s": at}, [str(out)], warnings)
 
 
+@command("animate")
 def animate(
     run_folder: _Run,
     out: Annotated[Path, typer.Option("--out", help="file of the animation, .webm or .webp")] = Path("out/scan.webm"),
@@ -64,24 +62,21 @@ def animate(
     ] = None,
     colour: _ColourOption = "deviation",
     threads: ThreadsOption = 0,
-    as_json: JsonOption = False,
-) -> None:
+    as_json: bool = False,
+) -> Outcome:
     """Render a whole run as a video (WebM, VP9) or animated WebP: the cloud grows as it is measured."""
+    from scancell.views import pictures  # noqa: PLC0415
 
-    def work() -> Outcome:
-        from scancell.views import pictures  # noqa: PLC0415
-
-        options: dict[str, Any] = {"view": view, "size": _size(size), "colour": colour, "threads": threads}
-        opened, warnings = _opened(run_folder)
-        with show_progress(as_json) as progress:
-            frames = pictures.animate(opened, out, fps=fps, seconds=seconds, speed=speed, progress=progress, **options)
-        length = frames / fps
-        figures = {"frames": frames, "seconds": length}
-        return Outcome([f"{out}: {frames} frames, {length:.1f} s"], figures, [str(out)], warnings)
-
-    run("animate", as_json, work)
+    options: dict[str, Any] = {"view": view, "size": _size(size), "colour": colour, "threads": threads}
+    opened, warnings = _opened(run_folder)
+    with show_progress(as_json) as progress:
+        frames = pictures.animate(opened, out, fps=fps, seconds=seconds, speed=speed, progress=progress, **options)
+    length = frames / fps
+    figures = {"frames": frames, "seconds": length}
+    return Outcome([f"{out}: {frames} frames, {length:.1f} s"], figures, [str(out)], warnings)
 
 
+@command("page")
 def page(
     run_folder: _Run,
     out: Annotated[Path, typer.Option("--out", help="file for the page (HTML)")] = Path("out/run.html"),
@@ -90,27 +85,21 @@ def page(
     ] = 500_000,
     colour: _ColourOption = "deviation",
     threads: ThreadsOption = 0,
-    as_json: JsonOption = False,
-) -> None:
+) -> Outcome:
     """Write a run as one HTML file with a time slider, which opens in a browser without a network."""
+    from scancell.views.page import write_page  # noqa: PLC0415
 
-    def work() -> Outcome:
-        from scancell.views.page import write_page  # noqa: PLC0415
-
-        opened, warnings = _opened(run_folder, points)
-        megabytes = write_page(opened, out, colour=colour, threads=threads) / 1e6
-        if megabytes > _LARGE_MB:
-            warnings.append(
-                f"{out}: {megabytes:.1f} MB are much for an e-mail; --points {points // 2} makes it smaller"
-            )
-        shown = 0 if opened.cloud is None else len(opened.cloud)
-        figures = {"megabytes": megabytes, "points": shown}
-        text = f"{out}: {megabytes:.1f} MB, {shown:,} of {opened.cloud_points:,} points"
-        return Outcome([text], figures, [str(out)], warnings)
-
-    run("page", as_json, work)
+    opened, warnings = _opened(run_folder, points)
+    megabytes = write_page(opened, out, colour=colour, threads=threads) / 1e6
+    if megabytes > _LARGE_MB:
+        warnings.append(f"{out}: {megabytes:.1f} MB are much for an e-mail; --points {points // 2} makes it smaller")
+    shown = 0 if opened.cloud is None else len(opened.cloud)
+    figures = {"megabytes": megabytes, "points": shown}
+    text = f"{out}: {megabytes:.1f} MB, {shown:,} of {opened.cloud_points:,} points"
+    return Outcome([text], figures, [str(out)], warnings)
 
 
+@command("export")
 def export(
     run_folder: _Run,
     out: Annotated[Path, typer.Option("--out", help="file for the recording (MCAP)")] = Path("out/scan.mcap"),
@@ -118,22 +107,18 @@ def export(
         int, typer.Option("--points", min=1, help="points of the cloud at most, evenly chosen")
     ] = 1_000_000,
     threads: ThreadsOption = 0,
-    as_json: JsonOption = False,
-) -> None:
+    as_json: bool = False,
+) -> Outcome:
     """Write a run as an MCAP file, which Foxglove and rerun open: poses and meshes of all bodies, and the points."""
+    from scancell.views.mcap_export import export_run  # noqa: PLC0415
 
-    def work() -> Outcome:
-        from scancell.views.mcap_export import export_run  # noqa: PLC0415
-
-        opened, warnings = _opened(run_folder, points)
-        with show_progress(as_json) as progress:
-            messages = export_run(opened, out, threads, progress)
-        shown = 0 if opened.cloud is None else len(opened.cloud)
-        figures = {"messages": messages, "points": shown}
-        text = f"{out}: {messages} messages, {shown:,} of {opened.cloud_points:,} points"
-        return Outcome([text], figures, [str(out)], warnings)
-
-    run("export", as_json, work)
+    opened, warnings = _opened(run_folder, points)
+    with show_progress(as_json) as progress:
+        messages = export_run(opened, out, threads, progress)
+    shown = 0 if opened.cloud is None else len(opened.cloud)
+    figures = {"messages": messages, "points": shown}
+    text = f"{out}: {messages} messages, {shown:,} of {opened.cloud_points:,} points"
+    return Outcome([text], figures, [str(out)], warnings)
 
 
 def _opened(folder: Path, *most_points: int) -> tuple[RecordedRun, list[str]]:

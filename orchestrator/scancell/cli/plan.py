@@ -1,4 +1,4 @@
-"""`scancell plan`: the motion of a scan without making it."""
+"""`scancell plan` and `place`: the motion of a scan, and set-ups of a free part, without scanning."""
 
 from __future__ import annotations
 
@@ -6,34 +6,25 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 import typer
 
-from scancell.cli.common import (
-    CellOption,
-    JsonOption,
-    Outcome,
-    PathOption,
-    ScanOption,
-    SensorOption,
-    SetOption,
-    ThreadsOption,
-    UnitOption,
-    run,
-)
+from scancell.cli.common import Outcome, command, show_progress
+from scancell.cli.options import PartArgument, PartOptions, PathOption, ScanOption
 
 if TYPE_CHECKING:
+    from scancell.config.cell import CellDescription
     from scancell.planning.path_map.path_planner import PlacedPath
-    from scancell.planning.plan import Plan
+    from scancell.planning.setups import SetUp
     from scancell.planning.views.coverage import CoverageReport
 
 
+@command("plan", PartOptions)
 def plan(
-    part: Annotated[Path, typer.Argument(help="mesh (STL, OBJ, PLY) or artefact (TOML)")],
+    part: PartArgument,
+    options: PartOptions,
     path: PathOption = None,
-    cell: CellOption = None,
-    sensor: SensorOption = None,
     scan: ScanOption = None,
-    set_: SetOption = None,
     optimum: Annotated[
         bool, typer.Option("--optimum", help="compare motions along paths with the best possible ones; takes longer")
     ] = False,
@@ -47,51 +38,44 @@ def plan(
     out: Annotated[
         Path | None, typer.Option("--out", help="JSON file for the plan, for `scancell scan --plan`")
     ] = None,
-    unit: UnitOption = "mm",
-    threads: ThreadsOption = 0,
-    as_json: JsonOption = False,
-) -> None:
+) -> Outcome:
     """Plan a scan: collision-free motions of arm and table within all limits, and what they see of the part."""
+    from scancell.scanner import Scanner  # noqa: PLC0415
 
-    def work() -> Outcome:
-        from scancell.config.loading import load_setup, with_path  # noqa: PLC0415
-        from scancell.scanner import Scanner  # noqa: PLC0415
+    with Scanner(setup=options.setup(scan, path), threads=options.threads) as scanner:
+        made = scanner.plan(part, unit=options.unit)
+    lines = [
+        f"{part.name}: {len(made.q)} exposures in {len(made.program.segments)} segments,"
+        f" {made.program.duration:.1f} s of motion"
+    ]
+    figures: dict[str, object] = {"exposures": len(made.q), "duration_s": made.program.duration}
+    if made.coverage is not None:
+        figures["seen"] = made.coverage
+    if made.coverage is not None and made.report is None:
+        lines.append(f"  sees       {100 * made.coverage:.1f} % of the surface, occlusion ignored")
+    if made.report is not None:
+        lines += _lines_of_report(made.report)
+        figures["report"] = asdict(made.report)
+    lines += [f"  {line}" for line in made.reduced]
+    figures["reduced"] = list(made.reduced)
+    files = []
+    figures["paths"] = listed = []
+    for number, placed in enumerate(made.paths, start=1):
+        listed.append(_figures_of(placed, optimum))
+        lines.append(_line_of(listed[-1]))
+        if picture is not None:
+            file = picture if len(made.paths) == 1 else _numbered(picture, number)
+            files += _draw(placed, str(listed[-1]["branch"]), file, all_branches)
+    if out is not None:
+        files.append(str(made.save(out)))
+    warnings = list(made.warnings)
+    if picture is not None and not made.paths:
+        warnings.append(f"{picture.name} is not written: a configuration map is of a sensor path, the plan has none")
+    return Outcome(lines, figures, files, warnings)
 
-        setup = with_path(load_setup(cell, sensor, scan, set_ or []), path)
-        with Scanner(setup=setup, threads=threads) as scanner:
-            made = scanner.plan(part, unit=unit)
-        lines = [
-            f"{part.name}: {len(made.q)} exposures in {len(made.program.segments)} segments,"
-            f" {made.program.duration:.1f} s of motion"
-        ]
-        figures: dict[str, object] = {"exposures": len(made.q), "duration_s": made.program.duration}
-        if made.coverage is not None:
-            figures["seen"] = made.coverage
-        if made.coverage is not None and made.report is None:
-            lines.append(f"  sees       {100 * made.coverage:.1f} % of the surface, occlusion ignored")
-        if made.report is not None:
-            lines += _lines_of_report(made.report)
-            figures["report"] = asdict(made.report)
-        lines += [f"  {line}" for line in made.reduced]
-        figures["reduced"] = list(made.reduced)
-        files = []
-        figures["paths"] = told = []
-        for number, placed in enumerate(made.paths, start=1):
-            told.append(_figures_of(placed, optimum))
-            lines.append(_line_of(told[-1]))
-            if picture is not None:
-                file = _numbered(picture, number, made)
-                files += _draw(placed, str(told[-1]["branch"]), file, all_branches)
-        if out is not None:
-            files.append(str(made.save(out)))
-        warnings = list(made.warnings)
-        if picture is not None and not made.paths:
-            warnings.append(
-                f"{picture.name} is not written: a configuration map is of a sensor path, the plan has none"
-            )
-        return Outcome(lines, figures, files, warnings)
 
-    run("plan", as_json, work)
+def _numbered(file: Path, number: int) -> Path:
+    return file.with_stem(f"{file.stem}_{number}")
 
 
 def _lines_of_report(report: CoverageReport) -> list[str]:
@@ -136,10 +120,6 @@ def _line_of(figures: dict[str, str | float]) -> str:
     return line
 
 
-def _numbered(picture: Path, number: int, made: Plan) -> Path:
-    return picture if len(made.paths) == 1 else picture.with_stem(f"{picture.stem}_{number}")
-
-
 def _draw(placed: PlacedPath, branch: str, file: Path, all_branches: bool) -> list[str]:
     """Draw the map of the branch that was chosen, and on request those of the others."""
     from scancell.files import name_for_file  # noqa: PLC0415
@@ -156,3 +136,54 @@ def _draw(placed: PlacedPath, branch: str, file: Path, all_branches: bool) -> li
             files.append(str(file.with_stem(f"{file.stem}_{name_for_file(name)}")))
             draw_map(other, placed.path.name, name, placed.run.duration, None, Path(files[-1]))
     return files
+
+
+@command("place", PartOptions)
+def place(
+    part: PartArgument,
+    options: PartOptions,
+    scan: ScanOption = None,
+    share: Annotated[
+        float, typer.Option("--share", min=0.01, max=1.0, help="share of the measurable surface to be scanned")
+    ] = 0.99,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", help="TOML file for the cell with the part set up; a second one gets _2"),
+    ] = None,
+) -> Outcome:
+    """Propose the resting pose, position on the table and height of a free part for the best scan; or two set-ups."""
+    from scancell.scanner import Scanner  # noqa: PLC0415
+
+    setup = options.setup(scan)
+    with show_progress(options.as_json) as progress, Scanner(setup=setup, threads=options.threads) as scanner:
+        found = scanner.place(part, share, unit=options.unit, progress=progress)
+    lines = [f"{part.name}: {found.summary()}"]
+    files = []
+    for number, one in enumerate(found.chosen, start=1):
+        title = f"set-up {number}: " if len(found.chosen) > 1 else ""
+        lines.append(
+            f"# {title}{100 * one.scanned:.1f} % of the whole surface in about {one.time:.0f} s;"
+            f" tips over at {np.degrees(one.tip_angle):.0f} deg"
+        )
+        if one.riser is not None:
+            size = " x ".join(f"{1e3 * length:.0f}" for length in np.ptp(one.riser.vertices, axis=0))
+            lines.append(f"# on a riser of {size} mm")
+        lines += one.toml.splitlines()
+        if out is not None:
+            files += _write(one, setup.cell, out if number == 1 else _numbered(out, number))
+    return Outcome(lines, found.figures, files)
+
+
+def _write(one: SetUp, cell: CellDescription, file: Path) -> list[str]:
+    """Write the cell with a set-up, and its riser beside it; returns the files."""
+    from scancell.files import atomic_write  # noqa: PLC0415
+    from scancell.geometry.mesh_files import write_stl  # noqa: PLC0415
+
+    riser = file.with_name(f"{file.stem}_riser.stl").absolute()
+    written = [str(file)]
+    if one.riser is not None:
+        with atomic_write(riser) as temporary:
+            write_stl(temporary, 1e3 * one.riser.vertices, one.riser.faces)
+        written.append(str(riser))
+    one.in_cell(cell, str(riser)).to_toml(file)
+    return written

@@ -1,32 +1,30 @@
-"""`scancell workspace`: the cell in a browser."""
+"""`scancell workspace` and `run`: the running cell in a browser, and robot programs."""
 
 from __future__ import annotations
 
+import contextlib
 import sys
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from scancell.cli.common import Outcome, PathOption, ScanOption, run
-from scancell.cli.interrupts import leaves_when_interrupted
-from scancell.cli.options import CellOptions, with_options
+from scancell.cli.common import Outcome, command
+from scancell.cli.interrupts import INTERRUPTS, leaves_when_interrupted
+from scancell.cli.options import CellOptions, NoGuardOption, PathOption, ScanOption, TablePartOption
 from scancell.config.choices import LOOPBACK
 from scancell.errors import ProgramError
 
 if TYPE_CHECKING:
-    from scancell.browser.server.workspace import WorkspaceSettings
-    from scancell.config.loading import Setup
+    from scancell.programs.robot import Step
     from scancell.scanning.session import ScanSession
 
-Started = Callable[[str], None]
+_Colour = Literal["deviation", "intensity"]
 
 _LEAVES = 1.8  # s after an interrupt
 
 
-@with_options(CellOptions)
+@command("workspace", CellOptions, around=lambda: leaves_when_interrupted(_LEAVES))
 def workspace(
     options: CellOptions,
     target: Annotated[
@@ -35,71 +33,85 @@ def workspace(
     scan: ScanOption = None,
     path: PathOption = None,
     host: Annotated[str, typer.Option("--host", help="address to listen on")] = LOOPBACK,
-    port: Annotated[int, typer.Option("--port", min=1, max=65535, help="port; a taken one: the next free one")] = 8080,
-    no_guard: Annotated[bool, typer.Option("--no-guard", help="run without the collision guard")] = False,
+    port: Annotated[
+        int, typer.Option("--port", min=1, max=65535, help="port; the next free one if it is in use")
+    ] = 8080,
+    no_guard: NoGuardOption = False,
     program: Annotated[
         Path | None, typer.Option("--program", help="robot program to run from the browser (docs/programs.md)")
     ] = None,
     out: Annotated[Path, typer.Option("--out", help="folder for the runs that are saved")] = Path("out/workspace"),
-    colour: Annotated[
-        Literal["deviation", "intensity"], typer.Option("--colour", help="what the colours of a run's cloud show")
-    ] = "deviation",
-) -> None:
+    colour: Annotated[_Colour, typer.Option("--colour", help="quantity that the colours of a run's cloud show")] = (
+        "deviation"
+    ),
+) -> Outcome:
     """Open the running cell in a browser, or play a recorded run back, until Ctrl-C (docs/workspace.md)."""
+    from scancell.browser.server.quiet import is_loopback  # noqa: PLC0415
+    from scancell.browser.server.serve import PartFile, serve_workspace  # noqa: PLC0415
+    from scancell.browser.server.workspace import WorkspaceSettings  # noqa: PLC0415
+    from scancell.scanner import Scanner  # noqa: PLC0415
 
     def started(address: str) -> None:
-        from scancell.browser.server.quiet import is_loopback  # noqa: PLC0415
-
         if not is_loopback(host):
             print("warning: other machines can reach the workspace, and anyone there controls it", file=sys.stderr)
         print(f"workspace: open {address}", file=sys.stderr if options.as_json else sys.stdout, flush=True)
 
-    def work() -> Outcome:
-        if target is not None and target.is_dir():
-            _play_back(target, host, port, colour, options.threads, started)
-        else:
-            from scancell.browser.server.workspace import WorkspaceSettings  # noqa: PLC0415
-            from scancell.config.loading import with_path  # noqa: PLC0415
+    if target is not None and target.is_dir():
+        from scancell.browser.panels.playback import serve_playback  # noqa: PLC0415
+        from scancell.views.recorded_run import open_run  # noqa: PLC0415
 
-            if program is not None and not program.is_file():
-                raise ProgramError("no such file", file=program)
-            settings = WorkspaceSettings(out, options.engine, program)
-            setup = with_path(options.setup(scan), path)
-            _run_cell(target, setup, options, host, port, not no_guard, settings, started)
-        return Outcome()
+        run = open_run(target)
+        serve_playback(run, host=host, port=port, colour=colour, threads=options.threads, started=started)
+    else:
+        if program is not None and not program.is_file():
+            raise ProgramError("no such file", file=program)
+        settings = WorkspaceSettings(out, options.engine, program)
+        as_built, guarded = options.as_built or (), not no_guard
+        with Scanner(setup=options.setup(scan, path), threads=options.threads) as scanner:
 
-    with leaves_when_interrupted(_LEAVES):
-        run("workspace", options.as_json, work)
+            def open_session(file: PartFile | None) -> contextlib.AbstractContextManager[ScanSession]:
+                mesh, unit = (None, "mm") if file is None else (file.path, file.unit)
+                return scanner.session(mesh, unit=unit, as_built=as_built, seed=options.seed, guarded=guarded)
 
-
-def _play_back(
-    folder: Path, host: str, port: int, colour: Literal["deviation", "intensity"], threads: int, started: Started
-) -> None:
-    from scancell.browser.panels.playback import serve_playback  # noqa: PLC0415
-    from scancell.views.recorded_run import open_run  # noqa: PLC0415
-
-    serve_playback(open_run(folder), host=host, port=port, colour=colour, threads=threads, started=started)
+            first = None if target is None else PartFile(target, options.unit)
+            serve_workspace(open_session, first, host=host, port=port, settings=settings, started=started)
+    return Outcome()
 
 
-def _run_cell(
-    part: Path | None,
-    setup: Setup,
+@command("run", CellOptions)
+def run_program(
+    program: Annotated[Path, typer.Argument(help="Python file with a function main(robot)")],
     options: CellOptions,
-    host: str,
-    port: int,
-    guarded: bool,
-    settings: WorkspaceSettings,
-    started: Started,
-) -> None:
-    from scancell.browser.server.serve import PartFile, serve_workspace  # noqa: PLC0415
+    part: TablePartOption = None,
+    no_guard: NoGuardOption = False,
+    out: Annotated[Path, typer.Option("--out", help="folder for the files that the program saves")] = Path("out/run"),
+) -> Outcome:
+    """Run a robot program in the simulated cell, with the collision guard in force (docs/programs.md)."""
+    from scancell.programs import program as programs  # noqa: PLC0415
     from scancell.scanner import Scanner  # noqa: PLC0415
 
-    as_built = options.as_built or ()
-    with Scanner(setup=setup, threads=options.threads) as scanner:
+    guarded, as_built = not no_guard, options.as_built or ()
+    # Output of the program must not mix with the JSON object.
+    printed = contextlib.redirect_stdout(sys.stderr) if options.as_json else contextlib.nullcontext()
+    with (
+        printed,
+        Scanner(setup=options.setup(), threads=options.threads) as scanner,
+        scanner.session(part, unit=options.unit, as_built=as_built, seed=options.seed, guarded=guarded) as session,
+    ):
+        session.cell.on_step(INTERRUPTS.check)
+        done = programs.run_program(program, session, options.engine, out, _show)
+    figures = {
+        "duration_s": done.duration,
+        "contacts": done.contacts,
+        "steps": [
+            {"line": line, "command": step.command, "about": step.about, "begin_s": step.begin, "end_s": step.end}
+            for line, step in done.steps
+        ],
+    }
+    lines = [f"{program.name}: {len(done.steps)} commands, {done.duration:.2f} s of simulated time"]
+    warnings = [f"contact: {pair}" for pair in done.contacts]
+    return Outcome(lines, figures, [str(file) for file in done.files], warnings)
 
-        def open_session(file: PartFile | None) -> AbstractContextManager[ScanSession]:
-            path, unit = (None, "mm") if file is None else (file.path, file.unit)
-            return scanner.session(path, unit=unit, as_built=as_built, seed=options.seed, guarded=guarded)
 
-        first = None if part is None else PartFile(part, options.unit)
-        serve_workspace(open_session, first, host=host, port=port, settings=settings, started=started)
+def _show(line: int, step: Step) -> None:
+    print(f"{step.begin:8.3f} s  line {line:<4} {step.command} {step.about}".rstrip(), flush=True)
