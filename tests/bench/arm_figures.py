@@ -126,10 +126,7 @@ def main() -> None:
         plays = {width: play(folders, width) for width in (0.0, 5e-4, 1e-3, 2e-3)}
         sagged = sag(folders)
         rings = resonance(folders, 2e3)
-        costs = {
-            "kinematic": step_cost(folders, default_cell()),
-            "dynamic": step_cost(folders, description),
-        }
+        costs = {"kinematic": step_cost(folders, default_cell()), "dynamic": step_cost(folders, description)}
     closed = [
         "| quantity | closed form | measured |",
         "| --- | --- | --- |",
