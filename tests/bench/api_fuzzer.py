@@ -271,13 +271,7 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         plan = {"part": part, "unit": "mm", "setup": None, "quality_factors": (), "progress": None}
         place = {"part": part, "share": 0.9, "unit": "mm", "progress": cancels}
         sensor = {"request": "ball", **of_sensor, "progress": cancels}
-        shot = {
-            "part": part,
-            "part_from_sensor": ABOVE,
-            "unit": "mm",
-            "engine": "geometric",
-            **of_sensor,
-        }
+        shot = {"part": part, "part_from_sensor": ABOVE, "unit": "mm", "engine": "geometric", **of_sensor}
         return [
             Target("Scanner", scancell.Scanner, {**setup, "setup": None}),
             Target("Scanner.load_part", scanner.load_part, {"part": "inputs/part.obj", "unit": "mm"}),
@@ -460,13 +454,7 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         geometric: Arguments = {"engine": "geometric"}
         calibrate = {"request": "tool", "artefact": None, **cell, **run, **built}
         render = {"recording": "inputs/run/recording.parquet", **of_part, **no_scan, **run, **geometric}
-        shot = {
-            **of_part,
-            "part_from_sensor": ABOVE,
-            **no_scan,
-            **run,
-            **geometric,
-        }
+        shot = {**of_part, "part_from_sensor": ABOVE, **no_scan, **run, **geometric}
         study = {"file": "inputs/study.toml", "out": "study", "settings": {}, "workers": 1}
         survey = {**of_part, **cell, **run, "radius": 0.05, "voxel": 0.02}
         short = [

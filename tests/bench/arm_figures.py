@@ -1,6 +1,6 @@
 """Measures and draws what drives do to the arm: ``PYTHONPATH=.:tests:tests/fmu python -m bench.arm_figures``.
 
-Writes ``docs/fmu/arm.md`` and ``docs/pictures/arm.png``.
+Replaces the measured tables of ``docs/fmu/arm.md`` and draws ``docs/pictures/arm.png``.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ from scancell.cell.fmu_file import cell_json
 from scancell.config.loading import load_setup
 from scancell.geometry.mesh import box_mesh
 from scancell.nominal.cell import nominal_cell
+
+from .table import replace_paragraphs
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -124,21 +126,22 @@ def main() -> None:
         plays = {width: play(folders, width) for width in (0.0, 5e-4, 1e-3, 2e-3)}
         sagged = sag(folders)
         rings = resonance(folders, 2e3)
-        costs = {
-            "kinematic": step_cost(folders, default_cell()),
-            "dynamic": step_cost(folders, description),
-        }
+        costs = {"kinematic": step_cost(folders, default_cell()), "dynamic": step_cost(folders, description)}
     closed = [
+        "| quantity | closed form | measured |",
+        "| --- | --- | --- |",
         f"| sag of joint 2 (µrad): gravity's torque over stiffness | {sagged[0] * 1e6:.3f} | {sagged[1] * 1e6:.3f} |",
         f"| resonance of a gear of 2000 N m/rad (Hz): sqrt(k / J) / 2π | {rings[0]:.4f} | {rings[1]:.4f} |",
         f"| lost motion of 2 mrad of play (mrad) | 2.0000 | {plays[2e-3] * 1e3:.4f} |",
         f"| greatest torque of a motor of 60 N m | 60 | {limited[3]:.6g} |",
     ]
     draw(moved, limited, plays)
-    text = (Path(__file__).parent / "arm_page.md").read_text()
-    text = text.replace("<CLOSED>", "\n".join(closed))
-    text = text.replace("<COSTS>", "\n".join(f"| {name} | {cost:.0f} |" for name, cost in costs.items()))
-    (DOCS / "fmu/arm.md").write_text(text)
+    cost_rows = [
+        "| drives of the default cell | processor time of a 1 ms step (µs) |",
+        "| --- | --- |",
+        *(f"| {name} | {cost:.0f} |" for name, cost in costs.items()),
+    ]
+    replace_paragraphs(DOCS / "fmu/arm.md", {"| quantity |": closed, "| drives of": cost_rows})
 
 
 def draw(

@@ -1,4 +1,4 @@
-"""`python -m bench.extraction` (in tests/): how well stripes are measured, as a table in docs/extraction.md."""
+"""`python -m bench.extraction` (in tests/): accuracy and time of stripe extraction, as tables in docs/extraction.md."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from scipy.stats import norm
 
 from scancell.sensor import PEAK_REJECTED, Scene, Sensor, expose, extract
 
-from .table import cpu_model
+from .table import cpu_model, replace_paragraphs
 from .timing import measure
 
 TESTS = Path(__file__).resolve().parents[1]
@@ -210,66 +210,24 @@ def belief_requirements() -> Iterator[tuple[str, str, str]]:
         yield f'points kept by `peak = "agreement"`, sheet {1e6 * offset:g} µm off its place', f"{kept:.1f} %", ""
 
 
-def _parts() -> tuple[Iterator[tuple[str, str, str]], ...]:
-    ghosts = (ghost_requirements(), edge_requirements(), belief_requirements())
-    return (stripe_requirements(), shape_requirements(), *ghosts)
-
-
-def document() -> Iterator[str]:
-    """The lines of docs/extraction.md."""
-    yield "# Stripe extraction: measured figures"
-    yield ""
-    yield f"Written by `PYTHONPATH=tests python -m bench.extraction`. CPU: {cpu_model()}."
-    yield ""
-    yield "## Detectors"
-    yield ""
-    yield f"Standard deviation of the row in px over {FRAMES * WIDTH} straight stripes; root mean square where"
-    yield "saturated, mean error with a ghost. 8 bit, 10 ke⁻ high, 5 e⁻ read noise; weak: 1 ke⁻; from there on σ = 1.5."
-    yield "Shape limits are open, so that nothing is rejected for its looks. Time: 1280 × 1024 image with a stripe in"
-    yield "every column, one core."
-    yield ""
-    yield from detector_table()
-    yield ""
-    yield "## What is asked for"
-    yield ""
-    yield "The default detector with the default limits. Shapes: rendered without noise, 12 bit, 16 samples per pixel,"
-    yield "two cameras. Ghosts: images made by geometry from polished V-grooves and steps turned by 5° to 80° against"
-    yield "the sheet, with the laser's reflection from wall to wall and each camera's mirror view of the stripe; points"
-    yield "that a reflection overlaps in either camera are not counted as good."
-    yield ""
-    yield "`agreement` is for shiny parts and sharp edges. It takes the calibration at its word: where the cameras"
-    yield "differ all over by more than `agreement_px` (half a row: 24 to 80 µm of range), no point is left. The"
-    yield "shipped sensor keeps `brightest`."
-    yield ""
-    yield "`extraction.triangulation` says which surface a pixel's ray meets: `exact` the plane X = 0 of the"
-    yield "sensor, `sheet` the sheet as `[laser]` describes it (out of place, turned, curved), by Newton's method"
-    yield "on its implicit function: points come back within 1e-12 m. A calibrated sensor uses `sheet`"
-    yield "(`docs/calibration_sensor.md`); comparisons of cameras (`agreement`, `fusion`) and stated deviations"
-    yield "follow it. Two further values are equations of a paper as printed ([paper.md](paper.md#errata))."
-    yield ""
-    yield "What an ideal mirror both lights and shows (laser, mirror, wall, mirror, camera) comes back along its"
-    yield "own way: it appears behind the mirror on the sheet, to all cameras in one place, as a wall there would."
-    yield "No comparison of cameras tells it from one; of all other ghosts of a mirror that faces a white wall 0 of"
-    yield "1716 are accepted. Polished metal shows the stripe itself too, and that settles it."
-    yield ""
+def requirement_table() -> Iterator[str]:
+    """One line per figure that is asked for."""
     yield "| what | measured | wanted |"
     yield "|---|---|---|"
-    for part in _parts():
-        for what, measured, wanted in part:
+    for part in (stripe_requirements, shape_requirements, ghost_requirements, edge_requirements, belief_requirements):
+        for what, measured, wanted in part():
             yield f"| {what} | {measured} | {wanted} |"
 
 
 def main() -> None:
     """Measure and write."""
     parser = argparse.ArgumentParser(prog="python -m bench.extraction", description=__doc__)
-    parser.add_argument("--out", type=Path, default=TESTS.parent / "docs" / "extraction.md")
-    options = parser.parse_args()
-    lines = []
-    for line in document():
-        print(line, flush=True)
-        lines.append(line)
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    options.out.write_text("\n".join(lines) + "\n")
+    parser.add_argument("--page", type=Path, default=TESTS.parent / "docs" / "extraction.md")
+    page = parser.parse_args().page
+    written = f"Written by `PYTHONPATH=tests python -m bench.extraction`. CPU: {cpu_model()}."
+    tables = {"| detector |": list(detector_table()), "| what |": list(requirement_table())}
+    replace_paragraphs(page, {"Written by": [written], **tables})
+    print("\n".join(line for table in tables.values() for line in table))
 
 
 if __name__ == "__main__":

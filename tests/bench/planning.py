@@ -41,7 +41,7 @@ from scancell.planning.views.placement import LIMIT_FRACTION
 from scancell.proximity.judge import first_collision
 
 from .planning_cases import CLEARANCE, PARTS, WANTED, make, path_of, planning_cell, read_cases
-from .table import cpu_model
+from .table import cpu_model, replace_paragraphs
 
 Array = NDArray[np.float64]
 
@@ -230,29 +230,6 @@ def table_of(rows: list[Row], cases: list[dict[str, Any]]) -> Iterator[str]:
     )
 
 
-def page_of(rows: list[Row], cases: list[dict[str, Any]]) -> str:
-    """The page of the documentation."""
-    counts = ", ".join(f"{sum(case['kind'] == kind for case in cases)} {kind}" for kind in WANTED)
-    return f"""# Benchmark of path planning
-
-Written by `PYTHONPATH=tests python -m bench.planning run --page docs/planning_benchmark.md` on {cpu_model()}. Times are
-processor times.
-
-`assets/benchmarks/planning/cases.toml` holds {len(cases)} cases in the default cell ({counts}): straight legs and arcs
-of a spiral over the sample parts at random places, with up to three boxes in the way. `bench.planning make` draws them
-anew from their seeds.
-
-- ordinary: a motion exists, and a table at rest at some angle would do
-- moving: a motion exists, but none with the table at rest: what sweeps and passes cannot do
-- blocked: none exists, by construction: out of reach, or a plate over the path
-
-The optimum is that of dynamic programming on the same lattice; the gap is the cost of Ray Shooting's motion over it.
-The share of the map is that of the branch in which Ray Shooting found its motion.
-
-{chr(10).join(table_of(rows, cases))}
-"""
-
-
 def run(workers: int, out: Path, only: int, page: Path | None) -> None:
     """Run the cases, plan scans of the sample parts, and write rows, table and page."""
     cases = read_cases()
@@ -270,7 +247,9 @@ def run(workers: int, out: Path, only: int, page: Path | None) -> None:
     (out / "table.md").write_text(text + "\n")
     print(text)
     if page is not None:
-        page.write_text(page_of(rows, cases))
+        written = f"Written by `PYTHONPATH=tests python -m bench.planning run --page {page}` on {cpu_model()}."
+        table, figures = text.split("\n\n")
+        replace_paragraphs(page, {"Written by": [written], "| class |": [table], "- Cases with": [figures]})
 
 
 def main() -> None:

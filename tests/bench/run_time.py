@@ -24,7 +24,7 @@ import numpy as np
 
 from scancell.config.loading import assets_dir
 
-from .table import cpu_model
+from .table import cpu_model, replace_paragraphs
 
 PAGE = Path(__file__).resolve().parents[2] / "docs/run_time.md"
 SCANCELL = [sys.executable, "-c", "from scancell.cli import main; main()"]
@@ -159,26 +159,21 @@ def measure(task: Task, repeats: int, environment: dict[str, str]) -> Measured:
     return Measured(median("wall"), median("processor"), median("memory_mb"))
 
 
-def page(rows: Sequence[tuple[Task, Measured]], repeats: int, wide: bool) -> str:
-    """The page in Markdown."""
+def write_page(file: Path, rows: Sequence[tuple[Task, Measured]], repeats: int, wide: bool) -> None:
+    """Replace the figures of docs/run_time.md."""
     width = "AVX-512" if wide else "AVX2, no AVX-512"
-    lines = [
-        "# Run time of whole commands",
-        "",
-        f"Median of {repeats} runs on {cpu_model()} ({width}), load {os.getloadavg()[0]:.1f} at the end. "
-        "Written by `PYTHONPATH=tests python -m bench.run_time`. Seconds are wall time from command to prompt; the "
-        "one-time cost of the measurable surface of a part is not in them (see [coverage.md](coverage.md)).",
-        "",
+    table = [
         "| what | seconds | processor s | peak MB | limit s | version 0.1.0 (AVX2 / AVX-512) |",
         "| --- | --- | --- | --- | --- | --- |",
     ]
     for task, found in rows:
         limit = task.avx512 if wide else task.avx2
-        lines.append(
+        table.append(
             f"| {task.name} | {found.wall:.2f} | {found.processor:.2f} | {found.memory_mb:.0f} | {limit:g} |"
             f" {task.version_0_1_0} |"
         )
-    return "\n".join([*lines, ""])
+    machine = f"Median of {repeats} runs on {cpu_model()} ({width}), load {os.getloadavg()[0]:.1f} at the end."
+    replace_paragraphs(file, {"Median of": [machine], "| what |": table})
 
 
 def main() -> None:
@@ -186,7 +181,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m bench.run_time", description=__doc__)
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--only", type=int, action="append", help="number of a row, from 0; may be repeated")
-    parser.add_argument("--out", type=Path, default=PAGE)
+    parser.add_argument("--page", type=Path, default=PAGE)
     options = parser.parse_args()
     wide = "avx512f" in Path("/proc/cpuinfo").read_text()
     rows = []
@@ -201,7 +196,7 @@ def main() -> None:
             rows.append((task, measure(task, options.repeats, environment)))
             found = rows[-1][1]
             print(f"{task.name}: {found.wall:.2f} s, processor {found.processor:.2f} s, {found.memory_mb:.0f} MB")
-    options.out.write_text(page(rows, options.repeats, wide))
+    write_page(options.page, rows, options.repeats, wide)
 
 
 if __name__ == "__main__":

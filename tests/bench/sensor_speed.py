@@ -53,7 +53,7 @@ def image_rows() -> Iterator[Row]:
 
 def reflected_rows() -> Iterator[Row]:
     """The same pairs with light that is reflected up to twice between surfaces, and speckle."""
-    timing = _ray_traced(part_on_table(PART_TRIANGLES), 2, settings=REFLECTED)
+    timing = _ray_traced(part_on_table(PART_TRIANGLES), 2, overrides=REFLECTED)
     yield _rate_row("two bounces and speckle, 2 threads", timing, FRAMES, "pairs/s", LIMIT_REFLECTED, 2)
 
 

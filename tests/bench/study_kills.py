@@ -32,7 +32,7 @@ from commands import COMMAND, environment  # noqa: E402
 
 from studies_files import GLOSS, HEAD, OFFSET, write_study  # noqa: E402
 
-from .table import cpu_model  # noqa: E402
+from .table import cpu_model, replace_paragraphs  # noqa: E402
 
 TRIALS = 12
 DESIGN = f'[design]\nkind = "monte_carlo"\ntrials = {TRIALS}\n'
@@ -165,26 +165,21 @@ def campaign(kills: int, seed: int) -> Iterator[tuple[Attempt, float]]:
             yield study.attempt(VICTIMS[k % 3], moments.uniform(0.05, 0.95) * study.length_s), study.length_s
 
 
-def page(attempts: Sequence[Attempt], length_s: float) -> str:
-    """docs/study_kills.md."""
+def write_page(file: Path, attempts: Sequence[Attempt], length_s: float) -> None:
+    """Replace the figures of docs/study_kills.md."""
     good = sum(attempt.identical for attempt in attempts)
-    lines = [
-        "# Studies killed and resumed",
-        "",
-        f"Written by `PYTHONPATH=tests python -m bench.study_kills --kills {len(attempts)}` on {cpu_model()}",
-        f"with a load of {os.getloadavg()[0]:.0f} in all: SIGKILL to a worker, to the scheduler or to the command at a",
-        f"random moment of a study of {TRIALS} scans on two workers, {length_s:.0f} s long when undisturbed, then",
-        "`scancell study resume`. Identical: `results.parquet` and the rows of every trial have the bytes of the",
-        "undisturbed run, none is missing, none is there twice, and no half-written file is left. Exit code 1: the",
-        "command said that the scheduler was gone, or that a worker which was killed at its start did not come up.",
-        "",
-        f"**{good} of {len(attempts)} identical.**",
-        "",
+    command = f"`PYTHONPATH=tests python -m bench.study_kills --kills {len(attempts)}`"
+    written = [
+        f"Written by {command} on {cpu_model()},",
+        f"load {os.getloadavg()[0]:.0f}; a study of {TRIALS} scans takes {length_s:.0f} s when undisturbed.",
+    ]
+    table = [
         "| killed | after s | trials finished then | exit code | half-written folders | identical after resume |",
         "|---|---|---|---|---|---|",
         *(attempt.line() for attempt in attempts),
     ]
-    return "\n".join(lines) + "\n"
+    identical = f"**{good} of {len(attempts)} identical.**"
+    replace_paragraphs(file, {"Written by": written, "**": [identical], "| killed": table})
 
 
 def main() -> None:
@@ -192,13 +187,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m bench.study_kills", description=__doc__)
     parser.add_argument("--kills", type=int, default=21)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=Path("docs/study_kills.md"))
+    parser.add_argument("--page", type=Path, default=Path("docs/study_kills.md"))
     options = parser.parse_args()
     attempts: list[Attempt] = []
     for attempt, length_s in campaign(options.kills, options.seed):
         attempts.append(attempt)
         print(attempt.line(), flush=True)
-        options.out.write_text(page(attempts, length_s))
+        write_page(options.page, attempts, length_s)
     if not all(attempt.identical for attempt in attempts):
         raise SystemExit(1)
 

@@ -1,10 +1,11 @@
-"""Rows of a benchmark: on screen and as JSON."""
+"""Rows of a benchmark, on screen and as JSON, and tables in pages of the documentation."""
 
 from __future__ import annotations
 
 import json
 import os
 import platform
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
@@ -91,3 +92,15 @@ def write_json(rows: list[Row], path: Path) -> None:
         "rows": [{**asdict(row), "ratio": row.ratio, "verdict": row.verdict} for row in rows],
     }
     path.write_text(json.dumps(content, indent=1) + "\n")
+
+
+def replace_paragraphs(page: Path, replaced: Mapping[str, Iterable[str]]) -> None:
+    """Replace tables, lists and paragraphs of a Markdown page; the text around them is written by hand.
+
+    `replaced` holds the new lines by the beginning of the old paragraph, which one paragraph of the page has.
+    """
+    paragraphs = page.read_text(encoding="utf-8").rstrip("\n").split("\n\n")
+    for beginning, lines in replaced.items():
+        (number,) = (k for k, paragraph in enumerate(paragraphs) if paragraph.startswith(beginning))
+        paragraphs[number] = "\n".join(lines)
+    page.write_text("\n\n".join(paragraphs) + "\n", encoding="utf-8")

@@ -20,10 +20,7 @@ def build(folders: FmuFolders) -> Iterator[Build]:
     running: list[CellFmu] = []
 
     def start(
-        version: int = 3,
-        cell: dict[str, Any] | None = None,
-        parameters: Parameters | None = None,
-        **options: Any,
+        version: int = 3, cell: dict[str, Any] | None = None, parameters: Parameters | None = None, **options: Any
     ) -> CellFmu:
         folder = folders.unpacked(version, cell or cell_description())
         running.append(CellFmu(folder, parameters, options=options))

@@ -217,11 +217,7 @@ def test_light_never_precedes_firing(build: Build) -> None:
 
 
 SINE: Parameters = {"x": 1e-4, "y": -2e-4, "z": 3e-4, "frequency": 23.0, "phase": 0.7}
-SHAKEN = {
-    "base": ["link[1]", "link[6]", "sensor"],
-    "flange": ["link[6]", "sensor"],
-    "table": ["table", "part[1]"],
-}
+SHAKEN = {"base": ["link[1]", "link[6]", "sensor"], "flange": ["link[6]", "sensor"], "table": ["table", "part[1]"]}
 
 
 @pytest.mark.parametrize("place", list(SHAKEN))

@@ -56,9 +56,7 @@ def v_groove(yaw: float, depth: float = 0.006, floor: float = 0.124) -> list[Wal
     def side(sign: float) -> Wall:
         normal = (-sign * across + np.array([0.0, 0.0, -1.0])) / np.sqrt(2.0)
         return Wall(
-            np.array([0.0, 0.0, floor]),
-            normal,
-            lambda p: (sign * (p @ across) >= 0.0) & (sign * (p @ across) <= depth),
+            np.array([0.0, 0.0, floor]), normal, lambda p: (sign * (p @ across) >= 0.0) & (sign * (p @ across) <= depth)
         )
 
     top = Wall(np.array([0.0, 0.0, floor - depth]), np.array([0.0, 0.0, -1.0]), lambda p: np.abs(p @ across) >= depth)

@@ -25,10 +25,7 @@ class Count:
 
     def __add__(self, other: Count) -> Count:
         return Count(
-            self.good + other.good,
-            self.lost + other.lost,
-            self.ghosts + other.ghosts,
-            self.accepted + other.accepted,
+            self.good + other.good, self.lost + other.lost, self.ghosts + other.ghosts, self.accepted + other.accepted
         )
 
 

@@ -141,11 +141,7 @@ SIGMA = 8e-4  # a thick sheet is hit by more paths
 def images_of(scene: Scene, poses: list[Array], **render: Any) -> Array:
     """Small noise-free images (FRAMES, cameras, h, w)."""
     sensor = make_sensor(
-        160,
-        128,
-        cameras=2,
-        render={"noise": False} | render,
-        laser={"sheet_sigma": SIGMA, "divergence": 0.0},
+        160, 128, cameras=2, render={"noise": False} | render, laser={"sheet_sigma": SIGMA, "divergence": 0.0}
     )
     return np.asarray(expected_electrons(scene, sensor, still(*poses, count=FRAMES)), float)
 

@@ -170,10 +170,7 @@ def fine_waves(gap: float, facet: float) -> tuple[Array, NDArray[np.uint32]]:
     rows = len(along)
     corner = (np.arange(len(across) - 1)[:, None] * rows + np.arange(rows - 1)).ravel()
     faces = np.concatenate(
-        [
-            np.stack([corner, corner + rows, corner + 1], 1),
-            np.stack([corner + 1, corner + rows, corner + rows + 1], 1),
-        ]
+        [np.stack([corner, corner + rows, corner + 1], 1), np.stack([corner + 1, corner + rows, corner + rows + 1], 1)]
     )
     in_one_piece = beyond[faces].all(axis=1) | ~beyond[faces].any(axis=1)
     return vertices, faces[in_one_piece].astype(np.uint32)

@@ -207,10 +207,7 @@ def test_hits_are_invariant_under_common_motion(rng: np.random.Generator) -> Non
     before, _, _ = cast_rays(scene, world_from_body[None], origins, directions)
     move = random_pose(rng)
     after, _, _ = cast_rays(
-        scene,
-        (move @ world_from_body)[None],
-        origins @ move[:3, :3].T + move[:3, 3],
-        directions @ move[:3, :3].T,
+        scene, (move @ world_from_body)[None], origins @ move[:3, :3].T + move[:3, 3], directions @ move[:3, :3].T
     )
     both = np.isfinite(before) & np.isfinite(after)
     assert both.sum() >= np.isfinite(before).sum() - 1

@@ -58,11 +58,7 @@ def build(sanitizer: Sanitizer, jobs: int) -> Path:
 
 def findings(program: Path, *arguments: str | Path) -> tuple[int, str]:
     """Number of reports in a run, and what was said; a run that fails counts as one at least."""
-    environment = {
-        **os.environ,
-        "ASAN_OPTIONS": "detect_leaks=1",
-        "UBSAN_OPTIONS": "print_stacktrace=1",
-    }
+    environment = {**os.environ, "ASAN_OPTIONS": "detect_leaks=1", "UBSAN_OPTIONS": "print_stacktrace=1"}
     # Addresses that are not spread: the sanitizers cannot place their shadows otherwise on every kernel.
     command = ["setarch", "--addr-no-randomize", str(program), *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
