@@ -5,13 +5,13 @@
 #include <numeric>
 #include <optional>
 
-#include "sensor_rt/render/ambient.h"
-#include "sensor_rt/render/filled_pixels.h"
-#include "sensor_rt/render/lamp_filler.h"
-#include "sensor_rt/render/light_tracer.h"
-#include "sensor_rt/render/path_tracer.h"
-#include "sensor_rt/render/pixel_tracer.h"
-#include "sensor_rt/render/reflected_lamps.h"
+#include "sensor_rt/render/integrator/ambient.h"
+#include "sensor_rt/render/integrator/lamp_filler.h"
+#include "sensor_rt/render/integrator/pixel_tracer.h"
+#include "sensor_rt/render/integrator/reflected_lamps.h"
+#include "sensor_rt/render/photons/light_tracer.h"
+#include "sensor_rt/render/pixels/filled_pixels.h"
+#include "sensor_rt/render/reference/path_tracer.h"
 
 namespace sensor_rt {
 namespace {

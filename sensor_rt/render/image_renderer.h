@@ -5,11 +5,11 @@
 #include <vector>
 
 #include "sensor_rt/render/exposure_views.h"
-#include "sensor_rt/render/lit_pixel_marker.h"
-#include "sensor_rt/render/pixel_cover.h"
-#include "sensor_rt/render/pixel_mask.h"
+#include "sensor_rt/render/photons/splat_image.h"
+#include "sensor_rt/render/pixels/lit_pixel_marker.h"
+#include "sensor_rt/render/pixels/pixel_cover.h"
+#include "sensor_rt/render/pixels/pixel_mask.h"
 #include "sensor_rt/render/row_views.h"
-#include "sensor_rt/render/splat_image.h"
 
 namespace sensor_rt {
 

@@ -9,9 +9,9 @@
 #include "sensor_rt/optics/laser_emitter.h"
 #include "sensor_rt/optics/projector.h"
 #include "sensor_rt/optics/sensor_model.h"
+#include "sensor_rt/render/emitter/speckle_tile.h"
 #include "sensor_rt/render/render_options.h"
 #include "sensor_rt/render/sampling_pattern.h"
-#include "sensor_rt/render/speckle_tile.h"
 
 namespace sensor_rt {
 

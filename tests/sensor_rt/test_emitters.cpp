@@ -3,7 +3,7 @@
 
 #include <cmath>
 
-#include "sensor_rt/render/sheet_light.h"
+#include "sensor_rt/render/emitter/sheet_light.h"
 #include "sensor_rt/scene/light.h"
 
 namespace sensor_rt {

@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "sensor_rt/render/exposure_views.h"
-#include "sensor_rt/render/planar_mirrors.h"
-#include "sensor_rt/render/splat_image.h"
+#include "sensor_rt/render/photons/planar_mirrors.h"
+#include "sensor_rt/render/photons/splat_image.h"
 
 namespace sensor_rt {
 

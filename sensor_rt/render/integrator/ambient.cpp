@@ -1,4 +1,4 @@
-#include "sensor_rt/render/ambient.h"
+#include "sensor_rt/render/integrator/ambient.h"
 
 #include <algorithm>
 

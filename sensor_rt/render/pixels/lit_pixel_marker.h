@@ -4,8 +4,8 @@
 #include <cstddef>
 #include <vector>
 
-#include "sensor_rt/render/fan_grid.h"
-#include "sensor_rt/render/pixel_mask.h"
+#include "sensor_rt/render/pixels/fan_grid.h"
+#include "sensor_rt/render/pixels/pixel_mask.h"
 
 namespace sensor_rt {
 

@@ -1,4 +1,4 @@
-#include "sensor_rt/render/pixel_tracer.h"
+#include "sensor_rt/render/integrator/pixel_tracer.h"
 
 #include <algorithm>
 #include <cmath>

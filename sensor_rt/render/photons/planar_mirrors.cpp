@@ -1,4 +1,4 @@
-#include "sensor_rt/render/planar_mirrors.h"
+#include "sensor_rt/render/photons/planar_mirrors.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "sensor_rt/render/speckle.h"
+#include "sensor_rt/render/emitter/speckle.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,9 +1,9 @@
-#include "sensor_rt/render/filled_pixels.h"
+#include "sensor_rt/render/pixels/filled_pixels.h"
 
 #include <algorithm>
 #include <cmath>
 
-#include "sensor_rt/render/sheet_light.h"
+#include "sensor_rt/render/emitter/sheet_light.h"
 
 namespace sensor_rt {
 namespace {

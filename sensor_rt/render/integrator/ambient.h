@@ -3,8 +3,8 @@
 
 #include <vector>
 
-#include "sensor_rt/render/pixel_mask.h"
-#include "sensor_rt/render/pixel_tracer.h"
+#include "sensor_rt/render/integrator/pixel_tracer.h"
+#include "sensor_rt/render/pixels/pixel_mask.h"
 
 namespace sensor_rt {
 

@@ -1,4 +1,4 @@
-#include "sensor_rt/render/pixel_mask.h"
+#include "sensor_rt/render/pixels/pixel_mask.h"
 
 #include <algorithm>
 

@@ -1,4 +1,4 @@
-#include "sensor_rt/render/lamp_filler.h"
+#include "sensor_rt/render/integrator/lamp_filler.h"
 
 #include <algorithm>
 #include <cmath>

@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "sensor_rt/render/exposure_views.h"
-#include "sensor_rt/render/pixel_integrals.h"
-#include "sensor_rt/render/pixel_rays.h"
+#include "sensor_rt/render/integrator/pixel_rays.h"
+#include "sensor_rt/render/pixels/pixel_integrals.h"
 
 namespace sensor_rt {
 

@@ -1,4 +1,4 @@
-#include "sensor_rt/render/splat_image.h"
+#include "sensor_rt/render/photons/splat_image.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "sensor_rt/render/fan_grid.h"
+#include "sensor_rt/render/pixels/fan_grid.h"
 
 #include <algorithm>
 #include <cmath>

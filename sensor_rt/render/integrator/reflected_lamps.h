@@ -4,8 +4,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "sensor_rt/render/path_tracer.h"
-#include "sensor_rt/render/pixel_tracer.h"
+#include "sensor_rt/render/integrator/pixel_tracer.h"
+#include "sensor_rt/render/reference/path_tracer.h"
 
 namespace sensor_rt {
 

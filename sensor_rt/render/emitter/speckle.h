@@ -6,8 +6,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "sensor_rt/render/emitter/speckle_tile.h"
 #include "sensor_rt/render/exposure_views.h"
-#include "sensor_rt/render/speckle_tile.h"
 
 namespace sensor_rt {
 

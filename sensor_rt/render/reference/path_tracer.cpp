@@ -1,10 +1,10 @@
-#include "sensor_rt/render/path_tracer.h"
+#include "sensor_rt/render/reference/path_tracer.h"
 
 #include <algorithm>
 #include <limits>
 #include <vector>
 
-#include "sensor_rt/render/path_random.h"
+#include "sensor_rt/render/reference/path_random.h"
 
 namespace sensor_rt {
 

@@ -1,9 +1,9 @@
-#include "sensor_rt/render/light_tracer.h"
+#include "sensor_rt/render/photons/light_tracer.h"
 
 #include <algorithm>
 #include <cmath>
 
-#include "sensor_rt/render/path_random.h"
+#include "sensor_rt/render/reference/path_random.h"
 #include "sensor_rt/tracing/surface_point.h"
 
 namespace sensor_rt {

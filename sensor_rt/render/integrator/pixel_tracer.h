@@ -3,11 +3,11 @@
 
 #include <vector>
 
+#include "sensor_rt/render/emitter/sheet_light.h"
+#include "sensor_rt/render/emitter/speckle.h"
 #include "sensor_rt/render/exposure_views.h"
-#include "sensor_rt/render/pixel_rays.h"
+#include "sensor_rt/render/integrator/pixel_rays.h"
 #include "sensor_rt/render/row_views.h"
-#include "sensor_rt/render/sheet_light.h"
-#include "sensor_rt/render/speckle.h"
 #include "sensor_rt/tracing/lamps.h"
 
 namespace sensor_rt {

@@ -3,10 +3,10 @@
 
 #include <cstdint>
 
+#include "sensor_rt/render/emitter/speckle.h"
 #include "sensor_rt/render/exposure_views.h"
-#include "sensor_rt/render/pixel_rays.h"
+#include "sensor_rt/render/integrator/pixel_rays.h"
 #include "sensor_rt/render/row_views.h"
-#include "sensor_rt/render/speckle.h"
 #include "sensor_rt/tracing/lamps.h"
 
 namespace sensor_rt {

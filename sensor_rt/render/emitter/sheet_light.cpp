@@ -1,4 +1,4 @@
-#include "sensor_rt/render/sheet_light.h"
+#include "sensor_rt/render/emitter/sheet_light.h"
 
 #include <cmath>
 #include <limits>

@@ -1,4 +1,4 @@
-#include "sensor_rt/render/pixel_cover.h"
+#include "sensor_rt/render/pixels/pixel_cover.h"
 
 #include <algorithm>
 #include <cmath>

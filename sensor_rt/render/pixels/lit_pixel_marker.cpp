@@ -1,10 +1,10 @@
-#include "sensor_rt/render/lit_pixel_marker.h"
+#include "sensor_rt/render/pixels/lit_pixel_marker.h"
 
 #include <algorithm>
 #include <cmath>
 #include <utility>
 
-#include "sensor_rt/render/pixel_cover.h"
+#include "sensor_rt/render/pixels/pixel_cover.h"
 
 namespace sensor_rt {
 namespace {

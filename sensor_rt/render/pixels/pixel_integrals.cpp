@@ -1,4 +1,4 @@
-#include "sensor_rt/render/pixel_integrals.h"
+#include "sensor_rt/render/pixels/pixel_integrals.h"
 
 #include <cmath>
 

@@ -6,8 +6,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "sensor_rt/render/pixel_mask.h"
-#include "sensor_rt/render/pixel_rays.h"
+#include "sensor_rt/render/integrator/pixel_rays.h"
+#include "sensor_rt/render/pixels/pixel_mask.h"
 #include "sensor_rt/tracing/ray_view.h"
 
 namespace sensor_rt {

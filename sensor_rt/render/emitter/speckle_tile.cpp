@@ -1,4 +1,4 @@
-#include "sensor_rt/render/speckle_tile.h"
+#include "sensor_rt/render/emitter/speckle_tile.h"
 
 #include <algorithm>
 #include <cmath>
