@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "fmu/model/cell_description.h"
+#include "fmu/model/description/cell_description.h"
 
 namespace robotcell::fmi {
 

@@ -2,7 +2,7 @@
 
 #include <string_view>
 
-#include "fmu/model/value_limits.h"
+#include "fmu/model/description/value_limits.h"
 
 namespace robotcell::fmi {
 namespace {

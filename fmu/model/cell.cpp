@@ -6,7 +6,7 @@
 #include <stdexcept>
 
 #include "fmu/control/time_units.h"
-#include "fmu/model/program_file.h"
+#include "fmu/model/description/program_file.h"
 #include "fmu/model/random.h"
 
 namespace robotcell {

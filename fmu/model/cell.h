@@ -7,15 +7,15 @@
 
 #include "fmu/control/robot_controller.h"
 #include "fmu/model/axes_state.h"
-#include "fmu/model/cell_description.h"
 #include "fmu/model/cell_values.h"
 #include "fmu/model/cell_vibration.h"
 #include "fmu/model/controller_link.h"
-#include "fmu/model/encoder.h"
-#include "fmu/model/kinematics.h"
-#include "fmu/model/sensing.h"
-#include "fmu/model/trigger.h"
-#include "fmu/model/world.h"
+#include "fmu/model/description/cell_description.h"
+#include "fmu/model/devices/encoder.h"
+#include "fmu/model/devices/sensing.h"
+#include "fmu/model/devices/trigger.h"
+#include "fmu/model/world/kinematics.h"
+#include "fmu/model/world/world.h"
 
 namespace robotcell {
 

@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "fmu/model/devices/sensors.h"
 #include "fmu/model/per_device.h"
-#include "fmu/model/sensors.h"
 
 namespace robotcell {
 

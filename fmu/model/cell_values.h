@@ -9,8 +9,8 @@
 
 #include "fmu/control/robot_controller.h"
 #include "fmu/model/cell_layout.h"
+#include "fmu/model/devices/gripper_state.h"
 #include "fmu/model/fields.h"
-#include "fmu/model/gripper_state.h"
 #include "fmu/model/vibration_parameters.h"
 
 namespace robotcell {

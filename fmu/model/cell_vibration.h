@@ -1,9 +1,9 @@
 // Vibration of robot base, flange and table, superimposed on their motion.
 #pragma once
 
-#include "fmu/model/cell_description.h"
-#include "fmu/model/kinematics.h"
+#include "fmu/model/description/cell_description.h"
 #include "fmu/model/vibration.h"
+#include "fmu/model/world/kinematics.h"
 
 namespace robotcell {
 

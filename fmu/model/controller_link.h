@@ -4,8 +4,8 @@
 #include <string>
 
 #include "fmu/control/robot_controller.h"
-#include "fmu/model/cell_description.h"
-#include "fmu/model/kinematics.h"
+#include "fmu/model/description/cell_description.h"
+#include "fmu/model/world/kinematics.h"
 
 namespace robotcell {
 

@@ -1,6 +1,6 @@
 #include "fmu/model/start_inputs.h"
 
-#include "fmu/model/kinematics.h"
+#include "fmu/model/world/kinematics.h"
 
 namespace robotcell {
 

@@ -4,8 +4,8 @@
 #include <array>
 #include <cstddef>
 
-#include "fmu/model/cell_description.h"
 #include "fmu/model/cell_values.h"
+#include "fmu/model/description/cell_description.h"
 
 namespace robotcell {
 

@@ -14,7 +14,7 @@
 #include <unistd.h>
 
 #include "fmu/fmi/variable_table.h"
-#include "fmu/model/cell_description.h"
+#include "fmu/model/description/cell_description.h"
 
 extern "C" {
 #include "fmu/third_party/fmi/fmi2Functions.h"

@@ -11,7 +11,7 @@
 #include <memory>
 #include <string>
 
-#include "fmu/model/capped_collision_detector.h"
+#include "fmu/model/world/capped_collision_detector.h"
 
 namespace robotcell::testing {
 

@@ -3,8 +3,8 @@
 
 #include <dart/dynamics/PrismaticJoint.hpp>
 
-#include "fmu/model/coulomb_solver.h"
-#include "fmu/model/gripper.h"
+#include "fmu/model/devices/gripper.h"
+#include "fmu/model/world/coulomb_solver.h"
 #include "tests/fmu/engine_world.h"
 
 namespace robotcell::testing {

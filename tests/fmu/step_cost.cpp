@@ -14,9 +14,9 @@
 #include <future>
 #include <thread>
 
-#include "fmu/model/capped_collision_detector.h"
-#include "fmu/model/world.h"
-#include "fmu/model/world_bodies.h"
+#include "fmu/model/world/capped_collision_detector.h"
+#include "fmu/model/world/world.h"
+#include "fmu/model/world/world_bodies.h"
 
 namespace {
 

@@ -6,8 +6,8 @@
 #include <memory>
 #include <vector>
 
-#include "fmu/model/coulomb_problem.h"
-#include "fmu/model/coulomb_solver.h"
+#include "fmu/model/world/coulomb_problem.h"
+#include "fmu/model/world/coulomb_solver.h"
 
 namespace {
 

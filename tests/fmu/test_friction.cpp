@@ -4,8 +4,8 @@
 #include <cmath>
 #include <dart/constraint/DantzigBoxedLcpSolver.hpp>
 
-#include "fmu/model/coulomb_solver.h"
-#include "fmu/model/hull_shape.h"
+#include "fmu/model/world/coulomb_solver.h"
+#include "fmu/model/world/hull_shape.h"
 #include "tests/fmu/engine_world.h"
 
 namespace {

@@ -1,5 +1,5 @@
 // Gripper against closed forms: width, force, slip in any direction, centring.
-#include "fmu/model/gripper.h"
+#include "fmu/model/devices/gripper.h"
 
 #include <gtest/gtest.h>
 

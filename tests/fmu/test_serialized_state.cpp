@@ -10,7 +10,7 @@
 #include "fmu/fmi/archive.h"
 #include "fmu/fmi/snapshot.h"
 #include "fmu/fmi/variable_table.h"
-#include "fmu/model/cell_description.h"
+#include "fmu/model/description/cell_description.h"
 
 extern "C" {
 #include "fmu/third_party/fmi/fmi2Functions.h"

@@ -1,12 +1,12 @@
 // Soft parts against closed forms: spring compression and Coulomb's limit.
-#include "fmu/model/soft_body.h"
+#include "fmu/model/world/soft_body.h"
 
 #include <gtest/gtest.h>
 
 #include <dart/dynamics/SoftBodyNode.hpp>
 
-#include "fmu/model/cell_description.h"
-#include "fmu/model/soft_collision_detector.h"
+#include "fmu/model/description/cell_description.h"
+#include "fmu/model/world/soft_collision_detector.h"
 #include "tests/fmu/gripper_world.h"
 
 namespace {

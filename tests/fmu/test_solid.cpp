@@ -1,5 +1,5 @@
 // Penetration depth of points in convex bodies against closed forms.
-#include "fmu/model/solid.h"
+#include "fmu/model/world/solid.h"
 
 #include <gtest/gtest.h>
 
@@ -8,7 +8,7 @@
 #include <dart/dynamics/SphereShape.hpp>
 #include <random>
 
-#include "fmu/model/hull_shape.h"
+#include "fmu/model/world/hull_shape.h"
 
 namespace {
 

@@ -1,9 +1,9 @@
 // The stick constraint projects only in the contact plane, and holds exactly where friction does.
 #include <gtest/gtest.h>
 
-#include "fmu/model/cell_description.h"
-#include "fmu/model/stick_constraint.h"
-#include "fmu/model/world.h"
+#include "fmu/model/description/cell_description.h"
+#include "fmu/model/world/stick_constraint.h"
+#include "fmu/model/world/world.h"
 
 namespace {
 

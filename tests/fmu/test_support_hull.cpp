@@ -6,7 +6,7 @@
 #include <cmath>
 #include <set>
 
-#include "fmu/model/support_hull.h"
+#include "fmu/model/world/support_hull.h"
 
 namespace {
 

@@ -1,8 +1,8 @@
 // The dynamics world against the kinematics.
 #include <gtest/gtest.h>
 
-#include "fmu/model/cell_description.h"
-#include "fmu/model/world.h"
+#include "fmu/model/description/cell_description.h"
+#include "fmu/model/world/world.h"
 
 namespace {
 

@@ -1,0 +1,184 @@
+#include "fmu/model/description/cell_description.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <memory>
+
+#include "fmu/control/time_units.h"
+#include "fmu/model/description/json_reader.h"
+#include "fmu/model/description/value_limits.h"
+
+namespace robotcell {
+namespace {
+
+constexpr std::size_t kMinJoints = 4;
+constexpr double kMaxJointPosition = 1e6;  // rad
+constexpr double kParallel = 1e-6;         // sine of the angle between parallel axes
+constexpr double kMaxLatency = 0.1;        // s, of an encoder
+
+EncoderDescription parse_encoder(const JsonReader& json) {
+  return {json.at("encoder_resolution").number(0, 1), json.at("encoder_noise").number(0, 1),
+          std::llround(json.at("encoder_latency").number(0, kMaxLatency) * kMicrosecondsPerSecond)};
+}
+
+MotionDescription parse_motion(const JsonReader& json) {
+  json.expect_keys({"line_speed", "line_acceleration", "turn_speed", "turn_acceleration", "jog_speed",
+                    "jog_acceleration", "jog_turn_speed", "jog_turn_acceleration", "jog_joint_share"});
+  MotionDescription motion;
+  motion.line_speed = json.at("line_speed").positive();
+  motion.line_acceleration = json.at("line_acceleration").positive();
+  motion.angular_speed = json.at("turn_speed").positive();
+  motion.angular_acceleration = json.at("turn_acceleration").positive();
+  motion.jog_speed = json.at("jog_speed").positive();
+  motion.jog_acceleration = json.at("jog_acceleration").positive();
+  motion.jog_angular_speed = json.at("jog_turn_speed").positive();
+  motion.jog_angular_acceleration = json.at("jog_turn_acceleration").positive();
+  motion.jog_joint_share = json.at("jog_joint_share").number(0, 1);
+  return motion;
+}
+
+JointDescription parse_joint(const JsonReader& json) {
+  json.expect_keys({"a", "d", "alpha", "theta", "min", "max", "max_speed", "max_acceleration", "max_jerk",
+                    "start", "encoder_resolution", "encoder_noise", "encoder_latency"});
+  JointDescription joint;
+  joint.a = json.at("a").number();
+  joint.d = json.at("d").number();
+  joint.alpha = json.at("alpha").number();
+  joint.theta = json.at("theta").number();
+  joint.min = json.at("min").number();
+  joint.max = json.at("max").number(joint.min, kMaxJointPosition);
+  joint.max_speed = json.at("max_speed").positive();
+  joint.max_acceleration = json.at("max_acceleration").positive();
+  joint.max_jerk = json.at("max_jerk").positive();
+  joint.start = json.at("start").number(joint.min, joint.max);
+  joint.encoder = parse_encoder(json);
+  return joint;
+}
+
+/// Joints that keep still in Cartesian motion, so that at most six move; numbers from 1 in the description.
+std::vector<int> parse_held_joints(const JsonReader& json, std::size_t joints) {
+  std::vector<int> held;
+  for (const JsonReader& number : json.items(joints > 6 ? joints - 6 : 0)) {
+    const auto joint = static_cast<int>(number.integer(1, static_cast<std::int64_t>(joints))) - 1;
+    if (std::find(held.begin(), held.end(), joint) != held.end())
+      number.fail("a joint that is not listed twice");
+    held.push_back(joint);
+  }
+  return held;
+}
+
+void parse_robot(const JsonReader& robot, CellDescription& cell) {
+  robot.expect_keys({"world_from_base", "joints", "held_joints", "motion", "dynamics"});
+  cell.motion = parse_motion(robot.at("motion"));
+  cell.world_from_base = robot.at("world_from_base").pose();
+  for (const JsonReader& joint : robot.at("joints").items(kMinJoints, kMaxJoints)) {
+    cell.joints.push_back(parse_joint(joint));
+  }
+  cell.held_joints = parse_held_joints(robot.at("held_joints"), cell.joints.size());
+  if (robot.at("dynamics").is_null()) return;
+  const double time_step = static_cast<double>(cell.time_step_us) / kMicrosecondsPerSecond;
+  cell.dynamics = parse_arm_dynamics(robot.at("dynamics"), cell.joints.size(), time_step);
+}
+
+TableDescription parse_table(const JsonReader& json) {
+  json.expect_keys({"world_from_table", "radius", "thickness", "max_speed", "max_acceleration", "max_jerk",
+                    "start", "friction", "encoder_resolution", "encoder_noise", "encoder_latency"});
+  TableDescription table;
+  table.world_from_table = json.at("world_from_table").pose();
+  table.radius = json.at("radius").positive();
+  table.thickness = json.at("thickness").positive();
+  table.max_speed = json.at("max_speed").positive();
+  table.max_acceleration = json.at("max_acceleration").positive();
+  table.max_jerk = json.at("max_jerk").positive();
+  table.start = json.at("start").number();
+  table.friction = json.at("friction").number(0, kMaxFriction);
+  table.encoder = parse_encoder(json);
+  return table;
+}
+
+/// Names of the bodies in contact beside `contact.bodies`.
+std::vector<std::string> touching_bodies(const CellDescription& cell) {
+  std::vector<std::string> names{"table"};
+  for (const ConveyorDescription& conveyor : cell.conveyors) names.push_back(conveyor.name);
+  for (const PartDescription& part : cell.parts) names.push_back(part.name);
+  if (cell.gripper) names.push_back("gripper");
+  return names;
+}
+
+CellDescription parse_root(const JsonReader& json) {
+  std::vector<const char*> sensor_keys;
+  for_each_sensor_kind([&](auto kind) { sensor_keys.push_back(SensorKind<kind>::kKey); });
+  json.expect_keys({"format", "name", "time_step_us", "controller_cycle_us", "gravity", "seed", "robot",
+                    "tool", "table", "conveyors", "parts", "gripper", "contact", "bodies", "collision"},
+                   sensor_keys);
+  json.at("format").integer(2, 2);
+  CellDescription cell;
+  cell.name = json.at("name").text();
+  cell.time_step_us = json.at("time_step_us").integer(1, 1000000);
+  cell.controller_cycle_us = json.at("controller_cycle_us").integer(1, 1000000);
+  if (cell.controller_cycle_us % cell.time_step_us != 0) {
+    json.at("controller_cycle_us").fail("a multiple of time_step_us");
+  }
+  cell.gravity = json.at("gravity").coordinates();
+  cell.seed = static_cast<std::int32_t>(json.at("seed").integer(std::numeric_limits<std::int32_t>::min(),
+                                                                std::numeric_limits<std::int32_t>::max()));
+  parse_robot(json.at("robot"), cell);
+  const JsonReader tool = json.at("tool");
+  tool.expect_keys({"flange_from_sensor"});
+  cell.flange_from_sensor = tool.at("flange_from_sensor").pose();
+  cell.table = parse_table(json.at("table"));
+  for (const JsonReader& conveyor : json.at("conveyors").items()) {
+    cell.conveyors.push_back(parse_conveyor(conveyor));
+  }
+  const auto parts = json.at("parts").items();
+  if (parts.empty()) json.at("parts").fail("at least one part");
+  for (const JsonReader& part : parts) cell.parts.push_back(parse_part(part, cell.conveyors.size()));
+  if (!json.at("gripper").is_null()) cell.gripper = parse_gripper(json.at("gripper"));
+  cell.sensing =
+      parse_sensing(json, {cell.joints.size(), cell.parts.size(), cell.gripper ? 2u : 0u, cell.time_step_us});
+  cell.contact = parse_contact(json.at("contact"), cell.joints.size(), touching_bodies(cell));
+  return cell;
+}
+
+}  // namespace
+
+CellLayout layout_of(const CellDescription& cell) {
+  CellLayout layout;
+  for (const JointDescription& joint : cell.joints) {
+    const bool last = &joint == &cell.joints.back();
+    layout.joints.push_back({!last && std::abs(std::sin(joint.alpha)) < kParallel});
+  }
+  for (const PartDescription& part : cell.parts) {
+    layout.parts.push_back({part.stands_on.kind == StandsOn::Kind::kTable});
+  }
+  layout.conveyors = cell.conveyors.size();
+  layout.gripper = cell.gripper.has_value();
+  for_each_sensor_kind(
+      [&](auto kind) { layout.sensors[kind] = std::get<kind>(cell.sensing.sensors).size(); });
+  layout.collision_outputs = cell.sensing.collision.outputs;
+  if (layout.collision_outputs) {
+    for (const BodyDescription& body : cell.sensing.bodies) layout.bodies.push_back(body.name);
+  }
+  layout.dynamic_drives = cell.dynamics.has_value();
+  return layout;
+}
+
+CellDescription parse_cell(const std::string& json) {
+  const nlohmann::json document = parse_json(json);
+  return parse_root(JsonReader(document, ""));
+}
+
+std::string read_text_file(const std::string& path) {
+  const std::string& actual = path == "-" ? "/dev/stdin" : path;
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(actual.c_str(), "rb"), &std::fclose);
+  if (!file) throw DescriptionError("cannot open the file '" + path + "'");
+  std::string text;
+  char buffer[65536];
+  for (std::size_t n = 0; (n = std::fread(buffer, 1, sizeof buffer, file.get())) > 0;) text.append(buffer, n);
+  if (std::ferror(file.get()) != 0) throw DescriptionError("cannot read the file '" + path + "'");
+  return text;
+}
+
+}  // namespace robotcell

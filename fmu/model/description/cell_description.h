@@ -1,0 +1,85 @@
+// Resolved description of a cell: JSON in SI units, complete (no key has a default here).
+#pragma once
+
+#include <Eigen/Geometry>
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "fmu/model/cell_layout.h"
+#include "fmu/model/cell_values.h"
+#include "fmu/model/description/contact_description.h"
+#include "fmu/model/description/part_description.h"
+#include "fmu/model/description/sensing_description.h"
+#include "fmu/model/devices/arm_dynamics.h"
+#include "fmu/model/devices/conveyor_description.h"
+#include "fmu/model/devices/gripper_description.h"
+
+namespace robotcell {
+
+/// Error in a description; the message names the key, its value and what was expected.
+class DescriptionError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+struct EncoderDescription {
+  double resolution = 0;  // rad; 0: not quantized
+  double noise = 0;       // standard deviation, rad
+  std::int64_t latency_us = 0;
+};
+
+struct JointDescription {
+  double a = 0, d = 0, alpha = 0, theta = 0;  // Rz(q + theta) T(a, 0, d) Rx(alpha)
+  double min = 0, max = 0, max_speed = 0, max_acceleration = 0, max_jerk = 0, start = 0;
+  EncoderDescription encoder;
+};
+
+/// Speed limits of linear moves and jogs.
+struct MotionDescription {
+  double line_speed = 0, line_acceleration = 0;                // m/s, m/s^2
+  double angular_speed = 0, angular_acceleration = 0;          // rad/s, rad/s^2
+  double jog_speed = 0, jog_acceleration = 0;                  // m/s, m/s^2
+  double jog_angular_speed = 0, jog_angular_acceleration = 0;  // rad/s, rad/s^2
+  double jog_joint_share = 0;                                  // fraction of each axis' maximum speed
+};
+
+struct TableDescription {
+  Eigen::Isometry3d world_from_table;  // origin at the intersection of axis and top face, z along the axis
+  double radius = 0, thickness = 0;
+  double max_speed = 0, max_acceleration = 0, max_jerk = 0, start = 0, friction = 0;
+  EncoderDescription encoder;
+};
+
+struct CellDescription {
+  std::string name;
+  std::int64_t time_step_us = 0;
+  std::int64_t controller_cycle_us = 0;
+  Eigen::Vector3d gravity;
+  std::int32_t seed = 0;
+  Eigen::Isometry3d world_from_base;
+  std::vector<JointDescription> joints;  // 4 to kMaxJoints
+  std::vector<int> held_joints;          // numbers of the joints, from 0, that Cartesian motion keeps still
+  MotionDescription motion;
+  std::optional<ArmDynamicsDescription> dynamics;  // empty: kinematic drives
+  Eigen::Isometry3d flange_from_sensor;
+  TableDescription table;
+  std::vector<PartDescription> parts;
+  std::vector<ConveyorDescription> conveyors;
+  std::optional<GripperDescription> gripper;
+  ContactDescription contact;
+  SensingDescription sensing;
+};
+
+CellLayout layout_of(const CellDescription& cell);
+
+/// Parses a description; throws DescriptionError.
+CellDescription parse_cell(const std::string& json);
+
+/// Content of a file, or of standard input for "-"; throws DescriptionError that names the file.
+std::string read_text_file(const std::string& path);
+
+}  // namespace robotcell

@@ -1,0 +1,49 @@
+// The arm with link masses and dynamic drives, as bodies of the dynamics engine.
+#pragma once
+
+#include <array>
+#include <dart/dynamics/SmartPointer.hpp>
+#include <vector>
+
+#include "fmu/model/devices/arm_dynamics.h"
+
+namespace robotcell {
+
+/// Every joint is driven through a gear: a spring and damper between motor and link, integrated implicitly by
+/// the engine, so that stiff gears are stable. Friction acts on the link. The first-order implicit rule adds
+/// numerical damping: for an oscillation of angular frequency w, the fraction w * step / 2 of critical
+/// damping.
+class DynamicArm {
+ public:
+  /// Sets masses and actuators of a skeleton of revolute joints; `limits` holds (lower, upper) of each.
+  DynamicArm(dart::dynamics::SkeletonPtr arm, const ArmDynamicsDescription& description,
+             std::vector<std::array<double, 2>> limits);
+
+  /// Finds the static equilibrium under gravity for given motor positions, the first of `axes`.
+  void settle(const std::array<double, kAxes>& axes);
+
+  /// Call before and after a step of the engine (seconds); the motors follow `command`.
+  void before_step(const std::array<MotorCommand, kMaxJoints>& command, double step);
+  void after_step();
+
+  const ArmDynamicsState& state() const { return state_; }
+  void restore(const ArmDynamicsState& state);
+
+ private:
+  using Torques = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMaxJoints, 1>;
+  using Inertias = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMaxJoints, kMaxJoints>;
+  std::size_t joints() const { return limits_.size(); }
+  void write_engine_state();
+  Torques friction_torques() const;
+
+  dart::dynamics::SkeletonPtr arm_;
+  ArmDynamicsDescription description_;
+  std::vector<std::array<double, 2>> limits_;
+  double step_ = 0;                              // s, of the current step
+  std::array<GearContact, kMaxJoints> gears_{};  // in the current step
+  std::array<double, kMaxJoints>
+      motor_damping_torque_{};  // N m, in the current step: gear damping torque from the rate of the motor
+  ArmDynamicsState state_;
+};
+
+}  // namespace robotcell

@@ -1,0 +1,37 @@
+#include "fmu/model/devices/encoder.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "fmu/model/random.h"
+
+namespace robotcell {
+
+Encoders::Encoders(const CellDescription& cell, std::int32_t instance_seed)
+    : key_(key_of_seeds(cell.seed, instance_seed)) {
+  for (std::size_t i = 0; i < cell.joints.size(); ++i) encoders_[i] = cell.joints[i].encoder;
+  encoders_[kTableAxis] = cell.table.encoder;
+}
+
+std::array<double, kAxes> Encoders::read(const std::array<double, kAxes>& position,
+                                         std::int64_t time_us) const {
+  std::array<double, kAxes> measured = position;
+  for (std::size_t i = 0; i < kAxes; ++i) {
+    const EncoderDescription& encoder = encoders_[i];
+    if (encoder.noise > 0) {
+      measured[i] += encoder.noise * normal(mixed(mixed(key_ + i) ^ static_cast<std::uint64_t>(time_us)));
+    }
+    if (encoder.resolution > 0) {
+      measured[i] = encoder.resolution * std::nearbyint(measured[i] / encoder.resolution);
+    }
+  }
+  return measured;
+}
+
+std::int64_t Encoders::max_latency_us() const {
+  std::int64_t longest = 0;
+  for (const EncoderDescription& encoder : encoders_) longest = std::max(longest, encoder.latency_us);
+  return longest;
+}
+
+}  // namespace robotcell

@@ -1,0 +1,335 @@
+#include "fmu/model/world/world.h"
+
+#include <algorithm>
+#include <cmath>
+#include <dart/dynamics/BodyNode.hpp>
+#include <dart/dynamics/FreeJoint.hpp>
+#include <dart/simulation/World.hpp>
+#include <mutex>
+
+#include "fmu/control/time_units.h"
+#include "fmu/model/world/engine_locks.h"
+#include "fmu/model/world/engine_setup.h"
+#include "fmu/model/world/soft_body.h"
+#include "fmu/model/world/soft_collision_detector.h"
+#include "fmu/model/world/world_bodies.h"
+#include "fmu/model/world/world_engine.h"
+
+namespace robotcell {
+namespace {
+
+using namespace dart::dynamics;
+using Eigen::Isometry3d;
+using Eigen::Vector3d;
+
+constexpr double kSettlingTime = 1;         // s
+constexpr double kMaxSettlingTilt = 0.02;   // rad, and
+constexpr double kMaxSettlingShift = 1e-3;  // m: maximum motion while a standing part settles
+
+bool any_free(const CellDescription& cell) {
+  return std::any_of(cell.parts.begin(), cell.parts.end(), [](const PartDescription& p) { return p.free; });
+}
+
+/// Whether any body that others can touch moves by forces.
+bool contacts_occur(const CellDescription& cell) { return any_free(cell) || cell.dynamics; }
+
+/// Static compression of a soft part that stands on three of its points.
+double static_compression(const PartDescription& part, double gravity) {
+  return part.soft ? part.inertial.mass * gravity / (3 * part.soft->stiffness) : 0;
+}
+
+}  // namespace
+
+World::World(const CellDescription& cell, const Kinematics& kinematics, const PrescribedMotion& start)
+    : time_step_(static_cast<double>(cell.time_step_us) * kSecondsPerMicrosecond), kinematics_(kinematics) {
+  const std::lock_guard<std::mutex> lock(building_mutex());
+  try {
+    build(cell, start);
+  } catch (...) {
+    engine_.reset();  // destroyed under the lock, too
+    throw;
+  }
+}
+
+void World::build(const CellDescription& cell, const PrescribedMotion& start) {
+  prepare_engine();
+  engine_ = std::make_unique<Engine>();
+  engine_->stick = cell.contact.stick;
+  engine_->world = dart::simulation::World::create();
+  engine_->world->setGravity(cell.gravity);
+  engine_->world->setTimeStep(time_step_);
+  const bool soft =
+      std::any_of(cell.parts.begin(), cell.parts.end(), [](const auto& part) { return part.soft; });
+  const auto soft_detector = soft ? SoftCollisionDetector::create(cell.contact.points) : nullptr;
+  engine_->detector = soft ? soft_detector : CappedCollisionDetector::create(cell.contact.points);
+  engine_->world->setConstraintSolver(make_solver(cell.contact, engine_->solver_fallbacks));
+  engine_->world->getConstraintSolver()->setCollisionDetector(engine_->detector);
+  add_supports(cell);
+  add_dynamics(cell, start);
+  if (cell.gripper) add_gripper(*cell.gripper);
+  prescribe(start);
+  if (contacts_occur(cell)) add_contact_bodies(cell);
+  add_parts(cell);
+  if (soft) engine_->connect_soft_parts(*soft_detector);
+  engine_->exclude_contacts();
+  for (const ContactPair& pair : cell.contact.pairs) engine_->apply(pair);
+  intersecting_bodies_ = engine_->exclude_intersecting_bodies();
+  const GraspState initial_grasp = grasp();
+  const ArmDynamicsState initial_arm = arm();
+  if (any_free(cell)) settle(cell, start);
+  restore(start, initial_arm, free_parts(), initial_grasp);
+}
+
+World::~World() {
+  const std::lock_guard<std::mutex> lock(building_mutex());
+  engine_.reset();
+}
+
+/// Adds the driven bodies; they get contact shapes only where something can touch them.
+void World::add_supports(const CellDescription& cell) {
+  const bool collides = contacts_occur(cell);
+  Engine& engine = *engine_;
+  engine.arm = make_arm(kinematics_, cell.gripper.has_value());
+  engine.flange = engine.arm->getBodyNode(kinematics_.joints() - 1);
+  engine.table = make_table(cell.table, collides);
+  engine.ground = make_ground();
+  for (const SkeletonPtr& skeleton : {engine.arm, engine.table, engine.ground}) {
+    engine.world->addSkeleton(skeleton);
+  }
+  BodyNode* platter = engine.platter();
+  engine.add_support(
+      {"table", collides ? platter->getShapeNode(0) : nullptr, platter, cell.table.friction, true});
+  for (const ConveyorDescription& conveyor : cell.conveyors) {
+    engine.belts.push_back(make_belt("belt " + std::to_string(engine.belts.size() + 1), conveyor));
+    engine.travel.push_back(0);
+    engine.world->addSkeleton(engine.belts.back());
+    BodyNode* belt = engine.belts.back()->getBodyNode(0);
+    engine.add_support({conveyor.name, belt->getShapeNode(0), belt, conveyor.friction, true});
+  }
+}
+
+void World::add_gripper(const GripperDescription& description) {
+  Engine& engine = *engine_;
+  engine.gripper = std::make_unique<Gripper>(description, engine.flange, time_step_);
+  engine.gripper->connect(engine.world);
+  for (std::size_t i = 0; i < 2; ++i) {
+    engine.add_support(
+        {"gripper", engine.gripper->pad(i), engine.gripper->finger(i), description.friction, false});
+  }
+}
+
+/// Adds contact shapes to links, sensor, gripper, table and surroundings.
+void World::add_contact_bodies(const CellDescription& cell) {
+  Engine& engine = *engine_;
+  for (const ContactBody& contact_body : cell.contact.bodies) {
+    Isometry3d body_from_frame = Isometry3d::Identity();
+    BodyNode* body = engine.ground->getBodyNode(0);
+    if (contact_body.frame.kind == FrameRef::Kind::kTable) body = engine.platter();
+    if (contact_body.frame.kind == FrameRef::Kind::kLink) {
+      body = engine.arm->getBodyNode(contact_body.frame.index);
+    }
+    if (contact_body.frame.kind == FrameRef::Kind::kSensor) {
+      body = engine.flange;
+      body_from_frame = kinematics_.flange_from_sensor();
+    }
+    const bool prescribed = body->getSkeleton() != engine.arm || !engine.dynamic_arm;
+    ShapeNode* shape =
+        add_contact_shape(body, body_from_frame, contact_body.hull, cell.contact.friction, prescribed);
+    engine.add_support({contact_body.name, shape, body, cell.contact.friction, false});
+  }
+}
+
+void World::add_dynamics(const CellDescription& cell, const PrescribedMotion& start) {
+  if (!cell.dynamics) return;
+  std::vector<std::array<double, 2>> limits;
+  for (const JointDescription& joint : cell.joints) limits.push_back({joint.min, joint.max});
+  engine_->dynamic_arm = std::make_unique<DynamicArm>(engine_->arm, *cell.dynamics, limits);
+  engine_->dynamic_arm->settle(start.axes.position);
+}
+
+void World::add_parts(const CellDescription& cell) {
+  Engine& engine = *engine_;
+  for (const PartDescription& part : cell.parts) {
+    const std::int32_t stands_on = engine.support_number(part.stands_on);
+    Part added;
+    added.free = part.free;
+    added.soft = part.soft.has_value();
+    const bool on_table = part.stands_on.kind == StandsOn::Kind::kTable;
+    added.clamped = {on_table ? SupportingBody::kPlatter : SupportingBody::kWorld, part.support_from_part};
+    if (part.free) {
+      added.skeleton = make_free_part("part " + std::to_string(engine.parts.size() + 1), part, time_step_);
+      added.friction = part.friction;
+      added.radius_of_gyration = std::sqrt(part.inertial.inertia.trace() / 2 / part.inertial.mass);
+      engine.world->addSkeleton(added.skeleton);
+      added.skeleton->setPositions(
+          FreeJoint::convertToPositions(engine.pose_of(stands_on) * part.support_from_part));
+    }
+    BodyNode* body = part.free ? added.body() : engine.body_of(stands_on);
+    ShapeNode* shape = part.free ? body->getShapeNode(0) : nullptr;
+    if (!part.free && contacts_occur(cell) && !part.hull.faces.empty()) {
+      shape = add_hull(body, part.support_from_part, part);
+    }
+    engine.parts.push_back(added);
+    engine.add_support({part.name, shape, body, part.friction, false});
+  }
+}
+
+/// Lets free parts settle before time starts, and rejects unstable parts.
+void World::settle(const CellDescription& cell, const PrescribedMotion& start) {
+  PrescribedMotion still = start;
+  still.axes.rate = {};
+  std::vector<Isometry3d> before;
+  for (const Part& part : engine_->parts) before.push_back(part.free ? part.pose() : Isometry3d::Identity());
+  const auto steps = static_cast<int>(std::ceil(kSettlingTime / time_step_));
+  for (int i = 0; i < steps; ++i) step(still, still);
+  for (std::size_t i = 0; i < engine_->parts.size(); ++i) {
+    if (!engine_->parts[i].free) continue;
+    const Isometry3d change = before[i].inverse() * engine_->parts[i].pose();
+    const double tilt = Eigen::AngleAxisd(change.linear()).angle();
+    const double shift = change.translation().norm();
+    if (tilt < kMaxSettlingTilt &&
+        shift < kMaxSettlingShift + static_compression(cell.parts[i], cell.gravity.norm()))
+      continue;
+    const std::string name = "parts[" + std::to_string(i) + "]";
+    throw DescriptionError(name + ": the free part '" + cell.parts[i].name + "' is not stable at " + name +
+                           ".support_from_part: while settling it rotates by " + std::to_string(tilt) +
+                           " rad and moves by " + std::to_string(shift) + " m");
+  }
+}
+
+void World::prescribe(const PrescribedMotion& prescribed) {
+  const AxesState& axes = prescribed.axes;
+  for (std::size_t i = 0; i < kinematics_.joints() && !engine_->dynamic_arm; ++i) {
+    engine_->arm->setPosition(i, axes.position[i]);
+  }
+  engine_->table_joint()->setRelativeTransform(kinematics_.platter(axes.position[kTableAxis], 0).pose);
+  for (std::size_t i = 0; i < prescribed.belts.size(); ++i) engine_->travel[i] = prescribed.belts[i].travel;
+}
+
+/// Prescribes the mean velocities of a step, which starts at the present prescribed poses.
+void World::prescribe_velocities(const PrescribedMotion& from, const PrescribedMotion& to) {
+  std::array<double, kAxes> speed;
+  for (std::size_t i = 0; i < kAxes; ++i) {
+    speed[i] = (to.axes.position[i] - from.axes.position[i]) / time_step_;
+  }
+  if (engine_->dynamic_arm) {
+    std::array<MotorCommand, kMaxJoints> motors;
+    for (std::size_t i = 0; i < kinematics_.joints(); ++i) motors[i] = {to.axes.position[i], to.axes.rate[i]};
+    engine_->dynamic_arm->before_step(motors, time_step_);
+  } else if (engine_->gripper) {
+    for (std::size_t i = 0; i < kinematics_.joints(); ++i) engine_->arm->setCommand(i, speed[i]);
+  } else {
+    for (std::size_t i = 0; i < kinematics_.joints(); ++i) engine_->arm->setVelocity(i, speed[i]);
+  }
+  const Motion platter = kinematics_.platter(from.axes.position[kTableAxis], speed[kTableAxis]);
+  Eigen::Vector6d twist;
+  twist << platter.pose.linear().transpose() * platter.angular_velocity,
+      platter.pose.linear().transpose() * platter.velocity;
+  engine_->table_joint()->setRelativeSpatialVelocity(twist);
+  for (std::size_t i = 0; i < engine_->belts.size(); ++i) {
+    engine_->belts[i]->setVelocity(0, (to.belts[i].travel - from.belts[i].travel) / time_step_);
+  }
+}
+
+void World::step(const PrescribedMotion& from, const PrescribedMotion& to) {
+  if (!engine_->has_free_motion()) return prescribe(to);
+  prepare_thread();
+  prescribe(from);
+  prescribe_velocities(from, to);
+  if (engine_->gripper) engine_->gripper->begin_step();
+  engine_->begin_step();
+  engine_->world->step();
+  if (engine_->dynamic_arm) engine_->dynamic_arm->after_step();
+  prescribe(to);
+  if (engine_->gripper) engine_->gripper->end_step();
+  engine_->end_step(time_step_);
+}
+
+PartPlacement World::placement(std::size_t index) const {
+  const Part& part = engine_->parts[index];
+  if (!part.free) return part.clamped;
+  switch (const SupportingBody body = engine_->supporting_body_of(part.main_support)) {
+    case SupportingBody::kPlatter:
+      return {body, engine_->platter()->getWorldTransform().inverse() * part.pose()};
+    case SupportingBody::kFlange:
+      return {body, engine_->flange->getWorldTransform().inverse() * part.pose()};
+    default:
+      return {body, part.pose()};
+  }
+}
+
+std::int32_t World::solver_fallbacks() const { return *engine_->solver_fallbacks; }
+
+std::int32_t World::truncated_contacts() const { return engine_->detector->truncated(); }
+
+ArmDynamicsState World::arm() const {
+  return engine_->dynamic_arm ? engine_->dynamic_arm->state() : ArmDynamicsState();
+}
+
+Isometry3d World::link_pose(std::size_t link) const {
+  return engine_->arm->getBodyNode(link)->getWorldTransform();
+}
+
+void World::command_gripper(const GripperCommand& command) {
+  if (engine_->gripper) engine_->gripper->command(command);
+}
+
+GripperPoint World::gripper() const {
+  GripperPoint point;
+  const Gripper* gripper = engine_->gripper.get();
+  if (gripper == nullptr) return point;
+  for (std::size_t i = 0; i < 2; ++i) {
+    point.opening[i] = gripper->opening(i);
+    const auto [normal, whole] = engine_->pad_force(i);
+    point.normal_force[i] = normal;
+    Eigen::Map<Vector3d>(point.contact_force[i].data()) = whole;
+  }
+  point.force = gripper->force();
+  point.gripped = gripper->is_gripping();
+  return point;
+}
+
+GraspState World::grasp() const {
+  GraspState state;
+  if (!engine_->gripper) return state;
+  state.gripper = engine_->gripper->state();
+  for (std::size_t i = 0; i < kinematics_.joints(); ++i) state.arm_speed[i] = engine_->arm->getVelocity(i);
+  return state;
+}
+
+std::vector<FreePartState> World::free_parts() const {
+  std::vector<FreePartState> states;
+  for (const Part& part : engine_->parts) {
+    FreePartState& state = states.emplace_back();
+    if (!part.free) continue;
+    Eigen::Map<Eigen::Matrix<double, 6, 1>>(state.position.data()) = part.skeleton->getPositions();
+    Eigen::Map<Eigen::Matrix<double, 6, 1>>(state.velocity.data()) = part.skeleton->getVelocities();
+    state.main_support = part.main_support;
+    state.stick_constraint = part.stick.constraint;
+    state.points = soft_points(part.body());
+  }
+  return states;
+}
+
+void World::restore(const PrescribedMotion& prescribed, const ArmDynamicsState& arm,
+                    const std::vector<FreePartState>& states, const GraspState& grasp) {
+  engine_->check(states);
+  if (engine_->dynamic_arm) engine_->dynamic_arm->restore(arm);
+  prescribe(prescribed);
+  if (engine_->gripper) {
+    engine_->gripper->restore(grasp.gripper);
+    for (std::size_t i = 0; i < kinematics_.joints(); ++i) engine_->arm->setVelocity(i, grasp.arm_speed[i]);
+  }
+  for (std::size_t i = 0; i < states.size(); ++i) {
+    Part& part = engine_->parts[i];
+    if (!part.free) continue;
+    const FreePartState& state = states[i];
+    part.skeleton->setPositions(Eigen::Map<const Eigen::Matrix<double, 6, 1>>(state.position.data()));
+    part.skeleton->setVelocities(Eigen::Map<const Eigen::Matrix<double, 6, 1>>(state.velocity.data()));
+    part.main_support = state.main_support;
+    part.stick.constraint = state.stick_constraint;
+    restore_soft_points(part.body(), state.points);
+  }
+}
+
+}  // namespace robotcell

@@ -1,0 +1,117 @@
+// Dynamics world of the cell: arm, table, belts, gripper and parts as bodies of DART.
+#pragma once
+
+#include <Eigen/Geometry>
+#include <array>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "fmu/control/belt_drive.h"
+#include "fmu/model/axes_state.h"
+#include "fmu/model/description/cell_description.h"
+#include "fmu/model/devices/gripper_state.h"
+#include "fmu/model/world/kinematics.h"
+#include "fmu/model/world/soft_point.h"
+#include "fmu/model/world/stick_constraint.h"
+
+namespace robotcell {
+
+/// Prescribed motion of drives and belts at one instant.
+struct PrescribedMotion {
+  AxesState axes;
+  std::vector<control::BeltState> belts;
+};
+
+/// Moving body on which a part rests, directly or on other parts.
+enum class SupportingBody : std::int32_t { kWorld, kPlatter, kFlange };
+constexpr std::size_t kSupportingBodies = 3;
+
+/// Pose of a part relative to its supporting body.
+struct PartPlacement {
+  SupportingBody supporting_body = SupportingBody::kWorld;
+  Eigen::Isometry3d body_from_part = Eigen::Isometry3d::Identity();
+};
+
+/// State of a free part between two steps.
+struct FreePartState {
+  std::array<double, 6> position{};  // of the free joint
+  std::array<double, 6> velocity{};
+  std::int32_t main_support = -1;  // support with the largest normal force; -1: none
+  StickConstraint stick_constraint;
+  std::vector<SoftPoint> points;  // surface points of a soft part
+};
+
+/// State of the gripper, and of the arm that carries it. Unused without a gripper.
+struct GraspState {
+  GripperState gripper;
+  std::array<double, kMaxJoints> arm_speed{};  // joint rates in the last step
+};
+
+/// Table and belts are kinematic, and so is the arm by default: positions are prescribed at the points of the
+/// time grid, and contacts use the corresponding velocities. An arm with dynamic drives has masses, and its
+/// motors follow the prescribed positions. The body of a belt does not move, only its surface. A clamped part
+/// is fixed to its support; a free part moves by gravity, contact and friction.
+class World {
+ public:
+  struct Engine;  // world_engine.h
+
+  World(const CellDescription& cell, const Kinematics& kinematics, const PrescribedMotion& start);
+  ~World();
+  World(const World&) = delete;
+  World& operator=(const World&) = delete;
+
+  /// Sets the command of the gripper; ignored in a cell without one.
+  void command_gripper(const GripperCommand& command);
+
+  /// Advances by one time step with the drives moving from one state to the other.
+  void step(const PrescribedMotion& from, const PrescribedMotion& to);
+
+  /// Pose of a part relative to its supporting body; exactly constant for a clamped part.
+  PartPlacement placement(std::size_t part) const;
+
+  /// State of an arm with dynamic drives; default values with kinematic drives.
+  ArmDynamicsState arm() const;
+
+  /// Pose of a link of the arm (0 to 5) in the dynamics engine.
+  Eigen::Isometry3d link_pose(std::size_t link) const;
+
+  /// Number of contact problems since the construction for which Dantzig's method failed or the sweeps on the
+  /// friction cone did not converge, so that the contact forces were approximate.
+  std::int32_t solver_fallbacks() const;
+
+  /// Number of times since the construction that a pair of bodies had more contact points than the collision
+  /// detector can find, so that the kept ones were chosen among a part of them.
+  std::int32_t truncated_contacts() const;
+
+  /// Default values in a cell without gripper.
+  GripperPoint gripper() const;
+  GraspState grasp() const;
+
+  /// Pairs of bodies that intersect at the start and therefore do not touch each other, as text; empty: none.
+  const std::string& intersecting_bodies() const { return intersecting_bodies_; }
+
+  /// One state for each part; empty for clamped parts.
+  std::vector<FreePartState> free_parts() const;
+  /// Throws std::invalid_argument where the states belong to another cell.
+  void restore(const PrescribedMotion& prescribed, const ArmDynamicsState& arm,
+               const std::vector<FreePartState>& parts, const GraspState& grasp);
+
+ private:
+  void add_supports(const CellDescription& cell);
+  void add_dynamics(const CellDescription& cell, const PrescribedMotion& start);
+  void add_gripper(const GripperDescription& description);
+  void add_contact_bodies(const CellDescription& cell);
+  void add_parts(const CellDescription& cell);
+  void build(const CellDescription& cell, const PrescribedMotion& start);
+  void settle(const CellDescription& cell, const PrescribedMotion& start);
+  void prescribe(const PrescribedMotion& prescribed);
+  void prescribe_velocities(const PrescribedMotion& from, const PrescribedMotion& to);
+
+  double time_step_;
+  Kinematics kinematics_;
+  std::string intersecting_bodies_;
+  std::unique_ptr<Engine> engine_;
+};
+
+}  // namespace robotcell
