@@ -248,12 +248,6 @@ Special<Function> special(T& /*member*/, Function function) {
   return {std::move(function)};
 }
 
-/// An integer member that holds a member of an enumeration.
-template <class Enumeration, class Archive>
-auto choice(Archive& archive, std::int32_t& number) {
-  return special(number, [&] { exchange_choice<Enumeration>(archive, number); });
-}
-
 /// An integer member from 0 to `last`.
 template <class Archive>
 auto up_to(Archive& archive, std::int32_t last, std::int32_t& number) {
@@ -317,6 +311,7 @@ struct FieldArchive {
       const Enumeration* enumeration = member.field.enumeration;
       if (enumeration != nullptr) return exchange_up_to(archive, member.value, enumeration->count - 1);
     }
+    if (member.field.command) return within(archive, kNoLimit, member.value).function();
     exchange(archive, member.value);
   }
 };

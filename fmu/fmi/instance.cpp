@@ -132,21 +132,16 @@ void Instance::check_step(double current, double step) const {
 StepResult Instance::do_step(double current, double step) {
   check_step(current, step);
   const std::int64_t planned = microseconds_to(current + step);
-  std::int64_t end = planned;
   const Events wanted = options_.event_mode && options_.early_return ? kAllEvents : 0;
   Cell& running = cell();
   const bool approximate_before = running.solver_fallbacks() > 0;
   const bool truncated_before = running.truncated_contacts() > 0;
-  running.begin_step(values_.inputs, start_time_);
-  std::int64_t reached = running.time_us();
-  while (reached < end) {
-    const std::int64_t stop = next_stop(end);
-    const bool at_event = running.run(values_.inputs, stop, wanted);
-    reached = running.time_us();
-    if (at_event) break;
-    if (reached < end) end = intermediate_update(reached, end);
+  Cell::IntermediateUpdate intermediate;
+  if (options_.intermediate) {
+    intermediate = [this](std::int64_t now, std::int64_t end) { return intermediate_update(now, end); };
   }
-  const Events happened = running.end_step();
+  const Events happened = running.step(values_.inputs, start_time_, planned, wanted, intermediate);
+  const std::int64_t reached = running.time_us();
   events_ = options_.event_mode ? happened : 0;
   if (reached < planned) {
     set_time(reached);
@@ -202,13 +197,6 @@ void Instance::log_step(Events happened, bool early) {
     log_.write(LogCategory::kEvent,
                "early return from the step at " + std::to_string(communication_time_) + " s");
   }
-}
-
-/// The next controller cycle where intermediate updates are used, else the end of the step.
-std::int64_t Instance::next_stop(std::int64_t end) const {
-  if (!options_.intermediate) return end;
-  const std::int64_t cycle = cell_->controller_cycle_us();
-  return std::min(end, (cell_->time_us() / cycle + 1) * cycle);
 }
 
 /// Calls the importer within a step; returns the new end of the step.

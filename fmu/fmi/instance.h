@@ -104,7 +104,6 @@ class Instance {
   std::string description_path(const std::string& file) const;
   std::int64_t microseconds_to(double time) const;
   void check_step(double current, double step) const;
-  std::int64_t next_stop(std::int64_t end) const;
   std::int64_t intermediate_update(std::int64_t now, std::int64_t end);
   void set_time(std::int64_t ticks);
   void log_refusal();

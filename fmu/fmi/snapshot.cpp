@@ -19,37 +19,12 @@ namespace robotcell {
 using fmi::within;
 
 template <class A>
-void exchange(A& a, DhDeviation& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.a, v.d, v.alpha, v.theta, v.beta);
-}
-template <class A>
-void exchange(A& a, TableWobble& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.amplitude, v.phase, v.direction);
-}
-template <class A>
-void exchange(A& a, VibrationParameters& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.amplitude, v.frequency, v.phase, v.random_rms, v.random_low, v.random_width);
-}
-template <class A>
-void exchange(A& a, AsBuilt& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.dh, v.tool, v.table, v.platter, v.wobble, v.trigger, v.base_vibration,
-                     v.flange_vibration, v.table_vibration);
-}
-template <class A>
 void exchange(A& a, CellParameters& v) {
   ROBOTCELL_EXCHANGE(a, v, v.cell_file, v.seed, v.as_built);
 }
 template <class A>
 void exchange(A& a, CellInputs& v) {
   ROBOTCELL_EXCHANGE(a, v, v.motion, v.segment, v.trigger, v.exposure, v.conveyors, v.gripper, v.pendant);
-}
-template <class A>
-void exchange(A& a, BodyState& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.position, v.orientation, v.velocity, v.angular_velocity);
-}
-template <class A>
-void exchange(A& a, Bodies& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.links, v.sensor, v.table, v.parts, v.fingers);
 }
 template <class A>
 void exchange(A& a, PendingRecord& v) {
@@ -77,18 +52,6 @@ void exchange(A& a, StickConstraint& v) {
   ROBOTCELL_EXCHANGE(a, v, v.support, v.normal, v.support_from_body);
 }
 template <class A>
-void exchange(A& a, GripperCommand& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.mode, within(a, fmi::kNoLimit, v.width), within(a, fmi::kNoLimit, v.force));
-}
-template <class A>
-void exchange(A& a, GripperState& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.command, v.opening, v.speed, v.drive_force);
-}
-template <class A>
-void exchange(A& a, GripperPoint& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.opening, v.normal_force, v.contact_force, v.force, v.gripped);
-}
-template <class A>
 void exchange(A& a, GraspState& v) {
   ROBOTCELL_EXCHANGE(a, v, v.gripper, v.arm_speed);
 }
@@ -101,10 +64,6 @@ void exchange(A& a, FreePartState& v) {
   ROBOTCELL_EXCHANGE(a, v, v.position, v.velocity, v.main_support, v.stick_constraint, v.points);
 }
 
-template <class A>
-void exchange(A& a, PairCollision& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.pair, v.depth, v.point, v.least_depth);
-}
 template <class A>
 void exchange(A& a, Readings& v) {
   ROBOTCELL_EXCHANGE(a, v, v.sensors, v.collision);
@@ -175,10 +134,6 @@ void exchange(A& a, ControllerState& v) {
                      v.path_error, up_to(a, kAxes, v.path_limit), v.start, v.reset, v.heartbeat,
                      v.heartbeat_us, v.guard, v.jog_permit, v.advanced_us, v.runs, v.destination, v.free);
 }
-template <class A>
-void exchange(A& a, BeltState& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.travel, v.speed, within(a, fmi::kNoLimit, v.target));
-}
 }  // namespace control
 
 template <class A>
@@ -186,12 +141,8 @@ void exchange(A& a, PrescribedMotion& v) {
   ROBOTCELL_EXCHANGE(a, v, v.axes, v.belts);
 }
 template <class A>
-void exchange(A& a, MotorState& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.position, v.rate, v.torque, v.catching_up);
-}
-template <class A>
-void exchange(A& a, ArmDynamicsState& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.position, v.rate, v.gear_torque, v.motors);
+void exchange(A& a, WorldState& v) {
+  ROBOTCELL_EXCHANGE(a, v, v.arm, v.parts, v.grasp);
 }
 template <class A>
 void exchange(A& a, GridPoint& v) {
@@ -210,8 +161,8 @@ template <class A>
 void exchange(A& a, CellState& v) {
   constexpr double kMax = fmi::kMaxMagnitude;
   ROBOTCELL_EXCHANGE(a, v, v.time_us, within(a, kMax, v.from), within(a, kMax, v.to),
-                     within(a, kMax, v.history), v.controller, v.program, within(a, kMax, v.arm),
-                     within(a, kMax, v.parts), within(a, kMax, v.grasp), v.trigger, v.pendant);
+                     within(a, kMax, v.history), v.controller, v.program, within(a, kMax, v.world), v.trigger,
+                     v.pendant);
 }
 
 }  // namespace robotcell

@@ -16,9 +16,15 @@ std::string indexed(const std::string& name, std::size_t index_from_0) {
 }
 
 /// A text with the names of the device and of the element of an array, and the number of the table.
-std::string FieldTable::with_names(std::string text, const Element& element) const {
+std::string FieldTable::with_names(std::string text, const Element& element,
+                                   const ElementIndex& index) const {
+  const std::string letters = index.inner_count == kQuaternionNames.size() ? "wxyz" : "xyz";
+  const std::string letter = index.inner < letters.size() ? letters.substr(index.inner, 1) : "";
   for (const auto& [place, name] : {std::pair<std::string, std::string>{"{}", device_},
                                     {"{e}", element.text},
+                                    {"{i}", std::to_string(index.outer + 1)},
+                                    {"{k}", std::to_string(index.inner + 1)},
+                                    {"{x}", letter},
                                     {"{t}", std::to_string(table_.joints() + 1)}}) {
     for (std::size_t at = text.find(place); at != std::string::npos;
          at = text.find(place, at + name.size())) {

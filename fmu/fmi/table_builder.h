@@ -98,6 +98,12 @@ struct IsVariable : std::false_type {};
 template <class T>
 struct IsVariable<T, std::void_t<decltype(TypeOf<T>::value)>> : std::true_type {};
 
+/// Of an element of an array, from 0. In an array of arrays: of the outer and of the inner one.
+struct ElementIndex {
+  std::size_t outer = 0, inner = 0;
+  std::size_t inner_count = 0;
+};
+
 /// Visits the members that a structure declares (fields.h).
 class FieldTable {
  public:
@@ -119,33 +125,38 @@ class FieldTable {
   template <class T>
   void add(const Declared<T>& member) {
     if constexpr (IsVariable<T>::value) {
-      if (member.field.text != nullptr) add(member.field, member.value, {"", ""});
+      if (member.field.text != nullptr) add(member.field, member.value, {"", ""}, {});
     }
   }
   template <class T, std::size_t n>
   void add(const Declared<std::array<T, n>>& member) {
     if (member.field.text == nullptr) return;
+    const Element* elements = member.field.elements;
     for (std::size_t i = 0; i < n; ++i) {
-      const bool absent = member.field.per_axis && i >= table_.joints() && i != kTableAxis;
-      if (!absent) add(member.field, member.value[i], member.field.elements[i]);
+      if (elements == nullptr) {
+        add(member.field, member.value[i], {"", ""}, {i, i, n});
+      } else if (i < table_.joints() || i == kTableAxis) {
+        const Element& element = elements[member.field.distinct_joints ? i : i / kTableAxis];
+        add(member.field, member.value[i], element, {i, i, n});
+      }
     }
   }
   template <class T, std::size_t n, std::size_t m>
   void add(const Declared<std::array<std::array<T, m>, n>>& member) {
     for (std::size_t i = 0; i < n * m; ++i) {
-      add(member.field, member.value[i / m][i % m], member.field.elements[i]);
+      add(member.field, member.value[i / m][i % m], {"", ""}, {i / m, i % m, m});
     }
   }
   template <class T>
-  void add(const Field& field, T& value, const Element& element) {
-    table_.add(with_names(prefix_ + field.name + element.name, element), causality_,
+  void add(const Field& field, T& value, const Element& element, const ElementIndex& index) {
+    table_.add(with_names(prefix_ + field.name + element.name, element, index), causality_,
                causality_ == Causality::kParameter ? Variability::kFixed : field.variability, field.unit,
-               with_names(field.text, element), value, initial_of(field));
+               with_names(field.text, element, index), value, initial_of(field));
     table_.bound(field.min, field.axis_number ? static_cast<double>(table_.joints() + 1) : field.max);
     if (field.instant) table_.mark_instant();
     if (field.enumeration != nullptr) table_.enumerate(*field.enumeration);
   }
-  std::string with_names(std::string text, const Element& element) const;
+  std::string with_names(std::string text, const Element& element, const ElementIndex& index) const;
   const Refs& initial_of(const Field& field) const;
 
   TableBuilder& table_;

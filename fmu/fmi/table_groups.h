@@ -1,4 +1,4 @@
-// Groups of variables in the table, one source file each.
+// Groups of variables in the table.
 #pragma once
 
 #include "fmu/fmi/table_builder.h"
@@ -14,7 +14,7 @@ void add_outputs(TableBuilder& table, CellOutputs& out, const Dependencies& depe
 /// Inputs and outputs of the conveyors.
 void add_conveyors(TableBuilder& table, CellInputs& in, CellOutputs& out);
 /// Inputs and outputs of the gripper.
-void add_gripper(TableBuilder& table, GripperCommandInputs& in, GripperOutputs& out,
+void add_gripper(TableBuilder& table, GripperCommand& in, GripperOutputs& out,
                  const Dependencies& dependencies);
 /// Outputs of the sensors and the collision monitor.
 void add_sensing(TableBuilder& table, const CellLayout& layout, CellOutputs& out,

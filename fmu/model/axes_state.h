@@ -5,9 +5,13 @@
 #include <cstdint>
 #include <vector>
 
-#include "fmu/model/cell_values.h"
+#include "fmu/control/axis.h"
 
 namespace robotcell {
+
+using control::kAxes;
+using control::kMaxJoints;
+using control::kTableAxis;
 
 /// Positions and rates of all axes at one instant (rad, rad/s).
 struct AxesState {

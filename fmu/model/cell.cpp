@@ -69,6 +69,18 @@ void Cell::read_world() {
   to_.gripper = world_.gripper();
 }
 
+Events Cell::step(const CellInputs& inputs, double start_time, std::int64_t end_us, Events wanted,
+                  const IntermediateUpdate& intermediate) {
+  const std::int64_t cycle_us = description_.controller_cycle_us;
+  begin_step(inputs, start_time);
+  while (time_us_ < end_us) {
+    const std::int64_t next_cycle_us = (time_us_ / cycle_us + 1) * cycle_us;
+    if (run(inputs, intermediate ? std::min(end_us, next_cycle_us) : end_us, wanted)) break;
+    if (time_us_ < end_us) end_us = intermediate(time_us_, end_us);
+  }
+  return end_step();
+}
+
 void Cell::begin_step(const CellInputs& inputs, double start_time) {
   start_time_ = start_time;
   pendant_ = inputs.pendant;
@@ -82,6 +94,7 @@ Events Cell::end_step() {
   return events;
 }
 
+/// Advances to an instant, or to the first of the `wanted` events up to it. Returns whether one occurred.
 bool Cell::run(const CellInputs& inputs, std::int64_t to_us, Events wanted) {
   bool at_event = false;
   while (time_us_ < to_us && !at_event) {
@@ -92,24 +105,18 @@ bool Cell::run(const CellInputs& inputs, std::int64_t to_us, Events wanted) {
       at_event = event <= end_us;
       end_us = std::min(end_us, event);
     }
-    trigger_.fire_until(time_us_, end_us, end_us == to_.time_us, *this);
-    trigger_.latch(end_us, *this);
+    trigger_.advance(time_us_, end_us, end_us == to_.time_us, *this);
     time_us_ = end_us;
   }
   return at_event;
 }
 
 /// First instant in (now, to] at which an event occurs, within the current dynamics step; a later instant
-/// where there is none. Works on copies: what happens after the stop must not have happened yet.
+/// where there is none.
 std::int64_t Cell::next_event(Events wanted, std::int64_t to_us) const {
   std::int64_t next = std::numeric_limits<std::int64_t>::max();
   if ((wanted & kRecordPublished) != 0) {
-    next = trigger_.next_complete_us();
-    if (trigger_.is_idle()) {
-      Trigger lookahead = trigger_;
-      lookahead.fire_until(time_us_, to_us, false, *this);
-      next = lookahead.next_complete_us();
-    }
+    next = trigger_.next_complete_us(time_us_, to_us, *this);
   }
   if ((wanted & kCollisionChanged) != 0 && collides(from_.readings) != collides(to_.readings)) {
     next = std::min(next, to_.time_us);
@@ -156,8 +163,7 @@ void Cell::take_commands(const CellInputs& inputs) {
     const double limit = description_.conveyors[i].max_speed;
     to_.prescribed.belts[i].target = std::clamp(inputs.conveyors[i].speed, -limit, limit);
   }
-  const GripperCommandInputs& gripper = inputs.gripper;
-  world_.command_gripper({static_cast<GripperMode>(gripper.mode), gripper.width, gripper.force});
+  world_.command_gripper(inputs.gripper);
 }
 
 void Cell::step_dynamics(const CellInputs& inputs) {
@@ -236,9 +242,7 @@ CellState Cell::state() const {
   state.history = history_.states();
   state.controller = controller_.state();
   state.program = program_;
-  state.arm = world_.arm();
-  state.parts = world_.free_parts();
-  state.grasp = world_.grasp();
+  state.world = world_.state();
   state.trigger = trigger_.state();
   state.pendant = pendant_;
   return state;
@@ -258,7 +262,7 @@ void Cell::restore(const CellState& state) {
         "the times of the state are inconsistent: expected from <= time <= to, one time step apart");
   }
   for (const GridPoint* point : {&state.from, &state.to}) sensing_.check(point->readings);
-  world_.restore(state.to.prescribed, state.arm, state.parts, state.grasp);
+  world_.restore(state.to.prescribed, state.world);
   time_us_ = state.time_us;
   from_ = state.from;
   to_ = state.to;

@@ -2,18 +2,19 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 
 #include "fmu/control/robot_controller.h"
 #include "fmu/model/axes_state.h"
 #include "fmu/model/cell_values.h"
-#include "fmu/model/cell_vibration.h"
-#include "fmu/model/controller_link.h"
 #include "fmu/model/description/cell_description.h"
+#include "fmu/model/devices/controller.h"
 #include "fmu/model/devices/encoder.h"
 #include "fmu/model/devices/sensing.h"
 #include "fmu/model/devices/trigger.h"
+#include "fmu/model/vibration.h"
 #include "fmu/model/world/kinematics.h"
 #include "fmu/model/world/world.h"
 
@@ -64,9 +65,7 @@ struct CellState {
   std::vector<TimedAxes> history;  // for encoders with latency
   control::ControllerState controller;
   LoadedProgram program;
-  ArmDynamicsState arm;
-  std::vector<FreePartState> parts;
-  GraspState grasp;
+  WorldState world;
   TriggerState trigger;
   PendantCommand pendant;
 };
@@ -85,20 +84,18 @@ class Cell : private MotionView {
   Cell(const CellDescription& description, const proximity::BodySet& bodies, const CellParameters& parameters,
        std::string folder);
 
-  /// Starts a communication step: trigger and pendant read their commands. `start_time` (s) is the simulation
-  /// time at the start. Throws std::exception.
-  void begin_step(const CellInputs& inputs, double start_time);
+  /// Called at every controller cycle within a communication step; returns the new end of the step.
+  using IntermediateUpdate = std::function<std::int64_t(std::int64_t now_us, std::int64_t end_us)>;
 
-  /// Advances to an instant (microseconds from the start) with constant inputs, or to the first of the
-  /// `wanted` events up to it. Returns whether one occurred at the instant reached; throws std::exception.
-  bool run(const CellInputs& inputs, std::int64_t to_us, Events wanted);
-
-  /// Ends a communication step: the next complete record becomes the current one. Returns the events of the
-  /// step.
-  Events end_step();
+  /// Executes a communication step with constant inputs, up to an instant (microseconds from the start), the
+  /// first of the `wanted` events, or an earlier end from `intermediate`, which may be empty. Trigger and
+  /// pendant read their commands at its start; at its end the next complete record becomes the current one.
+  /// `start_time` (s) is the simulation time at the start of the simulation. Returns the events of the step;
+  /// throws std::exception.
+  Events step(const CellInputs& inputs, double start_time, std::int64_t end_us, Events wanted,
+              const IntermediateUpdate& intermediate);
 
   std::int64_t time_us() const { return time_us_; }
-  std::int64_t controller_cycle_us() const { return description_.controller_cycle_us; }
 
   /// Number of contact problems since the start that were not solved as intended.
   std::int32_t solver_fallbacks() const { return to_.solver_fallbacks; }
@@ -120,6 +117,9 @@ class Cell : private MotionView {
   void restore(const CellState& state);
 
  private:
+  void begin_step(const CellInputs& inputs, double start_time);
+  bool run(const CellInputs& inputs, std::int64_t to_us, Events wanted);
+  Events end_step();
   std::int64_t next_event(Events wanted, std::int64_t to_us) const;
   control::Report report() const;
 
@@ -136,7 +136,7 @@ class Cell : private MotionView {
   AxesState true_axes_at(std::int64_t time_us) const;
   AxesState encoders_at(std::int64_t time_us) const;
   void read_axes(GridPoint& point) const;
-  control::BeltState belt_at(std::size_t belt, std::int64_t time_us) const;
+  BeltState belt_at(std::size_t belt, std::int64_t time_us) const;
   Motion finger_at(std::size_t finger, std::int64_t time_us, const Motion& flange) const;
   using SupportingBodyMotions = std::array<Motion, kSupportingBodies>;
   Motion part_at(std::size_t part, std::int64_t time_us,

@@ -24,9 +24,9 @@ AxesState Cell::encoders_at(std::int64_t time_us) const {
   return interpolate({from_.time_us, from_.encoders}, {to_.time_us, to_.encoders}, time_us);
 }
 
-control::BeltState Cell::belt_at(std::size_t belt, std::int64_t time_us) const {
-  return control::run_belt(from_.prescribed.belts[belt], description_.conveyors[belt].max_acceleration,
-                           static_cast<double>(time_us - from_.time_us) * kSecondsPerMicrosecond);
+BeltState Cell::belt_at(std::size_t belt, std::int64_t time_us) const {
+  return run_belt(from_.prescribed.belts[belt], description_.conveyors[belt].max_acceleration,
+                  static_cast<double>(time_us - from_.time_us) * kSecondsPerMicrosecond);
 }
 
 control::Knot Cell::table(std::int64_t time_us) const {
@@ -142,7 +142,7 @@ void Cell::write_outputs(CellOutputs& outputs) const {
     for (std::size_t i = 0; i < kMaxJoints; ++i) outputs.motor_torque[i] = arm.motors[i].torque;
   }
   for (std::size_t i = 0; i < outputs.conveyors.size(); ++i) {
-    const control::BeltState belt = belt_at(i, time_us_);
+    const BeltState belt = belt_at(i, time_us_);
     const double length = description_.conveyors[i].length;
     const double laps = std::floor(belt.travel / length);
     outputs.conveyors[i] = {belt.speed, belt.travel, belt.travel - laps * length};
@@ -155,16 +155,11 @@ void Cell::write_outputs(CellOutputs& outputs) const {
 /// Forces are those of the current dynamics step.
 GripperOutputs Cell::gripper_outputs() const {
   const double s = step_fraction(time_us_);
-  const GripperPoint& from = from_.gripper;
-  const GripperPoint& to = to_.gripper;
-  GripperOutputs outputs;
+  GripperOutputs outputs = to_.gripper.outputs;
   for (std::size_t i = 0; i < 2; ++i) {
-    outputs.width += from.opening[i] + s * (to.opening[i] - from.opening[i]);
+    const double from = from_.gripper.opening[i];
+    outputs.width += from + s * (to_.gripper.opening[i] - from);
   }
-  outputs.force = to.force;
-  outputs.gripped = to.gripped;
-  outputs.normal_force = to.normal_force;
-  outputs.contact_force = to.contact_force;
   return outputs;
 }
 

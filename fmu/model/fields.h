@@ -51,10 +51,17 @@ constexpr double kNoInstant = -1;  // time of something that has not happened ye
 enum class Initial { kNothing, kDescription, kEncoders };
 
 /// Name of an element of an array, after that of the array, and what replaces {e} in the text.
+///
+/// In names and texts of elements {i} is the number of the element, {x} its letter x, y, z (or w, x, y, z of
+/// a quaternion), and {t} the number of the table, one more than that of the last joint. In an array of
+/// arrays {i} is the number of the outer element, {k} and {x} are those of the inner one.
 struct Element {
   const char* name;
   const char* text;
 };
+
+/// The joints and the table.
+constexpr Element kAxisElements[] = {{"q[{i}]", "joint {i}"}, {"table", "the rotary table, not wrapped"}};
 
 /// Properties of a member.
 struct Field {
@@ -66,10 +73,11 @@ struct Field {
   Variability variability = Variability::kDiscrete;
   bool instant = false;  // a simulation time, counted from the start; kNoInstant: none yet
   const Enumeration* enumeration = nullptr;  // whose member an integer holds
-  const Element* elements = nullptr;         // of an array, one for each element
-  bool per_axis = false;     // an array with an element for each axis; only those of the cell are variables
+  const Element* elements = nullptr;         // of an array with an element for each axis: see with_axes
+  bool distinct_joints = false;              // each joint has an element of its own
   bool axis_number = false;  // the number of an axis, counted from 1: the joints, then the table
   Initial initial = Initial::kNothing;
+  bool command = false;  // a command, which is not bounded as the motion of bodies is
 };
 
 constexpr Field bounded(Field field, double min, double max = kUnbounded) {
@@ -78,16 +86,13 @@ constexpr Field bounded(Field field, double min, double max = kUnbounded) {
   return field;
 }
 
-constexpr Field with_elements(Field field, const Element* elements) {
+/// An array with an element for each axis, of which only those of the cell are variables. `elements`: for the
+/// joints and for the table, or one for each possible joint and for the table.
+template <std::size_t count>
+constexpr Field with_axes(Field field, const Element (&elements)[count]) {
   field.elements = elements;
+  field.distinct_joints = count > 2;
   return field;
-}
-
-/// One element for each axis, the places of all possible joints included. {t} in names and texts is the
-/// number of the table, one more than that of the last joint.
-constexpr Field with_axes(Field field, const Element* elements) {
-  field.per_axis = true;
-  return with_elements(field, elements);
 }
 
 constexpr Field axis_number(Field field) {
@@ -137,6 +142,14 @@ constexpr Declared<std::int32_t> choice_field(std::int32_t& value, Field propert
 template <class T>
 constexpr Declared<T> state(T& value, const char* name) {
   return {value, Field{name}};
+}
+
+/// The same for a command in the state of a moving body.
+template <class T>
+constexpr Declared<T> command_state(T& value, const char* name) {
+  Field field{name};
+  field.command = true;
+  return {value, field};
 }
 
 /// Does not compile where a structure has not `count` members, none of them private.

@@ -1,4 +1,4 @@
-// Vibration in closed form, so that it does not depend on the step size.
+// Vibration of robot base, flange and table, in closed form, so that it does not depend on the step size.
 #pragma once
 
 #include <Eigen/Core>
@@ -6,9 +6,29 @@
 #include <cstdint>
 #include <vector>
 
-#include "fmu/model/vibration_parameters.h"
+#include "fmu/model/fields.h"
 
 namespace robotcell {
+
+struct AsBuilt;
+struct CellDescription;
+struct Motion;
+
+/// Vibration of one body of the cell.
+struct VibrationParameters {
+  std::array<double, 3> amplitude{};        // m, of a sine along each axis of the body
+  double frequency = 0;                     // Hz
+  double phase = 0;                         // rad, at time 0
+  double random_rms = 0;                    // m, along each axis
+  double random_low = 0, random_width = 0;  // Hz, lower limit and width of the band of the random part
+
+  template <class Visitor>
+  static void declare(Visitor& visit, VibrationParameters& v) {
+    visit(v, state(v.amplitude, "amplitude"), state(v.frequency, "frequency"), state(v.phase, "phase"),
+          state(v.random_rms, "random_rms"), state(v.random_low, "random_low"),
+          state(v.random_width, "random_width"));
+  }
+};
 
 /// Displacement of a frame along its nominal axes, and its rate.
 struct Displacement {
@@ -34,6 +54,24 @@ class Vibration {
   void add_random_waves(const VibrationParameters& parameters, std::uint64_t key);
 
   std::vector<Wave> waves_;
+};
+
+/// Vibration of robot base, flange and table, superimposed on their motion.
+/// Affects true poses only, neither encoder readings nor the dynamics: the displacements are too small to
+/// move what lies there.
+class CellVibration {
+ public:
+  /// Throws std::invalid_argument for invalid parameters.
+  CellVibration(const CellDescription& cell, const AsBuilt& as_built, std::uint64_t key);
+
+  /// Motions with vibration: of the base, of the flange and all it carries, and of the platter.
+  Motion base(const Motion& base, std::int64_t time_us) const;
+  Motion flange(const Motion& flange, std::int64_t time_us) const;
+  Motion platter(const Motion& platter, std::int64_t time_us) const;
+
+ private:
+  Vibration base_, flange_, table_;
+  Eigen::Matrix3d table_axes_;
 };
 
 }  // namespace robotcell

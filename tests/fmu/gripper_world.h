@@ -3,8 +3,8 @@
 
 #include <dart/dynamics/PrismaticJoint.hpp>
 
-#include "fmu/model/devices/gripper.h"
 #include "fmu/model/world/coulomb_solver.h"
+#include "fmu/model/world/gripper_body.h"
 #include "tests/fmu/engine_world.h"
 
 namespace robotcell::testing {
@@ -75,7 +75,7 @@ class GripperWorld {
   }
 
   void grip(double force) {
-    gripper->command({GripperMode::kForce, 0, force});
+    gripper->command({static_cast<std::int32_t>(GripperMode::kForce), 0, force});
     run(400);
   }
 

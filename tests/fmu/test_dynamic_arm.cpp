@@ -7,7 +7,7 @@
 #include <dart/dynamics/Skeleton.hpp>
 #include <dart/simulation/World.hpp>
 
-#include "fmu/model/devices/dynamic_arm.h"
+#include "fmu/model/world/dynamic_arm.h"
 
 namespace {
 

@@ -1,5 +1,5 @@
 // Gripper against closed forms: width, force, slip in any direction, centring.
-#include "fmu/model/devices/gripper.h"
+#include "fmu/model/world/gripper_body.h"
 
 #include <gtest/gtest.h>
 
@@ -19,7 +19,7 @@ constexpr double kLimit =
 
 TEST(Gripper, OpensToWidthAtMaximumSpeed) {
   GripperWorld cell;
-  cell.gripper->command({GripperMode::kWidth, 0.08, 0});
+  cell.gripper->command({static_cast<std::int32_t>(GripperMode::kWidth), 0.08, 0});
   cell.run(50);  // 5 mm for each finger
   EXPECT_NEAR(cell.gripper->width(), 0.07, 1e-6);
   cell.run(100);

@@ -66,7 +66,7 @@ std::vector<Choice> choices() {
           [](S & s) -> auto& { return s.cell->controller.pending_move.mode; }),
       choice(
           "gripper mode", GripperMode::kForce,
-          [](S & s) -> auto& { return s.cell->grasp.gripper.command.mode; }),
+          [](S & s) -> auto& { return s.cell->world.grasp.gripper.command.mode; }),
       choice(
           "supporting body before", SupportingBody::kFlange,
           [](S & s) -> auto& { return s.cell->from.parts[0].supporting_body; }),
@@ -201,12 +201,13 @@ std::vector<Fault> faults() {
       {"communication time other than that of the cell", [](Snapshot& s) { s.communication_time += 1; }},
       {"a cell time far in the past", [](Snapshot& s) { s.cell->time_us = -1'000'000'000'000; }},
       {"a time outside the dynamics step", [](Snapshot& s) { s.cell->to.time_us += 1'000'000; }},
-      {"a part position that is not a number", [](Snapshot& s) { s.cell->parts[0].position[4] = kNan; }},
-      {"a part position out of range", [](Snapshot& s) { s.cell->parts[0].position[5] = -1e8; }},
-      {"a part velocity out of range", [](Snapshot& s) { s.cell->parts[0].velocity[3] = 1e300; }},
+      {"a part position that is not a number",
+       [](Snapshot& s) { s.cell->world.parts[0].position[4] = kNan; }},
+      {"a part position out of range", [](Snapshot& s) { s.cell->world.parts[0].position[5] = -1e8; }},
+      {"a part velocity out of range", [](Snapshot& s) { s.cell->world.parts[0].velocity[3] = 1e300; }},
       {"an infinite joint position", [](Snapshot& s) { s.cell->to.prescribed.axes.position[2] = kInfinity; }},
       {"a stick constraint with shear",
-       [](Snapshot& s) { s.cell->parts[0].stick_constraint.support_from_body(0, 1) = 0.1; }},
+       [](Snapshot& s) { s.cell->world.parts[0].stick_constraint.support_from_body(0, 1) = 0.1; }},
       {"an orientation that is not normalized",
        [](Snapshot& s) { s.cell->controller.jog.orientation.w() = 2; }},
   };

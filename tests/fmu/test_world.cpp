@@ -60,13 +60,14 @@ TEST(World, FallingPartIsStoppedAtMaximumDistance) {
   PrescribedMotion still;
   for (std::size_t i = 0; i < cell.joints.size(); ++i) still.axes.position[i] = cell.joints[i].start;
   World world(cell, Kinematics(cell, AsBuilt{}), still);
-  const auto parts = world.free_parts();
+  const auto parts = world.state().parts;
   const auto put = [&](double height, double speed) {
-    auto moved = parts;
-    moved[0].position[5] = height;
-    moved[0].velocity[5] = speed;
-    moved[0].stick_constraint = {};
-    world.restore(still, world.arm(), moved, world.grasp());
+    WorldState moved = world.state();
+    moved.parts = parts;
+    moved.parts[0].position[5] = height;
+    moved.parts[0].velocity[5] = speed;
+    moved.parts[0].stick_constraint = {};
+    world.restore(still, moved);
   };
   const auto height_after = [&](int steps) {
     for (int i = 0; i < steps; ++i) world.step(still, still);
@@ -76,7 +77,7 @@ TEST(World, FallingPartIsStoppedAtMaximumDistance) {
   const double rest = height_after(10);
   EXPECT_NEAR(rest, -10000, 1);
   EXPECT_EQ(height_after(100), rest);
-  EXPECT_EQ(world.free_parts()[0].velocity[5], 0);
+  EXPECT_EQ(world.state().parts[0].velocity[5], 0);
   // A state from before the fall restores the part.
   put(2, 0);
   EXPECT_NEAR(height_after(100), 2 - 0.5 * 9.80665 * 0.1 * 0.1, 0.01);

@@ -16,12 +16,6 @@ namespace {
 constexpr std::size_t kMinJoints = 4;
 constexpr double kMaxJointPosition = 1e6;  // rad
 constexpr double kParallel = 1e-6;         // sine of the angle between parallel axes
-constexpr double kMaxLatency = 0.1;        // s, of an encoder
-
-EncoderDescription parse_encoder(const JsonReader& json) {
-  return {json.at("encoder_resolution").number(0, 1), json.at("encoder_noise").number(0, 1),
-          std::llround(json.at("encoder_latency").number(0, kMaxLatency) * kMicrosecondsPerSecond)};
-}
 
 MotionDescription parse_motion(const JsonReader& json) {
   json.expect_keys({"line_speed", "line_acceleration", "turn_speed", "turn_acceleration", "jog_speed",
@@ -80,22 +74,6 @@ void parse_robot(const JsonReader& robot, CellDescription& cell) {
   if (robot.at("dynamics").is_null()) return;
   const double time_step = static_cast<double>(cell.time_step_us) / kMicrosecondsPerSecond;
   cell.dynamics = parse_arm_dynamics(robot.at("dynamics"), cell.joints.size(), time_step);
-}
-
-TableDescription parse_table(const JsonReader& json) {
-  json.expect_keys({"world_from_table", "radius", "thickness", "max_speed", "max_acceleration", "max_jerk",
-                    "start", "friction", "encoder_resolution", "encoder_noise", "encoder_latency"});
-  TableDescription table;
-  table.world_from_table = json.at("world_from_table").pose();
-  table.radius = json.at("radius").positive();
-  table.thickness = json.at("thickness").positive();
-  table.max_speed = json.at("max_speed").positive();
-  table.max_acceleration = json.at("max_acceleration").positive();
-  table.max_jerk = json.at("max_jerk").positive();
-  table.start = json.at("start").number();
-  table.friction = json.at("friction").number(0, kMaxFriction);
-  table.encoder = parse_encoder(json);
-  return table;
 }
 
 /// Names of the bodies in contact beside `contact.bodies`.

@@ -10,13 +10,14 @@
 #include <vector>
 
 #include "fmu/model/cell_layout.h"
-#include "fmu/model/cell_values.h"
 #include "fmu/model/description/contact_description.h"
 #include "fmu/model/description/part_description.h"
 #include "fmu/model/description/sensing_description.h"
-#include "fmu/model/devices/arm_dynamics.h"
-#include "fmu/model/devices/conveyor_description.h"
-#include "fmu/model/devices/gripper_description.h"
+#include "fmu/model/devices/arm_drives.h"
+#include "fmu/model/devices/belt.h"
+#include "fmu/model/devices/encoder.h"
+#include "fmu/model/devices/gripper.h"
+#include "fmu/model/devices/table.h"
 
 namespace robotcell {
 
@@ -24,12 +25,6 @@ namespace robotcell {
 class DescriptionError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
-};
-
-struct EncoderDescription {
-  double resolution = 0;  // rad; 0: not quantized
-  double noise = 0;       // standard deviation, rad
-  std::int64_t latency_us = 0;
 };
 
 struct JointDescription {
@@ -45,13 +40,6 @@ struct MotionDescription {
   double jog_speed = 0, jog_acceleration = 0;                  // m/s, m/s^2
   double jog_angular_speed = 0, jog_angular_acceleration = 0;  // rad/s, rad/s^2
   double jog_joint_share = 0;                                  // fraction of each axis' maximum speed
-};
-
-struct TableDescription {
-  Eigen::Isometry3d world_from_table;  // origin at the intersection of axis and top face, z along the axis
-  double radius = 0, thickness = 0;
-  double max_speed = 0, max_acceleration = 0, max_jerk = 0, start = 0, friction = 0;
-  EncoderDescription encoder;
 };
 
 struct CellDescription {

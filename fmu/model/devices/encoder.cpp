@@ -3,9 +3,19 @@
 #include <algorithm>
 #include <cmath>
 
+#include "fmu/control/time_units.h"
+#include "fmu/model/description/cell_description.h"
+#include "fmu/model/description/json_reader.h"
 #include "fmu/model/random.h"
 
 namespace robotcell {
+
+constexpr double kMaxLatency = 0.1;  // s
+
+EncoderDescription parse_encoder(const JsonReader& json) {
+  return {json.at("encoder_resolution").number(0, 1), json.at("encoder_noise").number(0, 1),
+          std::llround(json.at("encoder_latency").number(0, kMaxLatency) * kMicrosecondsPerSecond)};
+}
 
 Encoders::Encoders(const CellDescription& cell, std::int32_t instance_seed)
     : key_(key_of_seeds(cell.seed, instance_seed)) {

@@ -5,10 +5,40 @@
 #include <array>
 #include <cstdint>
 
-#include "fmu/model/cell_values.h"
-#include "fmu/model/description/cell_description.h"
+#include "fmu/model/axes_state.h"
+#include "fmu/model/fields.h"
 
 namespace robotcell {
+
+class JsonReader;
+struct CellDescription;
+
+struct EncoderDescription {
+  double resolution = 0;  // rad; 0: not quantized
+  double noise = 0;       // standard deviation, rad
+  std::int64_t latency_us = 0;
+};
+
+/// Reads the keys of an encoder among those of its axis; throws DescriptionError.
+EncoderDescription parse_encoder(const JsonReader& json);
+
+constexpr Element kEncoderRateElements[] = {{"qd[{i}]", "joint {i}"}, {"table_rate", "the rotary table"}};
+
+/// Encoder readings (joints, then table).
+struct Measurement {
+  std::array<double, kAxes> position{};
+  std::array<double, kAxes> rate{};
+
+  template <class Visitor>
+  static void declare(Visitor& visit, Measurement& m) {
+    visit(m,
+          field(m.position,
+                with_axes(initially(Initial::kEncoders, {"", kRadian, "Measured angle of {e} (encoder){}"}),
+                          kAxisElements)),
+          field(m.rate, with_axes({"", kRadianPerSecond, "Measured angular velocity of {e}{}"},
+                                  kEncoderRateElements)));
+  }
+};
 
 class Encoders {
  public:

@@ -1,57 +1,126 @@
-// Gripper in the dynamics world: two fingers on prismatic joints at the flange.
+// Gripper with two parallel fingers: description, inputs, outputs and state.
 #pragma once
 
+#include <Eigen/Geometry>
 #include <array>
-#include <dart/dynamics/BodyNode.hpp>
-#include <dart/dynamics/ShapeNode.hpp>
-#include <dart/simulation/World.hpp>
-#include <memory>
+#include <cstdint>
 
-#include "fmu/model/devices/finger_drives.h"
-#include "fmu/model/devices/gripper_description.h"
-#include "fmu/model/devices/gripper_state.h"
+#include "fmu/model/fields.h"
 
 namespace robotcell {
 
-class Gripper {
- public:
-  Gripper(const GripperDescription& description, dart::dynamics::BodyNode* flange, double time_step);
+class JsonReader;
 
-  /// Adds the finger drives to the constraints of a world.
-  void connect(const dart::simulation::WorldPtr& world);
+/// The gripper frame lies between the bases of the fingers: x along the closing direction, z towards the
+/// tips. The frame of finger 1 is the gripper frame displaced along +x by half the width, so that the pad is
+/// its plane x = 0; that of finger 2 is rotated about z by pi.
+struct GripperDescription {
+  Eigen::Isometry3d flange_from_gripper = Eigen::Isometry3d::Identity();
+  double stroke = 0;                                 // m, maximum width between the pads
+  Eigen::Vector3d finger = Eigen::Vector3d::Zero();  // m: thickness (x), width (y), length (z)
+  double finger_mass = 0;
+  double max_force = 0;           // N, of each finger
+  double max_speed = 0;           // m/s, of each finger
+  double friction = 0;            // of the pads
+  double centring_stiffness = 0;  // N/m, for the difference of the finger positions
+  double start = 0;               // m, initial width between the pads
 
-  void command(const GripperCommand& command);
+  /// Frame of a finger (0 or 1) at a distance (m) from the middle.
+  Eigen::Isometry3d flange_from_finger(std::size_t finger, double opening) const;
+};
 
-  /// Call before and after every step of the world.
-  void begin_step();
-  void end_step();
+/// Throws DescriptionError.
+GripperDescription parse_gripper(const JsonReader& json);
 
-  double opening(std::size_t finger) const { return fingers_[finger]->getParentJoint()->getPosition(0); }
-  double width() const { return opening(0) + opening(1); }
+enum class GripperMode : std::int32_t { kKeep, kWidth, kForce };
+inline constexpr EnumerationItem kGripperModeItems[] = {
+    {"keep", "keep the last command (at the start: hold the width)"},
+    {"width", "move to command.gripper.width"},
+    {"force", "close with command.gripper.force"},
+};
+template <>
+inline constexpr Enumeration enumeration_of<GripperMode> = make_enumeration("GripperMode", kGripperModeItems);
 
-  /// Closing force of the drives (mean of both), N.
-  double force() const { return drive_force_; }
+/// Force and width are clamped to the range of the gripper.
+struct GripperCommand {
+  std::int32_t mode = 0;
+  double width = 0;  // m
+  double force = 0;  // N, of each finger
 
-  /// Whether the fingers press with the full force and stand still without being closed.
-  bool is_gripping() const;
+  bool is(GripperMode other) const { return static_cast<GripperMode>(mode) == other; }
 
-  dart::dynamics::BodyNode* finger(std::size_t i) const { return fingers_[i]; }
-  dart::dynamics::ShapeNode* pad(std::size_t i) const { return fingers_[i]->getShapeNode(0); }
+  template <class Visitor>
+  static void declare(Visitor& visit, GripperCommand& c) {
+    visit(
+        c,
+        choice_field<GripperMode>(c.mode, {"mode", kNone, "Gripper mode, read at the next controller cycle"}),
+        field(c.width,
+              bounded({"width", kMetre,
+                       "Commanded distance between the pads in gripper mode 1, clamped to the stroke; the "
+                       "fingers move at their maximum speed with up to their maximum force"},
+                      0)),
+        field(c.force,
+              bounded({"force", kNewton,
+                       "Commanded grip force of each finger in gripper mode 2, clamped to the maximum "
+                       "force; the fingers close at their maximum speed"},
+                      0)));
+  }
+};
 
-  GripperState state() const;
-  void restore(const GripperState& state);
+struct GripperOutputs {
+  double width = 0;  // m
+  double force = 0;  // N
+  bool gripped = false;
+  std::array<double, 2> normal_force{};  // N, of each pad on the parts
+  std::array<std::array<double, 3>, 2>
+      contact_force{};  // N, of each pad on the parts, friction included, world axes
 
- private:
-  double speed(std::size_t finger) const { return fingers_[finger]->getParentJoint()->getVelocity(0); }
-  FingerDrive drive(std::size_t finger) const;
-  double force_limit() const;
+  template <class Visitor>
+  static void declare(Visitor& visit, GripperOutputs& o) {
+    visit(o,
+          field(o.width, initially(Initial::kDescription,
+                                   continuous({"measured.gripper.width", kMetre,
+                                               "Measured distance between the pads of the two fingers"}))),
+          field(o.force, {"measured.gripper.force", kNewton,
+                          "Measured closing force, mean of the two finger drives; negative while opening"}),
+          field(o.gripped,
+                {"measured.gripper.gripped", kNone,
+                 "True if the gripper holds an object: the fingers press with the commanded force and stand "
+                 "still without being closed"}),
+          field(o.normal_force,
+                {"truth.finger[{i}].normal_force", kNewton,
+                 "Normal force of the pad of finger {i} on all parts that it touches in the current "
+                 "dynamics step"}),
+          field(o.contact_force,
+                {"truth.finger[{i}].contact_force[{k}]", kNewton,
+                 "Contact force on all parts that it touches, friction included, in the current dynamics "
+                 "step: {x} component, world frame, of the pad of finger {i}"}));
+  }
+};
 
-  GripperDescription description_;
-  double time_step_;
-  std::array<dart::dynamics::BodyNode*, 2> fingers_{};
-  std::shared_ptr<FingerDrives> drives_;
-  GripperCommand command_;
-  double drive_force_ = 0;
+/// Complete state of a gripper between two steps.
+struct GripperState {
+  GripperCommand command;           // active command; never kKeep
+  std::array<double, 2> opening{};  // m, of each finger from the middle
+  std::array<double, 2> speed{};    // m/s
+  double drive_force = 0;           // N, mean closing force of the drives
+
+  template <class Visitor>
+  static void declare(Visitor& visit, GripperState& s) {
+    visit(s, command_state(s.command, "command"), state(s.opening, "opening"), state(s.speed, "speed"),
+          state(s.drive_force, "drive_force"));
+  }
+};
+
+/// Readings of a gripper at a point of the dynamics grid.
+struct GripperPoint {
+  std::array<double, 2> opening{};  // m, of each finger from the middle
+  GripperOutputs outputs;           // except the width, which follows from the openings
+
+  template <class Visitor>
+  static void declare(Visitor& visit, GripperPoint& p) {
+    visit(p, state(p.opening, "opening"), state(p.outputs, "outputs"));
+  }
 };
 
 }  // namespace robotcell

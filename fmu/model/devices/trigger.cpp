@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "fmu/control/time_units.h"
+#include "fmu/model/cell_values.h"
 #include "fmu/model/random.h"
 
 namespace robotcell {
@@ -157,9 +158,21 @@ bool Trigger::is_due(std::int64_t time_us, const MotionView& view) const {
   }
 }
 
-void Trigger::fire_until(std::int64_t from_us, std::int64_t to_us, bool step_ends, const MotionView& view) {
+void Trigger::advance(std::int64_t from_us, std::int64_t to_us, bool step_ends, const MotionView& view) {
+  const bool open = fire_due(from_us, to_us, view);
+  if (open && step_ends && mode_of(state_.command) == TriggerMode::kPathDistance) {
+    const Eigen::Vector3d position = view.sensor_in_table(to_us).position;
+    state_.path = path_length(position);
+    state_.path_reference = {position.x(), position.y(), position.z()};
+  }
+  latch(to_us, view);
+}
+
+/// Fires all exposures due in (from, to]. Returns false where a closed gate keeps a periodic mode from
+/// firing.
+bool Trigger::fire_due(std::int64_t from_us, std::int64_t to_us, const MotionView& view) {
   const bool gated = state_.gated && is_periodic(mode_of(state_.command));
-  if (gated && !enter_gate(from_us, to_us, view)) return;
+  if (gated && !enter_gate(from_us, to_us, view)) return false;
   while (is_due(to_us, view)) {
     const std::int64_t due_us =
         first_instant(from_us, to_us, [&](std::int64_t time_us) { return is_due(time_us, view); });
@@ -171,11 +184,7 @@ void Trigger::fire_until(std::int64_t from_us, std::int64_t to_us, bool step_end
     fire(due_us);
   }
   if (gated && is_beyond_gate(to_us, view)) state_.gate = TriggerGate::kPassed;
-  if (step_ends && mode_of(state_.command) == TriggerMode::kPathDistance) {
-    const Eigen::Vector3d position = view.sensor_in_table(to_us).position;
-    state_.path = path_length(position);
-    state_.path_reference = {position.x(), position.y(), position.z()};
-  }
+  return true;
 }
 
 /// Instant of the light: delayed by latency and jitter, but not before the sensor fired.
@@ -223,6 +232,7 @@ void Trigger::fire(std::int64_t time_us) {
   ++state_.incomplete;
 }
 
+/// Latches readings and true poses of all instants up to and including `to`.
 void Trigger::latch(std::int64_t to_us, const MotionView& view) {
   if (state_.incomplete == 0) return;
   state_.incomplete = 0;
@@ -246,9 +256,15 @@ bool Trigger::publish_next() {
   return true;
 }
 
-std::int64_t Trigger::next_complete_us() const {
-  if (state_.pending.empty()) return std::numeric_limits<std::int64_t>::max();
-  return std::max(state_.pending.front().middle_us, state_.pending.front().light_us);
+std::int64_t Trigger::next_complete_us(std::int64_t from_us, std::int64_t to_us,
+                                       const MotionView& view) const {
+  if (!state_.pending.empty()) {
+    return std::max(state_.pending.front().middle_us, state_.pending.front().light_us);
+  }
+  Trigger lookahead = *this;  // what happens later must not have happened yet
+  lookahead.fire_due(from_us, to_us, view);
+  if (lookahead.state_.pending.empty()) return std::numeric_limits<std::int64_t>::max();
+  return lookahead.next_complete_us(from_us, to_us, view);
 }
 
 std::int32_t Trigger::queued() const {

@@ -7,9 +7,127 @@
 #include <utility>
 
 #include "fmu/control/robot_controller.h"
-#include "fmu/model/cell_values.h"
+#include "fmu/model/bodies.h"
+#include "fmu/model/devices/encoder.h"
 
 namespace robotcell {
+
+struct CellInputs;
+
+enum class TriggerMode : std::int32_t { kOff, kTime, kTableAngle, kPathDistance, kRequest };
+inline constexpr EnumerationItem kTriggerModeItems[] = {
+    {"off", "no exposures"},
+    {"time", "periodic in time"},
+    {"table_angle", "periodic in the table angle"},
+    {"path_distance", "periodic in the distance travelled by the sensor over the table"},
+    {"request", "on request only"},
+};
+template <>
+inline constexpr Enumeration enumeration_of<TriggerMode> = make_enumeration("TriggerMode", kTriggerModeItems);
+
+constexpr double kMaxPathClock = 1e9;  // s: longer than any segment
+constexpr double kMaxDuration = 1e9;   // s: the largest simulation time
+
+struct TriggerCommand {
+  std::int32_t mode = 0;
+  double period = 0;                    // s
+  double angle = 0;                     // rad
+  double distance = 0;                  // m
+  std::int32_t request = 0;             // every increase fires one exposure
+  double from = 0, to = kMaxPathClock;  // s of the path clock of a running segment
+
+  template <class Visitor>
+  static void declare(Visitor& visit, TriggerCommand& c) {
+    visit(
+        c,
+        choice_field<TriggerMode>(
+            c.mode, {"mode", kNone,
+                     "Trigger mode of the sensor. Modes 1 to 3 fire when the mode is entered or "
+                     "its interval is changed, and at every interval from there; in controller mode 6 "
+                     "instead when the path clock of a segment reaches command.trigger.from"}),
+        field(c.period, bounded({"period", kSecond,
+                                 "Time between two exposures in trigger mode 1; at least 1 microsecond"},
+                                0, kMaxDuration)),
+        field(c.angle,
+              bounded({"angle", kRadian,
+                       "Rotation of the table, in either direction, between two exposures in trigger mode "
+                       "2; above 0"},
+                      0)),
+        field(c.distance,
+              bounded({"distance", kMetre,
+                       "Path length of the sensor origin in the rotating frame of the table between two "
+                       "exposures in trigger mode 3; above 0"},
+                      0)),
+        field(c.request,
+              {"request", kNone, "Counter: every increase fires one exposure, in any trigger mode but 0"}),
+        field(c.from, bounded({"from", kSecond,
+                               "Controller mode 6: path clock of the running segment at which trigger modes "
+                               "1 to 3 fire for the first time; no effect in other controller modes"},
+                              0, kMaxPathClock)),
+        field(c.to, bounded({"to", kSecond,
+                             "Controller mode 6: path clock of the running segment up to which trigger "
+                             "modes 1 to 3 fire, to 1 microsecond; no effect in other controller modes"},
+                            0, kMaxPathClock)));
+  }
+};
+
+struct TriggerErrors {
+  double latency = 0;  // s, delay of the light against the instant that the device records
+  double jitter = 0;   // s, standard deviation of that delay
+
+  template <class Visitor>
+  static void declare(Visitor& visit, TriggerErrors& e) {
+    visit(
+        e,
+        field(
+            e.latency,
+            bounded(
+                {"latency", kSecond,
+                 "Deviation as built from nominal: mean delay of the light of an exposure after its middle, "
+                 "where the encoders are latched"},
+                0)),
+        field(e.jitter,
+              bounded({"jitter", kSecond,
+                       "Deviation as built from nominal: standard deviation of the delay of the light from "
+                       "exposure to exposure. The light never precedes the instant of firing"},
+                      0)));
+  }
+};
+
+/// Record of one exposure: encoder readings at its middle, and true poses at the instant of the light.
+struct TriggerRecord {
+  explicit TriggerRecord(const CellLayout& layout) : truth(layout) {}
+
+  std::int32_t index = 0;  // counted from 1; 0: no record yet
+  std::int32_t segment = 0;
+  double time = kNoInstant;  // middle of the exposure, s from the start
+  double exposure = 0;       // s
+  Measurement measured;
+  Bodies truth;
+
+  template <class Visitor>
+  static void declare(Visitor& visit, TriggerRecord& r) {
+    visit(
+        r,
+        field(r.index,
+              bounded(
+                  {"index", kNone,
+                   "Number of the exposure in the current record, counted from 1; 0 before the first record. "
+                   "At "
+                   "the end of each communication step the oldest queued record, if any, becomes the current "
+                   "one"},
+                  0)),
+        field(r.segment,
+              {"segment", kNone, "Value of command.segment when the exposure of the current record fired"}),
+        field(r.time,
+              instant("time",
+                      "Simulation time at the middle of the exposure of the current record; 0 before the "
+                      "first record")),
+        field(r.exposure,
+              bounded({"exposure", kSecond, "Duration of the exposure of the current record"}, 0)),
+        state(r.measured, "measured"), state(r.truth, "truth"));
+  }
+};
 
 /// Sensor origin in the rotating frame of the table, from nominal geometry.
 struct SensorInTable {
@@ -77,22 +195,19 @@ class Trigger {
   /// Reads commands at a communication point; may fire there. A mode whose interval is missing is off.
   void command(const CellInputs& inputs, std::int64_t now_us, const MotionView& view);
 
-  /// Fires all exposures due in (from, to]; `step_ends` is true where `to` is on the dynamics grid.
-  void fire_until(std::int64_t from_us, std::int64_t to_us, bool step_ends, const MotionView& view);
-
-  /// Latches readings and true poses of all instants up to and including `to`.
-  void latch(std::int64_t to_us, const MotionView& view);
+  /// Fires all exposures due in (from, to], and latches readings and true poses of all instants up to `to`.
+  /// `step_ends` is true where `to` is on the dynamics grid.
+  void advance(std::int64_t from_us, std::int64_t to_us, bool step_ends, const MotionView& view);
 
   /// Makes the oldest complete record the current one; false if there is none.
   bool publish_next();
 
-  /// Instant at which the oldest pending record is complete; the largest int64 if there is none.
-  std::int64_t next_complete_us() const;
+  /// Instant at which the oldest record, pending or due in (from, to] of one dynamics step, is complete; the
+  /// largest int64 if there is none.
+  std::int64_t next_complete_us(std::int64_t from_us, std::int64_t to_us, const MotionView& view) const;
 
   const TriggerRecord& current_record() const { return state_.current_record; }
   std::int32_t count() const { return state_.count; }
-  /// Whether no record is pending.
-  bool is_idle() const { return state_.pending.empty(); }
   /// Why the command is not carried out.
   control::ControllerError error() const;
   /// Number of complete records in the queue.
@@ -113,11 +228,13 @@ class Trigger {
   void restart(std::int64_t now_us, const MotionView& view);
   bool is_full() const;
   void fire(std::int64_t time_us);
+  bool fire_due(std::int64_t from_us, std::int64_t to_us, const MotionView& view);
+  void latch(std::int64_t to_us, const MotionView& view);
   void skip_due(std::int64_t time_us, const MotionView& view);
 
-  CellLayout layout_;
   std::int64_t light_instant(std::int64_t fired_us, std::int64_t middle_us) const;
 
+  CellLayout layout_;
   TriggerErrors errors_;
   std::uint64_t key_;
   TriggerState state_;

@@ -5,7 +5,8 @@
 #include <array>
 #include <vector>
 
-#include "fmu/model/cell_values.h"
+#include "fmu/model/as_built.h"
+#include "fmu/model/bodies.h"
 #include "fmu/model/description/cell_description.h"
 
 namespace robotcell {

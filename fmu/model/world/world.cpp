@@ -74,10 +74,10 @@ void World::build(const CellDescription& cell, const PrescribedMotion& start) {
   engine_->exclude_contacts();
   for (const ContactPair& pair : cell.contact.pairs) engine_->apply(pair);
   intersecting_bodies_ = engine_->exclude_intersecting_bodies();
-  const GraspState initial_grasp = grasp();
-  const ArmDynamicsState initial_arm = arm();
+  WorldState initial = state();
   if (any_free(cell)) settle(cell, start);
-  restore(start, initial_arm, free_parts(), initial_grasp);
+  initial.parts = free_parts();
+  restore(start, initial);
 }
 
 World::~World() {
@@ -281,11 +281,11 @@ GripperPoint World::gripper() const {
   for (std::size_t i = 0; i < 2; ++i) {
     point.opening[i] = gripper->opening(i);
     const auto [normal, whole] = engine_->pad_force(i);
-    point.normal_force[i] = normal;
-    Eigen::Map<Vector3d>(point.contact_force[i].data()) = whole;
+    point.outputs.normal_force[i] = normal;
+    Eigen::Map<Vector3d>(point.outputs.contact_force[i].data()) = whole;
   }
-  point.force = gripper->force();
-  point.gripped = gripper->is_gripping();
+  point.outputs.force = gripper->force();
+  point.outputs.gripped = gripper->is_gripping();
   return point;
 }
 
@@ -311,19 +311,21 @@ std::vector<FreePartState> World::free_parts() const {
   return states;
 }
 
-void World::restore(const PrescribedMotion& prescribed, const ArmDynamicsState& arm,
-                    const std::vector<FreePartState>& states, const GraspState& grasp) {
-  engine_->check(states);
-  if (engine_->dynamic_arm) engine_->dynamic_arm->restore(arm);
+WorldState World::state() const { return {arm(), free_parts(), grasp()}; }
+
+void World::restore(const PrescribedMotion& prescribed, const WorldState& world) {
+  engine_->check(world.parts);
+  if (engine_->dynamic_arm) engine_->dynamic_arm->restore(world.arm);
   prescribe(prescribed);
   if (engine_->gripper) {
+    const GraspState& grasp = world.grasp;
     engine_->gripper->restore(grasp.gripper);
     for (std::size_t i = 0; i < kinematics_.joints(); ++i) engine_->arm->setVelocity(i, grasp.arm_speed[i]);
   }
-  for (std::size_t i = 0; i < states.size(); ++i) {
+  for (std::size_t i = 0; i < world.parts.size(); ++i) {
     Part& part = engine_->parts[i];
     if (!part.free) continue;
-    const FreePartState& state = states[i];
+    const FreePartState& state = world.parts[i];
     part.skeleton->setPositions(Eigen::Map<const Eigen::Matrix<double, 6, 1>>(state.position.data()));
     part.skeleton->setVelocities(Eigen::Map<const Eigen::Matrix<double, 6, 1>>(state.velocity.data()));
     part.main_support = state.main_support;

@@ -7,10 +7,10 @@
 #include <string>
 #include <vector>
 
-#include "fmu/control/belt_drive.h"
 #include "fmu/model/axes_state.h"
 #include "fmu/model/description/cell_description.h"
-#include "fmu/model/devices/gripper_state.h"
+#include "fmu/model/devices/belt.h"
+#include "fmu/model/devices/gripper.h"
 #include "fmu/model/world/kinematics.h"
 #include "fmu/model/world/soft_point.h"
 #include "fmu/model/world/stick_constraint.h"
@@ -20,7 +20,7 @@ namespace robotcell {
 /// Prescribed motion of drives and belts at one instant.
 struct PrescribedMotion {
   AxesState axes;
-  std::vector<control::BeltState> belts;
+  std::vector<BeltState> belts;
 };
 
 /// Moving body on which a part rests, directly or on other parts.
@@ -46,6 +46,13 @@ struct FreePartState {
 struct GraspState {
   GripperState gripper;
   std::array<double, kMaxJoints> arm_speed{};  // joint rates in the last step
+};
+
+/// State of all bodies that are not prescribed.
+struct WorldState {
+  ArmDynamicsState arm;              // default values with kinematic drives
+  std::vector<FreePartState> parts;  // one for each part; empty for clamped parts
+  GraspState grasp;
 };
 
 /// Table and belts are kinematic, and so is the arm by default: positions are prescribed at the points of the
@@ -86,18 +93,17 @@ class World {
 
   /// Default values in a cell without gripper.
   GripperPoint gripper() const;
-  GraspState grasp() const;
 
   /// Pairs of bodies that intersect at the start and therefore do not touch each other, as text; empty: none.
   const std::string& intersecting_bodies() const { return intersecting_bodies_; }
 
-  /// One state for each part; empty for clamped parts.
-  std::vector<FreePartState> free_parts() const;
-  /// Throws std::invalid_argument where the states belong to another cell.
-  void restore(const PrescribedMotion& prescribed, const ArmDynamicsState& arm,
-               const std::vector<FreePartState>& parts, const GraspState& grasp);
+  WorldState state() const;
+  /// Throws std::invalid_argument where the state belongs to another cell.
+  void restore(const PrescribedMotion& prescribed, const WorldState& world);
 
  private:
+  GraspState grasp() const;
+  std::vector<FreePartState> free_parts() const;
   void add_supports(const CellDescription& cell);
   void add_dynamics(const CellDescription& cell, const PrescribedMotion& start);
   void add_gripper(const GripperDescription& description);

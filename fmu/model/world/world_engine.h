@@ -11,11 +11,11 @@
 #include <unordered_map>
 #include <vector>
 
-#include "fmu/model/devices/dynamic_arm.h"
-#include "fmu/model/devices/gripper.h"
 #include "fmu/model/world/capped_collision_detector.h"
 #include "fmu/model/world/contact_filter.h"
 #include "fmu/model/world/coulomb_solver.h"
+#include "fmu/model/world/dynamic_arm.h"
+#include "fmu/model/world/gripper_body.h"
 #include "fmu/model/world/soft_collision_detector.h"
 #include "fmu/model/world/world.h"
 
@@ -51,6 +51,8 @@ struct PointContact {
   Eigen::Vector3d force = Eigen::Vector3d::Zero();  // N
 };
 
+/// A part in the dynamics engine. Its state (FreePartState) is that of the skeleton, the main support and the
+/// stick constraint; contacts are those of the last step.
 struct Part {
   bool free = false;
   bool soft = false;

@@ -1,5 +1,13 @@
-// Motor and gear of a dynamic drive: follows its set-points within its torque limit.
+// Dynamic drives of the arm: description of masses, motors and gears, and their state.
 #pragma once
+
+#include <array>
+#include <vector>
+
+#include "fmu/model/axes_state.h"
+#include "fmu/model/description/json_reader.h"
+#include "fmu/model/description/rigid_inertia.h"
+#include "fmu/model/fields.h"
 
 namespace robotcell {
 
@@ -14,10 +22,36 @@ struct DriveDescription {
   double viscous_friction = 0;  // N m s/rad, of the joint
 };
 
+struct ArmDynamicsDescription {
+  std::vector<RigidInertia> links;  // in the link frames
+  std::vector<DriveDescription> drives;
+};
+
+/// `time_step` (s) limits the stiffness of the gears. Throws DescriptionError.
+ArmDynamicsDescription parse_arm_dynamics(const JsonReader& json, std::size_t joints, double time_step);
+
 struct MotorState {
   double position = 0, rate = 0;  // rad, rad/s, referred to the output side of the gear
   double torque = 0;              // N m, of the last step
   bool catching_up = false;       // saturated before; returns to the set-points
+
+  template <class Visitor>
+  static void declare(Visitor& visit, MotorState& s) {
+    visit(s, state(s.position, "position"), state(s.rate, "rate"), state(s.torque, "torque"),
+          state(s.catching_up, "catching_up"));
+  }
+};
+
+struct ArmDynamicsState {
+  std::array<double, kMaxJoints> position{}, rate{};  // of the links, rad, rad/s
+  std::array<double, kMaxJoints> gear_torque{};       // acting on the links, N m
+  std::array<MotorState, kMaxJoints> motors{};
+
+  template <class Visitor>
+  static void declare(Visitor& visit, ArmDynamicsState& s) {
+    visit(s, state(s.position, "position"), state(s.rate, "rate"), state(s.gear_torque, "gear_torque"),
+          state(s.motors, "motors"));
+  }
 };
 
 /// Set-point at the end of a step.

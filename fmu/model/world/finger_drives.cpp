@@ -1,4 +1,4 @@
-#include "fmu/model/devices/finger_drives.h"
+#include "fmu/model/world/finger_drives.h"
 
 #include <cmath>
 #include <dart/dynamics/Joint.hpp>

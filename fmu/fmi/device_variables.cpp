@@ -1,4 +1,4 @@
-// Outputs of the sensors and the collision monitor.
+// Inputs and outputs of conveyors, gripper, sensors and the collision monitor.
 #include "fmu/fmi/table_groups.h"
 
 namespace robotcell::fmi {
@@ -14,6 +14,22 @@ std::string body_numbers(const CellLayout& layout) {
 }
 
 }  // namespace
+
+void add_conveyors(TableBuilder& table, CellInputs& in, CellOutputs& out) {
+  const auto device = [](std::size_t i) { return "conveyor " + std::to_string(i + 1); };
+  for (std::size_t i = 0; i < in.conveyors.size(); ++i) {
+    table.add_declared(indexed("command.conveyor", i) + ".", device(i), Causality::kInput, in.conveyors[i]);
+  }
+  for (std::size_t i = 0; i < out.conveyors.size(); ++i) {
+    table.add_declared(indexed("conveyor", i) + ".", device(i), Causality::kOutput, out.conveyors[i]);
+  }
+}
+
+void add_gripper(TableBuilder& table, GripperCommand& in, GripperOutputs& out,
+                 const Dependencies& dependencies) {
+  table.add_declared("command.gripper.", "the gripper", Causality::kInput, in);
+  table.add_declared("", "the gripper", Causality::kOutput, out, dependencies);
+}
 
 void add_sensing(TableBuilder& table, const CellLayout& layout, CellOutputs& out,
                  const Dependencies& dependencies) {

@@ -5,7 +5,7 @@
 #include <dart/dynamics/SmartPointer.hpp>
 #include <vector>
 
-#include "fmu/model/devices/arm_dynamics.h"
+#include "fmu/model/devices/arm_drives.h"
 
 namespace robotcell {
 

@@ -1,4 +1,4 @@
-#include "fmu/model/controller_link.h"
+#include "fmu/model/devices/controller.h"
 
 #include <algorithm>
 #include <cmath>

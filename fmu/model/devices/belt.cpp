@@ -1,4 +1,6 @@
-#include "fmu/model/devices/conveyor_description.h"
+#include "fmu/model/devices/belt.h"
+
+#include <cmath>
 
 #include "fmu/model/description/json_reader.h"
 #include "fmu/model/description/value_limits.h"
@@ -18,6 +20,18 @@ ConveyorDescription parse_conveyor(const JsonReader& json) {
   conveyor.max_acceleration = json.at("max_acceleration").positive();
   conveyor.friction = json.at("friction").number(0, kMaxFriction);
   return conveyor;
+}
+
+BeltState run_belt(const BeltState& from, double acceleration, double duration) {
+  const double change = from.target - from.speed;
+  const double ramp = std::abs(change) / acceleration;  // s, until the target speed is reached
+  if (ramp > duration) {
+    const double signed_acceleration = std::copysign(acceleration, change);
+    return {from.travel + (from.speed + 0.5 * signed_acceleration * duration) * duration,
+            from.speed + signed_acceleration * duration, from.target};
+  }
+  return {from.travel + 0.5 * (from.speed + from.target) * ramp + from.target * (duration - ramp),
+          from.target, from.target};
 }
 
 }  // namespace robotcell

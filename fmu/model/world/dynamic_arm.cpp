@@ -1,4 +1,4 @@
-#include "fmu/model/devices/dynamic_arm.h"
+#include "fmu/model/world/dynamic_arm.h"
 
 #include <Eigen/LU>
 #include <algorithm>
