@@ -18,6 +18,16 @@ namespace sensor_rt {
 /// Contiguous arrays, converted if necessary. forcecast also accepts integers where floats are expected.
 using Doubles = pybind11::array_t<double, pybind11::array::c_style | pybind11::array::forcecast>;
 
+template <typename T>
+using Integers = pybind11::array_t<T, pybind11::array::c_style | pybind11::array::forcecast>;
+
+/// Returns the result of call(), which runs without the GIL.
+template <typename Call>
+auto without_gil(const Call& call) {
+  const pybind11::gil_scoped_release release;
+  return call();
+}
+
 /// Returns the shape as text such as "(3, 4)".
 std::string shape_text(const pybind11::array& array);
 

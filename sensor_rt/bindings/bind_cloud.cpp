@@ -1,5 +1,3 @@
-#include <utility>
-
 #include "sensor_rt/bindings/arrays.h"
 #include "sensor_rt/bindings/bindings.h"
 #include "sensor_rt/cloud/normals.h"
@@ -8,9 +6,6 @@ namespace py = pybind11;
 
 namespace sensor_rt {
 namespace {
-
-template <typename T>
-using Integers = py::array_t<T, py::array::c_style | py::array::forcecast>;
 
 py::array_t<double> py_estimate_normals(const Doubles& points, const Integers<std::int64_t>& frame,
                                         const Integers<std::int32_t>& camera,
@@ -29,12 +24,7 @@ py::array_t<double> py_estimate_normals(const Doubles& points, const Integers<st
                         static_cast<std::size_t>(count),
                         light.data(),
                         static_cast<std::size_t>(light.shape(0))};
-  LargeVector<double> normals;
-  {
-    const py::gil_scoped_release release;
-    normals = estimate_normals(cloud, threads);
-  }
-  return to_array(std::move(normals), {count, py::ssize_t{3}});
+  return to_array(without_gil([&] { return estimate_normals(cloud, threads); }), {count, py::ssize_t{3}});
 }
 
 }  // namespace

@@ -51,30 +51,7 @@ py::array_t<std::uint16_t> expose(const py::array& electrons, const Sensor& sens
 
 void bind_detector(py::module_& module) {
   module.def("expose", &expose, py::arg("electrons"), py::arg("sensor"), py::arg("duration"),
-             py::arg("index"), py::arg("threads") = 0u,
-             R"(Digital images of planes of expected electrons, in the terms of EMVA 1288.
-
-Parameters
-----------
-electrons : (n, cameras, height, width) float32
-    Photo-electrons expected per pixel; dark current is added here.
-sensor : Sensor
-    Its detector constants, seed and whether there is noise.
-duration : (n,) float64
-    Exposure in seconds (for the dark current).
-index : (n,) int64
-    Frame number; keys the noise.
-threads : int
-    0: as many as the machine has. Does not change the result.
-
-Returns
--------
-(n, cameras, height, width) uint16
-
-Raises
-------
-ValueError
-    When an array has the wrong type or shape.)");
+             py::arg("index"), py::arg("threads") = 0u);
 }
 
 }  // namespace sensor_rt

@@ -32,14 +32,11 @@ py::array view(const py::object& owner, const T* data, std::vector<py::ssize_t> 
 
 /// Defines a property that exposes a member vector as an array of shape (n).
 template <typename Owner, typename Vector, typename Class>
-void bind_vector(Class& bound, const char* name, Vector Owner::*member, const char* doc) {
-  bound.def_property_readonly(
-      name,
-      [member](const py::object& self) {
-        const auto& values = self.cast<const Owner&>().*member;
-        return view(self, values.data(), {static_cast<py::ssize_t>(values.size())});
-      },
-      doc);
+void bind_vector(Class& bound, const char* name, Vector Owner::*member) {
+  bound.def_property_readonly(name, [member](const py::object& self) {
+    const auto& values = self.cast<const Owner&>().*member;
+    return view(self, values.data(), {static_cast<py::ssize_t>(values.size())});
+  });
 }
 
 Peaks extract(const py::array& images, const Sensor& sensor, unsigned threads, bool all_peaks,
@@ -126,21 +123,18 @@ Points triangulate_pixels(const Pixels& pixels, const Sensor& sensor, int camera
 }
 
 void bind_peaks(py::module_& module) {
-  py::class_<Peaks> peaks(module, "Peaks", py::module_local(),
-                          "Stripe peaks as arrays of equal length, in the order frame, camera, column.");
+  py::class_<Peaks> peaks(module, "Peaks", py::module_local());
   peaks.def("__len__", &Peaks::size);
-  bind_vector(peaks, "frame", &Peaks::frame, "(n,) int64: number of the frame within the batch");
-  bind_vector(peaks, "camera", &Peaks::camera, "(n,) int32");
-  bind_vector(peaks, "column", &Peaks::column, "(n,) int32, px");
-  bind_vector(peaks, "row", &Peaks::row, "(n,) float64, px, integer = pixel centre");
-  bind_vector(peaks, "amplitude", &Peaks::amplitude, "(n,) float32, DN above the background");
-  bind_vector(peaks, "width", &Peaks::width, "(n,) float32: standard deviation of the stripe, px");
-  bind_vector(peaks, "row_sigma", &Peaks::row_sigma,
-              "(n,) float32: standard deviation of row from noise, px");
-  bind_vector(peaks, "asymmetry", &Peaks::asymmetry, "(n,) float32: > 0 when the tail lies at larger rows");
-  bind_vector(peaks, "residual", &Peaks::residual,
-              "(n,) float32: misfit beyond noise, relative to amplitude");
-  bind_vector(peaks, "flags", &Peaks::flags, "(n,) uint32: bits of PEAK_FLAGS");
+  bind_vector(peaks, "frame", &Peaks::frame);
+  bind_vector(peaks, "camera", &Peaks::camera);
+  bind_vector(peaks, "column", &Peaks::column);
+  bind_vector(peaks, "row", &Peaks::row);
+  bind_vector(peaks, "amplitude", &Peaks::amplitude);
+  bind_vector(peaks, "width", &Peaks::width);
+  bind_vector(peaks, "row_sigma", &Peaks::row_sigma);
+  bind_vector(peaks, "asymmetry", &Peaks::asymmetry);
+  bind_vector(peaks, "residual", &Peaks::residual);
+  bind_vector(peaks, "flags", &Peaks::flags);
   py::dict flags;
   for (const auto& [name, bit] : {std::pair{"saturated", kPeakSaturated},
                                   {"border", kPeakBorder},
@@ -163,27 +157,21 @@ void bind_peaks(py::module_& module) {
 }
 
 void bind_profiles(py::module_& module) {
-  py::class_<Profiles> profiles(module, "Profiles", py::module_local(),
-                                "Points in the sensor frame (m) as arrays of equal length.");
+  py::class_<Profiles> profiles(module, "Profiles", py::module_local());
   profiles.def("__len__", &Profiles::size);
-  profiles.def_property_readonly(
-      "points_in_sensor",
-      [](const py::object& self) {
-        const auto& points = self.cast<const Profiles&>().points_in_sensor;
-        return view(self, reinterpret_cast<const double*>(points.data()),
-                    {static_cast<py::ssize_t>(points.size()), 3});
-      },
-      "(n, 3) float64, m");
-  profiles.def_property_readonly(
-      "covariance", [](const Profiles& self) { return covariance(self); }, "(n, 3, 3) float64, m²");
-  bind_vector(profiles, "sigma", &Profiles::sigma,
-              "(n,) float32: largest standard deviation over directions, m");
-  bind_vector(profiles, "intensity", &Profiles::intensity, "(n,) float32, DN");
-  bind_vector(profiles, "camera", &Profiles::camera, "(n,) int32");
-  bind_vector(profiles, "column", &Profiles::column, "(n,) int32, px");
-  bind_vector(profiles, "row", &Profiles::row, "(n,) float64, px");
-  bind_vector(profiles, "frame", &Profiles::frame, "(n,) int64");
-  bind_vector(profiles, "flags", &Profiles::flags, "(n,) uint32: bits of PEAK_FLAGS");
+  profiles.def_property_readonly("points_in_sensor", [](const py::object& self) {
+    const auto& points = self.cast<const Profiles&>().points_in_sensor;
+    return view(self, reinterpret_cast<const double*>(points.data()),
+                {static_cast<py::ssize_t>(points.size()), 3});
+  });
+  profiles.def_property_readonly("covariance", &covariance);
+  bind_vector(profiles, "sigma", &Profiles::sigma);
+  bind_vector(profiles, "intensity", &Profiles::intensity);
+  bind_vector(profiles, "camera", &Profiles::camera);
+  bind_vector(profiles, "column", &Profiles::column);
+  bind_vector(profiles, "row", &Profiles::row);
+  bind_vector(profiles, "frame", &Profiles::frame);
+  bind_vector(profiles, "flags", &Profiles::flags);
 }
 
 }  // namespace
@@ -192,20 +180,11 @@ void bind_imaging(py::module_& module) {
   bind_peaks(module);
   bind_profiles(module);
   module.def("extract", &extract, py::arg("images"), py::arg("sensor"), py::arg("threads") = 0u,
-             py::arg("all_peaks") = false, py::arg("background") = py::none(),
-             "Stripe peaks of images (n, cameras, height, width) uint16. `background`: images of the same "
-             "shape with "
-             "the laser off, which are subtracted first. ValueError when the images do not match.");
-  module.def(
-      "triangulate", &triangulate_peaks, py::arg("peaks"), py::arg("sensor"),
-      py::arg("keep_rejected") = false,
-      "Points of peaks. Peaks with a flag of PEAK_REJECTED are skipped unless keep_rejected, points outside "
-      "the range always.");
+             py::arg("all_peaks") = false, py::arg("background") = py::none());
+  module.def("triangulate", &triangulate_peaks, py::arg("peaks"), py::arg("sensor"),
+             py::arg("keep_rejected") = false);
   module.def("triangulate_pixels", &triangulate_pixels, py::arg("pixels"), py::arg("sensor"),
-             py::arg("camera"), py::arg("form"),
-             "Points (n, 3) on the laser sheet, m, seen at pixels (n, 2) = (column, row). form: exact (plane "
-             "X = 0), sheet (as described), ray (exact without the closed form), eq4_as_printed or "
-             "eq5_as_printed (exact).");
+             py::arg("camera"), py::arg("form"));
 }
 
 }  // namespace sensor_rt

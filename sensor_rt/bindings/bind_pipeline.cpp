@@ -23,8 +23,8 @@ std::vector<py::ssize_t> images_shape(const Sensor& sensor, const Exposures& exp
 struct PyScanResult {
   py::object profiles;
   py::dict timings;
-  py::object images;
-  py::object background;
+  py::object images = py::none();
+  py::object background = py::none();
 };
 
 py::dict timings(const ScanResult& result) {
@@ -41,44 +41,29 @@ Engine to_engine(const std::string& name) {
 
 PyScanResult py_scan(const Scene& scene, const Sensor& sensor, const Exposures& exposures,
                      const std::string& engine, unsigned threads, bool keep_images, const Sensor* as_built) {
-  ScanOptions options;
-  options.engine = to_engine(engine);
-  options.threads = threads;
-  options.keep_images = keep_images;
-  ScanResult result;
-  {
-    const py::gil_scoped_release release;
-    result = scan(scene, as_built == nullptr ? sensor : *as_built, sensor, exposures, options);
-  }
-  py::object images = py::none();
-  py::object background = py::none();
+  const ScanOptions options{to_engine(engine), threads, keep_images};
+  ScanResult result = without_gil(
+      [&] { return scan(scene, as_built == nullptr ? sensor : *as_built, sensor, exposures, options); });
+  PyScanResult converted{py::cast(std::move(result.profiles)), timings(result)};
   if (keep_images) {
-    images = to_array(std::move(result.images), images_shape(sensor, exposures));
+    converted.images = to_array(std::move(result.images), images_shape(sensor, exposures));
     if (sensor.laser_off_frame)
-      background = to_array(std::move(result.background), images_shape(sensor, exposures));
+      converted.background = to_array(std::move(result.background), images_shape(sensor, exposures));
   }
-  const py::dict seconds = timings(result);
-  return {py::cast(std::move(result.profiles)), seconds, images, background};
+  return converted;
 }
 
 py::array py_render(const Scene& scene, const Sensor& sensor, const Exposures& exposures, unsigned threads,
                     bool laser_on) {
-  std::vector<std::uint16_t> images;
-  {
-    const py::gil_scoped_release release;
-    images = render_images(scene, sensor, exposures, laser_on, threads);
-  }
-  return to_array(std::move(images), images_shape(sensor, exposures));
+  return to_array(without_gil([&] { return render_images(scene, sensor, exposures, laser_on, threads); }),
+                  images_shape(sensor, exposures));
 }
 
 py::array py_expected_electrons(const Scene& scene, const Sensor& sensor, const Exposures& exposures,
                                 bool lit_pixels, bool pixel_cover, bool closed_form, unsigned threads) {
-  std::vector<float> images;
-  {
-    const py::gil_scoped_release release;
-    images = expected_electrons(scene, sensor, exposures, {lit_pixels, pixel_cover, closed_form}, threads);
-  }
-  return to_array(std::move(images), images_shape(sensor, exposures));
+  const Accelerators accelerators{lit_pixels, pixel_cover, closed_form};
+  const auto trace = [&] { return expected_electrons(scene, sensor, exposures, accelerators, threads); };
+  return to_array(without_gil(trace), images_shape(sensor, exposures));
 }
 
 }  // namespace

@@ -118,36 +118,41 @@ std::unique_ptr<Exposures> make_exposures(const Doubles& world_from_sensor, cons
   return exposures;
 }
 
+/// Arguments of a query of many rays.
+struct RayQuery {
+  std::vector<Rigid3> world_from_body;
+  py::ssize_t count;
+
+  RayQuery(const Doubles& matrices, const char* origins_name, const Doubles& origins, const char* ends_name,
+           const Doubles& ends)
+      : count(origins.ndim() > 0 ? origins.shape(0) : 0) {
+    require_shape(matrices, "world_from_body", {-1, 4, 4});
+    require_shape(origins, origins_name, {-1, 3});
+    require_shape(ends, ends_name, {count, 3});
+    world_from_body = to_poses(matrices, "world_from_body");
+  }
+};
+
 py::tuple py_cast_rays(const Scene& scene, const Doubles& world_from_body, const Doubles& origins,
                        const Doubles& directions, unsigned threads) {
-  require_shape(world_from_body, "world_from_body", {-1, 4, 4});
-  require_shape(origins, "origins", {-1, 3});
-  require_shape(directions, "directions", {origins.shape(0), 3});
-  const std::vector<Rigid3> poses = to_poses(world_from_body, "world_from_body");
-  const py::ssize_t count = origins.shape(0);
-  CastResult result;
-  {
-    const py::gil_scoped_release release;
-    result =
-        cast_rays(scene, poses, origins.data(), directions.data(), static_cast<std::size_t>(count), threads);
-  }
+  const RayQuery query(world_from_body, "origins", origins, "directions", directions);
+  const py::ssize_t count = query.count;
+  CastResult result = without_gil([&] {
+    return cast_rays(scene, query.world_from_body, origins.data(), directions.data(),
+                     static_cast<std::size_t>(count), threads);
+  });
   return py::make_tuple(to_array(std::move(result.distance), {count}),
                         to_array(std::move(result.body), {count}), to_array(std::move(result.face), {count}));
 }
 
 py::array py_occluded(const Scene& scene, const Doubles& world_from_body, const Doubles& starts,
                       const Doubles& ends, unsigned threads) {
-  require_shape(world_from_body, "world_from_body", {-1, 4, 4});
-  require_shape(starts, "starts", {-1, 3});
-  require_shape(ends, "ends", {starts.shape(0), 3});
-  const std::vector<Rigid3> poses = to_poses(world_from_body, "world_from_body");
-  const py::ssize_t count = starts.shape(0);
-  LargeVector<std::uint8_t> blocked;
-  {
-    const py::gil_scoped_release release;
-    blocked = occluded(scene, poses, starts.data(), ends.data(), static_cast<std::size_t>(count), threads);
-  }
-  return to_array(std::move(blocked), {count}).view("bool");
+  const RayQuery query(world_from_body, "starts", starts, "ends", ends);
+  const auto count = static_cast<std::size_t>(query.count);
+  const auto trace = [&] {
+    return occluded(scene, query.world_from_body, starts.data(), ends.data(), count, threads);
+  };
+  return to_array(without_gil(trace), {query.count}).view("bool");
 }
 
 std::unique_ptr<MeshSurface> make_surface(const Doubles& vertices, const py::object& faces) {

@@ -16,9 +16,6 @@ namespace py = pybind11;
 namespace sensor_rt {
 namespace {
 
-template <typename T>
-using Integers = py::array_t<T, py::array::c_style | py::array::forcecast>;
-
 std::vector<Eigen::Vector3d> to_vectors(const Doubles& rows, const char* name) {
   require_shape(rows, name, {-1, 3});
   std::vector<Eigen::Vector3d> result;
@@ -61,21 +58,18 @@ std::unique_ptr<PoseSearch> make_search(const Doubles& vertices, const py::objec
                                         double position_step) {
   const MeshArrays mesh(vertices, faces);
   SurfaceSamples surface{to_vectors(samples, "samples"), to_vectors(normals, "normals")};
-  SensorOrientations turned = to_orientations(orientations, lowest, azimuths);
+  SensorOrientations sensor_orientations = to_orientations(orientations, lowest, azimuths);
   SensorField field = to_field(field_points, field_seen, cameras, source_z);
   const py::gil_scoped_release release;
   return std::make_unique<PoseSearch>(mesh.view(), std::move(surface),
-                                      PoseGrid(std::move(turned), std::move(field)), incidence_limit,
-                                      position_step);
+                                      PoseGrid(std::move(sensor_orientations), std::move(field)),
+                                      incidence_limit, position_step);
 }
 
 py::tuple next_poses(PoseSearch& search, const Integers<std::int64_t>& samples, unsigned threads) {
   require_shape(samples, "samples", {-1});
-  std::vector<FoundPose> found;
-  {
-    const py::gil_scoped_release release;
-    found = search.next(samples.data(), static_cast<std::size_t>(samples.size()), threads);
-  }
+  const std::vector<FoundPose> found = without_gil(
+      [&] { return search.next(samples.data(), static_cast<std::size_t>(samples.size()), threads); });
   const auto count = static_cast<py::ssize_t>(found.size());
   py::array_t<std::int64_t> sample(count);
   py::array_t<std::int32_t> key({count, py::ssize_t{4}});
@@ -114,11 +108,8 @@ py::array_t<bool> py_covered_samples(const Doubles& samples, const Doubles& norm
   const OrientedPoints surface{samples.data(), normals.data(), static_cast<std::size_t>(samples.shape(0))};
   const OrientedPoints cloud{points.data(), point_normals.has_value() ? point_normals->data() : nullptr,
                              static_cast<std::size_t>(points.shape(0))};
-  std::vector<std::uint8_t> covered;
-  {
-    const py::gil_scoped_release release;
-    covered = covered_samples(surface, cloud, tolerance, min_cosine);
-  }
+  const std::vector<std::uint8_t> covered =
+      without_gil([&] { return covered_samples(surface, cloud, tolerance, min_cosine); });
   py::array_t<bool> result(samples.shape(0));
   std::copy(covered.begin(), covered.end(), result.mutable_data());
   return result;

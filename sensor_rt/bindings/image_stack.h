@@ -7,6 +7,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "sensor_rt/bindings/arrays.h"
 #include "sensor_rt/geometry/image.h"
 #include "sensor_rt/pipeline/sensor.h"
 
@@ -14,10 +15,7 @@ namespace sensor_rt {
 
 /// Returns dtype and shape of an array, for messages: "float64 (3, 4)".
 inline std::string describe(const pybind11::array& array) {
-  std::string text = pybind11::str(array.dtype()).cast<std::string>() + " (";
-  for (pybind11::ssize_t k = 0; k < array.ndim(); ++k)
-    text += (k ? ", " : "") + std::to_string(array.shape(k));
-  return text + ")";
+  return pybind11::str(array.dtype()).cast<std::string>() + " " + shape_text(array);
 }
 
 /// Whether the elements are T in native byte order. Equal types need not be one object: a pickled array has

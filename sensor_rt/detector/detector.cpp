@@ -1,14 +1,9 @@
 #include "sensor_rt/detector/detector.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <map>
-#include <mutex>
 #include <stdexcept>
 #include <string>
-#include <utility>
-#include <vector>
 
 #include "sensor_rt/detector/dark_signal.h"
 #include "sensor_rt/detector/electrons.h"
@@ -45,90 +40,69 @@ void validate(const DetectorParameters& p) {
 
 }  // namespace
 
-class Detector::Impl {
- public:
-  Impl(const DetectorParameters& parameters, bool noise, std::uint64_t seed)
-      : parameters_(parameters), noise_(noise), seed_(seed) {
-    validate(parameters);
-  }
-
-  PixelModel model(const FrameId& id) const {
-    require(id.exposure >= 0.0 && std::isfinite(id.exposure), "exposure", id.exposure,
-            "a finite number >= 0");
-    return {parameters_, noise_, seed_, id};
-  }
-
-  /// Fills the image with dark pixels.
-  void expose_dark(const PixelModel& model, int camera, ImageView<std::uint16_t> out) const {
-    const double dark = model.dark_e();
-    if (!noise_) {
-      const std::uint16_t value = model.lit(0, 0.0f);
-      for (int y = 0; y < out.height; ++y) std::fill_n(out.row(y), out.width, value);
-      return;
-    }
-    const bool discrete = dark > 0.0 && parameters_.read_noise_e < kMinReadNoise;
-    if (discrete || dark > 0.5 * parameters_.full_well_e) {
-      for (int y = 0; y < out.height; ++y) {
-        const auto first = static_cast<std::uint32_t>(y) * static_cast<std::uint32_t>(out.width);
-        for (int x = 0; x < out.width; ++x)
-          out.at(y, x) = model.lit(first + static_cast<std::uint32_t>(x), 0.0f);
-      }
-      return;
-    }
-    const std::shared_ptr<const QuantileTable> table = dark_table(dark);
-    const auto width = static_cast<std::size_t>(out.width);
-    const auto size = width * static_cast<std::size_t>(out.height);
-    const std::shared_ptr<const std::vector<float>> pattern =
-        model.is_patterned() ? dark_pattern(model, camera, size) : nullptr;
-    for (int y = 0; y < out.height; ++y) {
-      const std::size_t first = static_cast<std::size_t>(y) * width;
-      model.dark_pixels(*table, pattern ? pattern->data() + first : nullptr,
-                        static_cast<std::uint32_t>(first), out.width, out.row(y));
-    }
-  }
-
- private:
-  /// Returns the quantile table of this dark charge. Cached, because exposure times rarely differ.
-  std::shared_ptr<const QuantileTable> dark_table(double dark) const {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    for (const auto& [key, table] : tables_) {
-      if (key == dark) return table;
-    }
-    if (tables_.size() >= kTablesKept) tables_.erase(tables_.begin());
-    tables_.emplace_back(
-        dark, std::make_shared<const QuantileTable>(dark_signal_table(dark, parameters_.read_noise_e)));
-    return tables_.back().second;
-  }
-
-  /// Returns the fixed pattern (DSNU) of this camera. Cached, because it is the same in every image.
-  std::shared_ptr<const std::vector<float>> dark_pattern(const PixelModel& model, int camera,
-                                                         std::size_t pixels) const {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    std::shared_ptr<const std::vector<float>>& kept = patterns_[camera];
-    if (!kept || kept->size() < pixels) {
-      kept = std::make_shared<const std::vector<float>>(model.dark_pattern(pixels));
-    }
-    return kept;
-  }
-
-  DetectorParameters parameters_;
-  bool noise_;
-  std::uint64_t seed_;
-  mutable std::mutex mutex_;
-  mutable std::vector<std::pair<double, std::shared_ptr<const QuantileTable>>> tables_;
-  mutable std::map<int, std::shared_ptr<const std::vector<float>>> patterns_;  ///< per camera
-};
-
 Detector::Detector(const DetectorParameters& parameters, bool noise, std::uint64_t seed)
-    : impl_(std::make_unique<Impl>(parameters, noise, seed)) {}
-Detector::~Detector() = default;
-Detector::Detector(Detector&&) noexcept = default;
-Detector& Detector::operator=(Detector&&) noexcept = default;
+    : parameters_(parameters), noise_(noise), seed_(seed) {
+  validate(parameters);
+}
+
+PixelModel Detector::pixel_model(const FrameId& id) const {
+  require(id.exposure >= 0.0 && std::isfinite(id.exposure), "exposure", id.exposure, "a finite number >= 0");
+  return {parameters_, noise_, seed_, id};
+}
+
+void Detector::expose_dark(const PixelModel& model, int camera, ImageView<std::uint16_t> out) const {
+  const double dark = model.dark_e();
+  if (!noise_) {
+    const std::uint16_t value = model.lit(0, 0.0f);
+    for (int y = 0; y < out.height; ++y) std::fill_n(out.row(y), out.width, value);
+    return;
+  }
+  const bool discrete = dark > 0.0 && parameters_.read_noise_e < kMinReadNoise;
+  if (discrete || dark > 0.5 * parameters_.full_well_e) {
+    for (int y = 0; y < out.height; ++y) {
+      const auto first = static_cast<std::uint32_t>(y) * static_cast<std::uint32_t>(out.width);
+      for (int x = 0; x < out.width; ++x)
+        out.at(y, x) = model.lit(first + static_cast<std::uint32_t>(x), 0.0f);
+    }
+    return;
+  }
+  const std::shared_ptr<const QuantileTable> table = dark_table(dark);
+  const auto width = static_cast<std::size_t>(out.width);
+  const auto size = width * static_cast<std::size_t>(out.height);
+  const std::shared_ptr<const std::vector<float>> pattern =
+      model.is_patterned() ? dark_pattern(model, camera, size) : nullptr;
+  for (int y = 0; y < out.height; ++y) {
+    const std::size_t first = static_cast<std::size_t>(y) * width;
+    model.dark_pixels(*table, pattern ? pattern->data() + first : nullptr, static_cast<std::uint32_t>(first),
+                      out.width, out.row(y));
+  }
+}
+
+std::shared_ptr<const QuantileTable> Detector::dark_table(double dark) const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  for (const auto& [key, table] : tables_) {
+    if (key == dark) return table;
+  }
+  if (tables_.size() >= kTablesKept) tables_.erase(tables_.begin());
+  tables_.emplace_back(
+      dark, std::make_shared<const QuantileTable>(dark_signal_table(dark, parameters_.read_noise_e)));
+  return tables_.back().second;
+}
+
+std::shared_ptr<const std::vector<float>> Detector::dark_pattern(const PixelModel& model, int camera,
+                                                                 std::size_t pixels) const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  std::shared_ptr<const std::vector<float>>& kept = patterns_[camera];
+  if (!kept || kept->size() < pixels) {
+    kept = std::make_shared<const std::vector<float>>(model.dark_pattern(pixels));
+  }
+  return kept;
+}
 
 void Detector::expose(const FrameId& id, const std::uint32_t* pixels, const float* electrons,
                       std::size_t count, ImageView<std::uint16_t> out) const {
-  const PixelModel model = impl_->model(id);
-  impl_->expose_dark(model, id.camera, out);
+  const PixelModel model = pixel_model(id);
+  expose_dark(model, id.camera, out);
   const auto width = static_cast<std::uint32_t>(out.width);
   const auto size = width * static_cast<std::uint32_t>(out.height);
   for (std::size_t i = 0; i < count; ++i) {
@@ -146,8 +120,8 @@ void Detector::expose(const FrameId& id, ImageView<const float> electrons,
   if (electrons.width != out.width || electrons.height != out.height) {
     throw std::invalid_argument("the plane of electrons and the image differ in size");
   }
-  const PixelModel model = impl_->model(id);
-  impl_->expose_dark(model, id.camera, out);
+  const PixelModel model = pixel_model(id);
+  expose_dark(model, id.camera, out);
   for (int y = 0; y < out.height; ++y) {
     const float* light = electrons.row(y);
     const auto first = static_cast<std::uint32_t>(y) * static_cast<std::uint32_t>(out.width);

@@ -3,11 +3,18 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <map>
 #include <memory>
+#include <mutex>
+#include <utility>
+#include <vector>
 
 #include "sensor_rt/geometry/image.h"
 
 namespace sensor_rt {
+
+class PixelModel;
+class QuantileTable;
 
 /// Camera constants in EMVA 1288 terms. Electrons where the name ends in _e, digital numbers where it ends in
 /// _dn.
@@ -43,9 +50,6 @@ class Detector {
  public:
   /// Throws std::invalid_argument that names the parameter out of range.
   Detector(const DetectorParameters& parameters, bool noise, std::uint64_t seed);
-  ~Detector();
-  Detector(Detector&&) noexcept;
-  Detector& operator=(Detector&&) noexcept;
 
   /// Exposes the image `out`: `count` pixels (index = row * width + column, each at most once) collect
   /// `electrons` on average, all others none.
@@ -57,8 +61,21 @@ class Detector {
   void expose(const FrameId& id, ImageView<const float> electrons, ImageView<std::uint16_t> out) const;
 
  private:
-  class Impl;
-  std::unique_ptr<Impl> impl_;
+  PixelModel pixel_model(const FrameId& id) const;
+  /// Fills the image with dark pixels.
+  void expose_dark(const PixelModel& model, int camera, ImageView<std::uint16_t> out) const;
+  /// Returns the quantile table of this dark charge. Cached, because exposure times rarely differ.
+  std::shared_ptr<const QuantileTable> dark_table(double dark) const;
+  /// Returns the fixed pattern (DSNU) of this camera. Cached, because it is the same in every image.
+  std::shared_ptr<const std::vector<float>> dark_pattern(const PixelModel& model, int camera,
+                                                         std::size_t pixels) const;
+
+  DetectorParameters parameters_;
+  bool noise_;
+  std::uint64_t seed_;
+  mutable std::mutex mutex_;
+  mutable std::vector<std::pair<double, std::shared_ptr<const QuantileTable>>> tables_;
+  mutable std::map<int, std::shared_ptr<const std::vector<float>>> patterns_;  ///< per camera
 };
 
 }  // namespace sensor_rt

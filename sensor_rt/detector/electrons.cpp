@@ -55,29 +55,29 @@ inline std::uint16_t quantise_dark(const DarkScale& s, float electrons) {
 constexpr int kBlock = 128;
 
 struct alignas(64) Draw {
-  std::uint32_t line[kBlock];
+  std::uint32_t segment[kBlock];
   float along[kBlock];
-  QuantileTable::Line lines[kBlock];
+  QuantileTable::Segment segments[kBlock];
 };
 
-SENSOR_RT_MULTIVERSION void find_places(std::uint32_t first, std::uint32_t key0, std::uint32_t key1,
-                                        Draw& draw) {
+SENSOR_RT_MULTIVERSION void find_positions(std::uint32_t first, std::uint32_t key0, std::uint32_t key1,
+                                           Draw& draw) {
   for (int i = 0; i < kBlock; ++i) {
-    const QuantileTable::Place at =
-        QuantileTable::place(pixel_bits(first + static_cast<std::uint32_t>(i), key0, key1));
-    draw.line[i] = at.line;
+    const QuantileTable::Position at =
+        QuantileTable::position(pixel_bits(first + static_cast<std::uint32_t>(i), key0, key1));
+    draw.segment[i] = at.segment;
     draw.along[i] = at.along;
   }
 }
 
 void look_up(const QuantileTable& table, Draw& draw) {
-  for (int i = 0; i < kBlock; ++i) draw.lines[i] = table.line(draw.line[i]);
+  for (int i = 0; i < kBlock; ++i) draw.segments[i] = table.segment(draw.segment[i]);
 }
 
 SENSOR_RT_MULTIVERSION void write_uniform(const DarkScale& s, const Draw& __restrict draw, int count,
                                           std::uint16_t* __restrict out) {
   for (int i = 0; i < count; ++i) {
-    out[i] = quantise_dark(s, draw.lines[i].value + draw.lines[i].slope * draw.along[i]);
+    out[i] = quantise_dark(s, draw.segments[i].value + draw.segments[i].slope * draw.along[i]);
   }
 }
 
@@ -85,7 +85,7 @@ SENSOR_RT_MULTIVERSION void write_patterned(const DarkScale& s, const Draw& __re
                                             const float* __restrict pattern, int count,
                                             std::uint16_t* __restrict out) {
   for (int i = 0; i < count; ++i) {
-    const float electrons = draw.lines[i].value + draw.lines[i].slope * draw.along[i];
+    const float electrons = draw.segments[i].value + draw.segments[i].slope * draw.along[i];
     out[i] = quantise_dark(s, electrons + pattern[i]);
   }
 }
@@ -93,7 +93,7 @@ SENSOR_RT_MULTIVERSION void write_patterned(const DarkScale& s, const Draw& __re
 SENSOR_RT_MULTIVERSION void write_pattern(float deviation, const Draw& __restrict draw, int count,
                                           float* __restrict out) {
   for (int i = 0; i < count; ++i) {
-    out[i] = deviation * (draw.lines[i].value + draw.lines[i].slope * draw.along[i]);
+    out[i] = deviation * (draw.segments[i].value + draw.segments[i].slope * draw.along[i]);
   }
 }
 
@@ -160,7 +160,7 @@ void PixelModel::dark_pixels(const QuantileTable& table, const float* pattern, s
   Draw draw;
   for (int i = 0; i < count; i += kBlock) {
     const int block = std::min(kBlock, count - i);
-    find_places(first + static_cast<std::uint32_t>(i), dark_key_[0], dark_key_[1], draw);
+    find_positions(first + static_cast<std::uint32_t>(i), dark_key_[0], dark_key_[1], draw);
     look_up(table, draw);
     if (pattern != nullptr) {
       write_patterned(scale, draw, pattern + i, block, out + i);
@@ -174,7 +174,7 @@ std::vector<float> PixelModel::dark_pattern(std::size_t pixels) const {
   std::vector<float> pattern(pixels);
   Draw draw;
   for (std::size_t i = 0; i < pixels; i += kBlock) {
-    find_places(static_cast<std::uint32_t>(i), dsnu_key_[0], dsnu_key_[1], draw);
+    find_positions(static_cast<std::uint32_t>(i), dsnu_key_[0], dsnu_key_[1], draw);
     look_up(standard_normal(), draw);
     write_pattern(dsnu_e_, draw, static_cast<int>(std::min<std::size_t>(kBlock, pixels - i)), &pattern[i]);
   }

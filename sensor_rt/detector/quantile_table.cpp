@@ -37,10 +37,10 @@ QuantileTable::QuantileTable(const Tail& lower, const Tail& upper) {
       const double next = quantile(i + 1);
       const double span = static_cast<double>(node_value((kFirst + i + 1) << kShift)) -
                           static_cast<double>(node_value((kFirst + i) << kShift));
-      lines_[offset + i] = {static_cast<float>(here), static_cast<float>((next - here) / span)};
+      segments_[offset + i] = {static_cast<float>(here), static_cast<float>((next - here) / span)};
       here = next;
     }
-    lines_[offset + kNodes - 1] = {static_cast<float>(here), 0.0f};
+    segments_[offset + kNodes - 1] = {static_cast<float>(here), 0.0f};
   };
   fill(0, lower);
   fill(kNodes, upper);

@@ -21,17 +21,17 @@ class QuantileTable {
   /// `lower(p)` is the x with P(X <= x) = p, `upper(p)` the x with P(X > x) = p.
   QuantileTable(const Tail& lower, const Tail& upper);
 
-  /// Table position of 32 uniformly distributed bits: line segment and offset along it.
-  struct Place {
-    std::uint32_t line;
+  /// Table position of 32 uniformly distributed bits: segment segment and offset along it.
+  struct Position {
+    std::uint32_t segment;
     float along;
   };
-  struct Line {
+  struct Segment {
     float value;
     float slope;
   };
 
-  static Place place(std::uint32_t bits) {
+  static Position position(std::uint32_t bits) {
     // The lower 31 bits are the tail probability in units of 2^-32; the sign bit chooses the tail.
     const float tail = static_cast<float>(static_cast<std::int32_t>(bits & 0x7FFFFFFFu)) + 0.5f;
     std::uint32_t pattern = 0;
@@ -42,12 +42,12 @@ class QuantileTable {
     return {(pattern >> kShift) - kFirst + (bits >> 31) * kNodes, tail - node};
   }
 
-  const Line& line(std::uint32_t index) const { return lines_[index]; }
+  const Segment& segment(std::uint32_t index) const { return segments_[index]; }
 
   /// Returns the sample for 32 uniformly distributed bits.
   float sample(std::uint32_t bits) const {
-    const Place at = place(bits);
-    return lines_[at.line].value + lines_[at.line].slope * at.along;
+    const Position at = position(bits);
+    return segments_[at.segment].value + segments_[at.segment].slope * at.along;
   }
 
  private:
@@ -55,7 +55,7 @@ class QuantileTable {
   static constexpr std::uint32_t kFirst = 126u << 5u;  // pattern of 0.5f, the smallest tail value
   static constexpr std::uint32_t kNodes = 32u * 32u + 1u;  // up to and including 2^31, the median
 
-  std::array<Line, 2 * kNodes> lines_{};
+  std::array<Segment, 2 * kNodes> segments_{};
 };
 
 /// Returns x with P(N > x) = p for the standard normal distribution, p in (0, 0.5].

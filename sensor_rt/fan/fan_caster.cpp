@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <utility>
 
 #include "sensor_rt/geometry/multiversion.h"
@@ -12,15 +11,13 @@
 namespace sensor_rt {
 namespace {
 
-constexpr double kNone = std::numeric_limits<double>::infinity();
-
 /// Computes the hit points with normals towards the light; used[lane] is 1 within near..far.
 SENSOR_RT_MULTIVERSION
 void locate(double source_z, double near, double far, const Lanes3& __restrict d,
             const PacketHits& __restrict hits, Lanes3& __restrict point, Lanes3& __restrict normal,
             double* __restrict cosine, double* __restrict used) {
   for (int l = 0; l < kLanes; ++l) {
-    const double t = hits.t[l] < kNone ? hits.t[l] : 1.0;
+    const double t = hits.t[l] < kNoHit ? hits.t[l] : 1.0;
     const double z = source_z + t * d.z[l];
     const double facing = hits.normal.x[l] * d.x[l] + hits.normal.y[l] * d.y[l] + hits.normal.z[l] * d.z[l];
     const double sign = facing > 0.0 ? -1.0 : 1.0;
@@ -41,7 +38,7 @@ void locate(double source_z, double near, double far, const Lanes3& __restrict d
 SENSOR_RT_MULTIVERSION
 void illuminate(const LaserEmitter& laser, const double* __restrict relative_power,
                 const double* __restrict cosine, const double* __restrict distance,
-                const Lanes3& __restrict point, LandingLight& __restrict light) {
+                const Lanes3& __restrict point, HitLight& __restrict light) {
   for (int l = 0; l < kLanes; ++l) {
     const double depth = point.z[l] - laser.sheet.source_z;
     const double variance = laser.variance(depth);
@@ -55,9 +52,10 @@ void illuminate(const LaserEmitter& laser, const double* __restrict relative_pow
 /// Computes the directions from the viewpoint; seen[lane] is 1 for points in use, on front faces, within the
 /// image.
 SENSOR_RT_MULTIVERSION
-void face(const double* __restrict viewpoint, const Lanes3& __restrict point, const Lanes3& __restrict normal,
-          const double* __restrict used, const double* __restrict column, const double* __restrict row,
-          double width, double height, Lanes3& __restrict direction, double* __restrict seen) {
+void find_visible(const double* __restrict viewpoint, const Lanes3& __restrict point,
+                  const Lanes3& __restrict normal, const double* __restrict used,
+                  const double* __restrict column, const double* __restrict row, double width, double height,
+                  Lanes3& __restrict direction, double* __restrict seen) {
   for (int l = 0; l < kLanes; ++l) {
     const double x = point.x[l] - viewpoint[0];
     const double y = point.y[l] - viewpoint[1];
@@ -85,9 +83,9 @@ std::vector<Lanes3> directions_of(const FanGeometry& geometry) {
   std::vector<Lanes3> directions(static_cast<std::size_t>(packets));
   for (int i = 0; i < packets * kLanes; ++i) {
     const double angle = angle_of(geometry, i);
-    const Eigen::Vector3d way = laser.direction(std::sin(angle), std::cos(angle), 0.0);
+    const Eigen::Vector3d direction = laser.direction(std::sin(angle), std::cos(angle), 0.0);
     set_lane(directions[static_cast<std::size_t>(i / kLanes)], i % kLanes,
-             laser.sheet.is_straight() ? way : way.normalized());
+             laser.sheet.is_straight() ? direction : direction.normalized());
   }
   return directions;
 }
@@ -114,7 +112,7 @@ FanCaster::FanCaster(const FanGeometry& geometry)
     camera.sensor_from_camera = sheet_from_sensor * camera.sensor_from_camera;
   }
   hits_.resize(directions_.size());
-  landings_.resize(hits_.size());
+  hit_points_.resize(hits_.size());
   relative_power_.resize(hits_.size() * kLanes, 0.0);
   for (int i = 0; i < geometry_.rays; ++i) {
     relative_power_[static_cast<std::size_t>(i)] = laser.relative_power(angle_of(geometry_, i));
@@ -127,7 +125,6 @@ FanCaster::FanCaster(const FanGeometry& geometry)
   }
   if (!geometry_.stripes.has_value()) return;
   instants_ = {0.5, 0.0, 1.0};
-
   for (const Camera& camera : geometry_.cameras) {
     optics_.emplace_back(
         camera, electrons_per_irradiance(camera, laser.wavelength, geometry_.stripes->quantum_efficiency));
@@ -147,34 +144,34 @@ void FanCaster::cast(const Scene& scene, const Exposures& exposures, std::size_t
     motion_.clear();
     if (exposures.samples > 1) find_motion(scene);
   }
-  land(query);
-  points.resize(geometry_.cameras.size() * landings_.size() * kLanes);
+  find_hits(query);
+  points.resize(geometry_.cameras.size() * hit_points_.size() * kLanes);
   std::size_t count = 0;
   for (std::size_t k = 0; k < geometry_.cameras.size(); ++k) {
     const Eigen::Vector3d& viewpoint = geometry_.cameras[k].sensor_from_camera.translation;
     camera_view_.set(query, {viewpoint}, kOneInstant, camera_regions_[k]);
-    count += see(query, k, count, points);
+    count += append_visible(query, k, count, points);
   }
   points.resize(count);
 }
 
-void FanCaster::land(const SceneQuery& query) {
+void FanCaster::find_hits(const SceneQuery& query) {
   for (std::size_t p = 0; p < hits_.size(); ++p) {
-    Landing& landing = landings_[p];
+    HitPoints& hit_points = hit_points_[p];
     PacketHits& hits = hits_[p];
     alignas(64) int valid[kLanes];
-    for (int l = 0; l < kLanes; ++l) valid[l] = static_cast<int>(p) * kLanes + l < geometry_.rays ? -1 : 0;
-    laser_view_.intersect(0, directions_[p], valid, kNone, hits);
+    activate_lanes(static_cast<std::size_t>(geometry_.rays) - p * kLanes, valid);
+    laser_view_.intersect(0, directions_[p], valid, hits);
     alignas(64) double cosine[kLanes];
-    locate(geometry_.laser.source_z, geometry_.near, geometry_.far, directions_[p], hits, landing.point,
-           landing.normal, cosine, landing.used);
-    transform(geometry_.laser.sensor_from_sheet, landing.point, landing.in_sensor);
+    locate(geometry_.laser.source_z, geometry_.near, geometry_.far, directions_[p], hits, hit_points.point,
+           hit_points.normal, cosine, hit_points.used);
+    transform(geometry_.laser.sensor_from_sheet, hit_points.point, hit_points.in_sensor);
     for (int l = 0; l < kLanes; ++l) {
       const Shape* shape =
           hits.shape[l] >= 0 ? &query.scene().shapes()[static_cast<std::size_t>(hits.shape[l])] : nullptr;
       const bool shows = shape != nullptr && !shape->surface->is_specular();
-      landing.used[l] = shows ? landing.used[l] : 0.0;
-      landing.brightness[l] =
+      hit_points.used[l] = shows ? hit_points.used[l] : 0.0;
+      hit_points.brightness[l] =
           shows ? cosine[l] * relative_power_[p * kLanes + static_cast<std::size_t>(l)] * shape->reflectance
                 : 0.0;
     }
@@ -183,15 +180,15 @@ void FanCaster::land(const SceneQuery& query) {
 }
 
 void FanCaster::light(std::size_t p, const double* cosine) {
-  Landing& landing = landings_[p];
+  HitPoints& hit_points = hit_points_[p];
   const PacketHits& hits = hits_[p];
-  illuminate(laser_, &relative_power_[p * kLanes], cosine, hits.t, landing.point, landing.light);
+  illuminate(laser_, &relative_power_[p * kLanes], cosine, hits.t, hit_points.point, hit_points.light);
   if (motion_.empty()) return;
   for (int l = 0; l < kLanes; ++l) {
-    if (landing.used[l] == 0.0) continue;
+    if (hit_points.used[l] == 0.0) continue;
     const Motion& motion = motion_[static_cast<std::size_t>(hits.shape[l])];
-    const Eigen::Vector3d way = motion.rotation * lane(landing.point, l) + motion.translation;
-    landing.light.normal_travel[l] = way.dot(lane(landing.normal, l));
+    const Eigen::Vector3d travel = motion.rotation * lane(hit_points.point, l) + motion.translation;
+    hit_points.light.normal_travel[l] = travel.dot(lane(hit_points.normal, l));
   }
 }
 
@@ -205,13 +202,14 @@ void FanCaster::find_motion(const Scene& scene) {
   }
 }
 
-void FanCaster::look(std::size_t number, std::size_t p, View& view) const {
+void FanCaster::project(std::size_t number, std::size_t p, View& view) const {
   const Camera& camera = geometry_.cameras[number];
-  const Landing& landing = landings_[p];
+  const HitPoints& hit_points = hit_points_[p];
   alignas(64) double seen[kLanes];
-  projectors_[number].project(landing.point, view.column, view.row);
-  face(camera.sensor_from_camera.translation.data(), landing.point, landing.normal, landing.used, view.column,
-       view.row, camera.width_px, camera.height_px, view.direction, seen);
+  projectors_[number].project(hit_points.point, view.column, view.row);
+  find_visible(camera.sensor_from_camera.translation.data(), hit_points.point, hit_points.normal,
+               hit_points.used, view.column, view.row, camera.width_px, camera.height_px, view.direction,
+               seen);
   for (int l = 0; l < kLanes; ++l) view.unoccluded[l] = seen[l] > 0.0 ? -1 : 0;
   camera_view_.occlude(0, view.direction, view.unoccluded);
 }
@@ -220,21 +218,21 @@ double FanCaster::lamp_light(const SceneQuery& query, std::size_t p, const View&
   const Lamps lamps(query, geometry_.stripes->band_pass, geometry_.laser.wavelength);
   if (!lamps.any()) return 0.0;
   // Evaluated at one point per packet: lamps only contribute to the background here.
-  const Landing& landing = landings_[p];
+  const HitPoints& hit_points = hit_points_[p];
   const auto unoccluded = [&](int l) { return view.unoccluded[l] != 0; };
   int l = kLanes / 2;
   for (int k = 0; k < kLanes && !unoccluded(l); ++k) l = (l + 1) % kLanes;
   const Shape& shape = query.scene().shapes()[static_cast<std::size_t>(hits_[p].shape[l])];
-  const SurfacePoint at(shape, lane(landing.point, l), lane(landing.normal, l),
+  const SurfacePoint at(shape, lane(hit_points.point, l), lane(hit_points.normal, l),
                         -lane(view.direction, l).normalized());
   return lamps.brightness(at, *shape.surface, 0);
 }
 
 void FanCaster::measure_stripes(const SceneQuery& query, std::size_t number, std::size_t p, const View& view,
                                 Stripes& stripes) const {
-  const Landing& landing = landings_[p];
+  const HitPoints& hit_points = hit_points_[p];
   StripeLanes seen;
-  optics_[number].see(view.direction, landing.normal, view.column, view.row, landing.light, seen);
+  optics_[number].measure(view.direction, hit_points.normal, view.column, view.row, hit_points.light, seen);
   const double lamps = lamp_light(query, p, view);
   const double ambient = geometry_.stripes->ambient_irradiance;
   for (int l = 0; l < kLanes; ++l) {
@@ -243,40 +241,40 @@ void FanCaster::measure_stripes(const SceneQuery& query, std::size_t number, std
     double direct = shape.reflectance;
     double even = shape.reflectance;
     if (!shape.surface->is_lambert()) {
-      const Eigen::Vector3d normal = lane(landing.normal, l);
+      const Eigen::Vector3d normal = lane(hit_points.normal, l);
       const Eigen::Vector3d to_viewpoint = -lane(view.direction, l).normalized();
       direct = shape.surface->pi_brdf(normal, -lane(directions_[p], l), to_viewpoint);
       even = shape.surface->albedo(normal.dot(to_viewpoint));
     }
     const double electrons = seen.responsivity[l] * duration_;
     stripes.height_e[l] =
-        static_cast<float>(electrons * direct * landing.light.irradiance[l] * seen.peak_ratio[l]);
+        static_cast<float>(electrons * direct * hit_points.light.irradiance[l] * seen.peak_ratio[l]);
     stripes.width[l] = static_cast<float>(seen.width[l]);
     stripes.background_e[l] = static_cast<float>(electrons * (even * ambient + lamps));
   }
 }
 
-std::size_t FanCaster::see(const SceneQuery& query, std::size_t number, std::size_t first,
-                           FanPoints& points) const {
+std::size_t FanCaster::append_visible(const SceneQuery& query, std::size_t number, std::size_t first,
+                                      FanPoints& points) const {
   const Camera& camera = geometry_.cameras[number];
-  const std::size_t packets = landings_.size();
+  const std::size_t packets = hit_points_.size();
   std::size_t at = first;
   for (std::size_t step = 0; step < packets; ++step) {
     // Columns increase along -y for side +1 and along +y for side -1.
     const std::size_t p = camera.side > 0 ? packets - 1 - step : step;
-    const Landing& landing = landings_[p];
+    const HitPoints& hit_points = hit_points_[p];
     View view;
-    look(number, p, view);
-    if (std::none_of(view.unoccluded, view.unoccluded + kLanes, [](int lane) { return lane != 0; })) continue;
+    project(number, p, view);
+    if (!any_lane(view.unoccluded)) continue;
     Stripes stripes;
     if (geometry_.stripes.has_value()) measure_stripes(query, number, p, view, stripes);
     for (int i = 0; i < kLanes; ++i) {
       const int l = camera.side > 0 ? kLanes - 1 - i : i;
       if (view.unoccluded[l] == 0) continue;
-      points.point[at] = lane(landing.in_sensor, l);
+      points.point[at] = lane(hit_points.in_sensor, l);
       points.column[at] = view.column[l];
       points.row[at] = view.row[l];
-      points.brightness[at] = static_cast<float>(landing.brightness[l]);
+      points.brightness[at] = static_cast<float>(hit_points.brightness[l]);
       points.camera[at] = static_cast<std::int32_t>(number);
       points.ray[at] = static_cast<std::int32_t>(p) * kLanes + l;
       if (geometry_.stripes.has_value()) {

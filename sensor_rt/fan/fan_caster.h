@@ -28,9 +28,9 @@ struct FanPoints {
   LargeVector<std::int32_t> camera;
   LargeVector<std::int32_t> ray;
   // Stripe parameters, if requested:
-  LargeVector<float>
-      height_e;              ///< peak height above the background before integration over pixels, electrons
-  LargeVector<float> width;  ///< standard deviation along the column, px
+  /// Peak height above the background before integration over pixels, electrons.
+  LargeVector<float> height_e;
+  LargeVector<float> width;         ///< standard deviation along the column, px
   LargeVector<float> background_e;  ///< ambient and lamp light, electrons per pixel
 
   std::size_t size() const { return point.size(); }
@@ -66,13 +66,13 @@ class FanCaster {
 
  private:
   /// Hit points of sixteen rays; used is 0 for rays without a hit.
-  struct Landing {
+  struct HitPoints {
     Lanes3 point;
     Lanes3 in_sensor;  ///< the same point in the sensor frame
     Lanes3 normal;     ///< towards the light
     alignas(64) double brightness[kLanes];
     alignas(64) double used[kLanes];
-    LandingLight light;
+    HitLight light;
   };
 
   /// Change of a pose during the exposure.
@@ -96,14 +96,15 @@ class FanCaster {
     int unoccluded[kLanes];  ///< -1 where the camera sees the point, else 0
   };
 
-  void land(const SceneQuery& query);
+  void find_hits(const SceneQuery& query);
   /// Computes the laser light on the hits of the p-th packet, and their motion.
   void light(std::size_t p, const double* cosine);
   void find_motion(const Scene& scene);
   /// Projects the hit points of the p-th packet to a camera and finds those that it sees.
-  void look(std::size_t camera, std::size_t p, View& view) const;
+  void project(std::size_t camera, std::size_t p, View& view) const;
   /// Writes the points that a camera sees to `points` from `first` on; returns their number.
-  std::size_t see(const SceneQuery& query, std::size_t camera, std::size_t first, FanPoints& points) const;
+  std::size_t append_visible(const SceneQuery& query, std::size_t camera, std::size_t first,
+                             FanPoints& points) const;
   /// Computes the stripe parameters of the p-th packet in a camera.
   void measure_stripes(const SceneQuery& query, std::size_t camera, std::size_t p, const View& view,
                        Stripes& stripes) const;
@@ -125,7 +126,7 @@ class FanCaster {
   PoseTrack track_;
   RayView laser_view_;
   RayView camera_view_;
-  std::vector<Landing> landings_;
+  std::vector<HitPoints> hit_points_;
 };
 
 }  // namespace sensor_rt

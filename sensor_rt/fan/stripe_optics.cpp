@@ -10,7 +10,7 @@ namespace {
 SENSOR_RT_MULTIVERSION
 void project_stripes(const StripeOptics::Constants& c, const Lanes3& __restrict d, const Lanes3& __restrict n,
                      const Lanes3& __restrict du, const Lanes3& __restrict dv, const double* __restrict area,
-                     const LandingLight& __restrict light, StripeLanes& __restrict out) {
+                     const HitLight& __restrict light, StripeLanes& __restrict out) {
   for (int l = 0; l < kLanes; ++l) {
     const double depth = c.forward[0] * d.x[l] + c.forward[1] * d.y[l] + c.forward[2] * d.z[l];
     const double inverse = 1.0 / depth;
@@ -68,8 +68,8 @@ StripeOptics::StripeOptics(const Camera& camera, double electrons_per_irradiance
   }
 }
 
-void StripeOptics::see(const Lanes3& from_viewpoint, const Lanes3& normal, const double* column,
-                       const double* row, const LandingLight& light, StripeLanes& stripes) const {
+void StripeOptics::measure(const Lanes3& from_viewpoint, const Lanes3& normal, const double* column,
+                           const double* row, const HitLight& light, StripeLanes& stripes) const {
   if (camera_.is_plain()) {
     project_stripes(constants_, from_viewpoint, normal, per_column_, per_row_, area_, light, stripes);
     return;

@@ -7,7 +7,7 @@
 namespace sensor_rt {
 
 /// Laser light on sixteen hit points.
-struct alignas(64) LandingLight {
+struct alignas(64) HitLight {
   double irradiance[kLanes];     ///< of the surface at the centre of the sheet, W/m²
   double sigma[kLanes];          ///< standard deviation of the sheet, m
   double normal_travel[kLanes];  ///< displacement of the surface along its normal during the exposure, m
@@ -30,8 +30,8 @@ class StripeOptics {
 
   /// `from_viewpoint`: vectors from the camera to the points; `normal`: surface normals on the visible side;
   /// `column` and `row`: pixel coordinates of the points.
-  void see(const Lanes3& from_viewpoint, const Lanes3& normal, const double* column, const double* row,
-           const LandingLight& light, StripeLanes& stripes) const;
+  void measure(const Lanes3& from_viewpoint, const Lanes3& normal, const double* column, const double* row,
+               const HitLight& light, StripeLanes& stripes) const;
 
   struct Constants {
     double right[3], down[3], forward[3];  ///< axes of the camera

@@ -2,6 +2,8 @@
 #pragma once
 
 #include <Eigen/Dense>
+#include <algorithm>
+#include <cstddef>
 
 namespace sensor_rt {
 
@@ -19,6 +21,16 @@ inline void set_lane(Lanes3& v, int l, const Eigen::Vector3d& value) {
   v.x[l] = value.x();
   v.y[l] = value.y();
   v.z[l] = value.z();
+}
+
+/// Returns whether a lane of a mask (-1: active, else 0) is active.
+inline bool any_lane(const int* mask) {
+  return std::any_of(mask, mask + kLanes, [](int lane) { return lane != 0; });
+}
+
+/// Activates the first `count` lanes of a mask.
+inline void activate_lanes(std::size_t count, int* mask) {
+  for (std::size_t l = 0; l < kLanes; ++l) mask[l] = l < count ? -1 : 0;
 }
 
 }  // namespace sensor_rt

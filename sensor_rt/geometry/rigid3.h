@@ -29,10 +29,10 @@ struct Rigid3 {
 /// not depend on the number of pose samples.
 inline Rigid3 interpolate(const Rigid3& from, const Rigid3& to, double fraction) {
   if (from == to || fraction == 0.0) return from;
-  const Eigen::AngleAxisd turn(Eigen::Matrix3d(from.rotation.transpose() * to.rotation));
+  const Eigen::AngleAxisd rotation(Eigen::Matrix3d(from.rotation.transpose() * to.rotation));
   Rigid3 result;
   result.rotation =
-      from.rotation * Eigen::AngleAxisd(fraction * turn.angle(), turn.axis()).toRotationMatrix();
+      from.rotation * Eigen::AngleAxisd(fraction * rotation.angle(), rotation.axis()).toRotationMatrix();
   result.translation = from.translation + fraction * (to.translation - from.translation);
   return result;
 }

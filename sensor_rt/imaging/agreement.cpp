@@ -44,16 +44,16 @@ class RayBins {
     }
     const double bins = highest >= lowest_ ? (highest - lowest_) * per_slope_ + 4.0 : 0.0;
     cameras_.assign(static_cast<std::size_t>(std::min(bins, 1e6)), 0u);
-    settled_.assign(cameras_.size(), {});
+    confirmed_.assign(cameras_.size(), {});
   }
 
   int bin(const Eigen::Vector3d& point) const {
-    const double place = (slope(point) - lowest_) * per_slope_ + 1.0;
-    return static_cast<int>(std::clamp(place, 0.0, static_cast<double>(cameras_.size()) - 1.0));
+    const double position = (slope(point) - lowest_) * per_slope_ + 1.0;
+    return static_cast<int>(std::clamp(position, 0.0, static_cast<double>(cameras_.size()) - 1.0));
   }
 
   void add(int bin, std::size_t camera) { cameras_[static_cast<std::size_t>(bin)] |= 1u << camera; }
-  void settle(int bin, double z) { settled_[static_cast<std::size_t>(bin)].add(z); }
+  void add_confirmed(int bin, double z) { confirmed_[static_cast<std::size_t>(bin)].add(z); }
 
   /// Returns the cameras with a peak on the ray or its neighbours; one bit per camera.
   unsigned cameras(int bin) const {
@@ -63,10 +63,10 @@ class RayBins {
   }
 
   /// Returns true when the ray or its neighbours have a confirmed point further than `near` from depth z.
-  bool is_settled_elsewhere(int bin, double z, double near) const {
-    bool settled = false;
-    visit(bin, [&](std::size_t b) { settled = settled || settled_[b].reaches_beyond(z, near); });
-    return settled;
+  bool has_confirmed_elsewhere(int bin, double z, double near) const {
+    bool elsewhere = false;
+    visit(bin, [&](std::size_t b) { elsewhere = elsewhere || confirmed_[b].reaches_beyond(z, near); });
+    return elsewhere;
   }
 
  private:
@@ -96,7 +96,7 @@ class RayBins {
   double per_slope_ = 1.0;
   double lowest_ = std::numeric_limits<double>::infinity();
   std::vector<unsigned> cameras_;
-  std::vector<Depths> settled_;
+  std::vector<Depths> confirmed_;
 };
 
 class Comparison {
@@ -116,10 +116,10 @@ class Comparison {
       for (std::size_t i = 0; i < sheet_points_[a].size(); ++i) confirm(a, i);
     }
     RayBins rays(geometry_, sheet_points_);
-    for (std::size_t a = 0; a < peaks_.size(); ++a) enter(a, rays);
+    for (std::size_t a = 0; a < peaks_.size(); ++a) fill_bins(a, rays);
     for (std::size_t a = 0; a < peaks_.size(); ++a) {
-      const std::vector<bool> vouched = vouch(a);
-      for (std::size_t i = 0; i < sheet_points_[a].size(); ++i) weigh(a, i, vouched[i], rays);
+      const std::vector<bool> on_confirmed_track = find_confirmed_tracks(a);
+      for (std::size_t i = 0; i < sheet_points_[a].size(); ++i) decide(a, i, on_confirmed_track[i], rays);
     }
   }
 
@@ -228,18 +228,18 @@ class Comparison {
     return best;
   }
 
-  void enter(std::size_t a, RayBins& rays) {
+  void fill_bins(std::size_t a, RayBins& rays) {
     for (std::size_t i = 0; i < sheet_points_[a].size(); ++i) {
       SheetPoint& s = sheet_points_[a][i];
       if (s.bin < 0) continue;
       s.bin = rays.bin(s.point);
       rays.add(s.bin, a);
-      if (peaks_[a].agreement[i] == CameraAgreement::kConfirmed) rays.settle(s.bin, s.point.z());
+      if (peaks_[a].agreement[i] == CameraAgreement::kConfirmed) rays.add_confirmed(s.bin, s.point.z());
     }
   }
 
   /// Returns which peaks of camera a lie on a track that is mostly confirmed.
-  std::vector<bool> vouch(std::size_t a) const {
+  std::vector<bool> find_confirmed_tracks(std::size_t a) const {
     const CameraPeaks& p = peaks_[a];
     const std::size_t count = p.fits.size();
     std::vector<std::size_t> track(count);
@@ -254,12 +254,12 @@ class Comparison {
       ++members[track[i]];
       if (p.agreement[i] == CameraAgreement::kConfirmed) ++confirmed[track[i]];
     }
-    std::vector<bool> vouched(count);
+    std::vector<bool> on_confirmed_track(count);
     for (std::size_t i = 0; i < count; ++i) {
-      vouched[i] = static_cast<double>(confirmed[track[i]]) >=
-                   kConfirmedShare * static_cast<double>(members[track[i]]);
+      on_confirmed_track[i] = static_cast<double>(confirmed[track[i]]) >=
+                              kConfirmedShare * static_cast<double>(members[track[i]]);
     }
-    return vouched;
+    return on_confirmed_track;
   }
 
   /// Returns the track of the nearest peak in the previous column, or a new one.
@@ -289,15 +289,15 @@ class Comparison {
         triangulation_jacobian(camera(p), geometry_.sheet, pixel, sheet_points_[a][i].point)(2, 1));
   }
 
-  void weigh(std::size_t a, std::size_t i, bool vouched, const RayBins& rays) {
+  void decide(std::size_t a, std::size_t i, bool on_confirmed_track, const RayBins& rays) {
     const SheetPoint& s = sheet_points_[a][i];
     CameraAgreement& agreement = peaks_[a].agreement[i];
     if (s.bin < 0 || agreement == CameraAgreement::kConfirmed || s.refuted) return;
     // Peaks that continue a confirmed stripe have confirmed neighbours on the same surface.
-    const double near = vouched ? kNeighbours * row_step(a, i) : 0.0;
-    if (rays.is_settled_elsewhere(s.bin, s.point.z(), near)) return;
+    const double near = on_confirmed_track ? kNeighbours * row_step(a, i) : 0.0;
+    if (rays.has_confirmed_elsewhere(s.bin, s.point.z(), near)) return;
     const unsigned others = rays.cameras(s.bin) & ~(1u << a);
-    if (vouched || others == 0) agreement = CameraAgreement::kUncontested;
+    if (on_confirmed_track || others == 0) agreement = CameraAgreement::kUncontested;
   }
 
   std::vector<CameraPeaks>& peaks_;

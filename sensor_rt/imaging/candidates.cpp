@@ -153,7 +153,7 @@ void set_limits(std::vector<Candidate>& candidates, int height) {
   }
 }
 
-void guess(ImageRows image, float background, Candidate& c) {
+void estimate_moments(ImageRows image, float background, Candidate& c) {
   const int first = std::max(c.lower_limit, c.first_row - 1);
   const int last = std::min(c.upper_limit, c.last_row + 1);
   float sum = 0.0f;

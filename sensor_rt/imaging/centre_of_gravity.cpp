@@ -5,19 +5,12 @@
 #include "sensor_rt/imaging/column_window.h"
 
 namespace sensor_rt {
-namespace {
-
-constexpr double kReach = 3.0;        // half window, in standard deviations ...
-constexpr double kReachMargin = 1.0;  // ... plus rows
-
-}  // namespace
 
 void locate_centre_of_gravity(ImageRows image, const PixelNoise& noise, const Candidate* candidates,
                               std::size_t count, StripeFit* fits) {
   for (std::size_t k = 0; k < count; ++k) {
     const Candidate& c = candidates[k];
-    const ColumnWindow w = gather(image, noise, c, kReach * static_cast<double>(c.width) + kReachMargin);
-    describe(w, c, fits[k]);
+    const ColumnWindow w = measure_moments(image, noise, c, fits[k]);
     double sum = 0.0;
     double moment = 0.0;
     for (int i = 0; i < w.count; ++i) {
@@ -30,7 +23,7 @@ void locate_centre_of_gravity(ImageRows image, const PixelNoise& noise, const Ca
     for (int i = 0; i < w.count; ++i) {
       variance += w.variance[i] * (i - centre) * (i - centre) / (sum * sum);
     }
-    place(w, c, centre, variance, fits[k]);
+    set_row(w, c, centre, variance, fits[k]);
   }
 }
 

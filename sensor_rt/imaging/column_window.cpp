@@ -42,7 +42,7 @@ double summit(const ColumnWindow& w) {
   return last_clipped < 0 ? highest : 0.5 * (first_clipped + last_clipped);
 }
 
-void describe(const ColumnWindow& w, const Candidate& c, StripeFit& fit) {
+void measure_moments(const ColumnWindow& w, const Candidate& c, StripeFit& fit) {
   double sum = 0.0;
   double moment = 0.0;
   bool saturated = false;
@@ -75,7 +75,15 @@ void describe(const ColumnWindow& w, const Candidate& c, StripeFit& fit) {
   fit.flags = c.flags | (saturated ? kPeakSaturated : 0u);
 }
 
-void place(const ColumnWindow& w, const Candidate& c, double offset, double variance, StripeFit& fit) {
+ColumnWindow measure_moments(ImageRows image, const PixelNoise& noise, const Candidate& c, StripeFit& fit) {
+  constexpr double kMargin = 1.0;  // rows
+  const ColumnWindow w =
+      gather(image, noise, c, static_cast<double>(kShapeReach) * static_cast<double>(c.width) + kMargin);
+  measure_moments(w, c, fit);
+  return w;
+}
+
+void set_row(const ColumnWindow& w, const Candidate& c, double offset, double variance, StripeFit& fit) {
   if (offset >= -1.0 && offset <= w.count && std::isfinite(variance)) {
     fit.row = w.first + offset;
     fit.row_sigma = static_cast<float>(std::sqrt(variance));

@@ -25,11 +25,15 @@ ColumnWindow gather(ImageRows image, const PixelNoise& noise, const Candidate& c
 double summit(const ColumnWindow& window);
 
 /// Sets width, height and skewness from the moments about the centre of gravity, and the flags.
-void describe(const ColumnWindow& window, const Candidate& candidate, StripeFit& fit);
+void measure_moments(const ColumnWindow& window, const Candidate& candidate, StripeFit& fit);
+
+/// Does the same in a window of three standard deviations to either side, which is returned.
+ColumnWindow measure_moments(ImageRows image, const PixelNoise& noise, const Candidate& candidate,
+                             StripeFit& fit);
 
 /// Sets the row to `offset` rows from the start of the window, with its variance (px²). A row that is not
 /// finite or outside the window is flagged as not converged and replaced by the first guess.
-void place(const ColumnWindow& window, const Candidate& candidate, double offset, double variance,
-           StripeFit& fit);
+void set_row(const ColumnWindow& window, const Candidate& candidate, double offset, double variance,
+             StripeFit& fit);
 
 }  // namespace sensor_rt

@@ -81,27 +81,15 @@ float background_level(ImageRows image, double black, std::vector<std::uint16_t>
   return static_cast<float>(std::fabs(median - black) <= 1.0 ? black : median);
 }
 
-LocateFunction locator(PeakDetector detector) {
-  switch (detector) {
-    case PeakDetector::kGaussian:
-      return locate_gaussian;
-    case PeakDetector::kCentreOfGravity:
-      return locate_centre_of_gravity;
-    case PeakDetector::kParabola:
-      return locate_parabola;
-    case PeakDetector::kLogParabola:
-      return locate_log_parabola;
-    case PeakDetector::kBlaisRioux4:
-      return locate_blais_rioux_4;
-    case PeakDetector::kBlaisRioux8:
-      return locate_blais_rioux_8;
-    case PeakDetector::kDerivativeOfGaussian:
-      return locate_derivative_of_gaussian;
-    case PeakDetector::kSteger:
-      return locate_steger;
-  }
-  throw std::invalid_argument("unknown peak detector");
-}
+/// In the order of PeakDetector.
+constexpr LocateFunction* kLocators[] = {locate_gaussian,
+                                         locate_centre_of_gravity,
+                                         locate_parabola,
+                                         locate_log_parabola,
+                                         locate_blais_rioux_4,
+                                         locate_blais_rioux_8,
+                                         locate_derivative_of_gaussian,
+                                         locate_steger};
 
 bool chosen_by_rank(PeakChoice choice) {
   return choice == PeakChoice::kBrightest || choice == PeakChoice::kFirst || choice == PeakChoice::kLast;
@@ -145,7 +133,7 @@ class Extractor::Impl {
     cameras_.resize(measured_);
     if (options_.peak == PeakChoice::kAgreement) compare_cameras(cameras_, geometry_, options_.agreement_px);
     for (CameraPeaks& peaks : cameras_) {
-      judge(peaks, choose(peaks));
+      flag_chosen(peaks, choose(peaks));
       store(peaks, frame, out);
     }
     measured_ = 0;
@@ -180,13 +168,13 @@ class Extractor::Impl {
     peaks.candidates = found;
     // Candidates that cannot be chosen are not measured.
     if (chosen_by_rank(options_.peak) && !all_peaks_) keep_by_rank(options_.peak, peaks.candidates);
-    for (Candidate& candidate : peaks.candidates) guess(image, noise.background, candidate);
+    for (Candidate& candidate : peaks.candidates) estimate_moments(image, noise.background, candidate);
     peaks.fits.resize(peaks.candidates.size());
-    locator(options_.detector)(image, noise, peaks.candidates.data(), peaks.candidates.size(),
-                               peaks.fits.data());
+    LocateFunction* const locate = kLocators[static_cast<std::size_t>(options_.detector)];
+    locate(image, noise, peaks.candidates.data(), peaks.candidates.size(), peaks.fits.data());
     for (StripeFit& fit : peaks.fits) {
       fit.amplitude *= dn_per_count;
-      judge_shape(options_, fit);
+      flag_shape(options_, fit);
     }
   }
 
@@ -202,7 +190,7 @@ class Extractor::Impl {
 
   /// Flags the chosen peaks by their neighbours and all others as passed over; removes the others unless all
   /// peaks are requested.
-  void judge(CameraPeaks& peaks, const std::vector<std::size_t>& chosen) {
+  void flag_chosen(CameraPeaks& peaks, const std::vector<std::size_t>& chosen) {
     candidates_.clear();
     fits_.clear();
     for (const std::size_t i : chosen) {
@@ -212,7 +200,7 @@ class Extractor::Impl {
         fits_.back().flags |= kPeakUnconfirmed;
       }
     }
-    judge_neighbours(options_, candidates_, fits_);
+    flag_neighbours(options_, candidates_, fits_);
     if (!all_peaks_) {
       std::swap(peaks.candidates, candidates_);
       std::swap(peaks.fits, fits_);

@@ -37,17 +37,15 @@ enum class PeakChoice {
 struct ExtractionOptions {
   PeakDetector detector = PeakDetector::kGaussian;
   PeakChoice peak = PeakChoice::kBrightest;
-  double continuity_px = 0.0;  ///< rows per column regarded as a jump, for kContinuity
-  double agreement_px = 0.0;   ///< largest difference of two cameras that agree, in addition to noise
-  double threshold_sigma =
-      0.0;  ///< a candidate rises this many noise standard deviations above the background
+  double continuity_px = 0.0;    ///< rows per column regarded as a jump, for kContinuity
+  double agreement_px = 0.0;     ///< largest difference of two cameras that agree, in addition to noise
+  double threshold_sigma = 0.0;  ///< least sum of a candidate, in standard deviations of the noise
   double min_amplitude_dn = 0.0;
   double min_sigma_px = 0.0;
-  double max_sigma_px = 0.0;   ///< at most 8
-  double max_asymmetry = 0.0;  ///< largest |asymmetry| that is not flagged
-  double max_residual = 0.0;   ///< largest relative residual that is not flagged
-  double max_row_jump_px =
-      0.0;  ///< larger deviations from the predicted row between neighbouring columns end a run
+  double max_sigma_px = 0.0;        ///< at most 8
+  double max_asymmetry = 0.0;       ///< largest |asymmetry| that is not flagged
+  double max_residual = 0.0;        ///< largest relative residual that is not flagged
+  double max_row_jump_px = 0.0;     ///< largest deviation from the predicted row in the next column of a run
   double max_amplitude_jump = 0.0;  ///< largest relative change of amplitude from column to column
   double max_width_jump = 0.0;      ///< largest relative change of width from column to column
   int end_columns = 0;              ///< columns rejected at either end of a continuous run

@@ -11,7 +11,7 @@ constexpr double kNoiseSigmas = 4.0;
 double square(double x) { return x * x; }
 
 /// Intersection of the line of sight of a column with the stripe of another camera.
-struct Meeting {
+struct Crossing {
   double distance = 0.0;  ///< along the line, m
   double variance = 0.0;  ///< m²
 };
@@ -33,14 +33,14 @@ class PointFusion {
                                        profiles.camera.end(), static_cast<std::int32_t>(k));
       first_[k] = static_cast<std::size_t>(at - profiles.camera.begin());
     }
-    absorbed_.assign(profiles.size(), false);
+    merged_.assign(profiles.size(), false);
   }
 
   void run() {
     for (std::size_t i = begin_; i < profiles_.size(); ++i) {
-      for (std::size_t b = camera_of(i) + 1; b < cameras_.size() && !absorbed_[i]; ++b) absorb(i, b);
+      for (std::size_t b = camera_of(i) + 1; b < cameras_.size() && !merged_[i]; ++b) merge(i, b);
     }
-    drop_absorbed();
+    remove_merged();
   }
 
  private:
@@ -55,7 +55,7 @@ class PointFusion {
   }
   std::size_t camera_of(std::size_t i) const { return static_cast<std::size_t>(profiles_.camera[i]); }
 
-  void absorb(std::size_t i, std::size_t b) {
+  void merge(std::size_t i, std::size_t b) {
     const Eigen::Vector3d point = profiles_.points_in_sensor[i];
     const double seen = cameras_[b].project(camera_from_sensor_[b] * point).x();
     std::size_t right = first_[b];
@@ -72,42 +72,42 @@ class PointFusion {
         triangulation_jacobian(cameras_[camera_of(i)], sheet_, {column(i), profiles_.row[i]}, point).col(1);
     const Eigen::Vector3d along = per_row.normalized();
     const double own = square(along.dot(profiles_.deviation[i].cast<double>()));
-    Meeting met;
-    if (!meet(point, along, left, right, met)) return;
-    const double allowed = tolerance_px_ * per_row.norm() + kNoiseSigmas * std::sqrt(own + met.variance);
-    if (std::fabs(met.distance) > allowed) return;
-    const double sum = own + met.variance;
+    Crossing crossing;
+    if (!intersect(point, along, left, right, crossing)) return;
+    const double allowed = tolerance_px_ * per_row.norm() + kNoiseSigmas * std::sqrt(own + crossing.variance);
+    if (std::fabs(crossing.distance) > allowed) return;
+    const double sum = own + crossing.variance;
     const double share = sum > 0.0 ? own / sum : 0.5;
     const double variance = own * (1.0 - share);
-    profiles_.points_in_sensor[i] = point + share * met.distance * along;
+    profiles_.points_in_sensor[i] = point + share * crossing.distance * along;
     profiles_.deviation[i] = (std::sqrt(variance) * along).cast<float>();
     profiles_.sigma[i] = static_cast<float>(std::sqrt(variance));
-    absorbed_[left] = absorbed_[right] = true;
+    merged_[left] = merged_[right] = true;
   }
 
   /// Returns false when the line misses the segment between the two points or is parallel to it.
-  bool meet(const Eigen::Vector3d& point, const Eigen::Vector3d& along, std::size_t left, std::size_t right,
-            Meeting& met) const {
+  bool intersect(const Eigen::Vector3d& point, const Eigen::Vector3d& along, std::size_t left,
+                 std::size_t right, Crossing& crossing) const {
     const Eigen::Vector3d& l = profiles_.points_in_sensor[left];
     const Eigen::Vector3d& r = profiles_.points_in_sensor[right];
     const Eigen::Vector3d stretch = r - l;
     const Eigen::Vector3d normal(0.0, -stretch.z(), stretch.y());
     const double slope = normal.dot(along);
     if (std::fabs(slope) < 1e-3 * normal.norm()) return false;
-    met.distance = normal.dot(l - point) / slope;
-    const double share = (point + met.distance * along - l).dot(stretch) / stretch.squaredNorm();
+    crossing.distance = normal.dot(l - point) / slope;
+    const double share = (point + crossing.distance * along - l).dot(stretch) / stretch.squaredNorm();
     if (!(share > -0.5 && share < 1.5)) return false;
     const auto variance = [&](std::size_t k) {
       return square(normal.dot(profiles_.deviation[k].cast<double>()) / slope);
     };
-    met.variance = (1.0 - share) * (1.0 - share) * variance(left) + share * share * variance(right);
+    crossing.variance = (1.0 - share) * (1.0 - share) * variance(left) + share * share * variance(right);
     return true;
   }
 
-  void drop_absorbed() {
+  void remove_merged() {
     std::size_t kept = begin_;
     for (std::size_t i = begin_; i < profiles_.size(); ++i) {
-      if (absorbed_[i]) continue;
+      if (merged_[i]) continue;
       if (kept != i) profiles_.move(i, kept);
       ++kept;
     }
@@ -122,7 +122,7 @@ class PointFusion {
   const Sampling* sampling_;
   std::vector<std::size_t> first_;  ///< first point of each camera, and the end
   std::vector<Rigid3> camera_from_sensor_;
-  std::vector<bool> absorbed_;
+  std::vector<bool> merged_;
 };
 
 }  // namespace

@@ -16,10 +16,10 @@ constexpr float kReachMargin = 1.5f;     // ... plus rows
 constexpr float kModelError = 0.01f;     // of the amplitude
 // A saturated stripe is located by its flanks alone: a smaller model error gives them enough weight.
 constexpr float kSaturatedModelError = 0.002f;
-constexpr float kShapeless = 0.36f;     // px: width below which the skewness is not measurable
-constexpr float kHeldError = 0.05f;     // px: position error due to the fixed width of narrower stripes
-constexpr float kSettled = 2e-4f;       // px: largest last step of a converged fit ...
-constexpr float kSettledShare = 0.01f;  // ... or this share of the standard deviation
+constexpr float kShapeless = 0.36f;       // px: width below which the skewness is not measurable
+constexpr float kHeldError = 0.05f;       // px: position error due to the fixed width of narrower stripes
+constexpr float kConvergedStep = 2e-4f;   // px: largest last step of a converged fit ...
+constexpr float kConvergedShare = 0.01f;  // ... or this share of the standard deviation
 
 void load(ImageRows image, const PixelNoise& noise, const Candidate& c, GaussianBatch& b, int l,
           RowWindow& rows) {
@@ -80,8 +80,9 @@ StripeFit result(const Candidate& c, const GaussianBatch& b, int l, const RowWin
   fit.residual = std::sqrt(std::max(0.0f, b.misfit.v[l] - b.noise.v[l]) / count) / relative_amplitude;
   fit.residual_noise = std::sqrt(b.noise.v[l] / count) / relative_amplitude;
   fit.flags = c.flags;
-  const float settled = std::max(kSettled * std::max(1.0f, b.sigma.v[l]), kSettledShare * fit.row_sigma);
-  if (b.step.v[l] > settled) fit.flags |= kPeakNotConverged;
+  const float converged =
+      std::max(kConvergedStep * std::max(1.0f, b.sigma.v[l]), kConvergedShare * fit.row_sigma);
+  if (b.step.v[l] > converged) fit.flags |= kPeakNotConverged;
   if (!is_finite(fit)) fit = unfitted(c);
   for (int y = 0; y <= rows.last - rows.first; ++y) {
     if (b.mask[y].v[l] == 0.0f) fit.flags |= kPeakSaturated;
@@ -111,7 +112,7 @@ void locate_gaussian(ImageRows image, const PixelNoise& noise, const Candidate* 
     }
     float largest = 1.0f;
     float damping = 1e-2f;
-    for (int i = 0; i < iterations && largest > 0.2f * kSettled; ++i, damping *= 0.1f) {
+    for (int i = 0; i < iterations && largest > 0.2f * kConvergedStep; ++i, damping *= 0.1f) {
       iterate(b, damping);
       largest = *std::max_element(b.step.v, b.step.v + kLanes);
     }

@@ -7,7 +7,6 @@
 namespace sensor_rt {
 namespace {
 
-constexpr double kShapeReach = 3.0;
 constexpr int kLogReach = 4;        // rows to either side of the summit
 constexpr double kMinSignal = 2.0;  // noise standard deviations: the logarithm of smaller signals is biased
 constexpr double kMinShare = 0.02;  // fraction of the highest pixel, for the same reason
@@ -71,7 +70,7 @@ void locate_one(const ColumnWindow& w, const Candidate& c, StripeFit& fit) {
     variance += influence * influence * w.variance[i] / (w.signal[i] * w.signal[i]);
   }
   const bool is_summit = p.rows >= 3 && c2 < 0.0;
-  place(w, c, is_summit ? top - c1 / (2.0 * c2) : NAN, variance, fit);
+  set_row(w, c, is_summit ? top - c1 / (2.0 * c2) : NAN, variance, fit);
 }
 
 }  // namespace
@@ -80,7 +79,7 @@ void locate_log_parabola(ImageRows image, const PixelNoise& noise, const Candida
                          std::size_t count, StripeFit* fits) {
   for (std::size_t k = 0; k < count; ++k) {
     const Candidate& c = candidates[k];
-    describe(gather(image, noise, c, kShapeReach * static_cast<double>(c.width) + 1.0), c, fits[k]);
+    measure_moments(image, noise, c, fits[k]);
     const ColumnWindow wide = gather(image, noise, c, kWindowRows / 2);
     Candidate middle = c;
     middle.row = static_cast<float>(wide.first + summit(wide));
@@ -94,8 +93,7 @@ void locate_parabola(ImageRows image, const PixelNoise& noise, const Candidate* 
                      StripeFit* fits) {
   for (std::size_t k = 0; k < count; ++k) {
     const Candidate& c = candidates[k];
-    const ColumnWindow w = gather(image, noise, c, kShapeReach * static_cast<double>(c.width) + 1.0);
-    describe(w, c, fits[k]);
+    const ColumnWindow w = measure_moments(image, noise, c, fits[k]);
     const int top = static_cast<int>(std::lround(summit(w)));
     const double a = w.at(top - 1);
     const double b = w.at(top);
@@ -110,7 +108,7 @@ void locate_parabola(ImageRows image, const PixelNoise& noise, const Candidate* 
       if (i >= 0 && i < w.count) variance += influence[j] * influence[j] * w.variance[i];
     }
     const bool inside = top > 0 && top + 1 < w.count && bend < 0.0;
-    place(w, c, inside ? top + shift : NAN, variance, fits[k]);
+    set_row(w, c, inside ? top + shift : NAN, variance, fits[k]);
   }
 }
 

@@ -36,13 +36,13 @@ struct Peaks {
   std::vector<std::int32_t> camera;
   std::vector<std::int32_t> column;
   std::vector<double> row;  ///< px, integer = pixel centre
-  std::vector<float>
-      amplitude;             ///< height above the background, DN (of the stripe, not of the brightest pixel)
+  /// Height of the stripe, not of the brightest pixel, above the background, DN.
+  std::vector<float> amplitude;
   std::vector<float> width;  ///< standard deviation of the stripe, px
-  std::vector<float> row_sigma;  ///< standard deviation of row from shot, read and quantisation noise, pixel
-                                 ///< sensitivities and speckle, px
-  std::vector<float>
-      asymmetry;  ///< third Hermite coefficient (skewness / 6); > 0: the tail lies at larger rows
+  /// Standard deviation of row from shot, read and quantisation noise, pixel sensitivities and speckle, px.
+  std::vector<float> row_sigma;
+  /// Third Hermite coefficient (skewness / 6); > 0: the tail lies at larger rows.
+  std::vector<float> asymmetry;
   std::vector<float> residual;  ///< RMS misfit beyond the expected noise, relative to amplitude
   std::vector<std::uint32_t> flags;
 

@@ -20,7 +20,7 @@ class Chain {
       : options_(options), candidates_(candidates), fits_(fits), linked_(fits.size(), false) {}
 
   /// Flags jumps of amplitude, width or direction from column to column.
-  void judge_neighbours() {
+  void flag_neighbours() {
     for (std::size_t i = 0; i + 1 < fits_.size(); ++i) {
       linked_[i] = candidates_[i + 1].column == candidates_[i].column + 1 && within_reach(i);
     }
@@ -35,7 +35,7 @@ class Chain {
   }
 
   /// Flags the ends of runs of trusted, linked peaks, and runs that are too short.
-  void judge_runs() {
+  void flag_runs() {
     std::size_t begin = 0;
     while (begin < fits_.size()) {
       if (fits_[begin].flags & kPeakRejected) {
@@ -101,7 +101,7 @@ class Chain {
 
 }  // namespace
 
-void judge_shape(const ExtractionOptions& o, StripeFit& fit) {
+void flag_shape(const ExtractionOptions& o, StripeFit& fit) {
   if (fit.amplitude < o.min_amplitude_dn) fit.flags |= kPeakWeak;
   if (fit.width < o.min_sigma_px) fit.flags |= kPeakNarrow;
   if (fit.width > o.max_sigma_px) fit.flags |= kPeakWide;
@@ -115,11 +115,11 @@ void judge_shape(const ExtractionOptions& o, StripeFit& fit) {
   if (fit.residual * fit.residual > allowed * allowed + noise * noise) fit.flags |= kPeakResidual;
 }
 
-void judge_neighbours(const ExtractionOptions& options, const std::vector<Candidate>& candidates,
-                      std::vector<StripeFit>& fits) {
+void flag_neighbours(const ExtractionOptions& options, const std::vector<Candidate>& candidates,
+                     std::vector<StripeFit>& fits) {
   Chain chain(options, candidates, fits);
-  chain.judge_neighbours();
-  chain.judge_runs();
+  chain.flag_neighbours();
+  chain.flag_runs();
 }
 
 }  // namespace sensor_rt

@@ -12,13 +12,12 @@
 namespace sensor_rt {
 namespace {
 
-constexpr double kShapeReach = 3.0;
 constexpr double kMinKernelSigma = 1.0;  // px
 constexpr double kMaxKernelSigma = 6.0;
 constexpr int kSteps = 8;
-constexpr double kSettled = 1e-3;   // px
-constexpr double kSteepest = 0.25;  // smallest component of the ridge's normal along the column
-constexpr int kMaxReach = 18;       // three times the widest kernel
+constexpr double kConvergedStep = 1e-3;  // px
+constexpr double kSteepest = 0.25;       // smallest component of the ridge's normal along the column
+constexpr int kMaxReach = 18;            // three times the widest kernel
 constexpr int kMaxTaps = 2 * kMaxReach + 2;
 
 /// Gaussian and its first two derivatives with respect to the centre, at integer taps.
@@ -75,7 +74,7 @@ class Ridge {
       if (bend >= 0.0 || std::fabs(ny) < kSteepest) return NAN;
       const double shift = -(d.x * nx + d.y * ny) / (bend * ny);
       row += std::clamp(shift, -scale_, scale_);
-      if (std::fabs(shift) < kSettled) {
+      if (std::fabs(shift) < kConvergedStep) {
         variance = propagate(down, nx, ny, bend);
         return row;
       }
@@ -86,7 +85,7 @@ class Ridge {
  private:
   int column(int i) const { return std::clamp(c_.column + across_.first + i, 0, image_.width - 1); }
   int row(const Kernel& down, int j) const { return std::clamp(down.first + j, 0, image_.height - 1); }
-  bool mine(const Kernel& down, int j) const {
+  bool is_own(const Kernel& down, int j) const {
     return down.first + j >= c_.lower_limit && down.first + j <= c_.upper_limit;
   }
 
@@ -97,7 +96,7 @@ class Ridge {
       double d1 = 0.0;
       double d2 = 0.0;
       for (int j = 0; j < down.count; ++j) {
-        if (!mine(down, j)) continue;
+        if (!is_own(down, j)) continue;
         const double value = image_.at(row(down, j), column(i)) - static_cast<double>(noise_.background);
         g += value * down.g[j];
         d1 += value * down.d1[j];
@@ -117,7 +116,7 @@ class Ridge {
     double variance = 0.0;
     for (int i = 0; i < across_.count; ++i) {
       for (int j = 0; j < down.count; ++j) {
-        if (!mine(down, j)) continue;
+        if (!is_own(down, j)) continue;
         const double value = image_.at(row(down, j), column(i)) - static_cast<double>(noise_.background);
         const double light = std::max(0.0, value);
         const double influence =
@@ -143,11 +142,10 @@ void locate_steger(ImageRows image, const PixelNoise& noise, const Candidate* ca
                    StripeFit* fits) {
   for (std::size_t k = 0; k < count; ++k) {
     const Candidate& c = candidates[k];
-    const ColumnWindow w = gather(image, noise, c, kShapeReach * static_cast<double>(c.width) + 1.0);
-    describe(w, c, fits[k]);
+    const ColumnWindow w = measure_moments(image, noise, c, fits[k]);
     double variance = 0.0;
     const double row = Ridge(image, noise, c).find(variance);
-    place(w, c, row - w.first, variance, fits[k]);
+    set_row(w, c, row - w.first, variance, fits[k]);
   }
 }
 

@@ -63,25 +63,17 @@ struct RowWindow {
 };
 RowWindow window(const Candidate& candidate, float reach, int height);
 
-/// Measures `count` candidates of one image.
-using LocateFunction = void (*)(ImageRows image, const PixelNoise& noise, const Candidate* candidates,
-                                std::size_t count, StripeFit* fits);
-void locate_gaussian(ImageRows image, const PixelNoise& noise, const Candidate* candidates, std::size_t count,
-                     StripeFit* fits);
-void locate_centre_of_gravity(ImageRows image, const PixelNoise& noise, const Candidate* candidates,
-                              std::size_t count, StripeFit* fits);
-void locate_parabola(ImageRows image, const PixelNoise& noise, const Candidate* candidates, std::size_t count,
-                     StripeFit* fits);
-void locate_log_parabola(ImageRows image, const PixelNoise& noise, const Candidate* candidates,
-                         std::size_t count, StripeFit* fits);
-void locate_blais_rioux_4(ImageRows image, const PixelNoise& noise, const Candidate* candidates,
-                          std::size_t count, StripeFit* fits);
-void locate_blais_rioux_8(ImageRows image, const PixelNoise& noise, const Candidate* candidates,
-                          std::size_t count, StripeFit* fits);
-void locate_derivative_of_gaussian(ImageRows image, const PixelNoise& noise, const Candidate* candidates,
-                                   std::size_t count, StripeFit* fits);
-void locate_steger(ImageRows image, const PixelNoise& noise, const Candidate* candidates, std::size_t count,
-                   StripeFit* fits);
+/// Measures `count` candidates of one image; one function per PeakDetector.
+using LocateFunction = void(ImageRows image, const PixelNoise& noise, const Candidate* candidates,
+                            std::size_t count, StripeFit* fits);
+LocateFunction locate_gaussian;
+LocateFunction locate_centre_of_gravity;
+LocateFunction locate_parabola;
+LocateFunction locate_log_parabola;
+LocateFunction locate_blais_rioux_4;
+LocateFunction locate_blais_rioux_8;
+LocateFunction locate_derivative_of_gaussian;
+LocateFunction locate_steger;
 
 /// Finds the candidates of all columns. Keeps its memory between images.
 class CandidateFinder {
@@ -117,14 +109,14 @@ class CandidateFinder {
 void set_limits(std::vector<Candidate>& candidates, int height);
 
 /// Estimates centre, width and amplitude from the moments of the run.
-void guess(ImageRows image, float background, Candidate& candidate);
+void estimate_moments(ImageRows image, float background, Candidate& candidate);
 
 /// Sets the flags that depend on the shape of a peak.
-void judge_shape(const ExtractionOptions& options, StripeFit& fit);
+void flag_shape(const ExtractionOptions& options, StripeFit& fit);
 
 /// Sets the flags of the chosen peaks of an image (one per column, ascending, shapes assessed) that depend on
 /// their neighbours.
-void judge_neighbours(const ExtractionOptions& options, const std::vector<Candidate>& candidates,
-                      std::vector<StripeFit>& fits);
+void flag_neighbours(const ExtractionOptions& options, const std::vector<Candidate>& candidates,
+                     std::vector<StripeFit>& fits);
 
 }  // namespace sensor_rt

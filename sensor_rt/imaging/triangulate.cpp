@@ -39,22 +39,23 @@ Eigen::Matrix<double, 3, 2> ray_form_jacobian(const Camera& camera, const Eigen:
   const Eigen::Vector3d ray_in_sensor = camera.sensor_from_camera.rotation * in_camera;
   const double reach =
       ray_in_sensor.dot(point - camera.sensor_from_camera.translation) / ray_in_sensor.squaredNorm();
-  const Eigen::Matrix<double, 3, 2> turn =
+  const Eigen::Matrix<double, 3, 2> by_pixel =
       camera.sensor_from_camera.rotation.leftCols<2>() * camera.ray_jacobian(in_camera);
-  return reach * (turn - ray_in_sensor * (gradient.transpose() * turn) / gradient.dot(ray_in_sensor));
+  return reach * (by_pixel - ray_in_sensor * (gradient.transpose() * by_pixel) / gradient.dot(ray_in_sensor));
 }
 
 /// Intersection of the pixel's ray with a sheet that is not the plane X = 0.
-Eigen::Vector3d meet_sheet(const Camera& camera, const SheetSurface& sheet, const Eigen::Vector2d& pixel) {
-  constexpr int kIterations = 20;     // four suffice for a sheet bent by some mrad
-  constexpr double kSettled = 1e-15;  // m
+Eigen::Vector3d intersect_sheet(const Camera& camera, const SheetSurface& sheet,
+                                const Eigen::Vector2d& pixel) {
+  constexpr int kIterations = 20;          // four suffice for a sheet bent by some mrad
+  constexpr double kSmallestStep = 1e-15;  // m
   const Eigen::Vector3d ray = (camera.sensor_from_camera.rotation * camera.ray(pixel)).normalized();
   Eigen::Vector3d point = triangulate_ray(camera, pixel);
   for (int iteration = 0; iteration < kIterations; ++iteration) {
     const SheetSurface::Offset offset = sheet.offset(point);
     const double step = offset.value / offset.gradient.dot(ray);
     point -= step * ray;
-    if (std::abs(step) < kSettled) return point;
+    if (std::abs(step) < kSmallestStep) return point;
   }
   // The last digit of the step may alternate; anything larger did not converge.
   constexpr double kConverged = 1e-12;  // m
@@ -66,14 +67,14 @@ Eigen::Vector3d meet_sheet(const Camera& camera, const SheetSurface& sheet, cons
 
 Eigen::Vector3d triangulate_exact(const Camera& camera, const SheetSurface& sheet,
                                   const Eigen::Vector2d& pixel) {
-  if (!sheet.is_nominal()) return meet_sheet(camera, sheet, pixel);
-  if (!camera.is_aligned()) return triangulate_ray(camera, pixel);
+  if (!sheet.is_nominal()) return intersect_sheet(camera, sheet, pixel);
+  if (!camera.is_aligned) return triangulate_ray(camera, pixel);
   const Eigen::Vector2d p = camera.paper_coordinates(pixel);
   const double s = std::sin(camera.tilt);
   const double c = std::cos(camera.tilt);
   const double d = camera.focal_px * s - p.y() * c;
-  return {0.0, camera.baseline * p.x() / d,
-          camera.height + camera.baseline * (camera.focal_px * c + p.y() * s) / d};
+  return {0.0, camera.baseline() * p.x() / d,
+          camera.height() + camera.baseline() * (camera.focal_px * c + p.y() * s) / d};
 }
 
 Eigen::Vector3d triangulate_ray(const Camera& camera, const Eigen::Vector2d& pixel) {
@@ -87,23 +88,23 @@ Eigen::Vector3d triangulate_ray(const Camera& camera, const Eigen::Vector2d& pix
 Eigen::Vector3d triangulate_eq4_as_printed(const Camera& camera, const Eigen::Vector2d& pixel) {
   const Eigen::Vector2d p = camera.paper_coordinates(pixel);
   const double angle = camera.tilt - std::atan(p.y() / camera.focal_px);
-  return {0.0, camera.baseline * p.x() / (camera.focal_px * std::sin(angle)),
-          camera.baseline / std::tan(angle) + camera.height};
+  return {0.0, camera.baseline() * p.x() / (camera.focal_px * std::sin(angle)),
+          camera.baseline() / std::tan(angle) + camera.height()};
 }
 
 Eigen::Matrix<double, 3, 2> triangulation_jacobian(const Camera& camera, const SheetSurface& sheet,
                                                    const Eigen::Vector2d& pixel,
                                                    const Eigen::Vector3d& point) {
   if (!sheet.is_nominal()) return ray_form_jacobian(camera, pixel, point, sheet.offset(point).gradient);
-  if (!camera.is_aligned()) return ray_form_jacobian(camera, pixel, point, Eigen::Vector3d::UnitX());
+  if (!camera.is_aligned) return ray_form_jacobian(camera, pixel, point, Eigen::Vector3d::UnitX());
   const Eigen::Vector2d p = camera.paper_coordinates(pixel);
   const double s = std::sin(camera.tilt);
   const double c = std::cos(camera.tilt);
   const double d = camera.focal_px * s - p.y() * c;
   Eigen::Matrix<double, 3, 2> by_paper = Eigen::Matrix<double, 3, 2>::Zero();
-  by_paper(1, 0) = camera.baseline / d;
-  by_paper(1, 1) = camera.baseline * p.x() * c / (d * d);
-  by_paper(2, 1) = camera.baseline * camera.focal_px / (d * d);
+  by_paper(1, 0) = camera.baseline() / d;
+  by_paper(1, 1) = camera.baseline() * p.x() * c / (d * d);
+  by_paper(2, 1) = camera.baseline() * camera.focal_px / (d * d);
   return by_paper * paper_jacobian(camera, pixel);
 }
 
@@ -138,14 +139,14 @@ Triangulator::Triangulator(const Camera& camera, TriangulationForm form, const S
     : camera_(camera),
       form_(form),
       sheet_(sheet),
-      simple_(camera.is_plain() && camera.is_aligned() && form == TriangulationForm::kExact &&
+      simple_(camera.is_plain() && camera.is_aligned && form == TriangulationForm::kExact &&
               sheet.is_nominal()),
       constants_{static_cast<double>(camera.side),
                  camera.cx_px,
                  camera.cy_px,
                  camera.focal_px,
-                 camera.baseline,
-                 camera.height,
+                 camera.baseline(),
+                 camera.height(),
                  std::sin(camera.tilt),
                  std::cos(camera.tilt)} {}
 

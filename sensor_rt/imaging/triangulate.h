@@ -25,10 +25,9 @@ struct TriangulationOptions {
   TriangulationForm form = TriangulationForm::kExact;
   SheetSurface sheet;  ///< that kExact intersects; by default the plane X = 0
   Fusion fusion = Fusion::kNone;
-  double agreement_px =
-      0.0;            ///< points of two cameras that differ by more than this and their noise are not merged
-  double near = 0.0;  ///< m: points with sensor Z outside [near, far] are discarded
-  double far = 0.0;   ///< m
+  double agreement_px = 0.0;   ///< largest difference of merged points, in addition to noise
+  double near = 0.0;           ///< m: points with sensor Z outside [near, far] are discarded
+  double far = 0.0;            ///< m
   bool keep_rejected = false;  ///< true: also triangulate peaks whose flags are in kPeakRejected
 };
 

@@ -36,10 +36,10 @@ void locate_by_boxes(ImageRows image, const PixelNoise& noise, const Candidate* 
     const Candidate& c = candidates[k];
     const ColumnWindow w =
         gather(image, noise, c, std::max(kShapeReach * static_cast<double>(c.width), half + 1.0) + 1.0);
-    describe(w, c, fits[k]);
+    measure_moments(w, c, fits[k]);
     const int i = crossing(w, summit(w), half);
     if (i < 0) {
-      place(w, c, NAN, 0.0, fits[k]);
+      set_row(w, c, NAN, 0.0, fits[k]);
       continue;
     }
     const double before = box_difference(w, i, half);
@@ -54,7 +54,7 @@ void locate_by_boxes(ImageRows image, const PixelNoise& noise, const Candidate* 
       const double influence = ((1.0 - share) * sign(i) + share * sign(i + 1)) / rise;
       variance += influence * influence * w.variance[r];
     }
-    place(w, c, i + share, variance, fits[k]);
+    set_row(w, c, i + share, variance, fits[k]);
   }
 }
 
@@ -100,10 +100,10 @@ void locate_derivative_of_gaussian(ImageRows image, const PixelNoise& noise, con
     const Candidate& c = candidates[k];
     const double s = std::clamp(static_cast<double>(c.width), kMinKernelSigma, kMaxKernelSigma);
     const ColumnWindow w = gather(image, noise, c, 4.0 * s + 1.0);
-    describe(gather(image, noise, c, kShapeReach * static_cast<double>(c.width) + 1.0), c, fits[k]);
+    measure_moments(image, noise, c, fits[k]);
     double variance = 0.0;
     const double x = gaussian_crossing(w, static_cast<double>(c.row) - w.first, s, variance);
-    place(w, c, x, variance, fits[k]);
+    set_row(w, c, x, variance, fits[k]);
   }
 }
 

@@ -99,9 +99,11 @@ Camera::Reach Camera::reach() const {
   const bool is_radial = distortion[2] == 0.0 && distortion[3] == 0.0;
   Reach reach{kFarthest, std::numeric_limits<double>::infinity()};
   for (int i = 0; i < (is_radial ? 1 : kDirections); ++i) {
-    const Eigen::Vector2d way(std::cos(2.0 * M_PI * i / kDirections), std::sin(2.0 * M_PI * i / kDirections));
+    const Eigen::Vector2d direction(std::cos(2.0 * M_PI * i / kDirections),
+                                    std::sin(2.0 * M_PI * i / kDirections));
     const auto folds = [&](double radius) {
-      return !(distort(distortion, radius * way.x(), radius * way.y()).jacobian.determinant() > 0.0);
+      return !(distort(distortion, radius * direction.x(), radius * direction.y()).jacobian.determinant() >
+               0.0);
     };
     for (int step = 1; step <= kSteps; ++step) {
       double beyond = kFarthest * step / kSteps;
@@ -185,16 +187,6 @@ Rigid3 sensor_from_camera(int side, double baseline, double height, double tilt)
   pose.rotation.col(1) = Eigen::Vector3d(s * std::cos(tilt), 0.0, std::sin(tilt));
   pose.rotation.col(2) = Eigen::Vector3d(-s * std::sin(tilt), 0.0, std::cos(tilt));
   pose.translation = Eigen::Vector3d(s * baseline, 0.0, height);
-  return pose;
-}
-
-Rigid3 sensor_from_camera(const Camera& camera) {
-  Rigid3 pose = sensor_from_camera(camera.side, camera.baseline, camera.height, camera.tilt);
-  if (camera.is_aligned()) return pose;
-  pose.translation.y() += camera.offset_y;
-  pose.rotation = pose.rotation * (Eigen::AngleAxisd(camera.pan, Eigen::Vector3d::UnitY()) *
-                                   Eigen::AngleAxisd(camera.roll, Eigen::Vector3d::UnitZ()))
-                                      .toRotationMatrix();
   return pose;
 }
 

@@ -14,10 +14,10 @@ namespace sensor_rt {
 /// centre.
 struct Camera {
   std::string name;
-  int side = 1;           ///< +1: camera at sensor X = +baseline, -1: its mirror image
-  double baseline = 0.0;  ///< a: distance from the laser sheet, m
-  double height = 0.0;    ///< b: sensor Z of the optical centre, m
-  double tilt = 0.0;      ///< phi: angle of the optical axis from sensor Z towards the sheet, rad
+  int side = 1;  ///< +1: camera at sensor X > 0, -1: its mirror image
+  Rigid3 sensor_from_camera;
+  double tilt = 0.0;       ///< phi: nominal angle of the optical axis from sensor Z towards the sheet, rad
+  bool is_aligned = true;  ///< the pose fulfils the assumptions of the paper's formulas
   int width_px = 0;
   int height_px = 0;
   double focal_px = 0.0;
@@ -27,20 +27,18 @@ struct Camera {
   double f_number = 0.0;               ///< working f-number: image distance over diameter of the aperture
   double pixel_pitch = 0.0;            ///< m
   double transmission = 0.0;           ///< lens times band-pass filter, 0..1
-  double focus = 0.0;  ///< distance from the lens of the plane in focus, on the optical axis, m; 0: unlimited
-                       ///< depth of field
+  double focus = 0.0;         ///< m: distance of the plane in focus on the optical axis; 0: no depth of field
   double psf_sigma_px = 0.0;  ///< standard deviation of the point spread function in focus
-  Rigid3 sensor_from_camera;  ///< derived from side, baseline, height, tilt and the three members below
-  double offset_y = 0.0;      ///< of the optical centre from the plane of symmetry Y = 0, m
-  double pan = 0.0;           ///< rotation about camera y, rad
-  double roll = 0.0;          ///< rotation about camera z, applied before the pan, rad
+
+  /// Returns a: the distance of the optical centre from the plane X = 0, m.
+  double baseline() const { return side * sensor_from_camera.translation.x(); }
+  /// Returns b: the sensor Z of the optical centre, m.
+  double height() const { return sensor_from_camera.translation.z(); }
 
   bool is_distorted() const { return distortion != std::array<double, 5>{}; }
   bool is_tilted() const { return is_tilted_; }
   /// True for a pinhole camera: no distortion, no sensor tilt.
   bool is_plain() const { return !is_distorted() && !is_tilted(); }
-  /// True when the camera pose fulfils the assumptions of the paper's formulas.
-  bool is_aligned() const { return offset_y == 0.0 && pan == 0.0 && roll == 0.0; }
   bool has_depth_of_field() const { return focus > 0.0; }
 
   /// Tilts the image sensor (Scheimpflug): rotations about camera x, then y, around the point where the
@@ -115,8 +113,5 @@ double electrons_per_irradiance(const Camera& camera, double wavelength, double 
 
 /// Returns the camera pose for the paper's parameters. Rows increase with range for both mirrored cameras.
 Rigid3 sensor_from_camera(int side, double baseline, double height, double tilt);
-
-/// Returns the camera pose including its deviations from the plane of symmetry.
-Rigid3 sensor_from_camera(const Camera& camera);
 
 }  // namespace sensor_rt

@@ -30,14 +30,14 @@ SheetSurface::Offset SheetSurface::offset(const Eigen::Vector3d& point_in_sensor
   const Eigen::Vector3d in_sheet =
       sensor_from_sheet_.rotation.transpose() * (point_in_sensor - sensor_from_sheet_.translation);
   const double depth = in_sheet.z() - source_z_;
-  const double place = in_sheet.y() / (depth * tangent_);
+  const double position = in_sheet.y() / (depth * tangent_);
   double bend = 0.0;
-  double slope = 0.0;  // d bend / d place, by Horner's scheme
+  double slope = 0.0;  // d bend / d position, by Horner's scheme
   for (auto c = straightness_.rbegin(); c != straightness_.rend(); ++c) {
-    slope = slope * place + bend;
-    bend = bend * place + *c;
+    slope = slope * position + bend;
+    bend = bend * position + *c;
   }
-  const Eigen::Vector3d gradient(1.0, -slope / tangent_, slope * place - bend);
+  const Eigen::Vector3d gradient(1.0, -slope / tangent_, slope * position - bend);
   return {in_sheet.x() - depth * bend, sensor_from_sheet_.rotation * gradient};
 }
 

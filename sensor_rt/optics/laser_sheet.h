@@ -71,10 +71,10 @@ struct LaserSheet {
   /// Returns the standard deviation of the irradiance across the sheet at z.
   double sigma_at(double z) const;
 
-  /// Returns the out-of-plane slope at tan(angle) / tan(fan_half_angle) = `place`, -1..1.
-  [[gnu::always_inline]] double bend_at(double place) const {
+  /// Returns the out-of-plane slope at tan(angle) / tan(fan_half_angle) = `position`, -1..1.
+  [[gnu::always_inline]] double bend_at(double position) const {
     double sum = 0.0;
-    for (int k = kStraightness; k-- > 0;) sum = sum * place + straightness[static_cast<std::size_t>(k)];
+    for (int k = kStraightness; k-- > 0;) sum = sum * position + straightness[static_cast<std::size_t>(k)];
     return sum;
   }
 

@@ -46,10 +46,10 @@ double half_angle(const Camera& camera) { return std::atan(0.5 * camera.height_p
 Trapezoid trapezoid_of_width(const Camera& camera, double width) {
   const double gamma = half_angle(camera);
   if (camera.tilt <= gamma) reject_unbounded(camera);
-  const double z_near = camera.height + camera.baseline / std::tan(camera.tilt + gamma);
-  const double z_far = camera.height + camera.baseline / std::tan(camera.tilt - gamma);
-  const double y_near = camera.baseline * width / std::sin(camera.tilt + gamma);
-  const double y_far = camera.baseline * width / std::sin(camera.tilt - gamma);
+  const double z_near = camera.height() + camera.baseline() / std::tan(camera.tilt + gamma);
+  const double z_far = camera.height() + camera.baseline() / std::tan(camera.tilt - gamma);
+  const double y_near = camera.baseline() * width / std::sin(camera.tilt + gamma);
+  const double y_far = camera.baseline() * width / std::sin(camera.tilt - gamma);
   Trapezoid corners;
   corners << -y_near, z_near, y_near, z_near, y_far, z_far, -y_far, z_far;
   return corners;

@@ -46,7 +46,7 @@ void draw(std::uint64_t seed, std::int64_t frame, std::int32_t camera, const std
   philox4x32(words, {static_cast<std::uint32_t>(seed) ^ kPurpose, static_cast<std::uint32_t>(seed >> 32)});
 }
 
-void look_up(const std::uint32_t* bits, float* normals) {
+void sample_normals(const std::uint32_t* bits, float* normals) {
   const QuantileTable& table = standard_normal();
   for (int l = 0; l < kLanes; ++l) normals[l] = table.sample(bits[l]);
 }
@@ -184,9 +184,9 @@ void GeometricWorker::measure_lanes(std::int64_t frame, std::size_t first, std::
   alignas(64) std::uint32_t words[4][kLanes];
   draw(as_built_.seed, frame, points_.camera[first], stripes.column, words);
   Normals normals;
-  look_up(words[0], normals.row);
-  look_up(words[1], normals.height);
-  look_up(words[2], normals.width);
+  sample_normals(words[0], normals.row);
+  sample_normals(words[1], normals.height);
+  sample_normals(words[2], normals.width);
   const ExtractionOptions& options = sensor_.extraction;
   const Limits limits{static_cast<float>(options.min_amplitude_dn), static_cast<float>(options.min_sigma_px),
                       static_cast<float>(options.max_sigma_px)};

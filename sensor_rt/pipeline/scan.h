@@ -24,8 +24,8 @@ struct ScanOptions {
 struct ScanResult {
   Profiles profiles;                  ///< in the order of the exposures
   std::vector<std::uint16_t> images;  ///< (exposure, camera, row, column) when kept
-  std::vector<std::uint16_t>
-      background;          ///< background frames (laser off), if the sensor takes them and images are kept
+  /// Background frames (laser off), if the sensor takes them and images are kept.
+  std::vector<std::uint16_t> background;
   StageSeconds seconds{};  ///< per stage, summed over the threads
 };
 

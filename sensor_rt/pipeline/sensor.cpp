@@ -71,15 +71,32 @@ double tilt_angle(JsonObject& json, const char* key) {
   return angle;
 }
 
+/// Reads the pose: that of the paper, then its deviations from the plane of symmetry Y = 0. The camera is
+/// rotated about its z (roll), then about its y (pan).
+void read_pose(JsonObject& json, Camera& camera) {
+  const double baseline = json.positive("baseline");
+  const double height = json.number("height");
+  camera.tilt = json.number("tilt");
+  if (!(std::abs(camera.tilt) < 0.5 * M_PI)) json.fail("tilt", "must lie within ±pi/2");
+  camera.sensor_from_camera = sensor_from_camera(camera.side, baseline, height, camera.tilt);
+  const double offset_y = json.number("offset_y");
+  const double pan = json.number("pan");
+  const double roll = json.number("roll");
+  camera.is_aligned = offset_y == 0.0 && pan == 0.0 && roll == 0.0;
+  if (camera.is_aligned) return;
+  Rigid3& pose = camera.sensor_from_camera;
+  pose.translation.y() += offset_y;
+  pose.rotation = pose.rotation * (Eigen::AngleAxisd(pan, Eigen::Vector3d::UnitY()) *
+                                   Eigen::AngleAxisd(roll, Eigen::Vector3d::UnitZ()))
+                                      .toRotationMatrix();
+}
+
 Camera read_camera(JsonObject& json) {
   Camera camera;
   camera.name = json.text("name");
   camera.side = static_cast<int>(json.integer("side", -1, 1));
   if (camera.side == 0) json.fail("side", "must be 1 or -1");
-  camera.baseline = json.positive("baseline");
-  camera.height = json.number("height");
-  camera.tilt = json.number("tilt");
-  if (!(std::abs(camera.tilt) < 0.5 * M_PI)) json.fail("tilt", "must lie within ±pi/2");
+  read_pose(json, camera);
   camera.width_px = static_cast<int>(json.integer("width_px", 1, 1 << 14));
   camera.height_px = static_cast<int>(json.integer("height_px", 1, 1 << 14));
   camera.focal_px = json.positive("focal_px");
@@ -93,10 +110,6 @@ Camera read_camera(JsonObject& json) {
   camera.tilt_sensor(tilt_angle(json, "scheimpflug_x"), tilt_angle(json, "scheimpflug_y"));
   camera.focus = json.non_negative("focus");
   camera.psf_sigma_px = json.non_negative("psf_sigma_px");
-  camera.offset_y = json.number("offset_y");
-  camera.pan = json.number("pan");
-  camera.roll = json.number("roll");
-  camera.sensor_from_camera = sensor_from_camera(camera);
   try {
     require_inverse(camera);
   } catch (const std::invalid_argument& error) {
@@ -134,22 +147,13 @@ void read_detector(JsonObject json, Sensor& sensor) {
 
 void read_extraction(JsonObject json, Sensor& sensor) {
   ExtractionOptions& e = sensor.extraction;
-  constexpr PeakDetector kDetectors[] = {PeakDetector::kGaussian,
-                                         PeakDetector::kCentreOfGravity,
-                                         PeakDetector::kParabola,
-                                         PeakDetector::kLogParabola,
-                                         PeakDetector::kBlaisRioux4,
-                                         PeakDetector::kBlaisRioux8,
-                                         PeakDetector::kDerivativeOfGaussian,
-                                         PeakDetector::kSteger};
-  e.detector = kDetectors[json.choice(
-      "detector", {"gaussian", "centre_of_gravity", "parabola", "log_parabola", "blais_rioux_4",
-                   "blais_rioux_8", "derivative_of_gaussian", "steger"})];
-  constexpr PeakChoice kChoices[] = {PeakChoice::kBrightest, PeakChoice::kFirst, PeakChoice::kLast,
-                                     PeakChoice::kContinuity, PeakChoice::kAgreement};
-  e.peak = kChoices[json.choice("peak", {"brightest", "first", "last", "continuity", "agreement"})];
-  constexpr Fusion kFusions[] = {Fusion::kNone, Fusion::kWeighted};
-  sensor.triangulation.fusion = kFusions[json.choice("fusion", {"none", "weighted"})];
+  // Choices are listed in the order of their enumerations.
+  e.detector = static_cast<PeakDetector>(
+      json.choice("detector", {"gaussian", "centre_of_gravity", "parabola", "log_parabola", "blais_rioux_4",
+                               "blais_rioux_8", "derivative_of_gaussian", "steger"}));
+  e.peak =
+      static_cast<PeakChoice>(json.choice("peak", {"brightest", "first", "last", "continuity", "agreement"}));
+  sensor.triangulation.fusion = static_cast<Fusion>(json.choice("fusion", {"none", "weighted"}));
   e.continuity_px = json.positive("continuity_px");
   e.agreement_px = json.positive("agreement_px");
   sensor.triangulation.agreement_px = e.agreement_px;

@@ -61,8 +61,8 @@ struct FineImage {
 };
 
 SENSOR_RT_MULTIVERSION
-void place_on_axis(float scale, float end, const float* __restrict values, std::int32_t* __restrict index,
-                   float* __restrict share) {
+void locate_on_axis(float scale, float end, const float* __restrict values, std::int32_t* __restrict index,
+                    float* __restrict share) {
   constexpr std::int32_t kStepBits = 21;  // of 23 mantissa bits, below the two that give the step index
   constexpr std::int32_t kOne = 127 << 2;
   for (int l = 0; l < kLanes; ++l) {
@@ -97,8 +97,9 @@ float StripeResponse::Axis::node(int i) const {
   return first * std::ldexp(1.0f + 0.25f * static_cast<float>(i % 4), i / 4);
 }
 
-void StripeResponse::find_places(const Axis& axis, const float* values, Places& places) {
-  place_on_axis(1.0f / axis.first, std::ldexp(0.9999999f, axis.octaves), values, places.index, places.share);
+void StripeResponse::find_positions(const Axis& axis, const float* values, AxisPositions& positions) {
+  locate_on_axis(1.0f / axis.first, std::ldexp(0.9999999f, axis.octaves), values, positions.index,
+                 positions.share);
 }
 
 StripeResponse::StripeResponse(const ExtractionOptions& options, const ImageNoise& noise,
@@ -183,8 +184,8 @@ void StripeResponse::fill(std::size_t level, const ExtractionOptions& options, c
   }
 }
 
-StripeResponse::Node StripeResponse::mean(std::size_t level, const Places& height, const Places& width,
-                                          int l) const {
+StripeResponse::Node StripeResponse::mean(std::size_t level, const AxisPositions& height,
+                                          const AxisPositions& width, int l) const {
   const int heights = height_.nodes();
   const Node* narrow =
       &nodes_[level * per_level_ + static_cast<std::size_t>(width.index[l] * heights + height.index[l])];
@@ -200,8 +201,8 @@ StripeResponse::Node StripeResponse::mean(std::size_t level, const Places& heigh
   return result;
 }
 
-StripeResponse::Node StripeResponse::mean(double background_e, const Places& height, const Places& width,
-                                          int l) const {
+StripeResponse::Node StripeResponse::mean(double background_e, const AxisPositions& height,
+                                          const AxisPositions& width, int l) const {
   const auto above = std::upper_bound(background_e_.begin() + 1, background_e_.end() - 1, background_e);
   const auto level = static_cast<std::size_t>(above - background_e_.begin());
   const double low = background_e_[level - 1];
@@ -220,10 +221,10 @@ StripeResponse::Node StripeResponse::mean(double background_e, const Places& hei
 
 void StripeResponse::read(const float* height_dn, const float* width_px, const float* background_e,
                           Reading& reading) const {
-  Places height;
-  Places width;
-  find_places(height_, height_dn, height);
-  find_places(width_, width_px, width);
+  AxisPositions height;
+  AxisPositions width;
+  find_positions(height_, height_dn, height);
+  find_positions(width_, width_px, width);
   alignas(64) float values[Node::kValues][kLanes];
   for (int l = 0; l < kLanes; ++l) {
     const Node node = background_e_.size() > 1 ? mean(static_cast<double>(background_e[l]), height, width, l)

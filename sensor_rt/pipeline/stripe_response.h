@@ -52,7 +52,7 @@ class StripeResponse {
   };
 
   /// Positions on an axis: previous node, and fraction of the distance to the next.
-  struct alignas(64) Places {
+  struct alignas(64) AxisPositions {
     std::int32_t index[kLanes];
     float share[kLanes];
   };
@@ -67,9 +67,9 @@ class StripeResponse {
   static Axis height_axis(const ImageNoise& noise);
   void fill(std::size_t level, const ExtractionOptions& options, const ImageNoise& noise,
             const Camera& camera, bool laser_off);
-  static void find_places(const Axis& axis, const float* values, Places& places);
-  Node mean(std::size_t level, const Places& height, const Places& width, int lane) const;
-  Node mean(double background_e, const Places& height, const Places& width, int lane) const;
+  static void find_positions(const Axis& axis, const float* values, AxisPositions& positions);
+  Node mean(std::size_t level, const AxisPositions& height, const AxisPositions& width, int lane) const;
+  Node mean(double background_e, const AxisPositions& height, const AxisPositions& width, int lane) const;
 
   Axis height_;
   Axis width_;

@@ -32,13 +32,13 @@ RayTracedWorker::RayTracedWorker(const Sensor& sensor, const RenderPlan& plan, c
       background_(background == nullptr ? nullptr : std::make_unique<ImageWorker>(*background, detector)),
       extractor_(make_extractor(sensor, false)) {}
 
-RayTracedWorker::Image RayTracedWorker::expose(ImageWorker& line, const Exposures& exposures,
+RayTracedWorker::Image RayTracedWorker::expose(ImageWorker& worker, const Exposures& exposures,
                                                std::size_t exposure, std::size_t camera, std::uint16_t* kept,
                                                std::vector<std::uint16_t>& scratch) const {
   const ImageSize size{sensor_.cameras[camera].width_px, sensor_.cameras[camera].height_px};
   if (kept == nullptr) scratch.resize(size.pixels());
   std::uint16_t* pixels = kept == nullptr ? scratch.data() : kept + camera * size.pixels();
-  line.expose(exposures, exposure, camera, {pixels, size.width, size.height, size.width});
+  worker.expose(exposures, exposure, camera, {pixels, size.width, size.height, size.width});
   return {pixels, size.width, size.height, size.width};
 }
 

@@ -65,7 +65,7 @@ class RayTracedWorker {
   using Image = ImageView<const std::uint16_t>;
 
   /// Exposes the image of a camera into `kept` or, if null, `scratch`.
-  Image expose(ImageWorker& line, const Exposures& exposures, std::size_t exposure, std::size_t camera,
+  Image expose(ImageWorker& worker, const Exposures& exposures, std::size_t exposure, std::size_t camera,
                std::uint16_t* kept, std::vector<std::uint16_t>& scratch) const;
 
   const Sensor& sensor_;

@@ -5,11 +5,11 @@
 #include <numeric>
 #include <optional>
 
-#include "sensor_rt/render/integrator/ambient.h"
 #include "sensor_rt/render/integrator/lamp_filler.h"
 #include "sensor_rt/render/integrator/pixel_tracer.h"
 #include "sensor_rt/render/integrator/reflected_lamps.h"
 #include "sensor_rt/render/photons/light_tracer.h"
+#include "sensor_rt/render/pixels/block_grid.h"
 #include "sensor_rt/render/pixels/filled_pixels.h"
 #include "sensor_rt/render/reference/path_tracer.h"
 
@@ -42,8 +42,8 @@ std::vector<double> closely_spaced(double motion_px, std::size_t least) {
 }
 
 /// Sets the poses of the exposure. Returns true when rows are exposed at different times.
-bool place(const RenderPlan& plan, const Scene& scene, const Exposures& exposures, std::size_t exposure,
-           PoseTrack& track) {
+bool set_poses(const RenderPlan& plan, const Scene& scene, const Exposures& exposures, std::size_t exposure,
+               PoseTrack& track) {
   const Rigid3& sensor_from_reference = plan.sensor_from_reference;
   // In units of the duration of the poses: a background frame follows the one with the laser on.
   const double start = plan.settings.laser_on ? 0.0 : 1.0;
@@ -145,6 +145,7 @@ class CameraImage {
   PixelMask find_mirrors(const PixelTracer& tracer) const;
   void trace_lit(const PixelTracer& tracer, const PathTracer* mirrored, const PixelMask& mirrors,
                  const PixelMask& lit, PixelCover::Corners& corners);
+  void add_ambient(const PixelTracer& tracer, const PixelMask& lit, double irradiance);
   void add_lamps(const PixelTracer& tracer, const PathTracer* mirrored, const PixelMask& mirrors,
                  std::vector<float>& dense);
 
@@ -178,10 +179,7 @@ void CameraImage::trace_direct(PixelMask& lit, PixelCover::Corners& corners, boo
   }
   trace_lit(tracer, paths ? &*paths : nullptr, mirrored, lit, corners);
   const double ambient = plan_.settings.model.ambient_irradiance;
-  if (ambient > 0.0) {
-    fill_ambient(tracer, camera_.width_px, camera_.height_px, lit, ambient,
-                 [&](int column, int row, double electrons) { add(column, row, electrons); });
-  }
+  if (ambient > 0.0) add_ambient(tracer, lit, ambient);
   if (!views_.query.scene().lights().empty()) add_lamps(tracer, paths ? &*paths : nullptr, mirrored, dense);
 }
 
@@ -216,21 +214,41 @@ void CameraImage::trace_lit(const PixelTracer& tracer, const PathTracer* mirrore
   if (filled) filled->finish(add_filled, sample);
 }
 
-/// Returns the pixels that may show mirrors: one ray at each corner of a grid; a mirror at a corner marks the
-/// adjacent blocks.
+/// Returns the pixels that may show mirrors: a mirror at a corner marks the adjacent blocks.
 PixelMask CameraImage::find_mirrors(const PixelTracer& tracer) const {
-  constexpr int kBlock = 8;
+  const BlockGrid<std::int32_t> shapes(camera_.width_px, camera_.height_px,
+                                       [&](int column, int row) { return tracer.shape_at(column, row); });
   PixelMask mirrors;
   mirrors.resize(camera_.width_px, camera_.height_px);
-  for (int row = 0; row < camera_.height_px + kBlock; row += kBlock) {
-    for (int column = 0; column < camera_.width_px + kBlock; column += kBlock) {
-      const std::int32_t shape =
-          tracer.shape_at(std::min(column, camera_.width_px - 1), std::min(row, camera_.height_px - 1));
-      if (shape < 0 || !views_.brdf(shape).is_specular()) continue;
-      mirrors.mark(column - kBlock, column + kBlock, row - kBlock, row + kBlock);
+  for (int j = 0; j < shapes.rows(); ++j) {
+    for (int i = 0; i < shapes.columns(); ++i) {
+      if (shapes.at(i, j) < 0 || !views_.brdf(shapes.at(i, j)).is_specular()) continue;
+      mirrors.mark((i - 1) * kBlock, (i + 1) * kBlock, (j - 1) * kBlock, (j + 1) * kBlock);
     }
   }
   return mirrors;
+}
+
+/// Adds ambient light to the pixels outside `lit` that see a surface.
+///
+/// Ambient light is uniform and has no occlusion here (path tracing has it), so that the image is constant
+/// wherever one reflectance fills the view. Blocks whose corners agree are filled; in all others every pixel
+/// gets a ray through its centre, at mid-exposure. A detail within one block is missed.
+void CameraImage::add_ambient(const PixelTracer& tracer, const PixelMask& lit, double irradiance) {
+  const auto trace = [&](int column, int row) { return tracer.reflectance(column, row); };
+  const BlockGrid<double> corners(camera_.width_px, camera_.height_px, trace);
+  for (int row = 0; row < camera_.height_px; ++row) {
+    for (int column = 0; column < camera_.width_px; ++column) {
+      if (lit.test(column, row)) continue;
+      const int i = column / kBlock;
+      const int j = row / kBlock;
+      const double corner = corners.at(i, j);
+      const bool is_uniform = corner == corners.at(i + 1, j) && corner == corners.at(i, j + 1) &&
+                              corner == corners.at(i + 1, j + 1);
+      const double reflectance = is_uniform ? corner : trace(column, row);
+      if (reflectance > 0.0) add(column, row, tracer.electrons(column, row, reflectance * irradiance));
+    }
+  }
 }
 
 void CameraImage::add_lamps(const PixelTracer& tracer, const PathTracer* mirrored, const PixelMask& mirrors,
@@ -265,7 +283,7 @@ void CameraImage::add_reflected(SplatImage& reflected, std::vector<float>& dense
 void render_light(const RenderPlan& plan, const Scene& scene, const Exposures& exposures,
                   std::size_t exposure, RenderBuffers& buffers, std::vector<SparseImage>& images) {
   const RenderSettings& settings = plan.settings;
-  const bool is_rolling = place(plan, scene, exposures, exposure, buffers.track);
+  const bool is_rolling = set_poses(plan, scene, exposures, exposure, buffers.track);
   const SceneQuery query(scene, buffers.track);
   buffers.views.set(plan, query);
   std::optional<RowViews> rows;
@@ -274,7 +292,7 @@ void render_light(const RenderPlan& plan, const Scene& scene, const Exposures& e
   const bool has_mirrors = std::any_of(scene.shapes().begin(), scene.shapes().end(),
                                        [](const Shape& shape) { return shape.surface->is_specular(); });
   const std::int64_t frame = frame_number(exposures, exposure, settings.laser_on);
-  // Paths from the pixels find all laser light but that which a mirror throws.
+  // Paths from the pixels find all laser light except that which a mirror reflects first.
   const bool photons = settings.laser_on && settings.bounces > 0 && (has_mirrors || !settings.ground_truth);
   if (photons) trace_photons(plan, buffers.views, frame, buffers.reflected);
   images.resize(settings.model.cameras.size());

@@ -47,8 +47,8 @@ std::vector<Eigen::Vector3d> spread_sources(const LaserSheet& laser, const Sampl
   if (laser.source_length == 0.0) return {middle};
   std::vector<Eigen::Vector3d> sources;
   for (std::size_t i = 0; i < pattern.padded_size(); ++i) {
-    const double place = pattern.source[pattern.sample_of(i)];
-    sources.push_back(middle + Eigen::Vector3d(0.0, laser.source_length * place, 0.0));
+    const double position = pattern.source[pattern.sample_of(i)];
+    sources.push_back(middle + Eigen::Vector3d(0.0, laser.source_length * position, 0.0));
   }
   return sources;
 }

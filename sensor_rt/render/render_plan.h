@@ -59,9 +59,9 @@ struct RenderPlan {
   std::vector<HalfSpace> laser_region;
   std::vector<std::vector<HalfSpace>> camera_regions;  ///< regions that the sensor's own light makes visible
   std::vector<std::vector<HalfSpace>> camera_fields;   ///< entire fields of view
-  std::vector<double>
-      electrons_per_irradiance;  ///< per camera: electrons per second and per W/m² of diffusely
-                                 ///< reflected irradiance, for a pixel on the optical axis
+  /// Per camera: electrons per second and per W/m² of diffusely reflected irradiance, for a pixel on the
+  /// optical axis.
+  std::vector<double> electrons_per_irradiance;
 
   /// Returns the source point of lane l of the `packet`-th sixteen samples of a pixel.
   const Eigen::Vector3d& source(std::size_t packet, int l) const { return of_lane(lane_sources, packet, l); }

@@ -31,11 +31,11 @@ void PoseTrack::set(const Scene& scene, const Exposures& exposures, std::size_t 
       shape_from_reference_[s * instants_ + i] = shapes[s].shape_from_body * reference_from_body.inverse();
     }
   }
-  place_lights(scene, exposures, exposure, fractions);
+  set_lights(scene, exposures, exposure, fractions);
 }
 
-void PoseTrack::place_lights(const Scene& scene, const Exposures& exposures, std::size_t exposure,
-                             const std::vector<double>& fractions) {
+void PoseTrack::set_lights(const Scene& scene, const Exposures& exposures, std::size_t exposure,
+                           const std::vector<double>& fractions) {
   const std::vector<Light>& lights = scene.lights();
   reference_from_light_.resize(lights.size() * instants_);
   for (std::size_t n = 0; n < lights.size(); ++n) {

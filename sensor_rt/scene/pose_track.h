@@ -48,8 +48,8 @@ class PoseTrack {
   }
 
  private:
-  void place_lights(const Scene& scene, const Exposures& exposures, std::size_t exposure,
-                    const std::vector<double>& fractions);
+  void set_lights(const Scene& scene, const Exposures& exposures, std::size_t exposure,
+                  const std::vector<double>& fractions);
 
   std::size_t instants_ = 0;
   std::vector<Rigid3> shape_from_reference_;

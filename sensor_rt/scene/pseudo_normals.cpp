@@ -18,12 +18,12 @@ std::vector<std::uint32_t> weld(const MeshView& mesh) {
     return std::make_tuple(v[0], v[1], v[2]);
   };
   std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) { return key(a) < key(b); });
-  std::vector<std::uint32_t> place(mesh.vertex_count);
+  std::vector<std::uint32_t> welded(mesh.vertex_count);
   for (std::size_t i = 0; i < order.size(); ++i) {
     const bool same = i > 0 && key(order[i]) == key(order[i - 1]);
-    place[order[i]] = same ? place[order[i - 1]] : order[i];
+    welded[order[i]] = same ? welded[order[i - 1]] : order[i];
   }
-  return place;
+  return welded;
 }
 
 double angle_between(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
@@ -37,7 +37,7 @@ PseudoNormals::PseudoNormals(const MeshView& mesh)
       face_normals_(mesh.face_count, Eigen::Vector3d::Zero()),
       vertex_normals_(mesh.vertex_count, Eigen::Vector3d::Zero()),
       next_half_edge_(3 * mesh.face_count) {
-  const std::vector<std::uint32_t> place = weld(mesh);
+  const std::vector<std::uint32_t> welded = weld(mesh);
   for (std::size_t f = 0; f < mesh.face_count; ++f) {
     const Eigen::Vector3d corners[3] = {mesh.corner(f, 0), mesh.corner(f, 1), mesh.corner(f, 2)};
     const Eigen::Vector3d cross = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
@@ -45,7 +45,7 @@ PseudoNormals::PseudoNormals(const MeshView& mesh)
     for (std::size_t k = 0; k < 3; ++k) {
       const std::size_t next = (k + 1) % 3;
       const std::size_t previous = (k + 2) % 3;
-      faces_[f][k] = place[mesh.faces[3 * f + k]];
+      faces_[f][k] = welded[mesh.faces[3 * f + k]];
       const double angle = angle_between(corners[next] - corners[k], corners[previous] - corners[k]);
       vertex_normals_[faces_[f][k]] += angle * face_normals_[f];
     }

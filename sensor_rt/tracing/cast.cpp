@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
-#include <limits>
 #include <stdexcept>
 #include <string>
 
@@ -86,6 +85,14 @@ class Caster {
     }
   }
 
+  /// Returns a function that gives the LaneTransform of a shape for rays from `origin`.
+  auto transforms_from(const Lanes3& origin) {
+    return [this, &origin](std::size_t shape) -> const LaneTransform& {
+      transform(poses_[shape], origin, transforms_[shape].origin);
+      return transforms_[shape];
+    };
+  }
+
   /// Finds the closest hits. False when a ray is not finite or has zero direction.
   bool cast(const double* origins, const double* directions, std::size_t first, int lanes,
             CastResult& result) {
@@ -95,14 +102,9 @@ class Caster {
     load(directions + 3 * first, lanes, direction);
     if (!normalize(origin, direction)) return false;
     alignas(64) int valid[kLanes];
-    for (int l = 0; l < kLanes; ++l) valid[l] = l < lanes ? -1 : 0;
+    activate_lanes(static_cast<std::size_t>(lanes), valid);
     PacketHits hits;
-    clear_hits(hits, std::numeric_limits<double>::infinity());
-    for (std::size_t s = 0; s < poses_.size(); ++s) {
-      transform(poses_[s], origin, transforms_[s].origin);
-      intersect_shape(scene_.shapes()[s], static_cast<std::int32_t>(s), transforms_[s], direction, valid,
-                      hits);
-    }
+    intersect_shapes(scene_.shapes(), transforms_from(origin), direction, valid, hits);
     for (int l = 0; l < lanes; ++l) {
       const std::size_t ray = first + static_cast<std::size_t>(l);
       const bool hit = hits.shape[l] >= 0;
@@ -122,11 +124,8 @@ class Caster {
     load(ends + 3 * first, lanes, direction);
     if (!to_directions(origin, direction)) return false;
     alignas(64) int unoccluded[kLanes];
-    for (int l = 0; l < kLanes; ++l) unoccluded[l] = l < lanes ? -1 : 0;
-    for (std::size_t s = 0; s < poses_.size(); ++s) {
-      transform(poses_[s], origin, transforms_[s].origin);
-      occlude_by_shape(scene_.shapes()[s], transforms_[s], direction, 1.0, unoccluded);
-    }
+    activate_lanes(static_cast<std::size_t>(lanes), unoccluded);
+    occlude_by_shapes(scene_.shapes(), transforms_from(origin), direction, 1.0, unoccluded);
     for (int l = 0; l < lanes; ++l) blocked[first + static_cast<std::size_t>(l)] = unoccluded[l] == 0 ? 1 : 0;
     return true;
   }

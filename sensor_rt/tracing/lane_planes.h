@@ -2,16 +2,12 @@
 #pragma once
 
 #include <cstdint>
-#include <limits>
 #include <vector>
 
 #include "sensor_rt/geometry/rigid3.h"
 #include "sensor_rt/tracing/packet.h"
 
 namespace sensor_rt {
-
-/// t of rays without a hit.
-constexpr double kNoHit = std::numeric_limits<double>::infinity();
 
 /// Planes of faces, one per ray.
 struct alignas(64) LanePlanes {

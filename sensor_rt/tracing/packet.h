@@ -2,11 +2,15 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 
 #include "sensor_rt/geometry/lanes.h"
 #include "sensor_rt/scene/mesh_view.h"
 
 namespace sensor_rt {
+
+/// t of rays without a hit.
+constexpr double kNoHit = std::numeric_limits<double>::infinity();
 
 /// Per ray: rotation shape_from_reference (row-major) and the ray's origin in the frame of a shape. The lanes
 /// of a packet may belong to different instants of an exposure, hence to different poses.

@@ -1,7 +1,6 @@
 #include "sensor_rt/tracing/primitive.h"
 
 #include <cmath>
-#include <limits>
 
 #include "sensor_rt/geometry/multiversion.h"
 
@@ -10,15 +9,13 @@ namespace {
 
 // Conditions are combined by & and applied as factors: the loops vectorise only without branches.
 
-constexpr double kNone = std::numeric_limits<double>::infinity();
-
 /// Returns a finite reciprocal of a direction component, so that 0 * infinity never occurs.
 inline double safe_reciprocal(double d) { return 1.0 / (d + std::copysign(1e-200, d)); }
 
 /// Returns the first positive end of the interval [enter, leave] in which a ray is inside a convex solid.
 inline double first_crossing(double enter, double leave) {
   const double first = enter > 0.0 ? enter : leave;
-  return (enter <= leave) & (leave > 0.0) ? first : kNone;
+  return (enter <= leave) & (leave > 0.0) ? first : kNoHit;
 }
 
 SENSOR_RT_MULTIVERSION
@@ -34,9 +31,9 @@ void intersect_sphere(double radius, const Lanes3& __restrict o, const Lanes3& _
     const double rest = radius * radius - (x * x + y * y + z * z);
     const double half = std::sqrt((rest > 0.0 ? rest : 0.0) / a);
     const double crossing = first_crossing(nearest - half, nearest + half);
-    const double hit = rest >= 0.0 ? crossing : kNone;
+    const double hit = rest >= 0.0 ? crossing : kNoHit;
     t[l] = hit;
-    const double at = hit < kNone ? hit : 0.0;
+    const double at = hit < kNoHit ? hit : 0.0;
     n.x[l] = (o.x[l] + at * d.x[l]) / radius;
     n.y[l] = (o.y[l] + at * d.y[l]) / radius;
     n.z[l] = (o.z[l] + at * d.z[l]) / radius;
@@ -103,10 +100,10 @@ struct Span {
   const bool is_steep = a < 0.0;
   const bool is_along_axis = (a == 0.0) & (b == 0.0);
   const bool misses = (!is_steep & (discriminant < 0.0)) | (is_along_axis & (c > 0.0));
-  const double enter = is_steep ? (growth > 0.0 ? high : -kNone) : low;
-  const double leave = is_steep ? (growth > 0.0 ? kNone : low) : high;
-  return {misses ? kNone : (is_along_axis ? -kNone : enter),
-          misses ? -kNone : (is_along_axis ? kNone : leave)};
+  const double enter = is_steep ? (growth > 0.0 ? high : -kNoHit) : low;
+  const double leave = is_steep ? (growth > 0.0 ? kNoHit : low) : high;
+  return {misses ? kNoHit : (is_along_axis ? -kNoHit : enter),
+          misses ? -kNoHit : (is_along_axis ? kNoHit : leave)};
 }
 
 /// Solid of revolution: a cone frustum or cylinder with end faces, with or without a bore through it. Inlined
@@ -150,7 +147,7 @@ template <bool kHasBore>
     const double on_cap_in = hit == cap_in ? 1.0 : 0.0;
     const double on_cap_out = (1.0 - on_cap_in) * (hit == cap_out ? 1.0 : 0.0);
     const double on_side = (1.0 - on_cap_in) * (1.0 - on_cap_out);
-    const double at = hit < kNone ? hit : 0.0;
+    const double at = hit < kNoHit ? hit : 0.0;
     const double px = o.x[l] + at * d.x[l];
     const double py = o.y[l] + at * d.y[l];
     const double radius = std::sqrt(px * px + py * py);
@@ -180,7 +177,7 @@ void intersect_rectangle(double hx, double hy, const Lanes3& __restrict o, const
     const double hit = -o.z[l] * safe_reciprocal(d.z[l]);
     const double x = o.x[l] + hit * d.x[l];
     const double y = o.y[l] + hit * d.y[l];
-    t[l] = (hit > 0.0) & (std::abs(x) <= hx) & (std::abs(y) <= hy) ? hit : kNone;
+    t[l] = (hit > 0.0) & (std::abs(x) <= hx) & (std::abs(y) <= hy) ? hit : kNoHit;
     n.x[l] = 0.0;
     n.y[l] = 0.0;
     n.z[l] = 1.0;

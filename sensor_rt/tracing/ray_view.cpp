@@ -99,42 +99,35 @@ void RayView::set(const SceneQuery& query, const std::vector<Eigen::Vector3d>& l
   });
 }
 
-void RayView::intersect(std::size_t packet, const Lanes3& direction, const int* valid, double farthest,
-                        PacketHits& hits) const {
+void RayView::intersect(std::size_t packet, const Lanes3& direction, const int* valid, PacketHits& hits,
+                        double farthest) const {
   clear_hits(hits, farthest);
-  for (const std::size_t k : order_) intersect_with(k, packet, direction, valid, hits);
+  for (const std::size_t k : order_) {
+    const std::size_t at = k * packets_ + packet;
+    if (nearest_[at] > 0.0 && !any_reaches(nearest_[at], direction, hits.t)) continue;
+    const auto number = static_cast<std::int32_t>(shapes_[k]);
+    intersect_shape(scene_->shapes()[shapes_[k]], number, transforms_[at], direction, valid, hits);
+  }
 }
 
-void RayView::intersect_with(std::size_t k, std::size_t packet, const Lanes3& direction, const int* valid,
-                             PacketHits& hits) const {
-  const std::size_t at = k * packets_ + packet;
-  if (nearest_[at] > 0.0 && !any_reaches(nearest_[at], direction, hits.t)) return;
-  const auto number = static_cast<std::int32_t>(shapes_[k]);
-  intersect_shape(scene_->shapes()[shapes_[k]], number, transforms_[at], direction, valid, hits);
-}
-
-bool RayView::meet(std::size_t packet, const Patch& patch, const Lanes3& direction, const int* valid,
-                   PacketHits& hits) const {
+bool RayView::intersect_patch(std::size_t packet, const Patch& patch, const Lanes3& direction,
+                              const int* valid, PacketHits& hits) const {
   if (patch.is_open) return false;
   const auto number = static_cast<std::size_t>(patch.shape);
   const auto in_view = std::lower_bound(shapes_.begin(), shapes_.end(), number) - shapes_.begin();
   const LaneTransform& transform = transforms_[static_cast<std::size_t>(in_view) * packets_ + packet];
-  return intersect_patch(scene_->shapes()[number], patch, transform, direction, valid, hits);
+  return sensor_rt::intersect_patch(scene_->shapes()[number], patch, transform, direction, valid, hits);
 }
 
 void RayView::occlude(std::size_t packet, const Lanes3& segment, int* unoccluded) const {
-  for (const std::size_t k : order_) {
-    if (std::none_of(unoccluded, unoccluded + kLanes, [](int lane) { return lane != 0; })) return;
-    occlude_by(k, packet, segment, unoccluded);
-  }
-}
-
-void RayView::occlude_by(std::size_t k, std::size_t packet, const Lanes3& segment, int* unoccluded) const {
-  const std::size_t at = k * packets_ + packet;
   alignas(64) double t[kLanes];
   std::fill(t, t + kLanes, kSegmentEnd);
-  if (nearest_[at] > 0.0 && !any_reaches(nearest_[at], segment, t)) return;
-  occlude_by_shape(scene_->shapes()[shapes_[k]], transforms_[at], segment, kSegmentEnd, unoccluded);
+  for (const std::size_t k : order_) {
+    if (!any_lane(unoccluded)) return;
+    const std::size_t at = k * packets_ + packet;
+    if (nearest_[at] > 0.0 && !any_reaches(nearest_[at], segment, t)) continue;
+    occlude_by_shape(scene_->shapes()[shapes_[k]], transforms_[at], segment, kSegmentEnd, unoccluded);
+  }
 }
 
 }  // namespace sensor_rt

@@ -21,14 +21,14 @@ class RayView {
   void set(const SceneQuery& query, const std::vector<Eigen::Vector3d>& lane_origins,
            const std::vector<std::size_t>& lane_instants, const std::vector<HalfSpace>& region);
 
-  /// Finds the closest hits of packet kind `packet` up to t = farthest.
-  void intersect(std::size_t packet, const Lanes3& direction, const int* valid, double farthest,
-                 PacketHits& hits) const;
+  /// Finds the closest hits of packet `packet` up to t = farthest.
+  void intersect(std::size_t packet, const Lanes3& direction, const int* valid, PacketHits& hits,
+                 double farthest = kNoHit) const;
 
   /// Computes the hits of rays that are known to hit nothing before `patch`, of a shape in view. Returns
   /// false when a ray misses it or the patch is open.
-  bool meet(std::size_t packet, const Patch& patch, const Lanes3& direction, const int* valid,
-            PacketHits& hits) const;
+  bool intersect_patch(std::size_t packet, const Patch& patch, const Lanes3& direction, const int* valid,
+                       PacketHits& hits) const;
 
   /// Clears unoccluded[lane] for segments from the origins that a shape blocks before kSegmentEnd.
   void occlude(std::size_t packet, const Lanes3& segment, int* unoccluded) const;
@@ -39,12 +39,6 @@ class RayView {
   bool empty() const { return shapes_.empty(); }
 
  private:
-  /// Updates the closest hits with the k-th of shapes().
-  void intersect_with(std::size_t k, std::size_t packet, const Lanes3& direction, const int* valid,
-                      PacketHits& hits) const;
-  /// Clears unoccluded[lane] for segments that it blocks.
-  void occlude_by(std::size_t k, std::size_t packet, const Lanes3& segment, int* unoccluded) const;
-
   const Scene* scene_ = nullptr;
   std::size_t packets_ = 0;
   std::vector<std::size_t> shapes_;

@@ -132,9 +132,9 @@ bool PoseSearch::find(std::size_t sample, FreeDistances& free_distances, FoundPo
   // Directions within a cell differ from its centre by less than the cell size.
   const double slack = std::max(0.0, std::cos(std::min(kPi, std::acos(min_cosine_) + directions.step())));
   free_distances.start(origin.cast<float>(), normal.cast<float>(), static_cast<float>(std::max(slack, 1e-6)));
-  std::vector<Eigen::Vector3d> turned;  // the sample, rotated to azimuth 0, per azimuth
+  std::vector<Eigen::Vector3d> rotated_samples;  // the sample, rotated to azimuth 0, per azimuth
   for (const Eigen::Matrix3d& rotation : azimuth_rotations_)
-    turned.push_back(rotation.transpose() * samples_.points[sample]);
+    rotated_samples.push_back(rotation.transpose() * samples_.points[sample]);
   Cursor& cursor = cursors_[sample];
   const auto height = static_cast<float>(samples_.points[sample].z());
   const auto cells = static_cast<std::uint32_t>(order_.size() * DirectionGrid::kTileCells);
@@ -150,7 +150,7 @@ bool PoseSearch::find(std::size_t sample, FreeDistances& free_distances, FoundPo
       if (height + pose.lowest < 0.0f) break;
       if (free < grid_.laser_distance(pose.point)) continue;
       const int azimuth = grid_.azimuth(pose, column);
-      const Eigen::Vector3d& at = turned[static_cast<std::size_t>(azimuth)];
+      const Eigen::Vector3d& at = rotated_samples[static_cast<std::size_t>(azimuth)];
       if (reach_.is_cube_unreachable(pose.orientation, at + pose.origin.cast<double>())) continue;
       if (!try_pose(sample, i, azimuth, at, free_distances, found)) continue;
       cursor.pose = static_cast<std::uint32_t>(i + 1 - list.begin);

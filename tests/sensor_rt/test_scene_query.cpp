@@ -2,7 +2,6 @@
 // themselves.
 #include <gtest/gtest.h>
 
-#include <limits>
 #include <random>
 
 #include "sensor_rt/optics/laser_emitter.h"
@@ -15,7 +14,6 @@ namespace {
 
 using Vector = Eigen::Vector3d;
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 alignas(64) constexpr int kAll[kLanes] = {-1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1};
 
 LaserSheet make_laser() {
@@ -91,7 +89,7 @@ TEST(RayView, AnswersLikeSceneQuery) {
     PacketHits expected;
     PacketHits found;
     query.intersect(instants.data(), origin, direction, kAll, expected);
-    view.intersect(0, direction, kAll, kInfinity, found);
+    view.intersect(0, direction, kAll, found);
     Lanes3 segment;
     alignas(64) int expected_free[kLanes];
     alignas(64) int found_free[kLanes];

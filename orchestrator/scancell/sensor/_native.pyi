@@ -198,25 +198,33 @@ class Peaks:
     """Stripe peaks as arrays of equal length, in the order frame, camera, column."""
 
     @property
-    def frame(self) -> NDArray[np.int64]: ...
+    def frame(self) -> NDArray[np.int64]:
+        """Number of the frame within the batch."""
     @property
     def camera(self) -> NDArray[np.int32]: ...
     @property
     def column(self) -> NDArray[np.int32]: ...
     @property
-    def row(self) -> NDArray[np.float64]: ...
+    def row(self) -> NDArray[np.float64]:
+        """Row in the image, px; integer = pixel centre."""
     @property
-    def amplitude(self) -> NDArray[np.float32]: ...
+    def amplitude(self) -> NDArray[np.float32]:
+        """DN above the background."""
     @property
-    def width(self) -> NDArray[np.float32]: ...
+    def width(self) -> NDArray[np.float32]:
+        """Standard deviation of the stripe, px."""
     @property
-    def row_sigma(self) -> NDArray[np.float32]: ...
+    def row_sigma(self) -> NDArray[np.float32]:
+        """Standard deviation of `row` from noise, px."""
     @property
-    def asymmetry(self) -> NDArray[np.float32]: ...
+    def asymmetry(self) -> NDArray[np.float32]:
+        """> 0 when the tail lies at larger rows."""
     @property
-    def residual(self) -> NDArray[np.float32]: ...
+    def residual(self) -> NDArray[np.float32]:
+        """Misfit beyond noise, relative to `amplitude`."""
     @property
-    def flags(self) -> NDArray[np.uint32]: ...
+    def flags(self) -> NDArray[np.uint32]:
+        """Bits of `PEAK_FLAGS`."""
     def __len__(self) -> int: ...
 
 class Profiles:
@@ -225,21 +233,26 @@ class Profiles:
     @property
     def points_in_sensor(self) -> NDArray[np.float64]: ...
     @property
-    def covariance(self) -> NDArray[np.float64]: ...
+    def covariance(self) -> NDArray[np.float64]:
+        """Covariance (n, 3, 3), m²."""
     @property
-    def sigma(self) -> NDArray[np.float32]: ...
+    def sigma(self) -> NDArray[np.float32]:
+        """Largest standard deviation over directions, m."""
     @property
-    def intensity(self) -> NDArray[np.float32]: ...
+    def intensity(self) -> NDArray[np.float32]:
+        """Amplitude of the peak, DN."""
     @property
     def camera(self) -> NDArray[np.int32]: ...
     @property
     def column(self) -> NDArray[np.int32]: ...
     @property
-    def row(self) -> NDArray[np.float64]: ...
+    def row(self) -> NDArray[np.float64]:
+        """Row in the image, px."""
     @property
     def frame(self) -> NDArray[np.int64]: ...
     @property
-    def flags(self) -> NDArray[np.uint32]: ...
+    def flags(self) -> NDArray[np.uint32]:
+        """Bits of `PEAK_FLAGS`."""
     def __len__(self) -> int: ...
 
 def expose(
@@ -248,7 +261,18 @@ def expose(
     duration: NDArray[np.float64],
     index: NDArray[np.int64],
     threads: int = 0,
-) -> NDArray[np.uint16]: ...
+) -> NDArray[np.uint16]:
+    """Return digital images of expected photo-electrons (n, cameras, height, width), in the terms of EMVA 1288.
+
+    `duration` (n,) is in seconds, for the dark current, which is added here; `index` (n,) are frame numbers, on which
+    the noise depends.
+
+    Raises
+    ------
+    ValueError
+        If an array has the wrong type or shape.
+    """
+
 def extract(
     images: NDArray[np.uint16],
     sensor: Sensor,

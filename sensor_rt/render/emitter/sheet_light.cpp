@@ -1,7 +1,6 @@
 #include "sensor_rt/render/emitter/sheet_light.h"
 
 #include <cmath>
-#include <limits>
 
 #include "sensor_rt/geometry/fast_math.h"
 #include "sensor_rt/geometry/multiversion.h"
@@ -9,8 +8,6 @@
 
 namespace sensor_rt {
 namespace {
-
-constexpr double kNone = std::numeric_limits<double>::infinity();
 
 /// Common viewpoint and source for all lanes, planar sheet.
 struct Simple {
@@ -40,7 +37,7 @@ template <typename Geometry>
                                                Lanes3& __restrict from_source, double* __restrict irradiance,
                                                double* __restrict unoccluded) {
   for (int l = 0; l < kLanes; ++l) {
-    const double t = hits.t[l] < kNone ? hits.t[l] : 1.0;
+    const double t = hits.t[l] < kNoHit ? hits.t[l] : 1.0;
     const double x = g.viewpoint_x(l) + t * d.x[l];
     const double y = g.viewpoint_y(l) + t * d.y[l] - g.source_y(l);
     const double depth = g.viewpoint_z(l) + t * d.z[l] - laser.sheet.source_z;
@@ -56,11 +53,11 @@ template <typename Geometry>
     const double in_sheet = across * across <= kSheetReach * kSheetReach * variance ? 1.0 : 0.0;
     const double in_fan = laser.in_fan(y, depth) ? 1.0 : 0.0;
     const double in_front = facing > 0.0 ? 1.0 : 0.0;
-    const double shine = in_sheet * in_fan * in_front;
+    const double in_light = in_sheet * in_fan * in_front;
     const double exponent = -0.5 * across * across / variance;
-    irradiance[l] = shine * exp_negative(exponent > -600.0 ? exponent : -600.0) *
+    irradiance[l] = in_light * exp_negative(exponent > -600.0 ? exponent : -600.0) *
                     laser.peak_irradiance(facing, variance, x, y, depth);
-    unoccluded[l] = shine;
+    unoccluded[l] = in_light;
     from_source.x[l] = x;
     from_source.y[l] = y;
     from_source.z[l] = depth;

@@ -32,20 +32,20 @@ Speckle::Speckle(const RenderPlan& plan, const ExposureViews& views, std::size_t
 
 /// Moves `cell` to the cell of a point.
 void Speckle::enter(std::int32_t shape, const Eigen::Vector3d& point_in_shape, Cell& cell) const {
-  std::array<std::int32_t, 3> place{};
+  std::array<std::int32_t, 3> index{};
   Eigen::Vector3d middle;
   for (int k = 0; k < 3; ++k) {
     const double number = std::floor(point_in_shape[k] / cell_size_ + kCellShift[k]);
-    place[static_cast<std::size_t>(k)] = static_cast<std::int32_t>(number);
+    index[static_cast<std::size_t>(k)] = static_cast<std::int32_t>(number);
     middle[k] = (number + 0.5 - kCellShift[k]) * cell_size_;
   }
-  if (cell.shape == shape && cell.place == place) return;
+  if (cell.shape == shape && cell.index == index) return;
   cell.shape = shape;
-  cell.place = place;
+  cell.index = index;
   const std::uint64_t seed = plan_.settings.seed;
   const auto bits = philox4x32(
-      {static_cast<std::uint32_t>(place[0]), static_cast<std::uint32_t>(place[1]),
-       static_cast<std::uint32_t>(place[2]), static_cast<std::uint32_t>(shape)},
+      {static_cast<std::uint32_t>(index[0]), static_cast<std::uint32_t>(index[1]),
+       static_cast<std::uint32_t>(index[2]), static_cast<std::uint32_t>(shape)},
       {static_cast<std::uint32_t>(seed) ^ (0x6A41Eu + 0x9E3779B9u * static_cast<std::uint32_t>(camera_)),
        static_cast<std::uint32_t>(seed >> 32)});
   const Camera& camera = plan_.settings.model.cameras[camera_];

@@ -34,9 +34,9 @@ class Speckle {
   /// Cell of a shape: image position of its centre and offset in the tile.
   struct Cell {
     std::int32_t shape = -1;
-    std::array<std::int32_t, 3> place{};
-    Eigen::Vector2d from_pixel =
-        Eigen::Vector2d::Zero();  ///< offset added to pixel coordinates, steps of the tile
+    std::array<std::int32_t, 3> index{};
+    /// Offset added to pixel coordinates, steps of the tile.
+    Eigen::Vector2d from_pixel = Eigen::Vector2d::Zero();
   };
 
   void enter(std::int32_t shape, const Eigen::Vector3d& point_in_shape, Cell& cell) const;

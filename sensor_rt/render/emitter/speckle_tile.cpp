@@ -37,9 +37,9 @@ void inverse_fourier(std::vector<Complex>& values) {
   }
   for (std::size_t length = 2; length <= count; length <<= 1) {
     for (std::size_t k = 0; k < length / 2; ++k) {
-      const Complex turn = roots[k * (kSide / length)];
+      const Complex twiddle = roots[k * (kSide / length)];
       for (std::size_t first = k; first < count; first += length) {
-        const Complex odd = turn * values[first + length / 2];
+        const Complex odd = twiddle * values[first + length / 2];
         values[first + length / 2] = values[first] - odd;
         values[first] += odd;
       }

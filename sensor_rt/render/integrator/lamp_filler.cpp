@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <vector>
+
+#include "sensor_rt/render/pixels/block_grid.h"
 
 namespace sensor_rt {
 namespace {
 
-constexpr int kBlock = 8;
 constexpr double kFlat = 1.0 - 1e-9;  // cosine between normals of one face
 constexpr double kSmooth = 0.005;     // largest relative interpolation error at the centre
 constexpr double kMaxRange = 0.2;     // largest relative difference between corners
@@ -20,12 +20,6 @@ bool on_one_face(const LampView& a, const LampView& b) {
 struct Block {
   int left, top, right, bottom;  ///< corner pixels; the right and bottom ones belong to the next blocks
 };
-
-LampView trace_middle(const PixelTracer& tracer, const ReflectedLamps* reflected, int column, int row) {
-  LampView view = tracer.lamp_light(column, row);
-  if (reflected != nullptr) view.light += reflected->at(column, row, view);
-  return view;
-}
 
 /// Fills a block by interpolation. Returns false when its light is not smooth; `trace` returns the light in a
 /// pixel.
@@ -65,23 +59,18 @@ bool interpolate(const Trace& trace, const Block& block, const LampView* const* 
 
 void fill_lamps(const PixelTracer& tracer, const ReflectedLamps* reflected, int width, int height,
                 float* out) {
-  const auto trace = [&](int column, int row) { return trace_middle(tracer, reflected, column, row); };
-  std::vector<LampView> corners_of_blocks;
-  const int columns = (width + kBlock - 1) / kBlock;
-  const int rows = (height + kBlock - 1) / kBlock;
-  for (int row = 0; row <= rows; ++row) {
-    for (int column = 0; column <= columns; ++column) {
-      corners_of_blocks.push_back(
-          trace(std::min(column * kBlock, width - 1), std::min(row * kBlock, height - 1)));
-    }
-  }
-  for (int row = 0; row < rows; ++row) {
-    for (int column = 0; column < columns; ++column) {
-      const Block block{column * kBlock, row * kBlock, std::min((column + 1) * kBlock, width - 1),
-                        std::min((row + 1) * kBlock, height - 1)};
-      const LampView* top = &corners_of_blocks[static_cast<std::size_t>(row * (columns + 1) + column)];
-      const LampView* bottom = top + columns + 1;
-      const LampView* const corners[] = {top, top + 1, bottom, bottom + 1};
+  const auto trace = [&](int column, int row) {
+    LampView view = tracer.lamp_light(column, row);
+    if (reflected != nullptr) view.light += reflected->at(column, row, view);
+    return view;
+  };
+  const BlockGrid<LampView> grid(width, height, trace);
+  for (int j = 0; j + 1 < grid.rows(); ++j) {
+    for (int i = 0; i + 1 < grid.columns(); ++i) {
+      const Block block{i * kBlock, j * kBlock, std::min((i + 1) * kBlock, width - 1),
+                        std::min((j + 1) * kBlock, height - 1)};
+      const LampView* const corners[] = {&grid.at(i, j), &grid.at(i + 1, j), &grid.at(i, j + 1),
+                                         &grid.at(i + 1, j + 1)};
       if (interpolate(trace, block, corners, width, out)) continue;
       for (int y = block.top; y < std::min(block.top + kBlock, height); ++y) {
         for (int x = block.left; x < std::min(block.left + kBlock, width); ++x)

@@ -1,15 +1,8 @@
 #include "sensor_rt/render/integrator/pixel_tracer.h"
 
-#include <algorithm>
 #include <cmath>
-#include <limits>
 
 namespace sensor_rt {
-namespace {
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-
-}  // namespace
 
 PixelTracer::PixelTracer(const RenderPlan& plan, const ExposureViews& views, RowViews* rows,
                          std::size_t camera)
@@ -67,14 +60,14 @@ double PixelTracer::sum_packet(const ExposureViews& views, int column, int row, 
                                const Lanes3& direction, const int* valid, const Patch& patch) const {
   PacketHits hits;
   const RayView& view = views.cameras[rays_.camera()];
-  const bool met = patch.shape >= 0 && view.meet(packet, patch, direction, valid, hits);
-  if (!met) view.intersect(packet, direction, valid, kInfinity, hits);
+  const bool on_patch = patch.shape >= 0 && view.intersect_patch(packet, patch, direction, valid, hits);
+  if (!on_patch) view.intersect(packet, direction, valid, hits);
   Lanes3 from_source;
   alignas(64) double irradiance[kLanes];
   alignas(64) int lit[kLanes];
   light(packet, direction, hits, from_source, irradiance, lit);
-  const bool any = std::any_of(lit, lit + kLanes, [](int lane) { return lane != 0; });
-  if (any && !(met && patch.in_light)) views.laser.occlude(packet, from_source, lit);
+  const bool any = any_lane(lit);
+  if (any && !(on_patch && patch.in_light)) views.laser.occlude(packet, from_source, lit);
   if (!any && plan_.settings.model.ambient_irradiance == 0.0) return 0.0;
   if (any && speckle_.enabled())
     speckle_.modulate(views, column, row, packet, direction, hits, lit, irradiance);
@@ -92,12 +85,12 @@ double PixelTracer::beyond_first_face(int column, int row, const Patch& patch) c
     Lanes3 direction;
     rays_.through_samples(column, row, packet, direction);
     alignas(64) int valid[kLanes];
-    for (std::size_t l = 0; l < kLanes; ++l) valid[l] = packet * kLanes + l < samples ? -1 : 0;
+    activate_lanes(samples - packet * kLanes, valid);
     PacketHits hits;
     PacketHits on_first;
-    if (!view.meet(packet, patch, direction, valid, hits))
-      view.intersect(packet, direction, valid, kInfinity, hits);
-    if (!view.meet(packet, first, direction, valid, on_first)) continue;
+    if (!view.intersect_patch(packet, patch, direction, valid, hits))
+      view.intersect(packet, direction, valid, hits);
+    if (!view.intersect_patch(packet, first, direction, valid, on_first)) continue;
     for (const PacketHits* side : {&hits, &on_first}) {
       Lanes3 from_source;
       alignas(64) double irradiance[kLanes];
@@ -119,7 +112,7 @@ double PixelTracer::trace(int column, int row, const Patch& patch) const {
     Lanes3 direction;
     rays_.through_samples(column, row, first / kLanes, direction);
     alignas(64) int valid[kLanes];
-    for (std::size_t l = 0; l < kLanes; ++l) valid[l] = first + l < samples ? -1 : 0;
+    activate_lanes(samples - first, valid);
     sum += sum_packet(views, column, row, first / kLanes, direction, valid, patch);
   }
   if (sum == 0.0) return 0.0;
@@ -130,7 +123,7 @@ PixelTracer::Middle PixelTracer::trace_middle(int column, int row) const {
   Middle middle{views_of(row), {}, {}};
   rays_.through_middle(column, row, middle.direction);
   alignas(64) const int valid[kLanes] = {-1};
-  middle.views.middles[rays_.camera()].intersect(0, middle.direction, valid, kInfinity, middle.hits);
+  middle.views.middles[rays_.camera()].intersect(0, middle.direction, valid, middle.hits);
   return middle;
 }
 

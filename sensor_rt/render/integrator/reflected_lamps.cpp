@@ -6,13 +6,12 @@
 namespace sensor_rt {
 namespace {
 
-constexpr int kSpacing = 8;     ///< node spacing, px
-constexpr int kPaths = 32;      ///< minimum number of paths per node
-constexpr int kSmooth = 2;      ///< smoothing radius, nodes
-constexpr double kAlike = 0.9;  ///< smallest cosine between similar normals
+constexpr int kPaths = 32;        ///< minimum number of paths per node
+constexpr int kSmooth = 2;        ///< smoothing radius, nodes
+constexpr double kSimilar = 0.9;  ///< smallest cosine between similar normals
 
 bool is_similar(const LampView& a, const LampView& b) {
-  return a.shape == b.shape && a.normal.dot(b.normal) > kAlike;
+  return a.shape == b.shape && a.normal.dot(b.normal) > kSimilar;
 }
 
 }  // namespace
@@ -30,36 +29,27 @@ double ReflectedLamps::trace(int column, int row) const {
 }
 
 ReflectedLamps::ReflectedLamps(const RenderPlan& plan, const ExposureViews& views, std::size_t camera,
-                               std::int64_t frame, const PixelTracer& looks)
+                               std::int64_t frame, const PixelTracer& direct)
     : camera_(plan.settings.model.cameras[camera]),
       samples_(static_cast<int>(plan.pattern.size())),
       tracer_(plan, PathTracer::Mode::kReflectedLamps, views, nullptr, camera, frame),
-      columns_((camera_.width_px + kSpacing - 1) / kSpacing + 1),
-      rows_((camera_.height_px + kSpacing - 1) / kSpacing + 1),
-      nodes_(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_)) {
-  for (int j = 0; j < rows_; ++j) {
-    for (int i = 0; i < columns_; ++i) {
-      const int column = std::min(i * kSpacing, camera_.width_px - 1);
-      const int row = std::min(j * kSpacing, camera_.height_px - 1);
-      Node& node = nodes_[static_cast<std::size_t>(j * columns_ + i)];
-      node.seen = looks.lamp_light(column, row);
-      node.traced = node.seen.shape < 0 ? 0.0 : trace(column, row);
-    }
-  }
-  for (int j = 0; j < rows_; ++j) {
-    for (int i = 0; i < columns_; ++i)
-      nodes_[static_cast<std::size_t>(j * columns_ + i)].light = smoothed(i, j);
+      nodes_(camera_.width_px, camera_.height_px, [&](int column, int row) {
+        const LampView seen = direct.lamp_light(column, row);
+        return Node{seen, seen.shape < 0 ? 0.0 : trace(column, row), 0.0};
+      }) {
+  for (int j = 0; j < nodes_.rows(); ++j) {
+    for (int i = 0; i < nodes_.columns(); ++i) nodes_.at(i, j).light = smoothed(i, j);
   }
 }
 
 /// Returns the weighted mean of similar nodes nearby.
 double ReflectedLamps::smoothed(int i, int j) const {
-  const Node& middle = nodes_[static_cast<std::size_t>(j * columns_ + i)];
+  const Node& middle = nodes_.at(i, j);
   double sum = 0.0;
   double weights = 0.0;
-  for (int v = std::max(0, j - kSmooth); v <= std::min(rows_ - 1, j + kSmooth); ++v) {
-    for (int u = std::max(0, i - kSmooth); u <= std::min(columns_ - 1, i + kSmooth); ++u) {
-      const Node& node = nodes_[static_cast<std::size_t>(v * columns_ + u)];
+  for (int v = std::max(0, j - kSmooth); v <= std::min(nodes_.rows() - 1, j + kSmooth); ++v) {
+    for (int u = std::max(0, i - kSmooth); u <= std::min(nodes_.columns() - 1, i + kSmooth); ++u) {
+      const Node& node = nodes_.at(u, v);
       if (!is_similar(node.seen, middle.seen)) continue;
       const double weight = (kSmooth + 1 - std::abs(u - i)) * (kSmooth + 1 - std::abs(v - j));
       sum += weight * node.traced;
@@ -71,16 +61,16 @@ double ReflectedLamps::smoothed(int i, int j) const {
 
 double ReflectedLamps::at(int column, int row, const LampView& seen) const {
   if (seen.shape < 0) return 0.0;
-  const double x = static_cast<double>(column) / kSpacing;
-  const double y = static_cast<double>(row) / kSpacing;
+  const double x = static_cast<double>(column) / kBlock;
+  const double y = static_cast<double>(row) / kBlock;
   // The four nearest nodes, then the twelve around them.
   for (const int reach : {1, 2}) {
     double sum = 0.0;
     double weights = 0.0;
     for (int j = static_cast<int>(y) + 1 - reach; j <= static_cast<int>(y) + reach; ++j) {
       for (int i = static_cast<int>(x) + 1 - reach; i <= static_cast<int>(x) + reach; ++i) {
-        if (i < 0 || j < 0 || i >= columns_ || j >= rows_) continue;
-        const Node& node = nodes_[static_cast<std::size_t>(j * columns_ + i)];
+        if (i < 0 || j < 0 || i >= nodes_.columns() || j >= nodes_.rows()) continue;
+        const Node& node = nodes_.at(i, j);
         if (!is_similar(node.seen, seen)) continue;
         const double weight =
             std::max(0.0, 1.0 - std::abs(x - i) / reach) * std::max(0.0, 1.0 - std::abs(y - j) / reach);

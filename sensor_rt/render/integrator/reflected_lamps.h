@@ -2,9 +2,9 @@
 #pragma once
 
 #include <cstdint>
-#include <vector>
 
 #include "sensor_rt/render/integrator/pixel_tracer.h"
+#include "sensor_rt/render/pixels/block_grid.h"
 #include "sensor_rt/render/reference/path_tracer.h"
 
 namespace sensor_rt {
@@ -13,10 +13,10 @@ namespace sensor_rt {
 /// interpolated among nodes on the same shape with similar normals. Mirrors receive none.
 class ReflectedLamps {
  public:
-  /// Traces the nodes of a camera; `looks`: of the same camera. All must outlive it. `frame` selects the
+  /// Traces the nodes of a camera; `direct`: of the same camera. All must outlive it. `frame` selects the
   /// random numbers.
   ReflectedLamps(const RenderPlan& plan, const ExposureViews& views, std::size_t camera, std::int64_t frame,
-                 const PixelTracer& looks);
+                 const PixelTracer& direct);
 
   /// Returns the electrons per second in a pixel that shows `seen`.
   double at(int column, int row, const LampView& seen) const;
@@ -34,9 +34,7 @@ class ReflectedLamps {
   const Camera& camera_;
   int samples_;  ///< of a pixel
   PathTracer tracer_;
-  int columns_;
-  int rows_;
-  std::vector<Node> nodes_;
+  BlockGrid<Node> nodes_;
 };
 
 }  // namespace sensor_rt

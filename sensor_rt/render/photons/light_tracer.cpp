@@ -59,9 +59,8 @@ void LightTracer::trace(std::vector<SplatImage>& images) const {
   Packet packet;
   for (std::uint32_t first = 0; first < photons_; first += kLanes) {
     emit(packet, first);
-    views_.laser.intersect(packet.number, packet.direction, packet.alive,
-                           std::numeric_limits<double>::infinity(), packet.hits);
-    land_first(packet);
+    views_.laser.intersect(packet.number, packet.direction, packet.alive, packet.hits);
+    weight_first_hits(packet);
     for (int depth = 0; depth < plan_.settings.bounces && reflect(packet, depth); ++depth) {
       views_.query.intersect(views_.instants(packet.number), packet.origin, packet.direction, packet.alive,
                              packet.hits);
@@ -96,7 +95,7 @@ void LightTracer::emit(Packet& packet, std::uint32_t first) const {
 }
 
 /// Converts the pdf to power: a step of angle and slope covers t² / sqrt(1 + slope²) across the ray.
-void LightTracer::land_first(Packet& packet) const {
+void LightTracer::weight_first_hits(Packet& packet) const {
   for (int l = 0; l < kLanes; ++l) {
     if (packet.alive[l] == 0) continue;
     packet.alive[l] = 0;
@@ -174,7 +173,7 @@ void LightTracer::connect(const Packet& packet, std::vector<SplatImage>& images)
                there ? lane(packet.origin, l) + packet.hits.t[l] * lane(packet.direction, l) : middle);
     }
     std::vector<std::size_t> chain;
-    show(packet, c, points, chain, images[c]);
+    splat(packet, c, points, chain, images[c]);
     connect_by_mirrors(packet, c, points, chain, images[c]);
   }
 }
@@ -194,15 +193,15 @@ void LightTracer::connect_by_mirrors(const Packet& packet, std::size_t number, c
       set_lane(mirrored, l, mirrors_.image(plane, instant, lane(seen, l)));
     }
     chain.insert(chain.begin(), plane);
-    show(packet, number, mirrored, chain, image);
+    splat(packet, number, mirrored, chain, image);
     connect_by_mirrors(packet, number, mirrored, chain, image);
     chain.erase(chain.begin());
   }
 }
 
 /// Connects the packet's points to a camera, which sees them at `seen` in the mirrors of `chain`.
-void LightTracer::show(const Packet& packet, std::size_t number, const Lanes3& seen,
-                       const std::vector<std::size_t>& chain, SplatImage& image) const {
+void LightTracer::splat(const Packet& packet, std::size_t number, const Lanes3& seen,
+                        const std::vector<std::size_t>& chain, SplatImage& image) const {
   const Camera& camera = plan_.settings.model.cameras[number];
   const Eigen::Vector3d forward = camera.sensor_from_camera.rotation.col(2);
   alignas(64) double column[kLanes];

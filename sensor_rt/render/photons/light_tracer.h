@@ -27,15 +27,15 @@ class LightTracer {
   struct Packet;
 
   void emit(Packet& packet, std::uint32_t first) const;
-  void land_first(Packet& packet) const;
+  void weight_first_hits(Packet& packet) const;
   bool reflect(Packet& packet, int depth) const;
   void blur(std::size_t camera, const Packet& packet, const Lanes3& points, double* column,
             double* row) const;
   void connect(const Packet& packet, std::vector<SplatImage>& images) const;
   void connect_by_mirrors(const Packet& packet, std::size_t camera, const Lanes3& seen,
                           std::vector<std::size_t>& chain, SplatImage& image) const;
-  void show(const Packet& packet, std::size_t camera, const Lanes3& seen,
-            const std::vector<std::size_t>& chain, SplatImage& image) const;
+  void splat(const Packet& packet, std::size_t camera, const Lanes3& seen,
+             const std::vector<std::size_t>& chain, SplatImage& image) const;
 
   const RenderPlan& plan_;
   const ExposureViews& views_;

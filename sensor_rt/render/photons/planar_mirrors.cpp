@@ -52,7 +52,7 @@ void PlanarMirrors::add_mesh(std::size_t shape) {
   }
 }
 
-PlanarMirrors::Placed PlanarMirrors::place(std::size_t number, std::size_t instant) const {
+PlanarMirrors::PosedPlane PlanarMirrors::posed_plane(std::size_t number, std::size_t instant) const {
   const Plane& plane = planes_[number];
   const Rigid3& shape_from_reference = views_.query.track().shape_from_reference(plane.shape, instant);
   return {shape_from_reference.rotation.transpose() * plane.normal,
@@ -61,22 +61,22 @@ PlanarMirrors::Placed PlanarMirrors::place(std::size_t number, std::size_t insta
 
 Eigen::Vector3d PlanarMirrors::image(std::size_t number, std::size_t instant,
                                      const Eigen::Vector3d& point) const {
-  const Placed placed = place(number, instant);
-  return mirrored(placed.normal, placed.offset, point);
+  const PosedPlane posed = posed_plane(number, instant);
+  return mirrored(posed.normal, posed.offset, point);
 }
 
 /// Reflects a lane at the expected plane; returns false when it hits something else.
-bool PlanarMirrors::reflect(const Plane& plane, const Placed& placed, const PacketHits& hits, int l,
+bool PlanarMirrors::reflect(const Plane& plane, const PosedPlane& posed, const PacketHits& hits, int l,
                             Eigen::Vector3d& origin, Eigen::Vector3d& to_image, double& share) const {
   if (hits.shape[l] != static_cast<std::int32_t>(plane.shape) || !(hits.t[l] < 1.0)) return false;
   const Eigen::Vector3d at = origin + hits.t[l] * to_image;
   const double offset = views_.query.scene().shapes()[plane.shape].ray_offset();
-  if (std::abs(lane(hits.normal, l).dot(placed.normal)) < kSameNormal ||
-      std::abs(placed.normal.dot(at) - placed.offset) > offset)
+  if (std::abs(lane(hits.normal, l).dot(posed.normal)) < kSameNormal ||
+      std::abs(posed.normal.dot(at) - posed.offset) > offset)
     return false;
-  const Eigen::Vector3d target = mirrored(placed.normal, placed.offset, origin + to_image);
-  const double side = placed.normal.dot(to_image) < 0.0 ? offset : -offset;
-  origin = at + side * placed.normal;
+  const Eigen::Vector3d target = mirrored(posed.normal, posed.offset, origin + to_image);
+  const double side = posed.normal.dot(to_image) < 0.0 ? offset : -offset;
+  origin = at + side * posed.normal;
   to_image = target - origin;
   share *= views_.brdf(hits.shape[l]).albedo(1.0);
   return true;
@@ -92,7 +92,7 @@ void PlanarMirrors::follow(std::size_t camera, std::size_t packet, const std::ve
   PacketHits hits;
   for (std::size_t k = 0; k < chain.size(); ++k) {
     if (k == 0) {
-      views_.cameras[camera].intersect(packet, rest, unoccluded, 1.0, hits);
+      views_.cameras[camera].intersect(packet, rest, unoccluded, hits, 1.0);
     } else {
       views_.query.intersect(instants, origin, rest, unoccluded, hits);
     }
@@ -100,8 +100,8 @@ void PlanarMirrors::follow(std::size_t camera, std::size_t packet, const std::ve
       if (unoccluded[l] == 0) continue;
       Eigen::Vector3d from = lane(origin, l);
       Eigen::Vector3d towards = lane(rest, l);
-      const Placed placed = place(chain[k], instants[l]);
-      unoccluded[l] = reflect(planes_[chain[k]], placed, hits, l, from, towards, share[l]) ? -1 : 0;
+      const PosedPlane posed = posed_plane(chain[k], instants[l]);
+      unoccluded[l] = reflect(planes_[chain[k]], posed, hits, l, from, towards, share[l]) ? -1 : 0;
       set_lane(origin, l, from);
       set_lane(rest, l, towards);
     }

@@ -34,14 +34,14 @@ class PlanarMirrors {
     double offset;
   };
   /// Plane in the reference frame at an instant.
-  struct Placed {
+  struct PosedPlane {
     Eigen::Vector3d normal;
     double offset;
   };
 
-  Placed place(std::size_t number, std::size_t instant) const;
+  PosedPlane posed_plane(std::size_t number, std::size_t instant) const;
   void add_mesh(std::size_t shape);
-  bool reflect(const Plane& plane, const Placed& placed, const PacketHits& hits, int l,
+  bool reflect(const Plane& plane, const PosedPlane& posed, const PacketHits& hits, int l,
                Eigen::Vector3d& origin, Eigen::Vector3d& to_image, double& share) const;
 
   const ExposureViews& views_;

@@ -2,14 +2,29 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 namespace sensor_rt {
-void FanLandings::resize(std::size_t rays, std::size_t cameras) {
-  landing.resize(rays);
+namespace {
+
+template <typename T>
+void extend(std::vector<T>& to, const std::vector<T>& from) {
+  to.insert(to.end(), from.begin(), from.end());
+}
+
+}  // namespace
+
+void FanHits::resize(std::size_t rays, std::size_t cameras) {
+  hit.resize(rays);
   column.resize(rays * cameras);
   row.resize(rays * cameras);
   blur.resize(rays * cameras);
+}
+
+void FanHits::append(const FanHits& other) {
+  extend(hit, other.hit);
+  extend(column, other.column);
+  extend(row, other.row);
+  extend(blur, other.blur);
 }
 
 FanGrid::FanGrid(const RenderPlan& plan, const SceneQuery& query) : plan_(plan) {
@@ -28,7 +43,7 @@ FanGrid::FanGrid(const RenderPlan& plan, const SceneQuery& query) : plan_(plan) 
   view_.set(query, lane_sources, lane_instants, plan.laser_region);
 }
 
-void FanGrid::cast(const std::vector<FanRay>& rays, FanLandings& out) const {
+void FanGrid::cast(const std::vector<FanRay>& rays, FanHits& out) const {
   const LaserSheet& laser = plan_.laser.sheet;
   out.resize(rays.size(), plan_.projectors.size());
   for (std::size_t first = 0; first < rays.size(); first += kLanes) {
@@ -38,12 +53,11 @@ void FanGrid::cast(const std::vector<FanRay>& rays, FanLandings& out) const {
     for (int l = 0; l < kLanes; ++l) {
       const FanRay& ray = rays[first + static_cast<std::size_t>(std::min(l, lanes - 1))];
       set_lane(direction, l, plan_.laser.direction(ray.y, ray.z, ray.slope));
-      valid[l] = l < lanes ? -1 : 0;
     }
+    activate_lanes(static_cast<std::size_t>(lanes), valid);
     const double source_y = source_y_[rays[first].source];
     PacketHits hits;
-    view_.intersect(rays[first].instant * sources() + rays[first].source, direction, valid,
-                    std::numeric_limits<double>::infinity(), hits);
+    view_.intersect(rays[first].instant * sources() + rays[first].source, direction, valid, hits);
     Lanes3 point;
     for (int l = 0; l < kLanes; ++l) {
       const double t = hits.shape[l] >= 0 ? hits.t[l] : 1.0;
@@ -52,13 +66,13 @@ void FanGrid::cast(const std::vector<FanRay>& rays, FanLandings& out) const {
       point.z[l] = t * direction.z[l] + laser.source_z;
     }
     for (int l = 0; l < lanes; ++l) {
-      Landing& landing = out.landing[first + static_cast<std::size_t>(l)];
-      landing.shape = hits.shape[l];
-      landing.point = Eigen::Vector3d(point.x[l], point.y[l], point.z[l]).cast<float>();
-      landing.normal = Eigen::Vector3d(hits.normal.x[l], hits.normal.y[l], hits.normal.z[l]).cast<float>();
+      FanHit& fan_hit = out.hit[first + static_cast<std::size_t>(l)];
+      fan_hit.shape = hits.shape[l];
+      fan_hit.point = Eigen::Vector3d(point.x[l], point.y[l], point.z[l]).cast<float>();
+      fan_hit.normal = Eigen::Vector3d(hits.normal.x[l], hits.normal.y[l], hits.normal.z[l]).cast<float>();
       const FanRay& ray = rays[first + static_cast<std::size_t>(l)];
       const double off_middle = hits.shape[l] >= 0 ? hits.t[l] * ray.slope : ray.slope;
-      landing.across = static_cast<float>(off_middle / (kSheetReach * laser.sigma_at(point.z[l])));
+      fan_hit.across = static_cast<float>(off_middle / (kSheetReach * laser.sigma_at(point.z[l])));
     }
     for (std::size_t c = 0; c < plan_.projectors.size(); ++c) {
       alignas(64) double column[kLanes];

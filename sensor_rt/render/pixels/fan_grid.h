@@ -34,7 +34,7 @@ struct FanRay {
 };
 
 /// Hit of a ray. Single precision is sufficient: the coordinates only serve to mark pixels.
-struct Landing {
+struct FanHit {
   std::int32_t shape = -1;  ///< -1: no hit
   float across = 0.0f;      ///< position across the sheet in units of its half width; lit within [-1, 1]
   Eigen::Vector3f point = Eigen::Vector3f::Zero();
@@ -44,13 +44,14 @@ struct Landing {
 };
 
 /// Hits of rays; pixel coordinates per camera at [ray * cameras + camera].
-struct FanLandings {
-  std::vector<Landing> landing;
+struct FanHits {
+  std::vector<FanHit> hit;
   std::vector<float> column;
   std::vector<float> row;
   std::vector<float> blur;  ///< defocus radius, px
 
   void resize(std::size_t rays, std::size_t cameras);
+  void append(const FanHits& other);
 };
 
 /// Casts laser rays in packets and projects the hits into all cameras.
@@ -66,7 +67,7 @@ class FanGrid {
   std::size_t sources() const { return source_y_.size(); }
 
   /// Casts `rays`; each packet of sixteen must share instant and source.
-  void cast(const std::vector<FanRay>& rays, FanLandings& out) const;
+  void cast(const std::vector<FanRay>& rays, FanHits& out) const;
 
  private:
   const RenderPlan& plan_;

@@ -11,7 +11,7 @@ namespace {
 /// Largest deviation of a pose from linear motion, in pixels: it shifts the centre of a stripe.
 constexpr double kMaxBend = 3e-4;
 /// Distance from the origin of a shape's frame within which kMaxBend holds, m.
-constexpr double kArm = 0.3;
+constexpr double kMaxDistance = 0.3;
 /// Smallest width of a lobe, rad: it is nearly constant over a pixel.
 constexpr double kMinLobe = 0.1;
 
@@ -51,10 +51,11 @@ bool is_linear(const PoseTrack& track, std::size_t shape, double tolerance) {
   for (std::size_t i = 1; i < last; ++i) {
     const double share = static_cast<double>(i) / static_cast<double>(last);
     const Rigid3& pose = track.shape_from_reference(shape, i);
-    const Eigen::Matrix3d turned = pose.rotation - (1.0 - share) * from.rotation - share * to.rotation;
-    const Eigen::Vector3d moved =
+    const Eigen::Matrix3d rotation_error =
+        pose.rotation - (1.0 - share) * from.rotation - share * to.rotation;
+    const Eigen::Vector3d translation_error =
         pose.translation - (1.0 - share) * from.translation - share * to.translation;
-    if (!(kArm * turned.norm() + moved.norm() <= tolerance)) return false;
+    if (!(kMaxDistance * rotation_error.norm() + translation_error.norm() <= tolerance)) return false;
   }
   return true;
 }

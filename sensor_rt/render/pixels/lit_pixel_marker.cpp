@@ -20,10 +20,10 @@ constexpr int kSteepDepth = 20;  ///< on one surface: sufficient for any wall
 constexpr int kVoidDepth = 14;   ///< far apart on two surfaces: a missed feature receives 1e-4 of the light
 constexpr int kEdgeDepth = 5;    ///< close together on two surfaces: all pixels in between are marked anyway
 
-bool in_sheet(const Landing& landing) { return landing.hit() && std::abs(landing.across) <= kJustOutside; }
+bool in_sheet(const FanHit& fan_hit) { return fan_hit.hit() && std::abs(fan_hit.across) <= kJustOutside; }
 
 /// Returns true when both hits are on the same side outside the sheet.
-bool beside_sheet(const Landing& a, const Landing& b) {
+bool beside_sheet(const FanHit& a, const FanHit& b) {
   return (a.across > kJustOutside && b.across > kJustOutside) ||
          (a.across < -kJustOutside && b.across < -kJustOutside);
 }
@@ -42,20 +42,15 @@ LitPixelMarker::LitPixelMarker(const RenderPlan& plan, const SceneQuery& query, 
       cameras_(plan.settings.model.cameras.size()),
       angles_(static_cast<std::size_t>(plan.settings.rays_across_fan)),
       slopes_(kSlopes),
-      rays_(buffers.rays),
-      landings_(buffers.landings),
-      gaps_(buffers.gaps),
-      next_gaps_(buffers.next_gaps),
-      middle_(buffers.middle),
-      middle_landings_(buffers.middle_landings) {}
+      buffers_(buffers) {}
 
 void LitPixelMarker::mark(std::vector<PixelMask>& masks) {
   if (grid_.shapes().empty()) return;
-  lay_grid();
-  grid_.cast(rays_, landings_);
-  gaps_.clear();
+  make_grid();
+  grid_.cast(buffers_.rays, buffers_.hits);
+  buffers_.gaps.clear();
   visit_grid(masks);
-  while (!gaps_.empty()) refine(masks);
+  while (!buffers_.gaps.empty()) refine(masks);
 }
 
 std::vector<std::size_t> LitPixelMarker::choose_instants() const {
@@ -70,7 +65,7 @@ std::vector<std::size_t> LitPixelMarker::choose_instants() const {
   return chosen;
 }
 
-void LitPixelMarker::lay_grid() {
+void LitPixelMarker::make_grid() {
   const std::vector<std::size_t> chosen = choose_instants();
   std::vector<Eigen::Vector2d> across_fan;  // sine and cosine of each angle
   const double half = plan_.settings.model.laser.fan_half_angle;
@@ -79,17 +74,17 @@ void LitPixelMarker::lay_grid() {
     across_fan.emplace_back(std::sin(angle), std::cos(angle));
   }
   instants_ = chosen.size();
-  rays_.clear();
+  buffers_.rays.clear();
   for (const std::size_t instant : chosen) {
     for (std::size_t line = 0; line < grid_.sources() * slopes_; ++line) {
       const std::size_t j = line % slopes_;
       const double slope =
           plan_.slope * (2.0 * static_cast<double>(j) / static_cast<double>(slopes_ - 1) - 1.0);
       for (std::size_t i = 0; i < angles_; ++i) {
-        rays_.push_back({across_fan[i].x(), across_fan[i].y(), slope, instant, line / slopes_});
+        buffers_.rays.push_back({across_fan[i].x(), across_fan[i].y(), slope, instant, line / slopes_});
       }
       // All rays of a packet share an instant and a source.
-      while (rays_.size() % kLanes != 0) rays_.push_back(rays_.back());
+      while (buffers_.rays.size() % kLanes != 0) buffers_.rays.push_back(buffers_.rays.back());
     }
   }
 }
@@ -99,7 +94,7 @@ void LitPixelMarker::visit_grid(std::vector<PixelMask>& masks) {
   const std::size_t to_source = slopes_ * row;
   const std::size_t to_instant = grid_.sources() * to_source;
   const auto pair = [&](std::size_t a, std::size_t b, bool along_sheet = true) {
-    visit({rays_[a], rays_[b], a, b, 0, !along_sheet, along_sheet}, masks);
+    visit({buffers_.rays[a], buffers_.rays[b], a, b, 0, !along_sheet, along_sheet}, masks);
   };
   for (std::size_t instant = 0; instant < instants_; ++instant) {
     for (std::size_t source = 0; source < grid_.sources(); ++source) {
@@ -120,15 +115,15 @@ bool LitPixelMarker::adjacent_in_images(const Gap& gap) const {
   for (std::size_t c = 0; c < cameras_; ++c) {
     const std::size_t p = gap.from_index * cameras_ + c;
     const std::size_t q = gap.to_index * cameras_ + c;
-    if (std::abs(landings_.column[p] - landings_.column[q]) > kMargin) return false;
-    if (std::abs(landings_.row[p] - landings_.row[q]) > kMargin) return false;
+    if (std::abs(buffers_.hits.column[p] - buffers_.hits.column[q]) > kMargin) return false;
+    if (std::abs(buffers_.hits.row[p] - buffers_.hits.row[q]) > kMargin) return false;
   }
   return true;
 }
 
 bool LitPixelMarker::share_surface(const Gap& gap) const {
-  const Landing& from = landings_.landing[gap.from_index];
-  const Landing& to = landings_.landing[gap.to_index];
+  const FanHit& from = buffers_.hits.hit[gap.from_index];
+  const FanHit& to = buffers_.hits.hit[gap.to_index];
   constexpr float kParallel = 0.99f;
   if (gap.from.instant != gap.to.instant) {
     return from.shape == to.shape && std::abs(from.normal.dot(to.normal)) > kParallel;
@@ -140,8 +135,8 @@ bool LitPixelMarker::share_surface(const Gap& gap) const {
 }
 
 LitPixelMarker::Relation LitPixelMarker::relate(const Gap& gap) const {
-  const Landing& from = landings_.landing[gap.from_index];
-  const Landing& to = landings_.landing[gap.to_index];
+  const FanHit& from = buffers_.hits.hit[gap.from_index];
+  const FanHit& to = buffers_.hits.hit[gap.to_index];
   if (!from.hit() && !to.hit()) return Relation::kDark;
   if (!from.hit() || !to.hit()) return Relation::kVoid;
   const bool same_surface = share_surface(gap);
@@ -153,11 +148,11 @@ LitPixelMarker::Relation LitPixelMarker::relate(const Gap& gap) const {
     const std::size_t p = gap.from_index * cameras_ + c;
     const std::size_t q = gap.to_index * cameras_ + c;
     const float around = margin(c, p, q);
-    if (beyond(landings_.column[p], landings_.column[q], camera.width_px, around)) continue;
-    if (beyond(landings_.row[p], landings_.row[q], camera.height_px, around)) continue;
+    if (beyond(buffers_.hits.column[p], buffers_.hits.column[q], camera.width_px, around)) continue;
+    if (beyond(buffers_.hits.row[p], buffers_.hits.row[q], camera.height_px, around)) continue;
     in_view = true;
-    const bool apart = std::abs(landings_.column[p] - landings_.column[q]) > close ||
-                       std::abs(landings_.row[p] - landings_.row[q]) > close;
+    const bool apart = std::abs(buffers_.hits.column[p] - buffers_.hits.column[q]) > close ||
+                       std::abs(buffers_.hits.row[p] - buffers_.hits.row[q]) > close;
     if (apart) return same_surface ? Relation::kSteep : Relation::kVoid;
   }
   if (!in_view) return Relation::kDark;
@@ -175,7 +170,7 @@ void LitPixelMarker::visit(const Gap& gap, std::vector<PixelMask>& masks) {
   const Relation relation = relate(gap);
   if (relation == Relation::kDark) return;
   if (relation != Relation::kSameSurface && should_subdivide(gap, relation)) {
-    gaps_.push_back(gap);
+    buffers_.gaps.push_back(gap);
   } else if (relation == Relation::kSameSurface || relation == Relation::kEdge) {
     if (gap.in_grid && adjacent_in_images(gap)) return;
     mark_between(gap.from_index, gap.to_index, masks);
@@ -188,46 +183,41 @@ void LitPixelMarker::visit(const Gap& gap, std::vector<PixelMask>& masks) {
 void LitPixelMarker::refine(std::vector<PixelMask>& masks) {
   // The rays of a packet share an instant and a source: the gaps are sorted accordingly, keeping neighbours
   // together.
-  std::stable_sort(gaps_.begin(), gaps_.end(), [](const Gap& a, const Gap& b) {
+  std::stable_sort(buffers_.gaps.begin(), buffers_.gaps.end(), [](const Gap& a, const Gap& b) {
     return std::make_pair(a.from.instant + a.to.instant, a.from.source) <
            std::make_pair(b.from.instant + b.to.instant, b.from.source);
   });
-  middle_.clear();
-  next_gaps_.clear();
-  for (const Gap& gap : gaps_) {
+  buffers_.middle.clear();
+  buffers_.next_gaps.clear();
+  for (const Gap& gap : buffers_.gaps) {
     const FanRay ray = FanRay::middle(gap.from, gap.to);
-    while (middle_.size() % kLanes != 0 && !middle_.back().shares_packet_with(ray)) {
-      middle_.push_back(middle_.back());
-      next_gaps_.push_back(next_gaps_.back());
+    while (buffers_.middle.size() % kLanes != 0 && !buffers_.middle.back().shares_packet_with(ray)) {
+      buffers_.middle.push_back(buffers_.middle.back());
+      buffers_.next_gaps.push_back(buffers_.next_gaps.back());
     }
-    middle_.push_back(ray);
-    next_gaps_.push_back(gap);
+    buffers_.middle.push_back(ray);
+    buffers_.next_gaps.push_back(gap);
   }
-  grid_.cast(middle_, middle_landings_);
-  const std::size_t base = landings_.landing.size();
-  landings_.landing.insert(landings_.landing.end(), middle_landings_.landing.begin(),
-                           middle_landings_.landing.end());
-  landings_.column.insert(landings_.column.end(), middle_landings_.column.begin(),
-                          middle_landings_.column.end());
-  landings_.row.insert(landings_.row.end(), middle_landings_.row.begin(), middle_landings_.row.end());
-  landings_.blur.insert(landings_.blur.end(), middle_landings_.blur.begin(), middle_landings_.blur.end());
-  gaps_.clear();
-  for (std::size_t k = 0; k < middle_.size(); ++k) {
-    const Gap& gap = next_gaps_[k];
-    visit({gap.from, middle_[k], gap.from_index, base + k, gap.depth + 1, gap.across_sheet}, masks);
-    visit({middle_[k], gap.to, base + k, gap.to_index, gap.depth + 1, gap.across_sheet}, masks);
+  grid_.cast(buffers_.middle, buffers_.middle_hits);
+  const std::size_t base = buffers_.hits.hit.size();
+  buffers_.hits.append(buffers_.middle_hits);
+  buffers_.gaps.clear();
+  for (std::size_t k = 0; k < buffers_.middle.size(); ++k) {
+    const Gap& gap = buffers_.next_gaps[k];
+    visit({gap.from, buffers_.middle[k], gap.from_index, base + k, gap.depth + 1, gap.across_sheet}, masks);
+    visit({buffers_.middle[k], gap.to, base + k, gap.to_index, gap.depth + 1, gap.across_sheet}, masks);
   }
 }
 
 float LitPixelMarker::margin(std::size_t camera, std::size_t p, std::size_t q) const {
   return kMargin + static_cast<float>(plan_.pixel_reach[camera]) +
-         std::max(landings_.blur[p], landings_.blur[q]);
+         std::max(buffers_.hits.blur[p], buffers_.hits.blur[q]);
 }
 
 void LitPixelMarker::mark_between(std::size_t a, std::size_t b, std::vector<PixelMask>& masks) const {
   // Only the surface between the edges of the sheet is lit.
-  const float from = landings_.landing[a].across;
-  const float to = landings_.landing[b].across;
+  const float from = buffers_.hits.hit[a].across;
+  const float to = buffers_.hits.hit[b].across;
   float start = 0.0f;
   float end = 1.0f;
   if (std::abs(to - from) > 1e-6f) {
@@ -239,11 +229,12 @@ void LitPixelMarker::mark_between(std::size_t a, std::size_t b, std::vector<Pixe
   for (std::size_t c = 0; c < cameras_; ++c) {
     const std::size_t p = a * cameras_ + c;
     const std::size_t q = b * cameras_ + c;
-    const float columns = landings_.column[q] - landings_.column[p];
-    const float rows = landings_.row[q] - landings_.row[p];
+    const float columns = buffers_.hits.column[q] - buffers_.hits.column[p];
+    const float rows = buffers_.hits.row[q] - buffers_.hits.row[p];
     const auto [left, right] =
-        std::minmax({landings_.column[p] + start * columns, landings_.column[p] + end * columns});
-    const auto [top, bottom] = std::minmax({landings_.row[p] + start * rows, landings_.row[p] + end * rows});
+        std::minmax({buffers_.hits.column[p] + start * columns, buffers_.hits.column[p] + end * columns});
+    const auto [top, bottom] =
+        std::minmax({buffers_.hits.row[p] + start * rows, buffers_.hits.row[p] + end * rows});
     const Camera& camera = plan_.settings.model.cameras[c];
     const float around = margin(c, p, q);
     if (beyond(left, right, camera.width_px, around) || beyond(top, bottom, camera.height_px, around))
@@ -255,7 +246,7 @@ void LitPixelMarker::mark_between(std::size_t a, std::size_t b, std::vector<Pixe
 }
 
 void LitPixelMarker::mark_alone(std::size_t a, std::vector<PixelMask>& masks) const {
-  if (in_sheet(landings_.landing[a])) mark_between(a, a, masks);
+  if (in_sheet(buffers_.hits.hit[a])) mark_between(a, a, masks);
 }
 
 }  // namespace sensor_rt

@@ -24,7 +24,7 @@ class LitPixelMarker {
   struct Gap {
     FanRay from;
     FanRay to;
-    std::size_t from_index = 0;  ///< into landings_
+    std::size_t from_index = 0;  ///< into Buffers::hits
     std::size_t to_index = 0;
     int depth = 0;
     bool across_sheet = false;  ///< the gap is across the thickness of the sheet
@@ -33,11 +33,11 @@ class LitPixelMarker {
   /// Scratch memory.
   struct Buffers {
     std::vector<FanRay> rays;  ///< [instant][source][slope][angle], followed by refinement rays
-    FanLandings landings;
+    FanHits hits;
     std::vector<Gap> gaps;
     std::vector<Gap> next_gaps;
     std::vector<FanRay> middle;
-    FanLandings middle_landings;
+    FanHits middle_hits;
   };
 
   /// The scene at the instants of an exposure. All must outlive it.
@@ -55,7 +55,7 @@ class LitPixelMarker {
     kVoid          ///< far apart on two surfaces, or one ray without a hit
   };
 
-  void lay_grid();
+  void make_grid();
   void visit_grid(std::vector<PixelMask>& masks);
   void visit(const Gap& gap, std::vector<PixelMask>& masks);
   void refine(std::vector<PixelMask>& masks);
@@ -78,12 +78,7 @@ class LitPixelMarker {
   std::size_t angles_;
   std::size_t slopes_;
   std::size_t instants_ = 0;  ///< of the grid
-  std::vector<FanRay>& rays_;
-  FanLandings& landings_;
-  std::vector<Gap>& gaps_;
-  std::vector<Gap>& next_gaps_;
-  std::vector<FanRay>& middle_;
-  FanLandings& middle_landings_;
+  Buffers& buffers_;
 };
 
 }  // namespace sensor_rt

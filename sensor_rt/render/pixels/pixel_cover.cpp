@@ -14,7 +14,6 @@ constexpr double kMaxMotion = 1.0;  // px
 constexpr double kGrazing = 0.1;
 // Limits of a planar proxy:
 constexpr double kFlat = 0.02;  ///< px: distance between the pixel centre and the planes of its corners
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 bool share_a_vertex(const std::uint32_t* a, const std::uint32_t* b) {
   bool any = false;
@@ -43,7 +42,7 @@ bool are_bridged(const Shape& shape, std::uint32_t a, std::uint32_t b) {
   return false;
 }
 
-bool run_on(const Shape& shape, std::uint32_t a, std::uint32_t b) {
+bool are_continuous(const Shape& shape, std::uint32_t a, std::uint32_t b) {
   return are_linked(shape, a, b) || are_bridged(shape, a, b);
 }
 
@@ -73,8 +72,8 @@ std::vector<LinePoint> ends_of_seen_line(const SensorModel& model, const Camera&
   for (const double z : {model.near, model.far}) {
     const double depth = forward.dot(Eigen::Vector3d(0.0, 0.0, z) - pose.translation);
     if (!(depth > 0.0)) continue;
-    double low = kInfinity;
-    double high = -kInfinity;
+    double low = std::numeric_limits<double>::infinity();
+    double high = -low;
     for (const double column : {-0.5, camera.width_px - 0.5}) {
       for (const double row : {-0.5, camera.height_px - 0.5}) {
         const double y = pose.translation.y() + depth * (pose.rotation * camera.ray({column, row})).y();
@@ -187,8 +186,8 @@ bool PixelCover::is_ring(const Shape& shape, int row) const {
     const auto ring = around(row, instant);
     for (std::size_t k = 0; k < ring.size(); ++k) {
       const std::uint32_t face = ring[k]->id.face;
-      if (!run_on(shape, face, ring[(k + 1) % ring.size()]->id.face)) return false;
-      if (!run_on(shape, face, start[k]->id.face)) return false;
+      if (!are_continuous(shape, face, ring[(k + 1) % ring.size()]->id.face)) return false;
+      if (!are_continuous(shape, face, start[k]->id.face)) return false;
     }
   }
   return true;
@@ -227,34 +226,34 @@ bool PixelCover::flatten(const Shape& shape, int row, Patch& patch) const {
 }
 
 void PixelCover::trace_edges(int first_edge) {
-  Place places[kLanes];
+  CornerIndex indices[kLanes];
   int count = 0;
   mask_.for_each_corner<kEdgesAtOnce>(first_edge, [&](int edge, int row) {
-    places[count++] = {edge, row};
+    indices[count++] = {edge, row};
     if (count < kLanes) return;
-    trace_corners(places, count);
+    trace_corners(indices, count);
     count = 0;
   });
-  if (count > 0) trace_corners(places, count);
+  if (count > 0) trace_corners(indices, count);
 }
 
-void PixelCover::trace_corners(const Place* places, int count) {
+void PixelCover::trace_corners(const CornerIndex* indices, int count) {
   Lanes3 direction;
   int edges[kLanes];
   int rows[kLanes];
   for (int l = 0; l < kLanes; ++l) {
-    const Place& place = places[std::min(l, count - 1)];
-    edges[l] = place.edge;
-    rows[l] = place.row;
+    const CornerIndex& corner = indices[std::min(l, count - 1)];
+    edges[l] = corner.edge;
+    rows[l] = corner.row;
   }
   rays_.through_corners(edges, rows, direction);
   alignas(64) int valid[kLanes];
-  for (int l = 0; l < kLanes; ++l) valid[l] = l < count ? -1 : 0;
+  activate_lanes(static_cast<std::size_t>(count), valid);
   const Eigen::Vector3d from_source =
       Eigen::Map<const Eigen::Vector3d>(rays_.viewpoint()) - plan_.source(0, 0);
   for (std::size_t instant = 0; instant < instants(); ++instant) {
     PacketHits hits;
-    view_.intersect(instant, direction, valid, kInfinity, hits);
+    view_.intersect(instant, direction, valid, hits);
     Lanes3 to_point;
     alignas(64) int unoccluded[kLanes];
     for (int l = 0; l < kLanes; ++l) {

@@ -45,7 +45,7 @@ class PixelCover {
 
  private:
   /// Index of a corner: above the pixel of its row and to the left of the pixel of its edge.
-  struct Place {
+  struct CornerIndex {
     int edge;
     int row;
   };
@@ -56,7 +56,7 @@ class PixelCover {
   bool is_ring(const Shape& shape, int row) const;
   bool flatten(const Shape& shape, int row, Patch& patch) const;
   void trace_edges(int first_edge);
-  void trace_corners(const Place* places, int count);
+  void trace_corners(const CornerIndex* indices, int count);
   std::size_t instants() const { return lane_instants_.size() / kLanes; }
   /// Returns the corners of an edge; index [row * instants + instant].
   Corner* corners_of(int edge) {

@@ -14,8 +14,8 @@ struct PlaneLane {
   double x, y, z, offset;
 };
 
-[[gnu::always_inline]] inline PlaneLane place(const PlanePose& p, const Lanes3& normal, const double* offset,
-                                              int l) {
+[[gnu::always_inline]] inline PlaneLane to_reference(const PlanePose& p, const Lanes3& normal,
+                                                     const double* offset, int l) {
   const double* r = p.rotation;
   const double nx = normal.x[l];
   const double ny = normal.y[l];
@@ -85,8 +85,8 @@ void integrate_planes(const IntegralConstants& c, const PlanePose& first, const 
   const double* a = c.axes;
   const LaserEmitter& laser = c.laser;
   for (int l = 0; l < kLanes; ++l) {
-    const PlaneLane p = place(first, b.normal, b.offset, l);
-    const PlaneLane q = place(last, b.normal, b.offset, l);
+    const PlaneLane p = to_reference(first, b.normal, b.offset, l);
+    const PlaneLane q = to_reference(last, b.normal, b.offset, l);
     const double dx = a[0] * b.x[l] + a[3] * b.y[l] + a[6];
     const double dy = a[1] * b.x[l] + a[4] * b.y[l] + a[7];
     const double dz = a[2] * b.x[l] + a[5] * b.y[l] + a[8];
@@ -137,11 +137,11 @@ void integrate_planes(const IntegralConstants& c, const PlanePose& first, const 
     const double half_z = t * (std::abs(uz) + std::abs(vz) + std::abs(lean_u * dz) + std::abs(lean_v * dz));
     const double to_source = -(nx * x + ny * y + nz * depth);
     const double facing = slope > 0.0 ? -to_source : to_source;
-    const double shine = std::abs(across) - half_width <= kSheetReach ? 1.0 : 0.0;
+    const double in_light = std::abs(across) - half_width <= kSheetReach ? 1.0 : 0.0;
     const bool simple = (w2 <= kMaxWidth2) & (std::abs(lean_u) <= kMaxLean) & (std::abs(lean_v) <= kMaxLean) &
                         (t > 0.0) & (facing > 0.0) & laser.in_fan(std::abs(y) + half_y, depth - half_z);
     out.needs_samples[l] = simple ? 0.0 : 1.0;
-    out.irradiance[l] = shine * mean * laser.peak_irradiance(facing, sigma2, x, y, depth);
+    out.irradiance[l] = in_light * mean * laser.peak_irradiance(facing, sigma2, x, y, depth);
     const double slope_of_mean = -across / (1.0 + w2 * (1.0 / 12.0));
     out.per_distance[l] = slope_of_mean * inverse_sigma * (dx - widening * dz);
     out.per_change[l] = slope_of_mean * (1.0 / 12.0);
@@ -173,10 +173,10 @@ void integrate_edges(const IntegralConstants& c, const PlanePose& first, const P
   constexpr double kNarrow = 1e-3;          // least width of an interval, relative to their sum
   const double* a = c.axes;
   for (int l = 0; l < kLanes; ++l) {
-    const PlanePair start =
-        pair_up(c, place(first, b.normal, b.offset, l), place(first, b.other_normal, b.other_offset, l));
-    const PlanePair end =
-        pair_up(c, place(last, b.normal, b.offset, l), place(last, b.other_normal, b.other_offset, l));
+    const PlanePair start = pair_up(c, to_reference(first, b.normal, b.offset, l),
+                                    to_reference(first, b.other_normal, b.other_offset, l));
+    const PlanePair end = pair_up(c, to_reference(last, b.normal, b.offset, l),
+                                  to_reference(last, b.other_normal, b.other_offset, l));
     const PlanePair middle = pair_up(c, mean_plane(start.a, end.a), mean_plane(start.b, end.b));
     const double dx = out.direction.x[l];
     const double dy = out.direction.y[l];

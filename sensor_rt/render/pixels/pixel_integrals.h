@@ -14,8 +14,8 @@ struct alignas(64) PixelLanes {
   double offset[kLanes];
   Lanes3 other_normal;  ///< of the second face; the following are unused in pixels with one plane
   double other_offset[kLanes];
-  double
-      rise[kLanes];  ///< 1: the second face lies on the side of the first one's normal, else -1; 0: unknown
+  /// 1: the second face lies on the side of the normal of the first one, else -1; 0: unknown.
+  double rise[kLanes];
 };
 
 /// Light and geometry at the pixel centres at mid-exposure.
@@ -59,9 +59,9 @@ void integrate_planes(const IntegralConstants& constants, const PlanePose& first
                       const PixelLanes& pixels, LightLanes& light);
 
 /// Adds a second face that meets the first one at an edge. The difference g of inverse distances is linear in
-/// column, row and time; its sign tells the faces apart. Share and mean height of the second face are the
-/// means of the step and of the ramp of g over the three intervals: differences of powers at their eight
-/// corners.
+/// column, row and time; its sign determines which face is visible. Share and mean height of the second face
+/// are the means of the step and of the ramp of g over the three intervals: differences of powers at their
+/// eight corners.
 void integrate_edges(const IntegralConstants& constants, const PlanePose& first, const PlanePose& last,
                      const PixelLanes& pixels, LightLanes& light);
 

@@ -1,9 +1,5 @@
 #include "sensor_rt/render/reference/path_tracer.h"
 
-#include <algorithm>
-#include <limits>
-#include <vector>
-
 #include "sensor_rt/render/reference/path_random.h"
 
 namespace sensor_rt {
@@ -143,8 +139,7 @@ void PathTracer::trace_packet(Packet& packet) const {
   const int last = plan_.settings.bounces;
   const bool lamps_alone = mode_ == Mode::kReflectedLamps;
   const bool ambient = plan_.settings.model.ambient_irradiance > 0.0 && !lamps_alone;
-  packet.views.cameras[rays_.camera()].intersect(packet.number, packet.direction, packet.alive,
-                                                 std::numeric_limits<double>::infinity(), packet.hits);
+  packet.views.cameras[rays_.camera()].intersect(packet.number, packet.direction, packet.alive, packet.hits);
   for (int depth = 0;; ++depth) {
     if (ambient) packet.sum += ambient_light(packet, depth);
     for (int l = 0; l < kLanes; ++l) packet.alive[l] = packet.hits.shape[l] < 0 ? 0 : packet.alive[l];
@@ -153,7 +148,7 @@ void PathTracer::trace_packet(Packet& packet) const {
     if (depth > 0 || !lamps_alone) packet.sum += lamp_light(packet, depth);
     if (depth == last && !ambient) return;
     reflect(packet, depth);
-    if (std::none_of(packet.alive, packet.alive + kLanes, [](int alive) { return alive != 0; })) return;
+    if (!any_lane(packet.alive)) return;
     packet.views.query.intersect(packet.views.instants(packet.number), packet.origin, packet.direction,
                                  packet.alive, packet.hits);
   }
@@ -167,8 +162,8 @@ double PathTracer::trace(int column, int row) const {
   for (std::size_t first = 0; first < samples; first += kLanes) {
     packet.number = first / kLanes;
     rays_.through_samples(column, row, packet.number, packet.direction);
+    activate_lanes(samples - first, packet.alive);
     for (int l = 0; l < kLanes; ++l) {
-      packet.alive[l] = first + static_cast<std::size_t>(l) < samples ? -1 : 0;
       packet.carried[l] = 1.0;
       set_lane(packet.origin, l, lane(rays_.viewpoints(packet.number), l));
     }

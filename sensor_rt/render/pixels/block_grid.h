@@ -1,0 +1,39 @@
+// Values on a coarse grid over an image.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <vector>
+
+namespace sensor_rt {
+
+constexpr int kBlock = 8;  ///< edge of a block, px
+
+/// Values at the corners of blocks of 8 x 8 pixels; the last corners lie in the last column and row.
+template <typename Value>
+class BlockGrid {
+ public:
+  /// Sets the corners, row by row, to evaluate(column, row) of their pixels.
+  template <typename Evaluate>
+  BlockGrid(int width, int height, const Evaluate& evaluate)
+      : columns_((width + kBlock - 1) / kBlock + 1), rows_((height + kBlock - 1) / kBlock + 1) {
+    values_.reserve(static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_));
+    for (int j = 0; j < rows_; ++j) {
+      for (int i = 0; i < columns_; ++i) {
+        values_.push_back(evaluate(std::min(i * kBlock, width - 1), std::min(j * kBlock, height - 1)));
+      }
+    }
+  }
+
+  int columns() const { return columns_; }
+  int rows() const { return rows_; }
+  const Value& at(int i, int j) const { return values_[static_cast<std::size_t>(j * columns_ + i)]; }
+  Value& at(int i, int j) { return values_[static_cast<std::size_t>(j * columns_ + i)]; }
+
+ private:
+  int columns_;
+  int rows_;
+  std::vector<Value> values_;
+};
+
+}  // namespace sensor_rt
