@@ -45,6 +45,14 @@ MAY_USE_TRUTH = {
     *("options", "live", "programs", "views", "browser", "cli"),
 }
 
+# Modules of the other packages that simulate a measurement, or compare what was found with the truth.
+COMPARE_WITH_TRUTH = {
+    *("calibration/report.py", "calibration/cell/report.py", "calibration/cell/request.py"),
+    *("calibration/sensor/report.py", "calibration/sensor/simulated.py"),
+}
+# Objects that hold as-built values: `LoadedCell.true`, `Sensors.true`, `ScanSession.true`, `world_from_part_true`.
+AS_BUILT = re.compile(r"(?:^|_)true(?:_|$)")
+
 # What each folder of sensor_rt may include besides itself.
 SENSOR_RT = {
     "geometry": set(),
@@ -131,23 +139,26 @@ def docstrings(tree: ast.AST) -> set[int]:
 
 
 def truth_violations(package: Path) -> list[str]:
-    """Attributes, names and strings that mention truth, such as ``recording.truth`` or ``"truth.q[1]"``."""
+    """Names and strings that mention truth, ``"truth.q[1]"``, and names of as-built values, ``loaded.true``."""
     found = []
     for name, path, tree in python_files(package):
         if name in MAY_USE_TRUTH or name == "__init__":
             continue
         skipped = docstrings(tree)
         for node in ast.walk(tree):
-            word = ""
+            word, is_name = "", True
             if isinstance(node, ast.Attribute):
                 word = node.attr
             elif isinstance(node, ast.Name):
                 word = node.id
             elif isinstance(node, ast.alias):
                 word = node.name
+            elif isinstance(node, ast.arg | ast.keyword):
+                word = node.arg or ""
             elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in skipped:
-                word = node.value
-            if "truth" in word.lower():
+                word, is_name = node.value, False
+            knows = path.relative_to(package).as_posix() in COMPARE_WITH_TRUTH
+            if "truth" in word.lower() or (is_name and not knows and AS_BUILT.search(word)):
                 found.append(f"{path}:{getattr(node, 'lineno', 0)}: {word}")
     return found
 
@@ -214,6 +225,10 @@ def test_measured_side_never_mentions_truth() -> None:
     assert truth_violations(PACKAGE) == []
 
 
+def test_modules_that_compare_with_truth_exist() -> None:
+    assert all((PACKAGE / name).is_file() for name in COMPARE_WITH_TRUTH)
+
+
 def test_sensor_rt_includes() -> None:
     assert include_violations(ROOT, "sensor_rt", SENSOR_RT, "fmu") == []
 
@@ -249,6 +264,11 @@ def test_planted_import_is_found(tmp_path: Path, file: str, line: str) -> None:
         'value = session.value("truth.q[1]")',
         'columns = f"trigger.truth.{frame}"',
         "from scancell.cell.recording import ExposureTruth",
+        "bodies = loaded.true.bodies",
+        "image = render(sensors.true)",
+        "cell = session.true",
+        "sensors = replace(sensors, true=sensor)",
+        "def pose(world_from_part_true): ...",
     ],
 )
 @pytest.mark.parametrize("package", sorted(set(TIER_OF) - MAY_USE_TRUTH))

@@ -49,7 +49,7 @@ from .planning.plan import Plan as Plan
 from .cell.recording import Recording as Recording
 from .cell.recording import read_recording as read_recording
 from .reconstruction.cloud import Cloud as Cloud
-from .scanning.profile import Profile as Profile
+from .scanning.single_exposure import Profile as Profile
 from .scanning.sense import ExposureImages as ExposureImages
 
 # Results

@@ -18,7 +18,7 @@ from scancell.evaluation.coverage import Coverage, coverage, profile_spacing
 from scancell.evaluation.deviation import Deviation, deviation_from_mesh
 from scancell.files import png_bytes
 from scancell.progress import NullProgress, Progress, ProgressCallback, as_progress
-from scancell.scanning.result import ScanData
+from scancell.scanning.scan import ScanData
 from scancell.scanning.single_exposure import ShotData
 from scancell.stopwatch import Stopwatch
 from scancell.values import Result
@@ -123,14 +123,14 @@ class ScanResult(ScanData, Result):
         CancelledError
             When `progress` cancels.
         """
-        heard = as_progress(progress)
+        reporter = as_progress(progress)
         if "measurable" not in self.__dict__:
-            self.__dict__["measurable"] = self._find_measurable(heard)
-        heard.stage("evaluating", 2, "steps")
+            self.__dict__["measurable"] = self._find_measurable(reporter)
+        reporter.stage("evaluating", 2, "steps")
         _ = self.deviation
-        heard.advance(1)
+        reporter.advance(1)
         _ = self.coverage
-        heard.advance(1)
+        reporter.advance(1)
         return self
 
     @property

@@ -44,12 +44,11 @@ from scancell.progress import Progress, ProgressCallback, as_progress
 from scancell.results import ScanResult, ShotResult
 from scancell.scanning.drive import FmuRunner, PreScanHook
 from scancell.scanning.guard import guard_of
-from scancell.scanning.job import Job
-from scancell.scanning.pipeline import ScanPipeline
+from scancell.scanning.pipeline import Job, ScanPipeline
 from scancell.scanning.scan import Scan
 from scancell.scanning.sense import OnImages, make_sensors
 from scancell.scanning.session import ScanSession
-from scancell.scanning.single_exposure import expose
+from scancell.scanning.single_exposure import take_shot
 from scancell.scanning.survey import Survey, SurveyRegion, SurveyResult
 from scancell.stopwatch import Stopwatch
 
@@ -398,7 +397,7 @@ class Scanner(Closing):
         """
         require_sensor_words(assignments(as_built), "a shot is taken from a given pose, without the robot's errors")
         job = self._job(part, unit, as_built, seed)
-        return ShotResult.of(expose(job, part_from_sensor, engine, self.pipeline.threads))
+        return ShotResult.of(take_shot(job, part_from_sensor, engine, self.pipeline.threads))
 
     @checked_arguments
     def calibrate(

@@ -25,7 +25,7 @@ class Stopwatch:
 
 
 class Pace:
-    """Keeps steps of equal duration to a clock; a delay is caught up as far as it is less than a period.
+    """Keeps steps of equal duration to a clock; a delay of less than a period is caught up.
 
     So sleep that takes a little too long each time does not add up, and there is no burst of steps after a long delay.
 

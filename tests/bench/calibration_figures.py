@@ -29,9 +29,9 @@ from calibration_data import (
     passing_sphere,
     sphere_views,
 )
-from scancell.calibration.cell.design import design_poses
 from scancell.calibration.cell.kinematics import LATENCY, PLATTER, TABLE, TOOL, AxisReadings, written_unit
 from scancell.calibration.cell.solve import solve
+from scancell.calibration.cell.views import design_poses
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt

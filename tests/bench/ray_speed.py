@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
-from scancell.geometry.mesh import Mesh
-from scancell.geometry.sampling import sample_surface
+from scancell.geometry.mesh import Mesh, sample_surface
 
 from .peers.check import PeerMissingError
 from .raw_embree import RAYS, Fans, raw_times, turning_fans

@@ -8,7 +8,7 @@ import pytest
 from scancell.config.loading import Setup, assets_dir, load_setup
 from scancell.evaluation.artefact import evaluate_against_artefact
 from scancell.evaluation.faces import faces_of
-from scancell.geometry.sampling import sample_surface
+from scancell.geometry.mesh import sample_surface
 from scancell.studies.acceptance.measure import Samples, Trial
 from scancell.studies.acceptance.programme import (
     ALL_ROUND,

@@ -12,7 +12,7 @@ from scancell.evaluation.artefact import ArtefactEvaluation, evaluate_against_ar
 from scancell.evaluation.characteristics import Characteristic, narrowest_range
 from scancell.evaluation.faces import assign, faces_of
 from scancell.geometry import pose
-from scancell.geometry.sampling import sample_surface
+from scancell.geometry.mesh import sample_surface
 from scancell.geometry.shapes import Box, Cone, Cylinder, PlacedShape, Plane, Ring, Shape, ShapeGroup, Sphere
 from scancell.nominal.parts import load_artefact
 

@@ -21,12 +21,12 @@ from calibration_data import (
     passing_sphere,
     sphere_views,
 )
-from scancell.calibration.cell.design import design_poses
 from scancell.calibration.cell.kinematics import LATENCY, PLATTER, TABLE, TOOL, WOBBLE, AxisReadings, written_unit
 from scancell.calibration.cell.problem import Artefact, CalibrationProblem, Observations
 from scancell.calibration.cell.scan import readings_of
 from scancell.calibration.cell.solve import solve
 from scancell.calibration.cell.sphere_start import sphere_start
+from scancell.calibration.cell.views import design_poses
 from scancell.cell.recording import TriggerRecords
 from scancell.config.estimated import EstimatedDescription
 from scancell.config.loading import load_setup

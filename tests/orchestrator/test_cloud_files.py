@@ -11,7 +11,8 @@ import trimesh
 
 from scancell.errors import MeshError, OutputError
 from scancell.files import atomic_write
-from scancell.reconstruction import Cloud, read_ply, write_ply
+from scancell.reconstruction.cloud import Cloud
+from scancell.reconstruction.cloud_files import read_ply, write_ply
 
 
 def make_cloud(n: int = 500) -> Cloud:

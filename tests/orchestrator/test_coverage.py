@@ -10,8 +10,7 @@ import scancell
 from scancell.config.loading import assets_dir
 from scancell.evaluation.coverage import coverage, profile_spacing
 from scancell.geometry import pose
-from scancell.geometry.mesh import Mesh
-from scancell.geometry.sampling import sample_surface
+from scancell.geometry.mesh import Mesh, sample_surface
 from scancell.sensor import covered_samples
 from scancell.visibility.measurable import MeasurableSurface
 

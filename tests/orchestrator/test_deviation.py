@@ -10,10 +10,9 @@ import pytest
 import trimesh
 
 from scancell.evaluation.deviation import Deviation, DeviationFigures, deviation_from_mesh
-from scancell.geometry.mesh import Mesh
-from scancell.geometry.sampling import sample_surface
+from scancell.geometry.mesh import Mesh, sample_surface
 from scancell.geometry.shapes import PartSurface
-from scancell.reconstruction import Cloud
+from scancell.reconstruction.cloud import Cloud
 
 
 def mesh_of(solid: trimesh.Trimesh) -> Mesh:

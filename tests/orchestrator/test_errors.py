@@ -23,7 +23,7 @@ from scancell.guard.messages import CellState, Mode, Operation
 from scancell.output.frame_index import read_index
 from scancell.planning.plan import Plan
 from scancell.reconstruction.cloud_files import parse_formats
-from scancell.reconstruction.cloud_files.points import read_points
+from scancell.reconstruction.sources import read_points
 
 TREE = [one for one in vars(errors).values() if inspect.isclass(one) and issubclass(one, ScancellError)]
 ABOUT_VALUES = {"DescriptionError", "MeshError", "SensorError", "ImageError", "MessageError", "FitError"}

@@ -9,8 +9,7 @@ from trigger_records import Triggers
 
 from scancell.config.loading import assets_dir
 from scancell.geometry import pose
-from scancell.geometry.mesh import Mesh, box_mesh, load_mesh
-from scancell.geometry.sampling import sample_surface
+from scancell.geometry.mesh import Mesh, box_mesh, load_mesh, sample_surface
 from scancell.geometry.shapes import Cone, Cylinder, Sphere
 from scancell.reconstruction.footprint import footprint_of
 from scancell.reconstruction.reconstruct import Envelope, ProfilePoints, reconstruct_and_count, table_warnings

@@ -11,9 +11,14 @@ from scancell.config.loading import assets_dir, load_setup
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh
 from scancell.nominal.cell import nominal_cell
-from scancell.reconstruction import Envelope, ProfilePoints
 from scancell.reconstruction.foreign import Neighbour, Neighbours, foreign_points, neighbours_of
-from scancell.reconstruction.reconstruct import points_in_part, reconstruct_and_count, why_empty
+from scancell.reconstruction.reconstruct import (
+    Envelope,
+    ProfilePoints,
+    points_in_part,
+    reconstruct_and_count,
+    why_empty,
+)
 
 DEVICES = """
 [[conveyor]]

@@ -14,9 +14,8 @@ from scancell.errors import DescriptionError, FitError
 from scancell.evaluation.alignment import DatumPlane, best_fit, datum_fit
 from scancell.evaluation.mesh_evaluation import evaluate_against_mesh
 from scancell.geometry import pose
-from scancell.geometry.mesh import Mesh, load_mesh
+from scancell.geometry.mesh import Mesh, load_mesh, sample_surface
 from scancell.geometry.regions import smooth_regions
-from scancell.geometry.sampling import sample_surface
 from scancell.geometry.shapes import Cylinder, Sphere
 
 

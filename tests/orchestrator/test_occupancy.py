@@ -15,7 +15,7 @@ from scancell.planning.model import PlanningCell
 from scancell.planning.occupancy import read_voxels, with_occupied_space, write_voxels
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import FORMATS, write_cloud
-from scancell.reconstruction.cloud_files.points import read_points
+from scancell.reconstruction.sources import read_points
 from scancell.scanner import Scanner
 
 BLOCK = box_mesh((0.04, 0.03, 0.02), "block")

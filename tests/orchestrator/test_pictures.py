@@ -11,13 +11,12 @@ from PIL import Image
 
 from scancell.errors import OutputError
 from scancell.evaluation.deviation import Deviation
-from scancell.geometry.mesh import Mesh
-from scancell.geometry.sampling import sample_surface
+from scancell.geometry.mesh import Mesh, sample_surface
 from scancell.output.deviation_picture import colour_limit_um, deviation_colours, deviation_picture
 from scancell.output.drawing import Sheet, _font, ticks
 from scancell.output.stripe_picture import stripe_picture
 from scancell.output.surface_view import SurfaceView, sharp_edges, view_axes
-from scancell.reconstruction import Cloud
+from scancell.reconstruction.cloud import Cloud
 
 
 def box(size: tuple[float, float, float], shift: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Mesh:

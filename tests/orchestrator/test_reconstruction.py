@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,8 +12,14 @@ from trigger_records import Triggers
 
 from scancell.geometry import pose
 from scancell.geometry.arm import Arm, Joint
-from scancell.reconstruction import Envelope, ProfilePoints, reconstruct
-from scancell.reconstruction.reconstruct import points_in_part, quality_of
+from scancell.reconstruction.cloud import Cloud
+from scancell.reconstruction.reconstruct import (
+    Envelope,
+    ProfilePoints,
+    points_in_part,
+    quality_of,
+    reconstruct_and_count,
+)
 from scancell.sensor import estimate_normals
 
 ARM = Arm(
@@ -30,6 +37,10 @@ WORLD_FROM_TABLE = pose.translation((0.45, 0.0, 0.1))
 TABLE_FROM_PART = pose.from_euler_xyz((0.02, 0.0, 0.03), (0.0, 0.0, 0.4))
 EVERYWHERE = Envelope(-np.inf, np.inf, np.inf)
 RADIUS = 0.025
+
+
+def reconstruct(*inputs: Any, **options: Any) -> Cloud:
+    return reconstruct_and_count(*inputs, **options)[0]
 
 
 def part_from_sensor(q: np.ndarray, table: np.ndarray) -> np.ndarray:
@@ -251,8 +262,17 @@ def test_quality_decreases_with_sigma_and_flags() -> None:
 
 def test_reconstruction_reads_no_truth() -> None:
     """`reconstruct` takes measured values and nominal geometry only."""
-    names = list(inspect.signature(reconstruct).parameters)
-    assert names == ["profiles", "triggers", "part_from_sensor", "table_from_part", "envelope", "normals"]
+    names = list(inspect.signature(reconstruct_and_count).parameters)
+    assert names == [
+        "profiles",
+        "triggers",
+        "part_from_sensor",
+        "table_from_part",
+        "envelope",
+        "normals",
+        "neighbours",
+        "threads",
+    ]
 
     class Watched(Triggers):
         def __getattribute__(self, name: str) -> object:

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from scancell.geometry.mesh import Mesh, box_mesh
-from scancell.geometry.sampling import sample_surface
+from scancell.geometry.mesh import Mesh, box_mesh, sample_surface
 
 
 def test_samples_are_proportional_to_face_area() -> None:

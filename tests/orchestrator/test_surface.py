@@ -9,7 +9,7 @@ import pytest
 
 from scancell.errors import FitError, MeshError
 from scancell.geometry.mesh import load_mesh
-from scancell.reconstruction import Cloud
+from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.surface import reconstruct_surface, write_surface
 
 RADIUS = 0.025

@@ -8,7 +8,7 @@ import pytest
 import scancell
 from scancell.config.loading import assets_dir, load_setup
 from scancell.nominal import cell as nominal_module
-from scancell.nominal.friction import table_limits
+from scancell.nominal.cell import table_limits
 
 PART = assets_dir() / "parts" / "step_block.stl"
 SLIPPERY = {

@@ -21,11 +21,10 @@ from scancell.evaluation.alignment import (
 )
 from scancell.evaluation.characteristics import Characteristic, FittedFace, characteristics, fitted_face
 from scancell.evaluation.deviation import DeviationFigures
-from scancell.evaluation.evaluation import Evaluation
 from scancell.evaluation.faces import Face, assign, faces_of
-from scancell.evaluation.mesh_evaluation import alignment_json
+from scancell.evaluation.mesh_evaluation import Evaluation, alignment_json
 from scancell.geometry import pose
-from scancell.geometry.sampling import sample_surface
+from scancell.geometry.mesh import sample_surface
 from scancell.geometry.shapes import ShapeGroup
 
 Array = NDArray[np.float64]

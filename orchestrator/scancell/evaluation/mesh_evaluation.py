@@ -5,23 +5,25 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import permutations
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
+from scancell.arguments import checked_arguments
 from scancell.config.choices import Align
 from scancell.errors import FitError
 from scancell.evaluation.alignment import DatumPlane, best_fit_of_starts, check_request, datum_fit
 from scancell.evaluation.deviation import DeviationFigures, figures_by_label
-from scancell.evaluation.evaluation import Evaluation
+from scancell.files import png_bytes
 from scancell.geometry import pose
-from scancell.geometry.mesh import METRES_PER_UNIT, Mesh
+from scancell.geometry.mesh import METRES_PER_UNIT, Mesh, sample_surface
 from scancell.geometry.regions import Regions, smooth_regions
-from scancell.geometry.sampling import sample_surface
 from scancell.geometry.shapes import PartSurface, ShapeMesh
 from scancell.sensor import MeshSurface
+from scancell.values import Result
 
 Array = NDArray[np.float64]
 
@@ -38,6 +40,30 @@ _COVERAGE_SAMPLES = 20_000
 _COVERAGE_TOLERANCE = 1e-3  # m
 _LISTED = 100  # regions with figures of their own
 _SHOWN = 12  # of them in the summary
+
+
+class Evaluation(Result):
+    """A comparison of a cloud with a mesh or an artefact; its files and its picture are made by `scancell.output`."""
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One mapping for each characteristic or region, as in ``evaluation.csv``."""
+        raise NotImplementedError
+
+    @checked_arguments
+    def save(self, folder: str | Path) -> list[Path]:
+        """Write ``evaluation.json``, ``.csv`` and ``.png`` into `folder`, all or none, and return their paths.
+
+        Raises `OutputError` if the folder cannot be written.
+        """
+        from scancell.output.evaluation_files import save_evaluation  # noqa: PLC0415
+
+        return save_evaluation(self, Path(folder))
+
+    def picture(self) -> bytes:
+        """The deviations on the part, as PNG."""
+        from scancell.output.evaluation_files import draw_evaluation  # noqa: PLC0415
+
+        return png_bytes(lambda path: draw_evaluation(self, path))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,4 +1,4 @@
-"""Triangle meshes: reading them with every fault named, and the properties of the solids they bound."""
+"""Triangle meshes: reading them with every fault named, the solids they bound, and samples of their surface."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ class Mesh(Value):
 
     @cached_property
     def is_closed(self) -> bool:
-        """Whether the faces are wound alike and leave no rim, so that the mesh has an inside.
+        """Whether the faces are wound consistently and leave no boundary, so that the mesh has an inside.
 
         Where it is not, signed distances from the mesh mean nothing.
         """
@@ -364,3 +364,18 @@ def is_stable_pose(mesh: Mesh, table_from_part: ArrayLike, tolerance: float = 1e
     angle = np.linspace(0.0, 2 * np.pi, 720, endpoint=False)
     support = (feet @ np.stack([np.cos(angle), np.sin(angle)])).max(0)
     return bool(support.min() > tolerance)
+
+
+def sample_surface(mesh: Mesh, count: int, seed: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Area-stratified random points (count, 3), m, and their faces (count,).
+
+    One point in each of `count` equal intervals of the cumulative face area, uniformly distributed within its face.
+    """
+    rng = np.random.default_rng(seed)
+    cumulated = np.cumsum(mesh.areas / mesh.areas.sum())
+    face = np.searchsorted(cumulated, (np.arange(count) + rng.uniform(size=count)) / count)
+    face = np.minimum(face, len(cumulated) - 1)  # rounding may leave the sum below 1
+    u, v = rng.uniform(size=(2, count, 1))
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces[face]], 1, 0)
+    root = np.sqrt(u)
+    return (1 - root) * a + root * (1 - v) * b + root * v * c, face

@@ -1,7 +1,8 @@
 """Winding of triangle meshes: whether faces look outwards, and which of them can be turned over with certainty.
 
-A *shell* is a set of faces connected through edges that exactly two faces share. Faces of one shell are wound alike
-when each shared edge is run through once in each direction; a closed shell that is wound alike has an inside.
+A *shell* is a set of faces connected through edges that exactly two faces share. Faces of one shell are wound
+consistently when each shared edge is run through once in each direction; a closed shell that is wound consistently has
+an inside.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ Faces = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 # outward: closed, every normal looks out of the material; inward: closed, and all of them look into it;
-# open: wound alike, but the surface has a rim (or edges of three and more faces), so that nothing is inside;
+# open: wound consistently, but the surface has a rim (or edges of three and more faces), so that nothing is inside;
 # inconsistent: neighbouring faces look to opposite sides.
 Orientation = Literal["outward", "inward", "open", "inconsistent"]
 
@@ -38,7 +39,7 @@ class Winding:
     rim
         Number of edges with one face only.
     contradictory
-        Number of faces that cannot be wound alike (one-sided surfaces).
+        Number of faces that cannot be wound consistently (one-sided surfaces).
     """
 
     faces: Faces
@@ -49,7 +50,7 @@ class Winding:
 
 
 def is_closed(faces: Faces) -> bool:
-    """Whether every edge is run through equally often in both directions: closed, and wound alike.
+    """Whether every edge is run through equally often in both directions: closed, and wound consistently.
 
     `faces` (m, 3) number welded vertices. A random antisymmetric form is summed over all edges, modulo 2^64; the
     chance that a mesh with a rim sums to 0 is below 1e-15.
@@ -76,8 +77,8 @@ def _random_words(count: int, stream: int) -> NDArray[np.uint64]:
 def wind_outwards(vertices: Array, faces: Faces) -> Winding:
     """Turn over the faces that certainly look the wrong way.
 
-    Faces of a shell are wound alike. A closed shell looks outwards by the sign of its volume; one that lies in an
-    odd number of others is a cavity and looks inwards if those had to be turned over. An open shell keeps the sense
+    Faces of a shell are wound consistently. A closed shell looks outwards by the sign of its volume; one that lies in
+    an odd number of others is a cavity and looks inwards if those had to be turned over. An open shell keeps the sense
     that most of its surface has.
 
     Parameters
@@ -92,15 +93,15 @@ def wind_outwards(vertices: Array, faces: Faces) -> Winding:
         turn = _inverted_shells(vertices, faces, shell, np.ones(shell.max() + 1, bool))[shell]
         return Winding(_turned_over(faces, turn), "outward", int(turn.sum()))
     edges = _Edges.of(faces)
-    shell, turn, contradictory = _wound_alike(edges, len(faces))
+    shell, turn, contradictory = _wound_consistently(edges, len(faces))
     count = int(shell.max()) + 1
     area = _doubled_areas(vertices, faces)
     against = np.bincount(shell, weights=np.where(turn, area, 0.0), minlength=count)
     mostly = against > np.bincount(shell, weights=area, minlength=count) / 2
     turn = (turn ^ mostly[shell]) & ~contradictory
-    alike = _turned_over(faces, turn)
+    consistent = _turned_over(faces, turn)
     closed = _closed_shells(edges, shell, turn)
-    turn ^= _inverted_shells(vertices, alike, shell, closed)[shell]
+    turn ^= _inverted_shells(vertices, consistent, shell, closed)[shell]
     repaired = _turned_over(faces, turn)
     state: Orientation = "outward" if is_closed(repaired) else "inconsistent" if contradictory.any() else "open"
     return Winding(repaired, state, int(turn.sum()), edges.rim, int(contradictory.sum()))
@@ -155,30 +156,20 @@ class _Edges:
 def _connected_by_vertices(faces: Faces, vertices: int) -> NDArray[np.int64]:
     """Number (m,) of the connected piece that each face belongs to."""
     a, b, c = faces.T
-    label = _components(vertices, np.concatenate([a, a]), np.concatenate([b, c]))[a]
+    label = connected_components(vertices, np.concatenate([a, a]), np.concatenate([b, c]))[a]
     renumbered = np.cumsum(np.bincount(label) > 0) - 1
     return np.asarray(renumbered[label])
 
 
-def _components(count: int, one: NDArray[np.int64], other: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Connected components of a graph with `count` nodes and edges `one` to `other` (k,): the lowest node (count,).
+def connected_components(count: int, one: NDArray[np.int64], other: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Component (count,) of each node of a graph with edges `one` to `other` (k,), numbered by their lowest nodes."""
+    from scipy.sparse import coo_matrix, csgraph  # noqa: PLC0415  (half a second)
 
-    Hooking and pointer jumping, in about log(count) passes; importing SciPy's takes longer than most meshes.
-    """
-    label = np.arange(count)
-    while True:
-        a, b = label[one], label[other]
-        low, high = np.minimum(a, b), np.maximum(a, b)
-        apart = low != high
-        if not apart.any():
-            return label
-        one, other = one[apart], other[apart]
-        np.minimum.at(label, high[apart], low[apart])
-        while (label[label] != label).any():
-            label = label[label]
+    graph = coo_matrix((np.ones(len(one), bool), (one, other)), shape=(count, count))
+    return np.asarray(csgraph.connected_components(graph, directed=False)[1])
 
 
-def _wound_alike(edges: _Edges, faces: int) -> tuple[NDArray[np.int64], Mask, Mask]:
+def _wound_consistently(edges: _Edges, faces: int) -> tuple[NDArray[np.int64], Mask, Mask]:
     """Shell (m,) of each face, whether it is to be turned over to agree with its shell, and whether nothing helps.
 
     Each face has two nodes, one for either sense; an edge between two faces joins the senses that agree. A shell
@@ -189,7 +180,7 @@ def _wound_alike(edges: _Edges, faces: int) -> tuple[NDArray[np.int64], Mask, Ma
     crossed = np.where(edges.forward[pair] == edges.forward[pair + 1], faces, 0)
     rows = np.concatenate([one, one + faces])
     columns = np.concatenate([other + crossed, other + faces - crossed])
-    sense = _components(2 * faces, rows, columns)
+    sense = connected_components(2 * faces, rows, columns)
     as_is, turned = sense[:faces], sense[faces:]
     shell = np.unique(np.minimum(as_is, turned), return_inverse=True)[1]
     return shell.astype(np.int64), turned < as_is, as_is == turned

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.mesh_files import weld
+from scancell.geometry.orientation import connected_components
 
 Array = NDArray[np.float64]
 
@@ -46,9 +47,6 @@ class Regions:
 
 def smooth_regions(mesh: Mesh, sharp_deg: float = _SHARP_DEG) -> Regions:
     """Regions whose neighbouring faces meet at less than `sharp_deg`; edges of more than two faces separate, too."""
-    from scipy.sparse import coo_matrix  # noqa: PLC0415
-    from scipy.sparse.csgraph import connected_components  # noqa: PLC0415
-
     first, number = weld(mesh.vertices)
     faces = first[number][mesh.faces]
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
@@ -60,8 +58,7 @@ def smooth_regions(mesh: Mesh, sharp_deg: float = _SHARP_DEG) -> Regions:
     alone = same & ~np.append(same[1:], False) & ~np.append(False, same[:-1])
     a, b = owner[:-1][alone], owner[1:][alone]
     smooth = np.einsum("ni,ni->n", mesh.normals[a], mesh.normals[b]) > np.cos(np.radians(sharp_deg))
-    graph = coo_matrix((np.ones(int(smooth.sum())), (a[smooth], b[smooth])), shape=(len(faces), len(faces)))
-    _, label = connected_components(graph, directed=False)
+    label = connected_components(len(faces), a[smooth], b[smooth])
     areas = np.bincount(label, mesh.areas).astype(float)
     rank = np.empty(len(areas), np.int64)
     rank[np.argsort(-areas, kind="stable")] = np.arange(len(areas))

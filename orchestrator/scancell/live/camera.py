@@ -21,10 +21,10 @@ from scancell.config.keys import Assignments, assignments
 from scancell.config.loading import require_sensor_words, sensor_words
 from scancell.errors import ScancellError
 from scancell.live.cell import LiveCell
-from scancell.scanning.job import Job
-from scancell.scanning.profile import Profile, measure_profile
+from scancell.scanning.pipeline import Job
 from scancell.scanning.sense import ExposureImages, Sensors, make_sensors
 from scancell.scanning.session import ScanSession
+from scancell.scanning.single_exposure import Profile, measure_profile
 
 Array = NDArray[np.float64]
 T = TypeVar("T", bound=np.generic)

@@ -22,18 +22,36 @@ from scancell.errors import CellError
 from scancell.geometry import pose
 from scancell.geometry.arm import Arm, HeldJoint, Joint
 from scancell.geometry.mesh import Mesh, box_mesh, is_stable_pose, load_mesh
-from scancell.nominal.friction import table_limits
 from scancell.nominal.gripper import finger_mesh, gripper_from_finger, housing_mesh, start_width
 from scancell.nominal.parts import load_part
 from scancell.nominal.patches import Patch, part_patches
 from scancell.nominal.poses import lay_down, pose_matrix, tool_matrix
 from scancell.values import Value
 
+# Shares of the friction that turning and speeding up may each take at the part's farthest point: together half of it,
+# because the pressure under the part is not even.
+_OF_SPEED, _OF_ACCELERATION = 0.4, 0.3
+
 Array = NDArray[np.float64]
 
 _PLACEHOLDER = box_mesh((0.01, 0.01, 0.01), "no part")
 
 OCCUPIED = "occupied["  # begins the names of bodies that are measured space; no description can have such a name
+
+
+def table_limits(cell: CellDescription, part: Mesh, table_from_part: NDArray[np.float64]) -> tuple[float, float]:
+    """Speed (rad/s) and acceleration (rad/s²) of the table: its limits, or lower ones at which friction holds the part.
+
+    At a distance R from the axis, friction μ holds what turns at ω and speeds up by α while
+    ``sqrt((ω² R)² + (α R)²) < μ g``.
+    """
+    speed, acceleration = np.radians([cell.table.max_speed_deg_s, cell.table.max_acceleration_deg_s2]).tolist()
+    if cell.part.fixture != "free":
+        return speed, acceleration
+    used = part.vertices[np.unique(part.faces)]
+    radius = float(np.hypot(*pose.transform_points(table_from_part, used)[:, :2].T).max())
+    held = min(cell.part.friction, cell.table.friction) * cell.world.gravity_m_s2
+    return min(speed, float(np.sqrt(_OF_SPEED * held / radius))), min(acceleration, _OF_ACCELERATION * held / radius)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

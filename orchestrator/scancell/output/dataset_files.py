@@ -24,7 +24,7 @@ from scancell.evaluation.ground_truth import CloudTruth, Stripe, Surface, TrueWo
 from scancell.extras import require
 from scancell.nominal.cell import Body, Lamp
 from scancell.scanning.exposures import build_scene, exposures_from_truth, readout_time
-from scancell.scanning.result import ScanData
+from scancell.scanning.scan import ScanData
 from scancell.scanning.sense import ExposureImages, make_sensor
 
 if TYPE_CHECKING:

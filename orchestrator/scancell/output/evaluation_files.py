@@ -8,8 +8,7 @@ import numpy as np
 
 from scancell.evaluation.artefact import ArtefactEvaluation
 from scancell.evaluation.deviation import Deviation
-from scancell.evaluation.evaluation import Evaluation
-from scancell.evaluation.mesh_evaluation import MeshEvaluation
+from scancell.evaluation.mesh_evaluation import Evaluation, MeshEvaluation
 from scancell.geometry.shapes import PartSurface
 from scancell.output.deviation_picture import deviation_picture
 from scancell.output.run_files import write_json

@@ -21,7 +21,7 @@ from scancell.output.manifest import manifest, resolved_toml
 from scancell.output.run_folder import RunFolder
 from scancell.planning.plan import plan_json
 from scancell.reconstruction.cloud_files import write_cloud
-from scancell.scanning.result import ScanData
+from scancell.scanning.scan import ScanData
 from scancell.stopwatch import Stopwatch
 
 _ROWS = 1 << 18  # of a table written at a time, which bounds the memory

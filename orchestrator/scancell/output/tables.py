@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.reconstruction.reconstruct import PointsInSensor
+from scancell.reconstruction.reconstruct import ProfilePoints
 
 _ROWS = 1 << 16  # written at a time
 _MM = 1e3
@@ -61,7 +61,7 @@ def _column(values: Sequence[Any]) -> Any:
 
 
 def write_profile_csv(
-    path: Path, profile: PointsInSensor, rows: NDArray[np.float64], points_in_part: NDArray[np.float64]
+    path: Path, profile: ProfilePoints, rows: NDArray[np.float64], points_in_part: NDArray[np.float64]
 ) -> None:
     """Points of one exposure in pixels, with image rows (m,), and in mm in the frames of sensor and part.
 

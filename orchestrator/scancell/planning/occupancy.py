@@ -18,7 +18,7 @@ from scancell.files import atomic_write
 from scancell.geometry.pose import transform_points
 from scancell.geometry.voxels import VoxelGrid
 from scancell.nominal.cell import OCCUPIED, Body, NominalCell
-from scancell.reconstruction.cloud_files.points import read_points
+from scancell.reconstruction.sources import read_points
 
 Array = NDArray[np.float64]
 

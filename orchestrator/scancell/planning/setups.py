@@ -33,7 +33,7 @@ from scancell.visibility.measurable import MeasurableSurface, measurable_surface
 Flags = NDArray[np.bool_]
 
 _SAMPLES = 2500
-_MOST_RESTS = 10  # resting poses that are looked at, those that are hardest to tip over
+_MOST_RESTS = 10  # resting poses that are examined, the hardest to tip over first
 _HEIGHTS_MM = (0.0, 30.0, 60.0, 90.0)
 _OFFSETS = (0.0, 0.35)  # of the part's radius, along x of the table
 _MOST_VIEWS, _MOST_TIME = 100, 600.0  # of a set-up; s

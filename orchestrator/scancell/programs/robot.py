@@ -33,8 +33,8 @@ from scancell.errors import CommandError
 from scancell.geometry import pose
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import write_cloud
-from scancell.scanning.profile import Profile
 from scancell.scanning.session import ScanSession
+from scancell.scanning.single_exposure import Profile
 
 Array = NDArray[np.float64]
 

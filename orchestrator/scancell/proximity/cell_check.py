@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.errors import CellError
-from scancell.geometry.mesh import Mesh, clustered
+from scancell.geometry.mesh import Mesh, clustered, sample_surface
 from scancell.nominal.cell import NominalCell
 from scancell.proximity.judge import fcl_model
 from scancell.sensor import closest_points
@@ -102,15 +102,10 @@ def _faces_in_box(mesh: Mesh, low: Array, high: Array) -> NDArray[np.int64]:
 
 
 def _points_in_box(mesh: Mesh, faces: NDArray[np.int64], low: Array, high: Array) -> Array:
-    """Vertices of `faces` and points drawn evenly from their area, as far as they lie in the box."""
-    rng = np.random.default_rng(0)
-    corners = mesh.vertices[faces]
-    if not len(faces):
-        return corners.reshape(-1, 3)
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    drawn = rng.choice(len(faces), _SAMPLES, p=area / area.sum()) if area.any() else np.zeros(0, np.int64)
-    weights = rng.dirichlet(np.ones(3), len(drawn))
-    points = np.concatenate([corners.reshape(-1, 3), np.einsum("mi,mij->mj", weights, corners[drawn])])
+    """Vertices of `faces` and points drawn evenly from their area, those in the box."""
+    points, near = mesh.vertices[faces].reshape(-1, 3), Mesh(mesh.vertices, faces)
+    if near.areas.any():
+        points = np.concatenate([points, sample_surface(near, _SAMPLES, 0)[0]])
     return np.asarray(points[((points >= low) & (points <= high)).all(1)])
 
 

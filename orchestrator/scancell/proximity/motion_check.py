@@ -41,7 +41,7 @@ class Budget:
     whole: Budget | None = None  # of which it is a part
 
     def share(self, parts: int) -> Budget:
-        """An equal share for the first of so many searches; what it does not use is left to the others."""
+        """An equal share for the first of `parts` searches; what it does not use is left to the others."""
         return Budget(self.left // parts, self)
 
     def spend(self, work: int) -> None:

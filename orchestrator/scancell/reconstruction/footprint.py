@@ -1,4 +1,4 @@
-"""Points of thin parts near the table, told from table points by the part's nominal footprint.
+"""Points of thin parts near the table, distinguished from table points by the part's nominal footprint.
 
 Where the nominal part covers the table, a point cannot be on the table, however low it lies. Only places where the
 upper side of the part is low matter; elsewhere the part has no points near the table. Within a tolerance of places

@@ -28,27 +28,6 @@ _AMBIGUOUS = 0.01  # share of the cloud from which a warning names points that m
 REFERENCE_SIGMA = 20e-6  # m: standard deviation at which `quality_of` is 1/2
 
 
-class PointsInSensor(Protocol):
-    """Profile points in the sensor frame, see `ProfilePoints`."""
-
-    @property
-    def points_in_sensor(self) -> NDArray[Any]: ...
-    @property
-    def sigma(self) -> NDArray[Any]: ...
-    @property
-    def intensity(self) -> NDArray[Any]: ...
-    @property
-    def camera(self) -> NDArray[Any]: ...
-    @property
-    def column(self) -> NDArray[Any]: ...
-    @property
-    def frame(self) -> NDArray[Any]: ...
-    @property
-    def flags(self) -> NDArray[Any]: ...
-    @property
-    def time_offset(self) -> NDArray[Any]: ...
-
-
 class Triggers(Protocol):
     """Trigger records, one per exposure: joints (n, joints) and table angle (n,), rad, and their rates, rad/s."""
 
@@ -100,7 +79,7 @@ class ProfilePoints(Value):
     time_offset: Array
 
     @classmethod
-    def concatenate(cls, batches: Iterable[PointsInSensor]) -> Self:
+    def concatenate(cls, batches: Iterable[ProfilePoints]) -> Self:
         """Concatenation of batches with common frame numbers; each batch is released before the next is taken."""
         columns: dict[str, NDArray[Any]] = {}
         for batch in batches:
@@ -222,20 +201,8 @@ def why_empty(dropped: Dropped, envelope: Envelope) -> list[str]:
     return [f"{count} of {dropped.measured} measured points {why}" for count, why in found]
 
 
-def reconstruct(
-    profiles: PointsInSensor,
-    triggers: Triggers,
-    part_from_sensor: Callable[[Array, Array], Array],
-    table_from_part: Array,
-    envelope: Envelope,
-    normals: bool = True,
-) -> Cloud:
-    """The cloud of `reconstruct_and_count`, where nothing stands beside the part."""
-    return reconstruct_and_count(profiles, triggers, part_from_sensor, table_from_part, envelope, normals)[0]
-
-
 def reconstruct_and_count(
-    profiles: PointsInSensor,
+    profiles: ProfilePoints,
     triggers: Triggers,
     part_from_sensor: Callable[[Array, Array], Array],
     table_from_part: Array,

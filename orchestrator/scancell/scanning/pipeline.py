@@ -1,7 +1,6 @@
-"""The steps of scans: load, plan, drive, sense, reconstruct; `scan` composes them.
+"""The steps of scans: load, plan, drive, sense, reconstruct, which `scan` composes; and the job that they start from.
 
-Nominal cells with their ray-tracing scenes, plans and the FMU
-instance are cached between scans.
+Nominal cells with their ray-tracing scenes, plans and the FMU instance are cached between scans.
 """
 
 from __future__ import annotations
@@ -11,6 +10,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property, partial
+from pathlib import Path
 from threading import Lock
 from typing import Any, TypeVar
 
@@ -59,6 +59,43 @@ _MAX_PLANS = 16
 _ENVELOPE_HEIGHT = 0.5  # m above the table: beyond the reach of the sensor
 
 T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Job:
+    """A part in the cell.
+
+    Attributes
+    ----------
+    as_built
+        Perturbations as ``key=value`` words.
+    part_file, recording_file
+        Files of the part and of a recording, where these are from files.
+    unit
+        Of the part's file.
+    estimated_sensor
+        Calibrated sensor that interprets the images in place of the nominal one.
+    """
+
+    setup: Setup
+    loaded: LoadedCell
+    sensors: Sensors
+    as_built: tuple[str, ...]
+    seed: int
+    part_file: Path | None
+    unit: str
+    recording_file: Path | None = None
+    estimated_sensor: SensorDescription | None = None
+
+    @property
+    def part(self) -> str:
+        """Name of the part: its file, or the name of its mesh."""
+        return self.part_file.name if self.part_file else self.loaded.nominal.part.source
+
+    def drive_request(self, collision_outputs: bool = False) -> DriveRequest:
+        """The cell for the FMU; collision outputs cost most of a run."""
+        description = self.loaded.for_fmu(self.seed, collision_outputs)
+        return DriveRequest(self.setup, self.loaded.nominal, description, self.as_built)
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,8 @@ from scancell.guard.transport import InProcess
 from scancell.nominal.cell import NominalCell
 from scancell.progress import NullProgress, Progress
 from scancell.reconstruction.cloud import Cloud
-from scancell.scanning.job import Job
-from scancell.scanning.pipeline import ScanPipeline
-from scancell.scanning.profile import Profile, measure_profile
+from scancell.scanning.pipeline import Job, ScanPipeline
+from scancell.scanning.single_exposure import Profile, measure_profile
 
 Array = NDArray[np.float64]
 
@@ -91,7 +90,7 @@ class ScanSession(CellSession):
         return self.value("command.monitor_speed") if self._guarded is None else self._guarded.monitor_speed
 
     def set_monitor_speed(self, share: float) -> None:
-        """As of a `CellSession`, but with a guard `share` (0 to 1) is in force only as far as it allows."""
+        """As of a `CellSession`, but with a guard `share` (0 to 1) is limited to what it allows."""
         if self._guarded is None:
             super().set_monitor_speed(share)
         else:

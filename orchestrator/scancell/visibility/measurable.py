@@ -13,7 +13,7 @@ table), heading of the laser sheet about the viewing direction. For each of them
 the sheet, 5 mm apart along the laser line and in range, that the sensor sees; across the sheet the position follows
 from the sample, as a scan sweeps the sheet over the part. Reach is evaluated at the nearest point of a grid of 5 mm
 that is fixed in the frame of the table; where three poses tried in a cube of 40 mm are all out of reach, the cube is.
-Bodies fixed in the world are looked at from the first table angle found; where one occludes a pose, directions nearby
+Bodies fixed in the world are considered at the first table angle found; where one occludes a pose, directions nearby
 (10°) are not tried any more.
 
 Not part of it: collisions of arm or housing with the part or with anything but the table, occlusion by arm, gripper

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.geometry import pose
-from scancell.geometry.mesh import Mesh, joined
-from scancell.geometry.sampling import sample_surface
+from scancell.geometry.mesh import Mesh, joined, sample_surface
 from scancell.nominal.cell import Body, NominalCell
 from scancell.progress import Progress
 from scancell.visibility.sensor_field import POSITION_STEP, SensorField
@@ -28,7 +27,7 @@ _METHOD = 1  # raised when the method changes, so that older cache files are not
 _SEED = 0
 _AZIMUTHS = round(2 * np.pi / ANGLE_STEP)
 _CHUNK = 1000  # samples between two reports of progress
-_MOST_TRIES = 100  # poses of a sample that are looked at
+_MOST_TRIES = 100  # poses tried for a sample
 
 
 class Tracer:
@@ -116,7 +115,7 @@ class SurfaceSearch:
         -------
         rows, table_from_sensor
             (k,) samples, and (k, 4, 4) the poses in the frame of the table at angle 0, m. Bodies fixed in the world are
-            not looked at.
+            not considered.
         """
         on_table = pose.transform_points(self._nominal.table_from_part, self.samples)
         mesh, found, poses = joined(self.obstacles, "part and table"), [np.zeros(0, np.int64)], [np.zeros((0, 4, 4))]

@@ -9,10 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.calibration.cell.kinematics import written_unit
-from scancell.calibration.cell.problem import CalibrationProblem, Observations, points_on_platter
-from scancell.calibration.cell.result import CalibrationResult
+from scancell.calibration.cell.problem import (
+    REACH,
+    CalibrationProblem,
+    CalibrationResult,
+    Observations,
+    distances_to,
+    points_on_platter,
+)
 from scancell.calibration.cell.solve import solve
-from scancell.calibration.cell.surfaces import REACH, distances_to
 from scancell.config.cell import PartDescription
 from scancell.errors import CalibrationError
 from scancell.geometry import pose

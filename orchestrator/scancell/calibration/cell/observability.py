@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from scancell.calibration.cell.kinematics import LATENCY
 from scancell.calibration.cell.noise import Moments, normal_equations
-from scancell.calibration.cell.problem import CalibrationProblem
-from scancell.calibration.cell.result import Direction
+from scancell.calibration.cell.problem import CalibrationProblem, Direction
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
 

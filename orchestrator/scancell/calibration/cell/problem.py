@@ -1,21 +1,32 @@
-"""Calibration problem: measured profiles of an artefact, what is known about it, and what is to be found."""
+"""Calibration problem and its result: measured profiles of an artefact, what is known, unknown and found."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import fdtri, stdtrit
 
-from scancell.calibration.cell.kinematics import LATENCY, AxisReadings, CellKinematics, SensorPoses
+from scancell import sensor as sensor_rt
+from scancell.calibration.cell.kinematics import LATENCY, UNIT, AxisReadings, CellKinematics, SensorPoses, written_unit
 from scancell.geometry import pose
+from scancell.geometry.mesh import Mesh
+from scancell.geometry.shapes import ShapeGroup, ShapeMesh
 
 Array = NDArray[np.float64]
 RobotNoise = Literal["none", "joints", "flange"]
 
 MOST_OBLIQUE = 0.15  # smallest cosine between the normal of a surface and the direction of a point's error
+
+REACH = 5e-3  # m: points farther from the nominal surface are not the artefact's
+_EDGE = 0.7e-3  # m: points nearer to two shapes than this belong to neither
+_COARSE = 1e-4  # m: chord error of surfaces from which targets are sampled
+
+_EFFECT = {"mm": 1.0, "deg": 0.1, "ms": 0.05}  # mm, of 1 mm, 1 mrad at 100 mm, 1 ms at 50 mm/s
+_MAIN = 0.3  # share of the largest effect in a direction from which an unknown is named
 
 
 class Surface(Protocol):
@@ -135,3 +146,154 @@ def points_on_platter(observations: Observations, poses: SensorPoses) -> Array:
         motion = poses.deviations[LATENCY][observations.frame]
         points = points + observations.time_offset[:, None] * (motion[:, :3] + np.cross(motion[:, 3:], points))
     return points
+
+
+def surface_of(part: Mesh) -> Surface:
+    """The measured surfaces of a part."""
+    return MeasuredShapes(part.shapes) if isinstance(part, ShapeMesh) else MeasuredMesh(part)
+
+
+def measured_meshes(part: Mesh) -> list[Mesh]:
+    """A coarse mesh of each measured surface, in the part frame."""
+    if not isinstance(part, ShapeMesh):
+        return [part]
+    return [one.shape.mesh(_COARSE).transformed(one.frame_from_shape) for one in part.shapes.measured]
+
+
+def distances_to(part: Mesh, points: Array) -> Array:
+    """Distances (n,) of points (n, 3) in the part frame from its nearest surface, supports included, m."""
+    if isinstance(part, ShapeMesh):
+        return np.abs(part.shapes.nearest(points)[0])
+    return np.abs(sensor_rt.MeshSurface(part.vertices, part.faces).signed_distances(points)[0])
+
+
+@dataclass(frozen=True)
+class MeasuredShapes:
+    """Shapes, see `Surface`: supports, edges and points beyond `REACH` are not used."""
+
+    group: ShapeGroup
+
+    def assign(self, points: Array) -> NDArray[np.intp]:
+        """See `Surface.assign`."""
+        signed, _, number = self.group.nearest(points)
+        usable = np.array([one.role == "measured" for one in self.group.shapes])[number] & (np.abs(signed) < REACH)
+        for other, placed in enumerate(self.group.shapes):
+            usable &= (number == other) | (np.abs(placed.nearest(points)[0]) > _EDGE)
+        return np.where(usable, number, -1)
+
+    def distance(self, points: Array, shape: NDArray[np.intp]) -> tuple[Array, Array]:
+        """See `Surface.distance`."""
+        signed, normal = np.zeros(len(points)), np.zeros((len(points), 3))
+        for number, placed in enumerate(self.group.shapes):
+            rows = np.flatnonzero(shape == number)
+            signed[rows], normal[rows] = placed.nearest(points[rows])
+        return signed, normal
+
+
+class MeasuredMesh:
+    """A mesh, see `Surface`: points beyond `REACH` are not used."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self._surface = sensor_rt.MeshSurface(mesh.vertices, mesh.faces)
+        self._normals = mesh.normals
+
+    def assign(self, points: Array) -> NDArray[np.intp]:
+        """See `Surface.assign`."""
+        return np.where(np.abs(self._surface.signed_distances(points)[0]) < REACH, 0, -1)
+
+    def distance(self, points: Array, shape: NDArray[np.intp]) -> tuple[Array, Array]:
+        """See `Surface.distance`; the normal is that of the closest face."""
+        signed, face = self._surface.signed_distances(points)
+        return signed, self._normals[face]
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A direction in the space of the deviations, in mm, mrad and ms: unit vector (p,), and its standard deviation."""
+
+    vector: Array
+    standard_deviation: float
+
+    def text(self, names: Sequence[str]) -> str:
+        """The deviations that it consists of, such as ``tool.z - table.x``."""
+        effect = self.vector * np.array([_EFFECT[written_unit(name)[0]] for name in names])
+        order = np.argsort(-np.abs(effect))
+        main = [i for i in order if abs(effect[i]) >= _MAIN * abs(effect[order[0]])]
+        sign = np.sign(effect[main[0]])
+        words = [("+ " if sign * effect[i] > 0 else "- ") + names[i] for i in main]
+        return " ".join(words).removeprefix("+ ")
+
+
+@dataclass(frozen=True)
+class CalibrationResult:
+    """Calibrated deviations.
+
+    Attributes
+    ----------
+    names, values
+        The p deviations that were found, SI.
+    covariance
+        (p, p) of `values`.
+    degrees_of_freedom
+        (p,) of each variance; small where the noise of few exposures was estimated.
+    held
+        Deviations that were given and kept.
+    platter_from_artefact
+        (4, 4) pose of the artefact.
+    sizes, size_standard_deviations
+        Offsets (s,) of the surfaces with unknown size, m.
+    residuals, frame
+        Distance of each used point to the artefact (k,), m, and its exposure (k,).
+    points
+        Number of points, those that were not used included.
+    noise_of_points
+        Standard deviation of points relative to the stated one.
+    noise_of_robot
+        Standard deviations of pose errors: joints (rad), or position (m) and orientation (rad) of the flange.
+    """
+
+    names: tuple[str, ...]
+    values: Array
+    covariance: Array
+    degrees_of_freedom: Array
+    held: Mapping[str, float]
+    platter_from_artefact: Array
+    sizes: Array
+    size_standard_deviations: Array
+    residuals: Array
+    frame: NDArray[np.intp]
+    points: int
+    noise_of_points: float
+    noise_of_robot: tuple[float, ...]
+
+    @property
+    def deviations(self) -> dict[str, float]:
+        """All deviations by name, SI: found and held ones."""
+        return {**self.held, **dict(zip(self.names, self.values.tolist(), strict=True))}
+
+    @property
+    def standard_deviations(self) -> Array:
+        """(p,) of `values`."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def directions(self) -> list[Direction]:
+        """Principal directions of the covariance, the least certain one first: what the exposures determine least."""
+        values, vectors = np.linalg.eigh(self.covariance / UNIT**2)
+        return [Direction(vectors[:, i], float(np.sqrt(values[i]))) for i in reversed(range(len(values)))]
+
+    @property
+    def rms(self) -> float:
+        """Root mean square distance of the used points to the artefact, m."""
+        return float(np.sqrt(np.mean(self.residuals**2)))
+
+    def half_widths(self, probability: float = 0.95) -> Array:
+        """Half widths (p,) of the intervals about `values` that contain the true ones with `probability` each."""
+        factor = stdtrit(self.degrees_of_freedom, 0.5 + probability / 2)
+        return np.asarray(factor * self.standard_deviations)
+
+    def contains(self, expected: Array, probability: float = 0.95) -> bool:
+        """Whether the joint confidence region (an ellipsoid) contains the `expected` values (p,)."""
+        away, count = expected - self.values, len(self.values)
+        square = float(away @ np.linalg.solve(self.covariance, away)) / count
+        return bool(square <= fdtri(count, float(self.degrees_of_freedom.min()), probability))

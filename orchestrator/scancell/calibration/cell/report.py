@@ -9,23 +9,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scancell.calibration.cell.checks import implausible, shift_text, wrong_sizes
 from scancell.calibration.cell.kinematics import written_unit
 from scancell.calibration.cell.points import write_points
-from scancell.calibration.cell.result import CalibrationResult
+from scancell.calibration.cell.problem import CalibrationResult
 from scancell.calibration.cell.scan import Calibration
+from scancell.calibration.report import SavedCalibration, comparison_text
 from scancell.config.cell import CellDescription
 from scancell.config.estimated import EstimatedDescription
 from scancell.config.loading import Setup
-from scancell.files import png_bytes
 from scancell.geometry.mesh import Mesh
-from scancell.output.manifest import command_words, manifest, resolved_toml
+from scancell.output.manifest import resolved_toml
 from scancell.output.residual_picture import residual_picture
 from scancell.output.run_files import write_json
 from scancell.output.run_folder import RunFolder
 from scancell.planning.plan import plan_json
-from scancell.values import Result
 
 _DOUBTFUL = 3.0  # times the stated noise of points, from which a warning says so
 # Pose errors from exposure to exposure from which a warning says so: of a position (m) and an orientation (rad).
@@ -49,8 +49,8 @@ class Row:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CalibrationReport(Result):
-    """A calibration of a described cell.
+class CalibrationReport(SavedCalibration):
+    """A calibration of a described cell; `save` writes ``calibrated.toml`` and ``calibration.json`` as well.
 
     Attributes
     ----------
@@ -177,36 +177,15 @@ class CalibrationReport(Result):
             lines.append(text + comparison_text(row.true, row.value, row.half_width))
         return "\n".join(lines)
 
-    def picture(self) -> bytes:
-        """Distances of the points from the measured surface by exposure, as PNG."""
-        return png_bytes(lambda path: residual_picture(path, self.result.residuals, self.result.frame))
+    @property
+    def _distances(self) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+        return self.result.residuals, self.result.frame
 
-    def save(self, folder: str | Path, command_line: Sequence[str] | None = None) -> list[Path]:
-        """Write ``calibrated.toml``, ``calibration.json``, ``points.parquet``, ``residuals.png`` and the manifest.
-
-        `command_line`: words that the manifest keeps; by default those of this process.
-
-        Raises
-        ------
-        OutputError
-            If the folder cannot be written.
-        """
-        with RunFolder(Path(folder)) as run:
-            if self.calibration.plan is not None:
-                write_json(run.path("plan.json"), plan_json(self.calibration.plan))
-            self.cell.to_toml(run.path("calibrated.toml"))
-            write_json(run.path("calibration.json"), self.figures)
-            write_points(self.calibration.problem.observations, run.path("points.parquet"))
-            residual_picture(run.path("residuals.png"), self.result.residuals, self.result.frame)
-            run.path("resolved.toml").write_text(resolved_toml(self.setup, self.run))
-            entries = {**self.run, "command_line": command_words(command_line)}
-            write_json(run.path("manifest.json"), manifest(self.setup, self.inputs, entries))
-        return run.paths
-
-
-def comparison_text(true: float | None, value: float, half_width: float) -> str:
-    """Columns of a true value and the error of an estimate, and whether its interval misses it; empty if unknown."""
-    if true is None:
-        return ""
-    inside = "" if abs(value - true) <= half_width else "  outside"
-    return f" {true:10.5f} {value - true:10.5f}{inside}"
+    def _write(self, folder: RunFolder) -> None:
+        if self.calibration.plan is not None:
+            write_json(folder.path("plan.json"), plan_json(self.calibration.plan))
+        self.cell.to_toml(folder.path("calibrated.toml"))
+        write_json(folder.path("calibration.json"), self.figures)
+        write_points(self.calibration.problem.observations, folder.path("points.parquet"))
+        residual_picture(folder.path("residuals.png"), *self._distances)
+        folder.path("resolved.toml").write_text(resolved_toml(self.setup, self.run))

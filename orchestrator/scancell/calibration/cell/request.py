@@ -18,7 +18,7 @@ from scancell.config.choices import CalibrationTarget, Engine
 from scancell.config.loading import Setup
 from scancell.config.study import CalibrateDescription
 from scancell.progress import Progress
-from scancell.scanning.job import Job
+from scancell.scanning.pipeline import Job
 
 _PASSES = 8
 

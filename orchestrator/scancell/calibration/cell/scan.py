@@ -11,14 +11,19 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.calibration.cell.checks import ABOVE_TABLE, mirrored, shift_of, shift_text, where_points_lie, wrong_sizes
-from scancell.calibration.cell.design import design_poses
 from scancell.calibration.cell.kinematics import TOOL, AxisReadings, CellKinematics
-from scancell.calibration.cell.problem import Artefact, CalibrationProblem, Observations, RobotNoise, points_on_platter
-from scancell.calibration.cell.result import CalibrationResult
+from scancell.calibration.cell.problem import (
+    Artefact,
+    CalibrationProblem,
+    CalibrationResult,
+    Observations,
+    RobotNoise,
+    points_on_platter,
+    surface_of,
+)
 from scancell.calibration.cell.solve import solve
 from scancell.calibration.cell.sphere_start import sphere_start
-from scancell.calibration.cell.surfaces import surface_of
-from scancell.calibration.cell.views import Candidates, candidates, passes, plan_views
+from scancell.calibration.cell.views import Candidates, candidates, design_poses, passes, plan_views
 from scancell.cell.recording import TriggerRecords
 from scancell.config.choices import Engine
 from scancell.errors import CalibrationError
@@ -32,10 +37,9 @@ from scancell.planning.plan import Plan
 from scancell.planning.work import Work
 from scancell.progress import Progress
 from scancell.reconstruction.reconstruct import ProfilePoints
-from scancell.scanning.job import Job
-from scancell.scanning.pipeline import ScanPipeline
+from scancell.scanning.pipeline import Job, ScanPipeline
 from scancell.scanning.scan import Scan
-from scancell.scanning.sense import expose, points_of
+from scancell.scanning.sense import Sensors, expose, points_of
 
 Array = NDArray[np.float64]
 
@@ -265,7 +269,7 @@ class CalibrationScan:
         bodies = np.stack([frames[body.moves_with] for body in loaded.bodies], 1)
         duration, index = np.full(len(found.q), sensor.exposure), np.arange(len(found.q), dtype=np.int64)
         exposures = sensor_rt.Exposures(frames["sensor"][:, None], bodies[:, :, None], duration, index)
-        sensors = replace(self.job.sensors, true=sensor)
+        sensors = Sensors(sensor, sensor, self.job.sensors.bit_depth)
         result = expose(loaded.scene, sensors, exposures, "geometric", self.pipeline.threads, images=False)
         profiles = points_of(result.profiles, sensor, "geometric")
         return observations_of(profiles, AxisReadings.at_rest(found.q, found.table), sensor)

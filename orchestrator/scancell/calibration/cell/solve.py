@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from scancell.calibration.cell.kinematics import UNIT, SensorPoses
 from scancell.calibration.cell.noise import Estimate, Moments, estimate, normal_equations, pose_errors
 from scancell.calibration.cell.observability import determined_basis, require_determined
-from scancell.calibration.cell.problem import MOST_OBLIQUE, CalibrationProblem, points_on_platter
-from scancell.calibration.cell.result import CalibrationResult
+from scancell.calibration.cell.problem import MOST_OBLIQUE, CalibrationProblem, CalibrationResult, points_on_platter
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
 

@@ -1,4 +1,4 @@
-"""Views of an artefact for calibration: candidates that the arm reaches, what the sensor sees from them, and a plan."""
+"""Views of an artefact for calibration: candidates that the arm reaches, the choice of the best, and a plan."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.calibration.cell.surfaces import measured_meshes
+from scancell.calibration.cell.kinematics import UNIT
+from scancell.calibration.cell.noise import informations
+from scancell.calibration.cell.problem import CalibrationProblem, measured_meshes
+from scancell.calibration.cell.solve import moments_of
 from scancell.errors import CalibrationError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
@@ -29,6 +32,8 @@ _ATTEMPTS = 20  # samples per candidate
 _BLOCK = 512
 _PASS_LENGTH = 0.02  # m
 _PASS_TRIES = 12
+
+_PRIOR = 1e-4  # information per unit² (10 mm, 100 ms ...): the first poses alone determine nothing
 
 
 @dataclass(frozen=True)
@@ -168,3 +173,49 @@ def plan_views(cell: PlanningCell, options: ScanOptions, still: Candidates, movi
     for view in moving:
         assembly.add_pass(view)
     return verified(cell, options, Plan(*assembly.finish(), None, tuple(skipped)))
+
+
+@dataclass(frozen=True)
+class PoseDesign:
+    """Chosen candidates.
+
+    Attributes
+    ----------
+    rows
+        (c,) rows of the candidates, best first.
+    expected
+        (c, p) standard deviations of the free deviations to be expected after each choice, SI.
+    """
+
+    rows: NDArray[np.intp]
+    expected: Array
+
+
+def design_poses(candidates: CalibrationProblem, log_variances: Array, count: int) -> PoseDesign:
+    """Choose `count` of the exposures in a problem, each time the one that lowers the mean variance most (A-optimal).
+
+    Parameters
+    ----------
+    candidates
+        Problem whose observations are those to be expected: exact points, with standard deviations.
+    log_variances
+        Logarithms of the variances of points, relative to their stated one, and of pose errors, SI.
+
+    Notes
+    -----
+    Variances are added in units of 1 mm, 1 mrad and 1 ms. A candidate is chosen once at most.
+    """
+    each = informations(moments_of(candidates), log_variances)
+    free = len(candidates.free)
+    total = _PRIOR * np.eye(each.shape[-1])
+    left = np.ones(len(each), bool)
+    rows, expected = [], []
+    for _ in range(min(count, len(each))):
+        covariance = np.linalg.inv(total + each)
+        cost = np.where(left, np.trace(covariance[:, :free, :free], axis1=1, axis2=2), np.inf)
+        best = int(cost.argmin())
+        left[best] = False
+        total = total + each[best]
+        rows.append(best)
+        expected.append(np.sqrt(np.diag(covariance[best])[:free]) * UNIT)
+    return PoseDesign(np.array(rows, np.intp), np.array(expected))

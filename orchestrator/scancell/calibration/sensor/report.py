@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from scancell.calibration.cell.report import comparison_text
+from scancell.calibration.report import SavedCalibration, comparison_text
 from scancell.calibration.sensor.parameters import FRAME, SensorParameters
 from scancell.calibration.sensor.points import write_exposures
 from scancell.calibration.sensor.problem import TargetExposure
@@ -19,12 +20,9 @@ from scancell.calibration.sensor.simulated import poses_known, range_error
 from scancell.calibration.sensor.solve import SensorCalibration
 from scancell.config.loading import Setup
 from scancell.config.sensor import SensorDescription
-from scancell.files import png_bytes
-from scancell.output.manifest import command_words, manifest
 from scancell.output.residual_picture import residual_picture
 from scancell.output.run_files import write_json
 from scancell.output.run_folder import RunFolder
-from scancell.values import Result
 
 _DOUBTFUL = 3.0  # times the stated noise of peaks, from which a warning says so
 _MANY = 0.02  # share of discarded residuals, likewise
@@ -61,8 +59,8 @@ class RangeError:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SensorCalibrationReport(Result):
-    """A calibration of a described sensor.
+class SensorCalibrationReport(SavedCalibration):
+    """A calibration of a described sensor; `save` writes ``calibrated_sensor.toml`` and ``calibration.json`` as well.
 
     Attributes
     ----------
@@ -177,28 +175,15 @@ class SensorCalibrationReport(Result):
             lines.append(f"  range error{how}: {1e6 * error.before:.2f} um before, {1e6 * error.after:.2f} um after")
         return "\n".join(lines)
 
-    def picture(self) -> bytes:
-        """Distances of the points from the measured surface by exposure, as PNG."""
-        return png_bytes(lambda path: residual_picture(path, self.result.distances, self.result.exposure))
+    @property
+    def _distances(self) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+        return self.result.distances, self.result.exposure
 
-    def save(self, folder: str | Path, command_line: Sequence[str] | None = None) -> list[Path]:
-        """Write ``calibrated_sensor.toml``, ``calibration.json``, ``distances.png``, the peaks and the manifest.
-
-        `command_line`: words that the manifest keeps; by default those of this process.
-
-        Raises
-        ------
-        OutputError
-            If the folder cannot be written.
-        """
-        with RunFolder(Path(folder)) as run:
-            self.sensor.to_toml(run.path("calibrated_sensor.toml"))
-            write_json(run.path("calibration.json"), self.figures)
-            write_exposures(self.exposures, run.path("peaks.parquet"))
-            residual_picture(run.path("distances.png"), self.result.distances, self.result.exposure)
-            entries = {**self.run, "command_line": command_words(command_line)}
-            write_json(run.path("manifest.json"), manifest(self.setup, self.inputs, entries))
-        return run.paths
+    def _write(self, folder: RunFolder) -> None:
+        self.sensor.to_toml(folder.path("calibrated_sensor.toml"))
+        write_json(folder.path("calibration.json"), self.figures)
+        write_exposures(self.exposures, folder.path("peaks.parquet"))
+        residual_picture(folder.path("distances.png"), *self._distances)
 
     @property
     def _rms(self) -> float:

@@ -98,17 +98,17 @@ def measure(
         know; None: their poses in the sensor frame are known.
     """
     built = as_built_sensor(sensor, as_built)
-    # Cameras that are not calibrated yet cannot vouch for each other's peaks.
-    trusting = sensor.replace({"extraction.peak": "brightest"} if sensor.extraction.peak == "agreement" else {})
+    # Cameras that are not calibrated yet cannot confirm each other's peaks.
+    extracting = sensor.replace({"extraction.peak": "brightest"} if sensor.extraction.peak == "agreement" else {})
     found: list[TargetExposure] = []
-    heard = progress or NullProgress()
+    reporter = progress or NullProgress()
     for name in targets:
         placed = _placed(name, sensor)
-        heard.stage(f"measuring {name}", len(placed.poses) * (1 if placed.board is None else 2), "exposures")
+        reporter.stage(f"measuring {name}", len(placed.poses) * (1 if placed.board is None else 2), "exposures")
         away = np.eye(4) if displacement_as_built is None or placed.board else displacement_as_built
         poses = away @ placed.poses
-        stripes = _stripes(built, trusting, placed.body, poses, seed, threads, heard)
-        corners = _corners(built, placed, poses, seed, threads, heard)
+        stripes = _stripes(built, extracting, placed.body, poses, seed, threads, reporter)
+        corners = _corners(built, placed, poses, seed, threads, reporter)
         mounting = None if displacement_as_built is None else 0
         for one, stripe, seen in zip(placed.poses, stripes, corners, strict=True):
             if placed.board is None:
@@ -170,12 +170,12 @@ def _stripes(
     progress: Progress,
 ) -> list[StripePeaks]:
     """Peaks of every exposure with the laser on."""
-    scene, true, trusting = build_scene([body]), make_sensor(built, seed), make_sensor(nominal, seed)
+    scene, true, extracting = build_scene([body]), make_sensor(built, seed), make_sensor(nominal, seed)
     found = []
     for exposures in _batches(poses[:, None], si_value(built.detector, "exposure_ms")):
         images = sensor_rt.render(scene, true, exposures, threads)
         off = sensor_rt.render(scene, true, exposures, threads, laser_on=False) if true.laser_off_frame else None
-        peaks = sensor_rt.extract(images, trusting, threads, background=off)
+        peaks = sensor_rt.extract(images, extracting, threads, background=off)
         found += [StripePeaks.of(peaks, frame) for frame in range(len(exposures))]
         progress.advance(len(exposures))
     return found

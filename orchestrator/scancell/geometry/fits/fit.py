@@ -46,7 +46,7 @@ class Fit:
 
     @property
     def parameters(self) -> Array:
-        """(k,) point, direction and sizes, as far as the element has them."""
+        """(k,) point, direction and sizes, of elements that have them."""
         raise NotImplementedError
 
     @property
@@ -253,7 +253,7 @@ def fit_cone(points: ArrayLike, sigma: ArrayLike | None = None, *, criterion: Cr
 def _fitted(
     points: ArrayLike, sigma: ArrayLike | None, criterion: Criterion, start: Callable[[Array], E], dimensions: int
 ) -> tuple[E, Array, Array]:
-    """Element, its residuals and the covariance; points must span so many `dimensions`."""
+    """Element, its residuals and the covariance; the points must span this number of `dimensions`."""
     given = np.asarray(points, float)
     kind = start.__name__
     if given.ndim != 2 or given.shape[1] != 3 or not np.isfinite(given).all():

@@ -58,7 +58,7 @@ class RrtConnect:
         return None
 
     def _grow(self, tree: _Tree, target: Array, pieces: int | None) -> int | None:
-        """Grow a tree straight towards `target` by at most so many pieces; number of the last new node, if any."""
+        """Grow a tree straight towards `target` by at most `pieces` pieces; number of the last new node, if any."""
         near = tree.nearest(target)
         count = max(1, int(np.ceil(np.abs(target - tree.nodes[near]).max() / _PIECE)))
         steps = np.linspace(0.0, 1.0, count + 1)[1:, None]

@@ -72,7 +72,7 @@ def why_forbidden(map_: ConfigurationMap, column: int, row: int) -> str:
 
 
 def _widened(flags: NDArray[np.bool_], by: int) -> NDArray[np.bool_]:
-    """Whether a flag (n,) within so many places, around a circle, is set."""
+    """Whether a flag (n,) at most `by` places away, around a circle, is set."""
     if 2 * by + 1 >= len(flags):
         return np.full(len(flags), flags.any())
     return np.asarray(np.any([np.roll(flags, k) for k in range(-by, by + 1)], axis=0))

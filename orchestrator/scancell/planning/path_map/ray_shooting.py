@@ -66,7 +66,7 @@ class _Guide:
         self._first = np.where(quality[0] > 0, to_go[0], np.inf)
 
     def starts(self, most: int) -> Indices:
-        """Free lattice angles to start from, by the cost to go; at most so many, in different parts of a turn."""
+        """Free lattice angles to start from, by the cost to go: at most `most`, in different parts of a turn."""
         order = np.argsort(self._first, kind="stable")
         order = order[np.isfinite(self._first[order])]
         chosen: list[int] = []

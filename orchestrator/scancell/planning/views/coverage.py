@@ -65,7 +65,7 @@ class CoverageReport(Value):
     least_time
         No choice of the candidates sees the same share in less, s.
     greedy_factor
-        The chosen views take at most so many times the least time (Wolsey's bound).
+        Bound of the chosen views' time over the least time (Wolsey).
     unseen
         Share of the measurable surface that is not seen, by the reason.
     """
@@ -318,11 +318,11 @@ class CoveragePlanner:
             "at grazing incidence": rest & (self._best == GRAZING),
             "out of range": rest & (self._best == OUT_OF_RANGE),
         }
-        unseen, told = {}, ~rest
+        unseen, explained = {}, ~rest
         for reason, where in reasons.items():
-            if (where & ~told).any():
-                unseen[reason] = float((where & ~told).mean())
-            told = told | where
+            if (where & ~explained).any():
+                unseen[reason] = float((where & ~explained).mean())
+            explained = explained | where
         surface = self._sight.surface
         return CoverageReport(
             share=float(self.covered.mean()),

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from scancell.errors import PlanningError
 from scancell.geometry import pose
-from scancell.geometry.mesh import Mesh
-from scancell.geometry.sampling import sample_surface
+from scancell.geometry.mesh import Mesh, sample_surface
 from scancell.planning.model import SensorRange
 from scancell.planning.options import Spacing
 

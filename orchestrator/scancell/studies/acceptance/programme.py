@@ -13,7 +13,7 @@ from scancell.config.choices import ScanMode
 from scancell.config.description import validate
 from scancell.config.files import assets_dir, plain_data
 from scancell.config.loading import Setup
-from scancell.geometry.sampling import sample_surface
+from scancell.geometry.mesh import sample_surface
 from scancell.geometry.shapes import ShapeGroup
 from scancell.nominal.parts import shape_group
 
