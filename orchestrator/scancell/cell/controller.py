@@ -3,11 +3,24 @@
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import Literal
+from typing import Annotated, Literal
 
+from numpy.typing import ArrayLike
+
+from scancell.arguments import Rigid, Shape, Within
 from scancell.cell.instance import CellInstance
 
-Tool = Literal["sensor", "gripper"]  # whose pose moves are given for
+# Arguments of commands, SI units and radians.
+Tool = Literal["sensor", "gripper"]  # whose pose is commanded
+JointAngles = Annotated[ArrayLike, Shape((None,))]
+TableAngle = Annotated[float, Within(-1e4, 1e4)]
+WorldFromTool = Annotated[ArrayLike, Rigid()]
+Deflections = Annotated[ArrayLike, Shape((None,), within=Within(-1.0, 1.0))]
+SensorDeflections = Annotated[ArrayLike, Shape((6,), within=Within(-1.0, 1.0))]
+MonitorSpeed = Annotated[float, Within(0.0, 1.0)]
+Width = Annotated[float, Within(0.0, 1e4)]
+Force = Annotated[float, Within(0.0, 1e4)]
+BeltSpeed = Annotated[float, Within(-10.0, 10.0)]
 
 
 class Mode(IntEnum):

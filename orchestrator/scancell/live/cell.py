@@ -10,8 +10,8 @@ from concurrent.futures import Future
 from typing import Annotated, TypeVar
 
 from scancell.arguments import Count, Within, checked_arguments
-from scancell.errors import CommandError
-from scancell.live.commands import Cancel, Command, SetMonitorSpeed, name_of
+from scancell.errors import CommandError, DescriptionError
+from scancell.live.commands import Cancel, Command, SetMonitorSpeed
 from scancell.live.control import LiveControl
 from scancell.live.jobs import CLOSED, JobStopped, SubmittedJob, Work, interrupt, withdraw_interrupt
 from scancell.live.state import LiveState, StateReader
@@ -182,7 +182,7 @@ class LiveCell:
         self._take_commands()
         try:
             self._control.begin_cycle()
-        except CommandError as error:
+        except (CommandError, DescriptionError) as error:
             self._message = str(error)
         if self._job is not None and self._control.is_free:
             self._run_job(self._job)
@@ -201,7 +201,7 @@ class LiveCell:
             try:
                 self._apply(command)
                 self._message = ""
-            except CommandError as error:
+            except (CommandError, DescriptionError) as error:
                 self._message = str(error)
 
     def _end_cycle(self) -> None:
@@ -291,7 +291,7 @@ class LiveCell:
             self._end_job("cancelled")
             self._control.apply(command)
         elif self._job is not None and not isinstance(command, SetMonitorSpeed):
-            raise CommandError(f"{name_of(command)}: {self._job.name} runs: cancel it first")
+            raise CommandError(f"{command.name}: {self._job.name} runs: cancel it first")
         else:
             self._control.apply(command)
 

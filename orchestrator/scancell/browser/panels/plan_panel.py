@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from scancell.browser.panels.desk import Desk
 from scancell.browser.panels.handles import Follower, set_changed
+from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.browser.panels.plan_view import ALONG, ANGLE, map_html, pose_html, segments_html, state_html
 from scancell.browser.panels.plans import Plans
 from scancell.live.commands import Cancel
@@ -21,8 +21,8 @@ _STEP = 0.01  # s of the slider
 class PlanPanel:
     """Makes the plan, shows poses of it as a ghost, and moves the robot there."""
 
-    def __init__(self, gui: Any, desk: Desk, plans: Plans) -> None:
-        self._desk, self._plans = desk, plans
+    def __init__(self, gui: Any, operator: OperatorCommands, plans: Plans) -> None:
+        self._operator, self._plans = operator, plans
         self._shown: Plan | None = None
         self._drawn: tuple[object, ...] = ()
         self._followers: dict[str, Follower] = {}
@@ -45,8 +45,8 @@ class PlanPanel:
         self._connect()
 
     def _connect(self) -> None:
-        desk, plans = self._desk, self._plans
-        desk.add_inputs([self._make, *self._of_map, *self._of_plan])
+        operator, plans = self._operator, self._plans
+        operator.add_inputs([self._make, *self._of_map, *self._of_plan])
         self._make.on_click(self._by_operator(plans.start))
         self._path.on_update(self._by_operator(lambda: plans.choose_map(self._number(self._path))))
         self._branch.on_update(
@@ -58,7 +58,7 @@ class PlanPanel:
         self._time.on_update(self._by_operator(lambda: plans.go_to_time(self._time.value)))
         self._play.on_click(self._by_operator(plans.play_or_pause))
         self._go.on_click(self._by_operator(plans.move_robot))
-        self._end.on_click(self._by_operator(lambda: desk.submit(Cancel())))
+        self._end.on_click(self._by_operator(lambda: operator.submit(Cancel())))
         self._hide.on_click(self._by_operator(plans.hide))
 
     def show(self, state: LiveState) -> None:
@@ -124,7 +124,7 @@ class PlanPanel:
         return int(dropdown.options.index(dropdown.value))
 
     def _by_operator(self, act: Callable[[], object]) -> Callable[[Any], None]:
-        return self._desk.by_person(lambda: self._desk.as_operator(act))
+        return self._operator.callback(lambda: self._operator.as_operator(act))
 
 
 def _numbered(names: Any) -> tuple[str, ...]:

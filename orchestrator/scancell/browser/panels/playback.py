@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from threading import Event, RLock
 from time import monotonic
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from scancell.browser.panels.messages import said_to_person
+from scancell.browser.panels.messages import report_errors, show_message
 from scancell.browser.scene.scene import CellScene
 from scancell.browser.server.quiet import address, quiet_server
 from scancell.config.choices import LOOPBACK
@@ -62,7 +63,9 @@ class Playback:
         motion, gui = run.motion, server.gui
         gui.set_panel_label(f"scancell: {run.name}")
         if back is not None:
-            gui.add_button("Back to the cell").on_click(said_to_person(back))
+            gui.add_button("Back to the cell").on_click(
+                lambda event: report_errors(back, partial(show_message, event.client))
+            )
         first, last = np.floor(motion.start / _STEP) * _STEP, np.ceil(motion.duration / _STEP) * _STEP
         self._slider = gui.add_slider("time, s", round(first, 2), round(last, 2), _STEP, initial_value=round(first, 2))
         self._play = gui.add_button("Play")

@@ -7,8 +7,8 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from scancell.browser.panels.desk import Desk
 from scancell.browser.panels.handles import set_changed, small_html
+from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.config.choices import Engine
 from scancell.live.cell import LiveCell
 from scancell.live.commands import Cancel
@@ -53,14 +53,14 @@ class RobotProgram:
 class ProgramPanel:
     """Runs the program."""
 
-    def __init__(self, gui: Any, desk: Desk, program: RobotProgram) -> None:
+    def __init__(self, gui: Any, operator: OperatorCommands, program: RobotProgram) -> None:
         self._program = program
         gui.add_html(small_html([f"<b>{escape(program.file.name)}</b>"]))
         start, cancel = gui.add_button("Run the program"), gui.add_button("End the program")
         self._text = gui.add_html("")
-        start.on_click(desk.by_person(lambda: desk.as_operator(program.start)))
-        cancel.on_click(desk.by_person(lambda: desk.submit(Cancel())))
-        desk.add_inputs([start, cancel])
+        start.on_click(operator.operator_callback(program.start))
+        cancel.on_click(operator.callback(lambda: operator.submit(Cancel())))
+        operator.add_inputs([start, cancel])
 
     def show(self, state: LiveState) -> None:
         """Show whether the program runs, and what it did."""

@@ -10,7 +10,7 @@ from ipaddress import ip_address
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-from scancell.browser.panels.messages import say
+from scancell.browser.panels.messages import show_message
 from scancell.config.choices import LOOPBACK
 from scancell.errors import LinkError
 from scancell.extras import require
@@ -97,13 +97,13 @@ def _is_address(name: str) -> bool:
 class _GatedConnection:
     """A connection of websockets that receives what a `Gate` lets pass."""
 
-    def __init__(self, connection: Any, gate: Gate, say: Callable[[str], None]) -> None:
-        self._connection, self._gate, self._say = connection, gate, say
+    def __init__(self, connection: Any, gate: Gate, show: Callable[[str], None]) -> None:
+        self._connection, self._gate, self._show = connection, gate, show
 
     async def recv(self) -> Any:
         """The next message that is not refused."""
         while refusal := self._gate.refusal(frame := await self._connection.recv()):
-            self._say(refusal)
+            self._show(refusal)
         return frame
 
     def __getattr__(self, name: str) -> Any:
@@ -141,7 +141,7 @@ class _Guarded:
 
                 def tell(refusal: str) -> None:
                     for client in last:
-                        say(client, refusal)
+                        show_message(client, refusal)
                     last.clear()
 
                 await handler(_GatedConnection(connection, Gate(handle_of), tell))

@@ -10,8 +10,8 @@ from threading import Event, Lock
 from typing import TYPE_CHECKING
 
 from scancell.browser.panels.client_view import ClientView, Shared
-from scancell.browser.panels.desk import Desk
 from scancell.browser.panels.file_panel import Opener
+from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.browser.panels.plans import Plans
 from scancell.browser.panels.program_panel import RobotProgram
 from scancell.browser.panels.recording import SessionRecording
@@ -161,8 +161,8 @@ class Workspace:
     def join(self, client: viser.ClientHandle) -> None:
         """Give a browser its panels; the first one becomes the operator."""
         self._operators.join(client.client_id)
-        desk = Desk(client, self._operators, self.live, self._session)
-        view = ClientView(client, desk, self._shared, self.live.state)
+        operator = OperatorCommands(client, self._operators, self.live, self._session)
+        view = ClientView(client, operator, self._shared, self.live.state)
         with self._lock:
             self._views[client.client_id] = view
 
