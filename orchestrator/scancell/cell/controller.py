@@ -134,7 +134,7 @@ _REFUSALS = {
 
 
 def refusal(cell: CellInstance) -> str | None:
-    """Why the controller does not carry out its command; None where it does."""
+    """Reason why the controller rejects its command; None if it does not."""
     reason = cell.get_integer("controller.error")
     if reason == 0:
         return None
@@ -145,7 +145,7 @@ def refusal(cell: CellInstance) -> str | None:
 
 
 def state_in_words(cell: CellInstance) -> str:
-    """What the controller does at the present instant, for messages."""
+    """State and mode of the controller, for messages."""
     state = ("at rest", "moving", "braking", "in an emergency stop")[cell.get_integer("controller.state")]
     mode = Mode(cell.get_integer("controller.mode")).name.lower().replace("_", " ")
     return f"the controller is {state} (mode {mode})"

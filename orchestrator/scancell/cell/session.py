@@ -1,4 +1,4 @@
-"""Commands to a running cell, as a person scripts them: each steps the cell until it is done, or says why it is not.
+"""Commands of scripts to a running cell: each steps the cell until it is done, or raises an error with the reason.
 
 ::
 
@@ -10,8 +10,8 @@
         session.move_tool(world_from_gripper, "gripper")
         session.close_gripper(20.0)
 
-Times are simulated seconds, everything else SI units and radians. What sensors and encoders say is all that a session
-knows of the cell.
+Times are simulated seconds, everything else SI units and radians. A session reads only sensors and encoders of the
+cell.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ Array = NDArray[np.float64]
 
 _AT_START = 1e-6  # rad
 _MOST_STOPPING = 5.0  # s; the slowest axis of any sensible cell brakes faster
-_MOST_HELD_US = 1_000_000  # without progress, before a move that a guard holds is given up
+_MOST_HELD_US = 1_000_000  # without progress, after which a move that a guard holds fails
 
 
 class CellSession:
@@ -112,7 +112,7 @@ class CellSession:
         self._snapshots = 0
         self._step_to = cell.step_to
 
-    # What sensors and encoders say
+    # Readings of sensors and encoders
 
     @property
     def cell(self) -> CellInstance:
@@ -442,8 +442,8 @@ class CellSession:
     ) -> None:
         """Move a tool straight to a pose, turning evenly, by the arm's nominal geometry; the table rests.
 
-        The controller leads the sensor along a straight line; the gripper's way is straight as long as it keeps its
-        orientation.
+        The controller moves the sensor along a straight line; the path of the gripper is straight if its
+        orientation does not change.
 
         Parameters
         ----------
@@ -586,12 +586,12 @@ class CellSession:
         return snapshot(self._cell, exposure, self._snapshots)
 
     def set_operation(self, operation: Operation) -> None:
-        """Change to manual or automatic `operation`, and wait until whatever moves rests."""
+        """Change to manual or automatic `operation`, and wait until all axes rest."""
         self.request_operation(operation)
         self._wait_for_rest("set_operation")
 
     def come_to_rest(self) -> NDArray[np.float64]:
-        """Let go of what moves the robot and wait until it rests; commanded joints and table angle (axes,), rad."""
+        """Stop the robot and wait until it rests; commanded joints and table angle (axes,), rad."""
         self.hold()
         self._wait_for_rest("come_to_rest")
         return self.commanded
@@ -668,7 +668,7 @@ class CellSession:
                 raise CommandError(f"timed out after {timeout:g} s waiting for {what}; {state_in_words(self._cell)}")
             self.step()
 
-    # How it is done
+    # Implementation
 
     def _end(self, timeout: float) -> int:
         return self._cell.time_us + round(timeout * 1e6)

@@ -104,7 +104,7 @@ class GuardedCell:
         self._cell.set(self._monitor_speed, np.array([speed]))
 
     def poll(self) -> list[GuardMessage]:
-        """Send the state where a query is due, and obey the answers that have arrived; to be called once a cycle.
+        """Send the state when a query is due, and apply the answers that have arrived; to be called once a cycle.
 
         The answers are returned, see `Link.poll`.
         """

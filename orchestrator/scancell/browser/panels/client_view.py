@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 class Panel(Protocol):
-    """Part of a browser's view."""
+    """Part of the view of a browser."""
 
     def show(self, state: LiveState) -> None:
         """Show a state; called ten times a second from one thread."""
@@ -39,7 +39,7 @@ class Panel(Protocol):
 
 @dataclass(frozen=True)
 class Shared:
-    """What all browsers work with; `program` where the workspace was started with one."""
+    """Objects that all browsers share; `program` is None if the workspace was started without one."""
 
     plans: Plans
     scans: Scans
@@ -53,7 +53,7 @@ class Shared:
 class ClientView:
     """Shows the cell's state in one browser, whose inputs work while it is the operator.
 
-    Nothing is kept here that a reload of the page would lose.
+    It keeps no state that a reload of the page would lose.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""What is opened, and pictures and recordings of it."""
+"""Opening of parts and runs, recording, and pictures."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _LONGEST_NAME = 200  # bytes
 
 
 class Opener(Protocol):
-    """Shows something else."""
+    """Opens another view."""
 
     def open_part(self, name: str, content: bytes, unit: str) -> None:
         """Show the cell with the file of a part, by its name, content and unit."""
@@ -35,7 +35,7 @@ class Opener(Protocol):
 class FilePanel:
     """Opens another part or a run, records the session, and saves pictures."""
 
-    _picture = Lock()  # a browser that does not answer keeps one thread of the server, not all
+    _picture = Lock()  # a browser that does not answer blocks one thread of the server, not all
 
     def __init__(self, gui: Any, operator: OperatorCommands, opener: Opener, recording: SessionRecording) -> None:
         self._operator, self._opener, self._recording = operator, opener, recording
@@ -53,7 +53,7 @@ class FilePanel:
         operator.add_inputs([self._unit, self._upload, self._run, self._record])
 
     def show(self, state: LiveState) -> None:
-        """Show whether and where the session is recorded."""
+        """Show the state and the file of the recording."""
         recording = self._recording
         self._shown_record.show(recording.is_on)
         said = recording.error

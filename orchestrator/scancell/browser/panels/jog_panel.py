@@ -17,7 +17,7 @@ _SENSOR_AXES = ("x", "y", "z", "about x", "about y", "about z")
 
 
 class JogPanel:
-    """Jogs one axis in manual operation; a lost connection lets go of it.
+    """Jogs one axis in manual operation; a lost connection ends the jog.
 
     Digits choose the axis; keys.js makes J and K hold the buttons, and names them as here.
     """

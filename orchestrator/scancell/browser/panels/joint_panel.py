@@ -11,11 +11,11 @@ from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.live.commands import MoveJoints
 from scancell.live.state import LiveState
 
-_TABLE_DEG = 360.0  # the table turns without end; the slider does not
+_TABLE_DEG = 360.0  # range of the slider; the table has no limits
 
 
 class JointPanel:
-    """A slider moves the robot when its person lets go; when the robot rests, the sliders show where it is."""
+    """A slider moves the robot when it is released; at rest the sliders show the measured angles."""
 
     def __init__(self, gui: Any, operator: OperatorCommands, state: LiveState) -> None:
         self._operator, self._debounce = operator, Debounce()
@@ -36,7 +36,7 @@ class JointPanel:
         operator.add_inputs([*self._sliders, self._speed, home])
 
     def show(self, state: LiveState) -> None:
-        """Show a state, and move where the sliders were left."""
+        """Show a state, and move to the values of released sliders."""
         if self._debounce.is_pending:
             if not state.moving and self._debounce.take():
                 self._last = [slider.value for slider in self._sliders]
@@ -44,7 +44,7 @@ class JointPanel:
                 self._move(axes[:-1], float(axes[-1]))
             return
         if [slider.value for slider in self._sliders] != self._last:
-            return  # a person has changed one, and its callback comes
+            return  # a user has changed one, and its callback follows
         self._last = self._shown(state)
         for slider, value in zip(self._sliders, self._last, strict=True):
             if slider.value != value:

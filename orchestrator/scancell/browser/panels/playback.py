@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from scancell.browser.panels.messages import report_errors, show_message
+from scancell.browser.panels.view_options import add_switch
 from scancell.browser.scene.scene import CellScene
 from scancell.browser.server.quiet import address, quiet_server
 from scancell.config.choices import LOOPBACK
@@ -71,7 +72,7 @@ class Playback:
         self._play = gui.add_button("Play")
         self._speed = gui.add_dropdown("speed", _SPEEDS, initial_value="5 x")
         for label, name in (("frames", "frames"), ("field of view", "field_of_view"), ("devices", "devices")):
-            self._add_switch(server, label, name)
+            add_switch(gui, self.scene, label, name)
         self._text = gui.add_markdown("")
         self._chunk_ends = self._add_cloud(gui, colour, threads)
         self._playing = False
@@ -132,10 +133,6 @@ class Playback:
             if later >= end:
                 self.play_or_pause()
 
-    def _add_switch(self, server: viser.ViserServer, label: str, option: str) -> None:
-        box = server.gui.add_checkbox(label, getattr(self.scene.options, option))
-        box.on_update(lambda _: setattr(self.scene.options, option, box.value))
-
     def _show(self) -> None:
         with self._lock:
             time, motion = self.time, self._run.motion
@@ -179,7 +176,7 @@ def serve_playback(
     Parameters
     ----------
     port
-        To listen on; a taken one makes it take the next free one.
+        To listen on; the next free port is used if it is in use.
     started
         Receives the address to open.
 

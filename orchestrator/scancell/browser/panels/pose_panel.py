@@ -1,4 +1,4 @@
-"""Poses of the tool: typed in, or dragged in the scene."""
+"""Poses of the tool, entered as numbers or dragged in the scene."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class PosePanel:
         self._read()
 
     def show(self, state: LiveState) -> None:
-        """Keep the gizmo at the tool while nobody drags it."""
+        """Keep the gizmo at the tool unless it is dragged."""
         self._state = state
         shown = self._dragged.value and self._operator.is_operator
         if self._gizmo.visible != shown:

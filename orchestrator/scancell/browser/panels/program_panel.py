@@ -1,4 +1,4 @@
-"""A robot program of the person who started the workspace; pages cannot hand over one, for it runs with all rights."""
+"""The robot program of the workspace; it runs with all rights of its user, so pages cannot submit one."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from scancell.programs.program import run_program
 from scancell.programs.robot import Step
 from scancell.scanning.session import ScanSession
 
-_LINES = 12  # of the commands that were carried out last, and of what was printed
+_LINES = 12  # of the last commands and of printed text
 
 
 class RobotProgram:
@@ -26,7 +26,7 @@ class RobotProgram:
     Attributes
     ----------
     file
-        Read anew for each run.
+        Read again for each run.
     """
 
     def __init__(self, live: LiveCell, file: Path, engine: Engine, out: Path) -> None:
@@ -35,7 +35,7 @@ class RobotProgram:
 
     @property
     def lines(self) -> list[str]:
-        """The commands that were carried out last, with their lines, and what the program printed."""
+        """The last commands with their lines in the program, and printed text."""
         return list(self._lines)
 
     def start(self) -> None:

@@ -1,4 +1,4 @@
-"""Scans of the part: start, progress, colours of the cloud, and what is kept of it."""
+"""Scans of the part: start, progress, colours of the cloud, and saving."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from scancell.live.state import LiveState
 
 @dataclass(frozen=True)
 class Perturbation:
-    """A value of the true sensor, from `low` to `high`, that is nominally `nominal`."""
+    """A value of the true sensor from `low` to `high`, with its `nominal` value."""
 
     label: str
     key: str
@@ -26,7 +26,7 @@ class Perturbation:
 
 
 def perturbations(sensor: SensorDescription) -> list[Perturbation]:
-    """What the panel offers."""
+    """Perturbations that the panel offers."""
     laser, detector = sensor.laser, sensor.detector
     found = [
         _around("laser offset x, mm", "sensor.laser.offset_x_mm", laser.offset_x_mm, 1.0, 0.01),
@@ -54,7 +54,7 @@ def _around(label: str, key: str, nominal: float, reach: float, step: float) -> 
 
 
 class SensorPanel:
-    """Sliders for the true sensor; what is not at its nominal value perturbs it."""
+    """Sliders for the true sensor; values that are not nominal perturb it."""
 
     def __init__(self, gui: Any, operator: OperatorCommands, feed: CameraFeed, sensor: SensorDescription) -> None:
         self._operator, self._feed, self._debounce = operator, feed, Debounce(delay=0.1)
@@ -75,7 +75,7 @@ class SensorPanel:
         operator.add_inputs([self._engine, *(slider for _, slider in self._sliders), self._others, nominal])
 
     def show(self, state: LiveState) -> None:
-        """Perturb the sensor when the sliders were left."""
+        """Perturb the sensor when the sliders are released."""
         if self._debounce.take():
             self._operator.as_operator(lambda: self._feed.perturb(self._words()))
 

@@ -33,20 +33,20 @@ if TYPE_CHECKING:
     import viser
 
 _RATE = 40.0  # Hz, of the scene at most
-_CAMERAS = 0.05  # s from one pair of images to the next at least: the cell needs the processor, too
+_CAMERAS = 0.05  # s, least period of camera images, which leaves processor time for the cell
 _PANELS_EVERY = 4  # updates of the scene from one update of the panels to the next
 
 
 @dataclass(frozen=True)
 class WorkspaceSettings:
-    """What a workspace is started with.
+    """Settings of a workspace.
 
     Attributes
     ----------
     out
-        Folder for what is saved.
+        Folder of saved files.
     engine
-        How profiles are measured at first, in scans and robot programs.
+        Initial engine of scans and robot programs.
     program
         File of a robot program.
     """
@@ -57,7 +57,7 @@ class WorkspaceSettings:
 
 
 class Workspace:
-    """Shows a live cell on a server of viser, and hands over what its browsers command.
+    """Shows a live cell on a server of viser, and submits the commands of its browsers.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class Workspace:
     part
         File name of the part; None: the table is empty.
     opener
-        Shows something else instead.
+        Opens another view.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Workspace:
     nominal
         Its nominal geometry.
     scene
-        What all browsers see.
+        Scene, shared by all browsers.
     plans
         The plan of the scan.
     scans
@@ -167,7 +167,7 @@ class Workspace:
             self._views[client.client_id] = view
 
     def leave(self, client: viser.ClientHandle) -> None:
-        """Forget a browser that is gone."""
+        """Remove a browser."""
         self._operators.leave(client.client_id)
         with self._lock:
             self._views.pop(client.client_id, None)
