@@ -1,4 +1,4 @@
-"""Sliders of the joints against what a person enters at any moment, without a browser."""
+"""Sliders of the joints with input of a user at any moment, without a browser."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from scancell.browser.panels import joint_panel
-from scancell.browser.panels.desk import Settled
+from scancell.browser.panels.debounce import Debounce
 from scancell.live.commands import MoveJoints
 
 HOME = np.radians([10.0, 20.0])
 
 
 class Handle:
-    """An input: a person's value arrives first, its callback later, as viser has it."""
+    """An input as of viser: the value of the user arrives first, its callback later."""
 
     def __init__(self, value: float = 0.0) -> None:
         self.value, self.callbacks = value, []
@@ -46,7 +46,7 @@ class Gui:
         return Handle()
 
 
-class Desk:
+class Operator:
     """Keeps what is submitted."""
 
     def __init__(self) -> None:
@@ -58,7 +58,7 @@ class Desk:
     def add_inputs(self, _handles: list[Any]) -> None:
         """All may be used."""
 
-    def by_person(self, act: Callable[[], None]) -> Callable[[], None]:
+    def callback(self, act: Callable[[], None]) -> Callable[[], None]:
         return act
 
 
@@ -69,23 +69,23 @@ def state(joints: np.ndarray) -> Any:
 @pytest.fixture
 def rig(monkeypatch: pytest.MonkeyPatch) -> Any:
     now = SimpleNamespace(time=0.0)
-    monkeypatch.setattr(joint_panel, "Settled", lambda: Settled(lambda: now.time))
-    gui, desk = Gui(), Desk()
-    panel = joint_panel.JointPanel(gui, desk, state(HOME))  # type: ignore[arg-type]
-    return SimpleNamespace(gui=gui, desk=desk, panel=panel, now=now)
+    monkeypatch.setattr(joint_panel, "Debounce", lambda: Debounce(lambda: now.time))
+    gui, operator = Gui(), Operator()
+    panel = joint_panel.JointPanel(gui, operator, state(HOME))  # type: ignore[arg-type]
+    return SimpleNamespace(gui=gui, operator=operator, panel=panel, now=now)
 
 
-def test_value_that_is_shown_over_before_its_callback_comes_is_kept(rig: Any) -> None:
+def test_value_of_user_is_kept_until_its_callback(rig: Any) -> None:
     slider = rig.gui.sliders[0]
     slider.value = 35.0
     rig.panel.show(state(HOME))
     slider.call_back()
     rig.now.time = 1.0
     rig.panel.show(state(HOME))
-    np.testing.assert_allclose(np.degrees(rig.desk.submitted[0].joints), [35.0, 20.0])
+    np.testing.assert_allclose(np.degrees(rig.operator.submitted[0].joints), [35.0, 20.0])
 
 
-def test_sliders_follow_the_robot_and_return_to_it_where_a_motion_is_refused(rig: Any) -> None:
+def test_sliders_follow_robot_and_return_after_rejected_motion(rig: Any) -> None:
     slider = rig.gui.sliders[0]
     rig.panel.show(state(np.radians([12.0, 20.0])))
     assert slider.value == 12.0
@@ -94,5 +94,5 @@ def test_sliders_follow_the_robot_and_return_to_it_where_a_motion_is_refused(rig
     rig.now.time = 1.0
     for _ in range(2):
         rig.panel.show(state(np.radians([12.0, 20.0])))
-    assert len(rig.desk.submitted) == 1
+    assert len(rig.operator.submitted) == 1
     assert slider.value == 12.0

@@ -291,7 +291,7 @@ def test_program_with_a_mistake_states_its_line(cell: Watched, tmp_path: Path) -
 
     mistake = run("def main(robot):\n    robot.wait(0.1)\n    robot.set_speed(2)\n")
     assert isinstance(mistake.exception(0), ProgramError)
-    assert "program.py:4: set_speed: share = 2" in cell.live.state.message
+    assert "program.py:4: share = 2: expected a finite number above 0" in cell.live.state.message
     cell.after(20, lambda: cell.live.submit(Cancel()))
     with pytest.raises(JobStopped, match=r"program\.py:6: cancelled"):
         run(STUBBORN).result(0)

@@ -177,7 +177,7 @@ def test_another_plan_hides_the_ghost_of_the_first(rig: Rig) -> None:
     rig.open()
     assert rig.scene.axes is None
     assert rig.plans.picked is None
-    with pytest.raises(CommandError, match="choose a place"):
+    with pytest.raises(CommandError, match="choose a pose"):
         rig.plans.move_robot()
 
 

@@ -19,7 +19,7 @@ from scancell.cell.instance import CellInstance
 from scancell.cell.session import CellSession
 from scancell.cell.signals import SignalLog
 from scancell.config.loading import load_setup
-from scancell.errors import CommandError
+from scancell.errors import CommandError, DescriptionError
 from scancell.geometry import pose
 from scancell.geometry.mesh import box_mesh
 from scancell.nominal.cell import NominalCell, nominal_cell
@@ -119,17 +119,41 @@ def test_move_joints_reaches_target(start: Start, version: int) -> None:
             lambda session: session.jog_joints([0.1] * 8, 0.1),
             "jog_joints: deflections = .*: expected at most 7 numbers",
         ),
-        (lambda session: session.jog_sensor([0.1] * 5, 0.1), "jog_sensor: deflections = .*: expected 6 numbers"),
-        (lambda session: session.move_tool(np.eye(3)), r"world_from_tool = (?s:.*): expected a pose \(4, 4\)"),
-        (lambda session: session.move_line(np.eye(4), "flange"), "tool = 'flange': expected sensor or gripper"),
-        (lambda session: session.move_joints([np.nan] * 6), "move_joints: joints = .*: expected 6 angles"),
-        (lambda session: session.turn_table(np.inf), "table_angle = .*: expected an angle"),
-        (lambda session: session.move_tool(np.full((4, 4), np.nan)), r"(?s:.*): expected a pose \(4, 4\)"),
-        (lambda session: session.move_joints(session.home, speed=0.0), "move_joints: speed = 0.0: expected .* above 0"),
-        (lambda session: session.move_line(session.world_from_tool(), speed=2), "move_line: speed = 2: expected"),
-        (lambda session: session.jog_sensor([np.nan] * 6, 0.1), "jog_sensor: deflections = .*: expected 6 numbers"),
-        (lambda session: session.open_gripper(np.nan), "open_gripper: width = nan: expected a finite number"),
-        (lambda session: session.set_monitor_speed(np.nan), "set_monitor_speed: share = nan: expected a finite number"),
+    ],
+)
+def test_wrong_number_of_axes_is_rejected(start: Start, command: Callable[[CellSession], None], expected: str) -> None:
+    with pytest.raises(CommandError, match=expected):
+        command(start())
+
+
+@pytest.mark.parametrize(
+    ("command", "expected"),
+    [
+        (
+            lambda session: session.jog_sensor([0.1] * 5, 0.1),
+            r"deflections = .*shape is \(5,\); expected finite numbers of shape \(6,",
+        ),
+        (lambda session: session.jog_joints([1.1], 0.1), r"deflections = .*: expected finite numbers .* from -1 to 1"),
+        (lambda session: session.move_tool(np.eye(3)), r"world_from_tool = (?s:.*)expected .* of shape \(4, 4\)"),
+        (lambda session: session.move_tool(2 * np.eye(4)), r"world_from_tool = (?s:.*): expected a pose \(4, 4\)"),
+        (lambda session: session.move_line(np.eye(4), "flange"), "tool = 'flange': expected 'sensor', 'gripper'"),
+        (lambda session: session.move_joints([np.nan] * 6), "joints = .*6 are not finite.*expected finite numbers"),
+        (lambda session: session.turn_table(np.inf), "table_angle = inf: expected a finite number"),
+        (
+            lambda session: session.move_tool(np.full((4, 4), np.nan)),
+            r"(?s:.*)not finite.*shape \(4, 4\)",
+        ),
+        (lambda session: session.move_joints(session.home, speed=0.0), "speed = 0.0: expected .* above 0 to 1"),
+        (lambda session: session.move_line(session.world_from_tool(), speed=2), "speed = 2: expected .* above 0 to 1"),
+        (lambda session: session.jog_sensor([np.nan] * 6, 0.1), "deflections = .*not finite.*expected finite numbers"),
+        (lambda session: session.open_gripper(np.nan), "width = nan: expected a finite number"),
+        (lambda session: session.close_gripper(-1.0), "force = -1.0: expected a finite number from 0"),
+        (lambda session: session.run_conveyor(1, np.inf), "speed = inf: expected a finite number from -10 to 10"),
+        (lambda session: session.set_monitor_speed(np.nan), "share = nan: expected a finite number from 0 to 1"),
+        (
+            lambda session: session.record_line(session.world_from_tool(), 0.0, 1e-3),
+            "spacing = 0.0: expected .* above 0",
+        ),
     ],
 )
 def test_wrong_argument_of_command_is_named(
@@ -137,7 +161,7 @@ def test_wrong_argument_of_command_is_named(
 ) -> None:
     session = start()
     begin = session.time
-    with pytest.raises(CommandError, match=expected):
+    with pytest.raises(DescriptionError, match=expected):
         command(session)
     assert session.time == pytest.approx(begin, abs=1e-9)
     session.step()  # the cell goes on
@@ -349,7 +373,7 @@ def test_snapshot_matches_exposure_record(start: Start, moving: bool) -> None:
         "table",
         *MOVING_PARTS,
     ]
-    with pytest.raises(CommandError, match="exposure = 0 s: expected a positive number"):
+    with pytest.raises(DescriptionError, match=r"exposure = 0\S*: expected a finite number above 0"):
         session.snapshot(0.0)
 
 

@@ -3,11 +3,24 @@
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import Literal
+from typing import Annotated, Literal
 
+from numpy.typing import ArrayLike
+
+from scancell.arguments import Rigid, Shape, Within
 from scancell.cell.instance import CellInstance
 
-Tool = Literal["sensor", "gripper"]  # whose pose moves are given for
+# Arguments of commands, SI units and radians.
+Tool = Literal["sensor", "gripper"]  # whose pose is commanded
+JointAngles = Annotated[ArrayLike, Shape((None,))]
+TableAngle = Annotated[float, Within(-1e4, 1e4)]
+WorldFromTool = Annotated[ArrayLike, Rigid()]
+Deflections = Annotated[ArrayLike, Shape((None,), within=Within(-1.0, 1.0))]
+SensorDeflections = Annotated[ArrayLike, Shape((6,), within=Within(-1.0, 1.0))]
+MonitorSpeed = Annotated[float, Within(0.0, 1.0)]
+Width = Annotated[float, Within(0.0, 1e4)]
+Force = Annotated[float, Within(0.0, 1e4)]
+BeltSpeed = Annotated[float, Within(-10.0, 10.0)]
 
 
 class Mode(IntEnum):
@@ -121,7 +134,7 @@ _REFUSALS = {
 
 
 def refusal(cell: CellInstance) -> str | None:
-    """Why the controller does not carry out its command; None where it does."""
+    """Reason why the controller rejects its command; None if it does not."""
     reason = cell.get_integer("controller.error")
     if reason == 0:
         return None
@@ -132,7 +145,7 @@ def refusal(cell: CellInstance) -> str | None:
 
 
 def state_in_words(cell: CellInstance) -> str:
-    """What the controller does at the present instant, for messages."""
+    """State and mode of the controller, for messages."""
     state = ("at rest", "moving", "braking", "in an emergency stop")[cell.get_integer("controller.state")]
     mode = Mode(cell.get_integer("controller.mode")).name.lower().replace("_", " ")
     return f"the controller is {state} (mode {mode})"

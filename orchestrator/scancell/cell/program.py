@@ -1,4 +1,4 @@
-"""What the planner hands to the cell: segments of set-points with the rule that fires the sensor."""
+"""Programs of the planner for the cell: segments of set-points with rules that trigger the sensor."""
 
 from __future__ import annotations
 

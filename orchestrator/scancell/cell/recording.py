@@ -1,4 +1,4 @@
-"""What the cell said at every trigger, measured and true kept apart, and its files.
+"""Records of all triggers of a run, with measured and true values apart, and their files.
 
 A recording is a table whose columns are named like the FMU's variables, so that a table made by any FMI tool works.
 """
@@ -38,7 +38,7 @@ INTEGER_COLUMNS = ("trigger.index", "trigger.segment")
 
 @dataclass(frozen=True)
 class RecordLayout:
-    """Columns of a record in a cell with so many joints of the arm, parts and fingers of a gripper."""
+    """Columns of a record in a cell with n `joints` of the arm, n `parts` and n `fingers` of a gripper."""
 
     joints: int = 6
     parts: int = 1
@@ -46,7 +46,7 @@ class RecordLayout:
 
     @classmethod
     def of(cls, columns: Iterable[str]) -> RecordLayout:
-        """That of columns, or of variables of an FMU; at least 4 joints and 1 part, so that missing ones are named."""
+        """Layout of columns or FMU variables; at least 4 joints and 1 part, so that missing ones are named."""
         names = set(columns)
 
         def count(first: int, name: str) -> int:
@@ -94,7 +94,7 @@ class RecordLayout:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TriggerRecords(Value):
-    """What a real controller would hand over, one row per exposure (n rows).
+    """Records of a real controller, one row per exposure (n rows).
 
     `q`, `qd` (n, joints) and `table`, `table_rate` (n,) were latched at mid-exposure `time` (n,) s; `exposure` in s.
     """
@@ -147,7 +147,7 @@ def slopes(values: Array, time: Array, segment: NDArray[np.int64]) -> Array:
 
 @dataclass(frozen=True)
 class ExposureTruth:
-    """Where things truly were while the shutter was open; only the renderer, evaluation and tests may look.
+    """True poses while the shutter was open; only the renderer, evaluation and tests may read them.
 
     `duration` (n,) is the exposure of a pixel, s. `world_from_frame` maps a frame's name to (n, 2, 4, 4) poses at start
     and end of each exposure (of all rows together, when the shutter rolls), which follow from the pose and twist

@@ -34,7 +34,7 @@ class Simplified:
     deviation: float
 
     def line(self) -> str:
-        """For people."""
+        """Text of one line."""
         off = f"{self.deviation * 1e6:.1f} µm"
         return f"{self.body}: {self.faces} triangles simplified to {self.kept}, off by at most {off}"
 
@@ -51,7 +51,7 @@ def collision_meshes(cell: CellDescription, nominal: NominalCell) -> dict[str, M
 
 
 def simplified(cell: CellDescription, nominal: NominalCell) -> list[Simplified]:
-    """What simplifying changed."""
+    """Bodies whose meshes were simplified."""
     light = collision_meshes(cell, nominal)
     return [
         Simplified(body.name, len(body.mesh.faces), len(light[body.name].faces), deviation(body.mesh, light[body.name]))

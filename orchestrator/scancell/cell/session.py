@@ -1,4 +1,4 @@
-"""Commands to a running cell, as a person scripts them: each steps the cell until it is done, or says why it is not.
+"""Commands of scripts to a running cell: each steps the cell until it is done, or raises an error with the reason.
 
 ::
 
@@ -10,20 +10,36 @@
         session.move_tool(world_from_gripper, "gripper")
         session.close_gripper(20.0)
 
-Times are simulated seconds, everything else SI units and radians. What sensors and encoders say is all that a session
-knows of the cell.
+Times are simulated seconds, everything else SI units and radians. A session reads only sensors and encoders of the
+cell.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scancell.arguments import checked_arguments
-from scancell.cell.controller import GripperMode, JogFrame, Mode, Operation, Tool, refusal, state_in_words
+from scancell.arguments import Count, Length, Share, checked_arguments
+from scancell.cell.controller import (
+    BeltSpeed,
+    Deflections,
+    Force,
+    GripperMode,
+    JogFrame,
+    JointAngles,
+    Mode,
+    MonitorSpeed,
+    Operation,
+    SensorDeflections,
+    TableAngle,
+    Tool,
+    Width,
+    WorldFromTool,
+    refusal,
+    state_in_words,
+)
 from scancell.cell.driver import TRIGGER_MODES, DriveOptions, Driver
 from scancell.cell.instance import CellInstance
 from scancell.cell.program import Program
@@ -36,10 +52,9 @@ from scancell.nominal.cell import NominalCell
 
 Array = NDArray[np.float64]
 
-_STARTED_BY = {Mode.JOINT_MOVE: "move_joints", Mode.LINE_MOVE: "move_line"}
 _AT_START = 1e-6  # rad
 _MOST_STOPPING = 5.0  # s; the slowest axis of any sensible cell brakes faster
-_MOST_HELD_US = 1_000_000  # without progress, before a move that a guard holds is given up
+_MOST_HELD_US = 1_000_000  # without progress, after which a move that a guard holds fails
 
 
 class CellSession:
@@ -97,7 +112,7 @@ class CellSession:
         self._snapshots = 0
         self._step_to = cell.step_to
 
-    # What sensors and encoders say
+    # Readings of sensors and encoders
 
     @property
     def cell(self) -> CellInstance:
@@ -173,11 +188,12 @@ class CellSession:
             )
         return float(self._cell.get(self._cell.real_group([name]))[0])
 
+    @checked_arguments
     def joints_for(
         self,
-        world_from_tool: ArrayLike,
+        world_from_tool: WorldFromTool,
         tool: Tool = "sensor",
-        near: ArrayLike | None = None,
+        near: JointAngles | None = None,
         configuration: str | None = None,
     ) -> Array:
         """Joint angles (joints,), rad, that bring a tool to a pose.
@@ -197,7 +213,10 @@ class CellSession:
         Raises
         ------
         CommandError
-            If no branch, or not that of the configuration, reaches the pose within the joint limits.
+            If no branch, or not that of the configuration, reaches the pose within the joint limits, or there is no
+            such tool or configuration.
+        DescriptionError
+            If `world_from_tool` is no pose.
         """
         reference = self.joints if near is None else np.asarray(near, float)
         target = self._world_from_flange(world_from_tool, tool)
@@ -215,16 +234,15 @@ class CellSession:
             )
         return np.asarray(found[np.argmin(np.abs(found - reference).max(-1))])
 
+    @checked_arguments
     def flange_from_tool(self, tool: Tool) -> Array:
         """Pose (4, 4) of `tool` on the flange: ``sensor``, or ``gripper``, whose origin lies between the pads.
 
         Raises
         ------
         CommandError
-            If the cell has no such tool.
+            If the cell has no gripper.
         """
-        if tool not in get_args(Tool):
-            raise CommandError(f"tool = {tool!r}: expected {' or '.join(get_args(Tool))}")
         if tool == "sensor":
             return self._nominal.flange_from_sensor
         fingers = self._nominal.flange_from_finger
@@ -236,26 +254,29 @@ class CellSession:
 
     # Commands that take effect in the next cycles: nothing here steps the cell
 
-    def start_move_joints(self, joints: ArrayLike, table_angle: float | None = None, *, speed: float = 1.0) -> None:
-        """Begin to move all joints to `joints` (joints,) and the table to `table_angle` (where given), rad.
+    @checked_arguments
+    def start_move_joints(
+        self, joints: JointAngles, table_angle: TableAngle | None = None, *, speed: Share = 1.0
+    ) -> None:
+        """Start to move all joints to `joints` (joints,) and the table to `table_angle` (where given), rad.
 
         `speed` is the share (above 0, at most 1) of the full speed of the slowest axis.
 
         Raises
         ------
         CommandError
-            If there are more or fewer angles than joints, one is not finite, or `speed` is out of its range.
+            If there are more or fewer angles than joints.
+        DescriptionError
+            If an argument is out of its range.
         """
-        if np.shape(joints) != (self._targets.count - 1,) or not np.isfinite(joints).all():
+        if np.size(joints) != self._targets.count - 1:
             raise CommandError(f"move_joints: joints = {joints!r}: expected {self._targets.count - 1} angles")
         end = self.destination[-1] if table_angle is None else table_angle
-        if not np.isfinite(end):
-            raise CommandError(f"move_joints: table_angle = {end!r}: expected an angle")
         self._cell.set(self._targets, np.append(np.asarray(joints, float), end))
         self._start(Mode.JOINT_MOVE, speed)
 
-    def start_move_tool(self, world_from_tool: ArrayLike, tool: Tool = "sensor", *, speed: float = 1.0) -> None:
-        """Begin to move `tool` to the pose `world_from_tool` (4, 4), all joints together; the table rests.
+    def start_move_tool(self, world_from_tool: WorldFromTool, tool: Tool = "sensor", *, speed: Share = 1.0) -> None:
+        """Start to move `tool` to the pose `world_from_tool` (4, 4), all joints together; the table rests.
 
         `speed` is the share (above 0, at most 1) of the full speed of the slowest axis.
 
@@ -266,67 +287,75 @@ class CellSession:
         """
         self.start_move_joints(self.joints_for(world_from_tool, tool), speed=speed)
 
-    def start_move_line(self, world_from_tool: ArrayLike, tool: Tool = "sensor", *, speed: float = 1.0) -> None:
-        """Begin to move `tool` straight to the pose `world_from_tool` (4, 4); the table rests.
+    @checked_arguments
+    def start_move_line(self, world_from_tool: WorldFromTool, tool: Tool = "sensor", *, speed: Share = 1.0) -> None:
+        """Start to move `tool` straight to the pose `world_from_tool` (4, 4); the table rests.
 
         `speed` is the share (above 0, at most 1) of the line speed of the robot's description.
 
         Raises
         ------
         CommandError
-            If there is no such tool, `world_from_tool` is no pose, or `speed` is out of its range.
+            If the cell has no such tool.
+        DescriptionError
+            If `world_from_tool` is no pose, or `speed` is out of its range.
         """
         sensor = self._world_from_flange(world_from_tool, tool) @ self._nominal.flange_from_sensor
         self._cell.set(self._targets, self.destination)
         self._cell.set(self._line, np.append(sensor[:3, 3], pose.quaternion_from_rotation(sensor[:3, :3])))
         self._start(Mode.LINE_MOVE, speed)
 
-    def start_jog_joints(self, deflections: ArrayLike) -> None:
-        """Begin to jog joints and table: `deflections` (at most joints + 1,) -1 to 1, the others are 0.
+    @checked_arguments
+    def start_jog_joints(self, deflections: Deflections) -> None:
+        """Start to jog joints and table: `deflections` (at most joints + 1,) -1 to 1, the others are 0.
 
         Raises
         ------
         CommandError
-            If there are more, or one is not finite.
+            If there are more.
+        DescriptionError
+            If one is out of its range.
         """
         values = np.asarray(deflections, float)
-        if values.ndim != 1 or values.size > self._jog.count or not np.isfinite(values).all():
+        if values.size > self._jog.count:
             raise CommandError(f"jog_joints: deflections = {deflections!r}: expected at most {self._jog.count} numbers")
         self._start_jog(Mode.JOINT_JOG, values)
 
-    def start_jog_sensor(self, deflections: ArrayLike, frame: JogFrame = JogFrame.WORLD) -> None:
-        """Begin to jog the sensor: `deflections` (6,) along x, y, z and about x, y, z of `frame`, -1 to 1.
+    @checked_arguments
+    def start_jog_sensor(self, deflections: SensorDeflections, frame: JogFrame = JogFrame.WORLD) -> None:
+        """Start to jog the sensor: `deflections` (6,) along x, y, z and about x, y, z of `frame`, -1 to 1.
 
         Raises
         ------
         CommandError
-            If the arm has fewer than six joints, or there are not six finite deflections.
+            If the arm has fewer than six joints.
+        DescriptionError
+            If there are not six deflections, or one is out of its range.
         """
-        values = np.asarray(deflections, float)
-        if values.shape != (6,) or not np.isfinite(values).all():
-            raise CommandError(f"jog_sensor: deflections = {deflections!r}: expected 6 numbers")
         if self._jog.count <= 6:
             raise CommandError(f"jog_sensor: the arm has {self._jog.count - 1} joints: expected at least 6")
         self._cell.set_integer("command.jog_frame", frame)
-        self._start_jog(Mode.CARTESIAN_JOG, values)
+        self._start_jog(Mode.CARTESIAN_JOG, np.asarray(deflections, float))
 
     def renew_heartbeat(self) -> None:
         """Tell the controller's watchdog that a jog is still wanted."""
         self._cell.set_integer("command.heartbeat", self._next("command.heartbeat"))
 
     def hold(self) -> None:
-        """Let go of a jog, or give up a motion: the axes come to rest."""
+        """End a jog or a motion: the axes come to rest."""
         self._cell.set(self._jog, np.zeros(self._jog.count))
         self._cell.set_integer("command.mode", Mode.HOLD)
 
+    @checked_arguments
     def request_operation(self, operation: Operation) -> None:
-        """Change to manual or automatic `operation`; whatever moves comes to rest."""
+        """Change to manual or automatic `operation`; all axes come to rest."""
         self.hold()
         self._cell.set_integer("command.operation", operation)
 
-    def set_monitor_speed(self, share: float) -> None:
+    @checked_arguments
+    def set_monitor_speed(self, share: MonitorSpeed) -> None:
         """Scale the speed of moves and programs by `share` (0 to 1) while they run, on their paths; 0 pauses them."""
-        self._set_number("command.monitor_speed", share, "set_monitor_speed: share")
+        self._set_real("command.monitor_speed", share)
 
     def press_emergency_stop(self) -> None:
         """Press the button; the stop stays in force until `release_emergency_stop` when all axes rest."""
@@ -338,18 +367,21 @@ class CellSession:
         self.hold()
         self._cell.set_integer("command.reset", self._next("command.reset"))
 
-    def run_conveyor(self, conveyor: int, speed: float) -> None:
+    @checked_arguments
+    def run_conveyor(self, conveyor: Count, speed: BeltSpeed) -> None:
         """Give conveyor number `conveyor` (from 1) the `speed`, m/s; its belt accelerates while the cell steps."""
-        self._set_number(f"command.conveyor[{conveyor}].speed", speed, "run_conveyor: speed")
+        self._set_real(f"command.conveyor[{conveyor}].speed", speed)
 
-    def start_open_gripper(self, width: float) -> None:
-        """Begin to bring the pads `width` apart, m."""
-        self._set_number("command.gripper.width", width, "open_gripper: width")
+    @checked_arguments
+    def start_open_gripper(self, width: Width) -> None:
+        """Start to bring the pads `width` apart, m."""
+        self._set_real("command.gripper.width", width)
         self._cell.set_integer("command.gripper.mode", GripperMode.WIDTH)
 
-    def start_close_gripper(self, force: float) -> None:
-        """Begin to close the gripper with `force`, N each finger."""
-        self._set_number("command.gripper.force", force, "close_gripper: force")
+    @checked_arguments
+    def start_close_gripper(self, force: Force) -> None:
+        """Start to close the gripper with `force`, N each finger."""
+        self._set_real("command.gripper.force", force)
         self._cell.set_integer("command.gripper.mode", GripperMode.FORCE)
 
     # Commands that step the cell until they are done
@@ -410,8 +442,8 @@ class CellSession:
     ) -> None:
         """Move a tool straight to a pose, turning evenly, by the arm's nominal geometry; the table rests.
 
-        The controller leads the sensor along a straight line; the gripper's way is straight as long as it keeps its
-        orientation.
+        The controller moves the sensor along a straight line; the path of the gripper is straight if its
+        orientation does not change.
 
         Parameters
         ----------
@@ -432,13 +464,14 @@ class CellSession:
         self.start_move_line(world_from_tool, tool, speed=speed)
         self._finish_move("move_line", timeout)
 
+    @checked_arguments
     def record_line(
         self,
-        world_from_sensor: ArrayLike,
-        spacing: float,
-        exposure: float,
+        world_from_sensor: WorldFromTool,
+        spacing: Length,
+        exposure: Length,
         *,
-        speed: float = 1.0,
+        speed: Share = 1.0,
         timeout: float = 60.0,
     ) -> Recording:
         """Move the sensor as in `move_line`, with exposures on the way; the first one begins at the start.
@@ -457,12 +490,12 @@ class CellSession:
         Raises
         ------
         CommandError
-            As `move_line`, and if `spacing` is not a positive number.
+            As of `move_line`.
+        DescriptionError
+            As of `move_line`, and if `spacing` or `exposure` is not a positive number.
         """
-        if not (spacing > 0.0 and np.isfinite(spacing)):
-            raise CommandError(f"record_line: spacing = {spacing:g} m: expected a positive number")
         collector = RecordCollector(self._cell, self._cycle_us, exposure)
-        self._cell.set(self._cell.real_group(["command.trigger.distance"]), np.array([spacing]))
+        self._set_real("command.trigger.distance", spacing)
         self._cell.set_integer("command.trigger.mode", TRIGGER_MODES["path_distance"])
         self._step_to = collector.step_to
         try:
@@ -538,28 +571,27 @@ class CellSession:
             name = "the table" if axis == self._jog.count - 1 else f"joint {axis + 1}"
             raise CommandError(f"the program starts elsewhere: {name} is off by {np.degrees(away[axis]):.3f} deg")
 
-    def snapshot(self, exposure: float) -> Recording:
+    @checked_arguments
+    def snapshot(self, exposure: Length) -> Recording:
         """The present poses as a recording of one exposure of `exposure` seconds, whose middle is now.
 
         It costs no simulated time and takes no trigger record; the cell may be moving.
 
         Raises
         ------
-        CommandError
+        DescriptionError
             If `exposure` is not a positive number.
         """
-        if not (exposure > 0.0 and np.isfinite(exposure)):
-            raise CommandError(f"snapshot: exposure = {exposure:g} s: expected a positive number")
         self._snapshots += 1
         return snapshot(self._cell, exposure, self._snapshots)
 
     def set_operation(self, operation: Operation) -> None:
-        """Change to manual or automatic `operation`, and wait until whatever moves rests."""
+        """Change to manual or automatic `operation`, and wait until all axes rest."""
         self.request_operation(operation)
         self._wait_for_rest("set_operation")
 
     def come_to_rest(self) -> NDArray[np.float64]:
-        """Let go of what moves the robot and wait until it rests; commanded joints and table angle (axes,), rad."""
+        """Stop the robot and wait until it rests; commanded joints and table angle (axes,), rad."""
         self.hold()
         self._wait_for_rest("come_to_rest")
         return self.commanded
@@ -636,7 +668,7 @@ class CellSession:
                 raise CommandError(f"timed out after {timeout:g} s waiting for {what}; {state_in_words(self._cell)}")
             self.step()
 
-    # How it is done
+    # Implementation
 
     def _end(self, timeout: float) -> int:
         return self._cell.time_us + round(timeout * 1e6)
@@ -688,26 +720,17 @@ class CellSession:
         self._wait_for_rest(command)
 
     def _world_from_flange(self, world_from_tool: ArrayLike, tool: Tool) -> Array:
-        target = np.asarray(world_from_tool, float)
-        if target.shape != (4, 4) or not np.isfinite(target).all():
-            raise CommandError(f"world_from_tool = {world_from_tool!r}: expected a pose (4, 4)")
-        return np.asarray(target @ pose.inverse(self.flange_from_tool(tool)))
+        return np.asarray(world_from_tool, float) @ pose.inverse(self.flange_from_tool(tool))
 
-    def _set_number(self, variable: str, value: float, name: str) -> None:
-        """Set a real input; a value that is not finite would end the FMU."""
-        group = self._cell.real_group([variable])
-        if not np.isfinite(value):
-            raise CommandError(f"{name} = {value!r}: expected a finite number")
-        self._cell.set(group, np.array([value]))
+    def _set_real(self, variable: str, value: float) -> None:
+        self._cell.set(self._cell.real_group([variable]), np.array([value]))
 
     def _start_jog(self, mode: Mode, deflections: Array) -> None:
         self._cell.set(self._jog, np.append(deflections, np.zeros(self._jog.count - deflections.size)))
         self._cell.set_integer("command.mode", mode)
 
     def _start(self, mode: Mode, speed: float) -> None:
-        if not 0.0 < speed <= 1.0:
-            raise CommandError(f"{_STARTED_BY[mode]}: speed = {speed!r}: expected a number above 0, at most 1")
-        self._set_number("command.speed", speed, f"{_STARTED_BY[mode]}: speed")
+        self._set_real("command.speed", speed)
         self._cell.set_integer("command.mode", mode)
         self._cell.set_integer("command.start", self._next("command.start"))
 

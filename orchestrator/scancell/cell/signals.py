@@ -1,4 +1,4 @@
-"""What chosen variables of a running cell were, at every communication step."""
+"""Log of variables of a running cell at every communication step."""
 
 from __future__ import annotations
 

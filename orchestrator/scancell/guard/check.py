@@ -1,4 +1,4 @@
-"""Which contact a motion leads to, and whether a stop is proved to come before it.
+"""First contact of a motion, and proof that a stop comes before it.
 
 Both are certified queries along the predicted motion.  A pair of bodies that does not approach raises no warning, and
 it needs no room for a stop as long as the motion never brings it nearer than it is: moving away is always allowed.
@@ -75,7 +75,7 @@ class Contact:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What lies ahead of all possible motions.
+    """Contacts and stops of all possible motions.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ class ManualCheck:
     clearance
         Distance that counts as contact, one for all pairs or (pairs,), m: at least the error of the meshes.
     worst
-        What a stop must be proved for.
+        Worst case for which a stop must be proved.
     horizon
         Time for which a motion is predicted, s.
     """

@@ -1,7 +1,7 @@
 """The guard of a robot: answers each of its states with a permission to move on, or with an emergency stop.
 
 An answer permits motion until its state is `max_age` old; then the controller stops by itself.  So a stop is proved for
-each answer as if it were the last one: whatever becomes of later messages, the robot comes to rest without contact.
+each answer as if it were the last one: even if all later messages are lost, the robot stops without contact.
 Where no stop is proved, the answer is an emergency stop, and the proof of an earlier answer holds.
 """
 
@@ -41,7 +41,7 @@ _BEEP = 0.5  # s to a contact
 
 @dataclass(frozen=True)
 class Decision:
-    """What follows from a state.
+    """Decision that follows from a state.
 
     Attributes
     ----------

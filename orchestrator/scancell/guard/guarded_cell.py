@@ -7,9 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from scancell.arguments import checked_arguments
-from scancell.cell.controller import Mode, Operation
+from scancell.cell.controller import Mode, MonitorSpeed, Operation
 from scancell.cell.instance import CellInstance
-from scancell.errors import CommandError
 from scancell.guard.link import Link
 from scancell.guard.messages import CellState, GuardMessage
 from scancell.stopwatch import Pace
@@ -85,24 +84,27 @@ class GuardedCell:
         self.poll()
         self._cell.on_cycle(self._cycle_us, self.poll)
 
-    def set_monitor_speed(self, share: float) -> None:
+    @checked_arguments
+    def set_monitor_speed(self, share: MonitorSpeed) -> None:
         """Change the operator's monitor speed to `share`, 0 to 1.
 
         It acts at once, but never beyond what the guard allows, and scales no jog.
 
         Raises
         ------
-        CommandError
-            If it is not finite.
+        DescriptionError
+            If it is out of its range.
         """
-        if not np.isfinite(share):
-            raise CommandError(f"set_monitor_speed: share = {share!r}: expected a finite number")
         self.monitor_speed = share
+        self._apply_monitor_speed()
+
+    def _apply_monitor_speed(self) -> None:
         manual = self._cell.get_integer("command.operation") == Operation.MANUAL
-        self._cell.set(self._monitor_speed, np.array([self._allowed if manual else min(share, self._allowed)]))
+        speed = self._allowed if manual else min(self.monitor_speed, self._allowed)
+        self._cell.set(self._monitor_speed, np.array([speed]))
 
     def poll(self) -> list[GuardMessage]:
-        """Send the state where a query is due, and obey the answers that have arrived; to be called once a cycle.
+        """Send the state when a query is due, and apply the answers that have arrived; to be called once a cycle.
 
         The answers are returned, see `Link.poll`.
         """
@@ -117,7 +119,7 @@ class GuardedCell:
             last = answers[-1]
             self._cell.set(self._guard_time, np.array([time - self._link.age(time)]))
             self._allowed = last.monitor_speed
-            self.set_monitor_speed(self.monitor_speed)
+            self._apply_monitor_speed()
             stop = self.stop_pressed or any(answer.emergency_stop for answer in answers)
             self._cell.set_boolean("command.emergency_stop", stop)
             if last.text or self._cell.get_integer("controller.state") != _EMERGENCY:  # else the reason stays

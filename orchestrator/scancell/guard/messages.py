@@ -1,4 +1,4 @@
-"""What cell and guard send each other, and the bytes of it (docs/guard_protocol.md).
+"""Messages between cell and guard, and their bytes (docs/guard_protocol.md).
 
 A packet is a header of fixed size, a body and a CRC-32 of both, all little-endian.  Values are checked where a message
 is made, so that one that was decoded and one that is sent obey the same rules.
@@ -50,7 +50,7 @@ class Kind(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class CellState:
-    """What the controller of a cell says about its robot.
+    """State of the robot of a cell, as its controller reports it.
 
     Attributes
     ----------

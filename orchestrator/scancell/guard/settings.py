@@ -1,4 +1,4 @@
-"""What the guard assumes of robot, controller and network."""
+"""Assumptions of the guard about robot, controller and network."""
 
 from __future__ import annotations
 

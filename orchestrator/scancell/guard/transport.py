@@ -1,4 +1,4 @@
-"""Ways on which the cell's packets go to the guard and back; none of them waits."""
+"""Transports of packets between cell and guard; none of them blocks."""
 
 from __future__ import annotations
 

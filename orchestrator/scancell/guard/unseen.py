@@ -1,4 +1,4 @@
-"""How far bodies can get nearer to each other by what a person changes while nobody looks.
+"""Bound on the approach of bodies by changes of a jog between two polls.
 
 A jog changes within limits: each axis accelerates by at most a share of what it can, and the tool by at most the jog's
 accelerations.  Bodies fixed to the tool approach what stands still by no more than the tool's accelerations allow, all
@@ -45,7 +45,7 @@ def jog_limits(robot: RobotDescription, nominal: NominalCell) -> JogLimits:
 
 
 class UnseenApproach:
-    """Bounds on what pairs of bodies may get nearer by changes of a jog.
+    """Bounds the approach of pairs of bodies by changes of a jog.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Camera images and profile of a live cell, again and again."""
+"""Camera images and profiles of a live cell on demand."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ from scancell.scanning.single_exposure import Profile, measure_profile
 Array = NDArray[np.float64]
 T = TypeVar("T", bound=np.generic)
 
-_PATIENCE = 0.1  # s, after which a feed that waits looks whether it was closed
+_PATIENCE = 0.1  # s, period at which a waiting feed checks whether it was closed
 
 
 @dataclass(frozen=True, eq=False)
 class CameraFrame:
-    """What the sensor sees at one instant; arrays are read-only.
+    """Image and profile of the sensor at one instant; arrays are read-only.
 
     Attributes
     ----------
     number
-        Of frames so far, this one included.
+        Number of frames so far, including this one.
     time
         Simulated, s.
     engine, as_built
-        Of the rendering, and the perturbations of the sensor in force.
+        Engine, and the perturbations of the sensor in force.
     images
         (cameras, height, width) of 8 bits; None with the geometric engine, which makes none.
     stripes
@@ -53,7 +53,7 @@ class CameraFrame:
     intensity, camera
         (n,) of the points, digital numbers; index of the camera.
     error
-        Why there is no picture; empty where there is one.
+        Reason why there is no frame; empty if there is one.
     """
 
     number: int
@@ -70,10 +70,10 @@ class CameraFrame:
 
 
 class CameraFeed(Closing):
-    """Renders what the sensor of a live cell sees, in a thread of its own, while somebody wants it.
+    """Renders frames of the sensor of a live cell on demand, in a thread of its own.
 
-    The thread that owns the cell reads its poses between two cycles, nothing more. While neither these nor the settings
-    change no new frame is made: image noise stands still.
+    The thread that owns the cell only reads its poses between two cycles. A new frame is rendered only when these or
+    the settings change, so that image noise does not change at rest.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class CameraFeed(Closing):
     on_frame
         Receives each frame, in the thread of the feed.
     interval
-        Least time from one look at the cell to the next, s.
+        Least period of frames, s.
 
     Examples
     --------
@@ -118,12 +118,12 @@ class CameraFeed(Closing):
 
     @property
     def frame(self) -> CameraFrame | None:
-        """The last one; None before the first."""
+        """The last frame; None before the first."""
         return self._frame
 
     @property
     def wanted(self) -> bool:
-        """Whether frames are made; at first they are not."""
+        """Whether frames are rendered; initially False."""
         return self._wanted.is_set()
 
     @wanted.setter
@@ -135,7 +135,7 @@ class CameraFeed(Closing):
 
     @property
     def engine(self) -> Engine:
-        """Of the rendering; may be changed at any time."""
+        """Engine of the rendering; may be changed at any time."""
         return self._setting.engine
 
     @engine.setter
@@ -149,17 +149,17 @@ class CameraFeed(Closing):
         return self._setting.as_built
 
     def perturb(self, as_built: Assignments) -> None:
-        """Render by another true sensor from now on; the nominal one interprets the images as before.
+        """Render with another true sensor from now on; the nominal sensor still interprets the images.
 
         Parameters
         ----------
         as_built
-            All perturbations of the sensor, ``{"sensor.laser.turn_y_deg": 0.1}``; those before are dropped.
+            All perturbations of the sensor, ``{"sensor.laser.turn_y_deg": 0.1}``; they replace the present ones.
 
         Raises
         ------
         DescriptionError
-            If a perturbation is unknown, out of bounds or not one of the sensor; those before stay in force.
+            If a perturbation is unknown, out of bounds or not one of the sensor; the present ones stay in force.
         SensorError
             If the sensor library refuses it.
         """
@@ -197,17 +197,17 @@ class CameraFeed(Closing):
             self._closed.wait(max(0.0, self._interval - (time.monotonic() - began)))
 
     def _look(self) -> Recording | None:
-        """The poses of the cell between two cycles; None where it does not run, or the feed ends."""
-        asked: Future[Recording] = self._live.between_cycles(lambda session: session.snapshot(session.exposure))
+        """The poses of the cell between two cycles; None if it does not run, or the feed ends."""
+        request: Future[Recording] = self._live.between_cycles(lambda session: session.snapshot(session.exposure))
         while not self._closed.is_set():
             try:
-                return asked.result(_PATIENCE)
+                return request.result(_PATIENCE)
             except NotDone:
                 continue
             except (CancelledError, ScancellError):  # the cell was closed
                 self._closed.wait(_PATIENCE)
                 break
-        asked.cancel()
+        request.cancel()
         return None
 
 
@@ -219,7 +219,7 @@ class _Setting:
 
 
 def _poses(recording: Recording) -> bytes:
-    """All that the images depend on, but their noise."""
+    """Everything that the images depend on, except their noise."""
     moving = [name for name in recording.columns if name.startswith("trigger.truth.")]
     return np.concatenate([recording.columns[name] for name in moving]).tobytes()
 

@@ -1,4 +1,4 @@
-"""A guarded cell that runs while operators command it, without any view."""
+"""A running cell that operators command, without a view."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from concurrent.futures import Future
 from typing import Annotated, TypeVar
 
 from scancell.arguments import Count, Within, checked_arguments
-from scancell.errors import CommandError
-from scancell.live.commands import Cancel, Command, SetMonitorSpeed, name_of
+from scancell.errors import CommandError, DescriptionError
+from scancell.live.commands import Cancel, Command, SetMonitorSpeed
 from scancell.live.control import LiveControl
 from scancell.live.jobs import CLOSED, JobStopped, SubmittedJob, Work, interrupt, withdraw_interrupt
 from scancell.live.state import LiveState, StateReader
@@ -21,7 +21,7 @@ from scancell.stopwatch import Pace
 
 T = TypeVar("T")
 
-_LOST = 1.0  # s without taking commands, from which on a job can be interrupted
+_LOST = 1.0  # s without reading commands, after which a job can be interrupted
 
 
 class LiveCell:
@@ -80,7 +80,7 @@ class LiveCell:
         self._running = False
         self._ending = ""  # why the job has to end
         self._owner = 0  # thread that runs the job
-        self._heard = clock()  # when commands were taken last
+        self._commands_read = clock()  # time of the last reading of commands
         self._between_cycles = False
         self._message = ""
         self._pace: Pace | None = None
@@ -94,19 +94,19 @@ class LiveCell:
 
     @property
     def state(self) -> LiveState:
-        """The cell as it was read last: angles, poses of all bodies, controller, sensors, messages; read-only."""
+        """The last state: angles, poses of all bodies, controller, sensors, messages; read-only."""
         return self._state
 
     def submit(self, command: Command) -> None:
-        """Hand over a `command` (`MoveJoints`, `JogSensor` …).
+        """Submit a `command` (`MoveJoints`, `JogSensor` …).
 
-        What becomes of it is in ``state.refusal`` and ``state.message``.
+        Its result is in ``state.refusal`` and ``state.message``.
         """
         with self._lock:
             self._submitted.append(command)
 
     def perform(self, job: Callable[[ScanSession], T], name: str = "a program") -> Future[T]:
-        """Hand over a job, which runs in the thread that owns the cell when nothing else moves the robot.
+        """Submit a job, which runs in the thread that owns the cell when nothing else moves the robot.
 
         Until it has ended, other commands than `SetMonitorSpeed` and `Cancel` are refused, and so are other jobs. Its
         errors are in the result and in ``state.message``; a stop or `Cancel` ends it with `JobStopped`.
@@ -123,26 +123,26 @@ class LiveCell:
         Future
             Of what `job` returns.
         """
-        handed = SubmittedJob(name, job)
+        submitted = SubmittedJob(name, job)
         with self._lock:
-            self._submitted.append(handed)
-        return handed.future
+            self._submitted.append(submitted)
+        return submitted.future
 
     def between_cycles(self, work: Callable[[ScanSession], T]) -> Future[T]:
         """Have `work` done at the end of the present cycle, also while a job runs; the future of what it returns.
 
         `work` gets the session, and must not step the cell.
         """
-        handed = SubmittedJob("between_cycles", work)
+        submitted = SubmittedJob("between_cycles", work)
         with self._lock:
-            self._callbacks.append(handed)
-        return handed.future
+            self._callbacks.append(submitted)
+        return submitted.future
 
     def emergency_stop(self) -> None:
         """Press the emergency stop, end the job, and drop all that was submitted; `Reset` ends the stop."""
         with self._lock:
             dropped, self._submitted = self._submitted, deque()
-            if self._stop_pressed and self._running and self._clock() - self._heard > _LOST:
+            if self._stop_pressed and self._running and self._clock() - self._commands_read > _LOST:
                 interrupt(self._owner)
             self._stop_pressed = True
         _cancel(dropped)
@@ -152,7 +152,7 @@ class LiveCell:
     def run(self, ended: Callable[[], bool], realtime: bool = True) -> None:
         """Run cycle by cycle.
 
-        At the end a job is stopped, and what was handed over and not begun is cancelled.
+        At the end a job is stopped, and submitted work that has not begun is cancelled.
 
         Parameters
         ----------
@@ -182,7 +182,7 @@ class LiveCell:
         self._take_commands()
         try:
             self._control.begin_cycle()
-        except CommandError as error:
+        except (CommandError, DescriptionError) as error:
             self._message = str(error)
         if self._job is not None and self._control.is_free:
             self._run_job(self._job)
@@ -193,7 +193,7 @@ class LiveCell:
         with self._lock:
             commands, self._submitted = self._submitted, deque()
             stopped, self._stop_pressed = self._stop_pressed, False
-            self._heard = self._clock()
+            self._commands_read = self._clock()
         if stopped:
             self._control.press_emergency_stop()
             self._end_job("stopped")
@@ -201,11 +201,11 @@ class LiveCell:
             try:
                 self._apply(command)
                 self._message = ""
-            except CommandError as error:
+            except (CommandError, DescriptionError) as error:
                 self._message = str(error)
 
     def _end_cycle(self) -> None:
-        """At the end of every controller cycle, whoever stepped the cell."""
+        """Called at the end of every controller cycle, whatever stepped the cell."""
         if self._between_cycles:
             raise CommandError("between_cycles: the work steps the cell, which it must not")
         self._between_cycles = True
@@ -265,7 +265,7 @@ class LiveCell:
             self._job = None
 
     def _look_at_job(self) -> None:
-        """While a job measures, which steps nothing."""
+        """Apply commands while a job measures, which does not step the cell."""
         if not self._running or self._between_cycles:
             return
         self._attend_job()
@@ -291,19 +291,19 @@ class LiveCell:
             self._end_job("cancelled")
             self._control.apply(command)
         elif self._job is not None and not isinstance(command, SetMonitorSpeed):
-            raise CommandError(f"{name_of(command)}: {self._job.name} runs: cancel it first")
+            raise CommandError(f"{command.name}: {self._job.name} runs: cancel it first")
         else:
             self._control.apply(command)
 
 
 class _StoppableProgress(NullProgress):
-    """Looks at every step of a measurement whether its job has to end."""
+    """Checks at every step of a measurement whether its job has to end."""
 
     def __init__(self, look: Callable[[], None]) -> None:
         self._look = look
 
     def advance(self, _steps: float) -> None:
-        """Look."""
+        """Check."""
         self._look()
 
 

@@ -6,21 +6,69 @@ Each is named like the command of a session that does the same, with its paramet
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Annotated
+from typing import ClassVar
 
-from numpy.typing import ArrayLike
+from scancell.arguments import Count, Share, checked_fields
+from scancell.cell.controller import (
+    BeltSpeed,
+    Deflections,
+    Force,
+    JogFrame,
+    JointAngles,
+    MonitorSpeed,
+    Operation,
+    SensorDeflections,
+    TableAngle,
+    Tool,
+    Width,
+    WorldFromTool,
+)
+from scancell.cell.session import CellSession
+from scancell.errors import CommandError
 
-from scancell.arguments import Count, Rigid, Shape, Share, Within, checked_fields
-from scancell.cell.controller import JogFrame, Operation, Tool
 
-_DEFLECTION = Within(-1.0, 1.0)
-_Positive = Annotated[float, Within(0.0, 1e4)]
+class Command(ABC):
+    """Command of an operator; `needs_operation` is the operation without which the controller rejects it."""
+
+    needs_operation: ClassVar[Operation | None] = None
+
+    @property
+    def name(self) -> str:
+        """Name in messages, as of the command of a session: ``move_joints``."""
+        return re.sub(r"(?<!^)(?=[A-Z])", "_", type(self).__name__).lower()
+
+    @abstractmethod
+    def start(self, session: CellSession) -> None:
+        """Give the command to the controller of `session`, which is not stepped.
+
+        Raises
+        ------
+        CommandError
+            If the cell cannot carry it out.
+        """
+
+
+class Jog(Command):
+    """Motion by hand, which lasts as long as the command is renewed."""
+
+    needs_operation = Operation.MANUAL
+
+
+class Move(Command):
+    """Motion to a destination, which starts when the moves before it have ended."""
+
+    needs_operation = Operation.AUTOMATIC
+
+
+class CommandAtRest(Command):
+    """Command that cancels all motion and takes effect when the robot rests."""
 
 
 @checked_fields
 @dataclass(frozen=True, eq=False)
-class JogJoints:
+class JogJoints(Jog):
     """Jog joints and table by hand for as long as it is renewed.
 
     Parameters
@@ -40,12 +88,16 @@ class JogJoints:
     True
     """
 
-    deflections: Annotated[ArrayLike, Shape((None,), within=_DEFLECTION)]
+    deflections: Deflections
+
+    def start(self, session: CellSession) -> None:
+        """Call `CellSession.start_jog_joints` of `session`."""
+        session.start_jog_joints(self.deflections)
 
 
 @checked_fields
 @dataclass(frozen=True, eq=False)
-class JogSensor:
+class JogSensor(Jog):
     """Jog the sensor for as long as it is renewed.
 
     Parameters
@@ -64,13 +116,17 @@ class JogSensor:
     scancell.errors.DescriptionError: deflections = ...: expected finite numbers of shape (6,) from -1 to 1
     """
 
-    deflections: Annotated[ArrayLike, Shape((6,), within=_DEFLECTION)]
+    deflections: SensorDeflections
     frame: JogFrame = JogFrame.WORLD
+
+    def start(self, session: CellSession) -> None:
+        """Call `CellSession.start_jog_sensor` of `session`."""
+        session.start_jog_sensor(self.deflections, self.frame)
 
 
 @checked_fields
 @dataclass(frozen=True, eq=False)
-class MoveJoints:
+class MoveJoints(Move):
     """Move all joints together, and the table.
 
     Parameters
@@ -92,20 +148,24 @@ class MoveJoints:
     0.20 rad
     """
 
-    joints: Annotated[ArrayLike, Shape((None,))]
-    table_angle: Annotated[float, Within(-1e4, 1e4)] | None = None
+    joints: JointAngles
+    table_angle: TableAngle | None = None
     speed: Share = 1.0
+
+    def start(self, session: CellSession) -> None:
+        """Call `CellSession.start_move_joints` of `session`."""
+        session.start_move_joints(self.joints, self.table_angle, speed=self.speed)
 
 
 @checked_fields
 @dataclass(frozen=True, eq=False)
-class _PoseCommand:
-    world_from_tool: Annotated[ArrayLike, Rigid()]
+class _PoseMove(Move):
+    world_from_tool: WorldFromTool
     tool: Tool = "sensor"
     speed: Share = 1.0
 
 
-class MoveTool(_PoseCommand):
+class MoveTool(_PoseMove):
     """Move a tool to a pose, all joints together.
 
     Parameters
@@ -132,18 +192,26 @@ class MoveTool(_PoseCommand):
     'moving'
     """
 
+    def start(self, session: CellSession) -> None:
+        """Call `CellSession.start_move_tool` of `session`."""
+        session.start_move_tool(self.world_from_tool, self.tool, speed=self.speed)
 
-class MoveLine(_PoseCommand):
+
+class MoveLine(_PoseMove):
     """Move a tool straight to a pose.
 
-    See the example of `MoveTool`, which has the same parameters: `world_from_tool`, `tool` and `speed`, of which the
-    share is that of the line speed.
+    See the example of `MoveTool`, which has the same parameters: `world_from_tool`, `tool` and `speed`, a share of the
+    line speed.
     """
+
+    def start(self, session: CellSession) -> None:
+        """Call `CellSession.start_move_line` of `session`."""
+        session.start_move_line(self.world_from_tool, self.tool, speed=self.speed)
 
 
 @checked_fields
 @dataclass(frozen=True)
-class SetMonitorSpeed:
+class SetMonitorSpeed(Command):
     """Scale the speed of moves and programs; never beyond what the guard allows.
 
     Parameters
@@ -161,12 +229,16 @@ class SetMonitorSpeed:
     0.25
     """
 
-    share: Annotated[float, Within(0.0, 1.0)]
+    share: MonitorSpeed
+
+    def start(self, session: CellSession) -> None:
+        """Call `CellSession.set_monitor_speed` of `session`."""
+        session.set_monitor_speed(self.share)
 
 
 @checked_fields
 @dataclass(frozen=True)
-class SetOperation:
+class SetOperation(CommandAtRest):
     """Come to rest, then change between manual and automatic `operation`.
 
     See the example of `JogJoints`.
@@ -174,9 +246,13 @@ class SetOperation:
 
     operation: Operation
 
+    def start(self, session: CellSession) -> None:
+        """Call `CellSession.request_operation` of `session`."""
+        session.request_operation(self.operation)
+
 
 @dataclass(frozen=True)
-class Cancel:
+class Cancel(Command):
     """End the job that runs or waits, or the moves; come to rest.
 
     Examples
@@ -190,9 +266,13 @@ class Cancel:
     (True, None)
     """
 
+    def start(self, session: CellSession) -> None:
+        """Call `CellSession.hold` of `session`."""
+        session.hold()
+
 
 @dataclass(frozen=True)
-class Reset:
+class Reset(CommandAtRest):
     """Leave an emergency stop when all axes rest.
 
     Examples
@@ -207,10 +287,14 @@ class Reset:
     ''
     """
 
+    def start(self, session: CellSession) -> None:
+        """Call `CellSession.release_emergency_stop` of `session`."""
+        session.release_emergency_stop()
+
 
 @checked_fields
 @dataclass(frozen=True)
-class OpenGripper:
+class OpenGripper(Command):
     """Bring the pads of the gripper apart.
 
     Parameters
@@ -229,23 +313,33 @@ class OpenGripper:
     ...     live.run(lambda: live.state.gripper_width < 0.02, realtime=False)
     """
 
-    width: _Positive
+    width: Width
+
+    def start(self, session: CellSession) -> None:
+        """Call `CellSession.start_open_gripper` of `session`."""
+        session.flange_from_tool("gripper")  # raises without a gripper
+        session.start_open_gripper(self.width)
 
 
 @checked_fields
 @dataclass(frozen=True)
-class CloseGripper:
+class CloseGripper(Command):
     """Close the gripper with `force`, N each finger.
 
     See the example of `OpenGripper`.
     """
 
-    force: _Positive
+    force: Force
+
+    def start(self, session: CellSession) -> None:
+        """Call `CellSession.start_close_gripper` of `session`."""
+        session.flange_from_tool("gripper")  # raises without a gripper
+        session.start_close_gripper(self.force)
 
 
 @checked_fields
 @dataclass(frozen=True)
-class RunConveyor:
+class RunConveyor(Command):
     """Give a conveyor another speed.
 
     Parameters
@@ -267,25 +361,11 @@ class RunConveyor:
     """
 
     conveyor: Count
-    speed: Annotated[float, Within(-10.0, 10.0)]
+    speed: BeltSpeed
 
-
-Command = (
-    JogJoints
-    | JogSensor
-    | MoveJoints
-    | MoveTool
-    | MoveLine
-    | SetMonitorSpeed
-    | SetOperation
-    | Cancel
-    | Reset
-    | OpenGripper
-    | CloseGripper
-    | RunConveyor
-)
-
-
-def name_of(command: object) -> str:
-    """Name of a command in messages, as of a session's: ``move_joints``."""
-    return re.sub(r"(?<!^)(?=[A-Z])", "_", type(command).__name__).lower()
+    def start(self, session: CellSession) -> None:
+        """Call `CellSession.run_conveyor` of `session`."""
+        count = sum(name.startswith("command.conveyor[") for name in session.cell.names)
+        if self.conveyor > count:
+            raise CommandError(f"run_conveyor: conveyor = {self.conveyor}: expected 1 to {count}")
+        session.run_conveyor(self.conveyor, self.speed)

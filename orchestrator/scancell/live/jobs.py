@@ -1,4 +1,4 @@
-"""Work that is handed over to the thread that owns a live cell."""
+"""Jobs for the thread that owns a live cell."""
 
 from __future__ import annotations
 
@@ -67,12 +67,12 @@ class SubmittedJob(Generic[T]):
             self.future.set_exception(error)
 
     def run(self, session: ScanSession) -> str:
-        """Do it, unless it was cancelled; what went wrong, or nothing.
+        """Run the work unless it was cancelled, and return its error message or an empty string.
 
         Raises
         ------
         BaseException
-            Such as an interrupt of the process, which is no error of the work.
+            An interrupt of the process, which is no error of the work.
         """
         if not self.future.set_running_or_notify_cancel():
             return ""
@@ -82,8 +82,8 @@ class SubmittedJob(Generic[T]):
             self.future.set_exception(error)
             if not isinstance(error, Exception | SystemExit | JobStopped):
                 raise
-            said = isinstance(error, ScancellError | JobStopped)
-            return str(error) if said else f"{type(error).__name__}: {error}"
+            is_own = isinstance(error, ScancellError | JobStopped)
+            return str(error) if is_own else f"{type(error).__name__}: {error}"
         self.future.set_result(result)
         return ""
 
@@ -101,7 +101,7 @@ def ready_to_move(session: ScanSession) -> NDArray[np.float64]:
 def while_stepping(session: ScanSession, work: Callable[[], T]) -> T:
     """Step a session in a job while another thread does `work`, and return its result or raise its error.
 
-    A job that is stopped leaves the other thread alone, whose result is dropped.
+    If the job is stopped, the other thread goes on and its result is dropped.
     """
     future: Future[T] = Future()
 

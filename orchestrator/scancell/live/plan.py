@@ -1,4 +1,4 @@
-"""The plan of the scan in a live cell: made in a thread, looked at pose by pose, and driven to."""
+"""The plan of the scan in a live cell, made in a thread, and moves to its poses."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _NO_PLAN = "there is no plan: make one first"
 
 @dataclass(frozen=True)
 class LivePlanState:
-    """How far a plan is: its stage, for how long (s), the share of the map that is evaluated, and what went wrong."""
+    """Progress of a plan: its stage, the time in it (s), the share of the map that is evaluated, and the error."""
 
     stage: Stage
     seconds: float
@@ -69,12 +69,12 @@ class MapPose:
 class LivePlan:
     """Plans the scan of a session's descriptions while the cell runs, and moves the robot to poses of the plan.
 
-    A scan that is started later finds the plan in the pipeline. Any thread may call.
+    A scan that is started later finds the plan in the pipeline. All methods are thread-safe.
 
     Parameters
     ----------
     live, session
-        The running cell; the session gives nominal geometry alone, for `live` steps it.
+        The running cell; only nominal geometry of the session is used, because `live` steps it.
     has_part
         Whether something stands on the table.
 
@@ -108,7 +108,7 @@ class LivePlan:
 
     @property
     def plan(self) -> Plan | None:
-        """The last one that was made."""
+        """The last plan; None before the first."""
         return self._plan
 
     def start(self) -> None:
@@ -150,7 +150,7 @@ class LivePlan:
 
     @checked_arguments
     def judge(self, path: Index, branch: Index, share: float, angle: float) -> MapPose:
-        """The cell of the map of `path` and `branch` nearest to a `share` of the way, 0 to 1, and a table `angle`, rad.
+        """The cell of the map of `path` and `branch` nearest to a `share` of it, 0 to 1, and a table `angle`, rad.
 
         It has the ``quality`` of the pose, or the ``reason`` why it is forbidden, and its ``axes``.
 
@@ -176,8 +176,8 @@ class LivePlan:
 
         `purpose` is for messages: ``the start``.
 
-        The table takes the shorter way. Where there is no path the job fails with a `PlanningError`, which names the
-        bodies that collide, and the robot stays.
+        The table turns in the shorter direction. Where there is no path the job fails with a `PlanningError`, which
+        names the bodies that collide, and the robot does not move.
         """
         return self._live.perform(lambda session: self._go(session, axes, purpose), f"the motion to {purpose}")
 
@@ -186,11 +186,11 @@ class LivePlan:
     def _go(self, session: ScanSession, axes: Array, purpose: str) -> None:
         start = ready_to_move(session)
         goal = nearest_turn(axes, float(start[-1]))
-        program = while_stepping(session, lambda: self._way(start, goal, purpose))
+        program = while_stepping(session, lambda: self._path(start, goal, purpose))
         if program is not None:
             session.run_program(program, session.exposure)
 
-    def _way(self, start: Array, goal: Array, purpose: str) -> Program | None:
+    def _path(self, start: Array, goal: Array, purpose: str) -> Program | None:
         job = self._session.job
         return self._session.pipeline.approach(job.loaded, job.setup, job.sensors.nominal, start, goal, purpose)
 

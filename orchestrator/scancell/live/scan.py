@@ -1,4 +1,4 @@
-"""A planned scan in a live cell, whose points are handed over while it runs."""
+"""A planned scan in a live cell that delivers points while it runs."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from scancell.stopwatch import Stopwatch
 
 Stage = Literal["waiting", "planning", "approaching", "scanning", "sensing", "done", "stopped", "failed"]
 
-_PATIENCE = 0.02  # s, after which a scan that waits for its sensing looks whether it has to end
+_PATIENCE = 0.02  # s, period at which a scan that waits for its sensing checks whether it has to end
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,14 +63,14 @@ class LiveChunk:
 
 @dataclass(frozen=True)
 class LiveScanState:
-    """How far a scan is.
+    """Progress of a scan.
 
     Attributes
     ----------
     planned, taken, sensed
         Numbers of exposures: of the plan (0 before there is one), taken by the cell, and sensed.
     points
-        Number of points handed over.
+        Number of points delivered.
     ended_by
         Why it was stopped; empty where it was not.
     """
@@ -111,7 +111,7 @@ class LiveScan:
     Attributes
     ----------
     result
-        Future of the scan, as `Scanner.scan` returns it, or what it failed of.
+        Future of the scan, as `Scanner.scan` returns it, or of its error.
 
     Examples
     --------
@@ -152,13 +152,13 @@ class LiveScan:
 
     @property
     def state(self) -> LiveScanState:
-        """How far it is: ``stage``, numbers of exposures ``planned``, ``taken`` and ``sensed``, and of ``points``."""
+        """Progress: ``stage``, numbers of exposures ``planned``, ``taken`` and ``sensed``, and of ``points``."""
         counts = self._planned, self._taken, self._sensed, self._points
         return LiveScanState(self._stage, *counts, self._ended_by)
 
     @checked_arguments
     def start(self, live: LiveCell) -> None:
-        """Hand the scan over to the cell `live`, once."""
+        """Submit the scan to the cell `live`, once."""
         live.perform(self._drive, "a scan").add_done_callback(self._driven)
 
     def _driven(self, driven: Future[None]) -> None:

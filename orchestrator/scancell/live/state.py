@@ -1,4 +1,4 @@
-"""What a view shows of a running cell, at one instant."""
+"""State of a running cell at one instant, for views."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _COLLISION = ("truth.collision.pairs", "truth.collision.body_a", "truth.collisio
 
 @dataclass(frozen=True, eq=False)
 class LiveState:
-    """A running cell, as it truly is and as its devices say; SI units, arrays are read-only.
+    """True poses and device readings of a running cell; SI units, arrays are read-only.
 
     Attributes
     ----------
@@ -44,9 +44,9 @@ class LiveState:
     moving
         Whether an axis moves.
     refusal
-        Why the controller does not carry out its command; empty where it does.
+        Reason why the controller rejects its command; empty if it does not.
     message
-        Why the last command was not carried out, or the last job failed; empty after one that was.
+        Reason why the last command was rejected or the last job failed; empty after success.
     job
         Name of the job that runs, or waits for the robot to rest; None without one.
     progress
@@ -54,7 +54,7 @@ class LiveState:
     monitor_speed, monitor_speed_in_force
         Of the operator, 0 to 1, and what a guard allows of it.
     pendant_text, pendant_beep, guard_text
-        What the pendant shows, and what the guard says.
+        Texts of the pendant and of the guard.
     presence
         Whether each presence sensor detects a body.
     distance

@@ -1,4 +1,4 @@
-"""Runs robot programs: Python files with a function `main`, which is handed the robot."""
+"""Robot programs: Python files with a function `main` that receives the robot."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _MODULE = "scancell_robot_program"
 
 @dataclass
 class ProgramRun:
-    """What a program did.
+    """Run record of a program.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ def run_program(
     Parameters
     ----------
     program
-        Python file with a function ``main``, which is handed a `Robot`.
+        Python file with a function ``main`` that receives a `Robot`.
     session
         A running cell, guarded or not.
     engine
@@ -158,7 +158,7 @@ def _loaded(program: Path, printed: Callable[[str], None] | None) -> Iterator[Mo
 
 
 def _printing_to(printed: Callable[[str], None]) -> Callable[..., None]:
-    """In place of `print`."""
+    """A replacement of `print`."""
 
     def print_(*values: object, file: Any = None, **options: Any) -> None:
         text = io.StringIO()

@@ -26,10 +26,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scancell.arguments import checked_arguments
-from scancell.cell.controller import Tool
+from scancell.arguments import Length, Share, checked_arguments
+from scancell.cell.controller import Tool, WorldFromTool
 from scancell.config.choices import Engine
-from scancell.errors import CommandError
 from scancell.geometry import pose
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import write_cloud
@@ -162,10 +161,9 @@ class Robot:
 
     # How motions are made
 
-    def set_speed(self, share: float) -> None:
-        """Set the speed of the following motions to `share`, above 0 to 1, of the full one."""
-        if not 0.0 < share <= 1.0:
-            raise CommandError(f"set_speed: share = {share:g}: expected above 0, at most 1")
+    @checked_arguments
+    def set_speed(self, share: Share) -> None:
+        """Set the speed of the following motions to `share`, above 0 to 1, of the full speed."""
         self._speed = share
 
     def set_tool(self, tool: Tool) -> None:
@@ -185,17 +183,20 @@ class Robot:
         with self._step("move_joints", f"({_numbers(np.asarray(joints, float) / deg)}) deg"):
             self._session.move_joints(joints, table_angle, speed=self._speed)
 
-    def move_tool(self, world_from_tool: ArrayLike) -> None:
+    @checked_arguments
+    def move_tool(self, world_from_tool: WorldFromTool) -> None:
         """Move the tool to the pose `world_from_tool` (4, 4), all joints together: not on a straight line."""
         with self._step("move_tool", _position(world_from_tool)):
             self._session.move_tool(world_from_tool, self._tool, speed=self._speed)
 
-    def move_line(self, world_from_tool: ArrayLike) -> None:
+    @checked_arguments
+    def move_line(self, world_from_tool: WorldFromTool) -> None:
         """Move the tool to the pose `world_from_tool` (4, 4) on a straight line."""
         with self._step("move_line", _position(world_from_tool)):
             self._session.move_line(world_from_tool, self._tool, speed=self._speed)
 
-    def approach(self, world_from_tool: ArrayLike, distance: float) -> None:
+    @checked_arguments
+    def approach(self, world_from_tool: WorldFromTool, distance: float) -> None:
         """Move as `move_tool` to `distance` (m) in front of `world_from_tool` (4, 4), against the tool's z."""
         with self._step("approach", f"{_position(world_from_tool)}, {distance / mm:.1f} mm in front"):
             before = np.asarray(world_from_tool, float) @ pose.translation((0.0, 0.0, -distance))
@@ -279,7 +280,8 @@ class Robot:
         with self._step("profile"):
             return self._session.profile(self._engine)
 
-    def scan_line(self, world_from_sensor: ArrayLike, spacing: float) -> Cloud:
+    @checked_arguments
+    def scan_line(self, world_from_sensor: WorldFromTool, spacing: Length) -> Cloud:
         """Move the sensor straight to `world_from_sensor` (4, 4) and measure a profile every `spacing` (m) of its path.
 
         The cloud is in the frame of the part, m.
@@ -311,7 +313,4 @@ def _numbers(values: Array) -> str:
 
 
 def _position(world_from_tool: ArrayLike) -> str:
-    target = np.asarray(world_from_tool, float)
-    if target.shape != (4, 4):
-        raise CommandError(f"world_from_tool = {world_from_tool!r}: expected a pose (4, 4)")
-    return f"({_numbers(target[:3, 3] / mm)}) mm"
+    return f"({_numbers(np.asarray(world_from_tool, float)[:3, 3] / mm)}) mm"

@@ -7,12 +7,12 @@ from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 from scancell.browser.panels.cell_panel import CellPanel
-from scancell.browser.panels.desk import Desk
 from scancell.browser.panels.file_panel import FilePanel, Opener
 from scancell.browser.panels.handles import set_changed
 from scancell.browser.panels.jog_panel import JogPanel
 from scancell.browser.panels.joint_panel import JointPanel
 from scancell.browser.panels.messages import report_errors
+from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.browser.panels.plan_panel import PlanPanel
 from scancell.browser.panels.plans import Plans
 from scancell.browser.panels.pose_panel import PosePanel
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 class Panel(Protocol):
-    """Part of a browser's view."""
+    """Part of the view of a browser."""
 
     def show(self, state: LiveState) -> None:
         """Show a state; called ten times a second from one thread."""
@@ -39,7 +39,7 @@ class Panel(Protocol):
 
 @dataclass(frozen=True)
 class Shared:
-    """What all browsers work with; `program` where the workspace was started with one."""
+    """Objects that all browsers share; `program` is None if the workspace was started without one."""
 
     plans: Plans
     scans: Scans
@@ -53,57 +53,57 @@ class Shared:
 class ClientView:
     """Shows the cell's state in one browser, whose inputs work while it is the operator.
 
-    Nothing is kept here that a reload of the page would lose.
+    It keeps no state that a reload of the page would lose.
     """
 
     def __init__(
         self,
         client: viser.ClientHandle,
-        desk: Desk,
+        operator: OperatorCommands,
         shared: Shared,
         state: LiveState,
     ) -> None:
-        gui, self._desk = client.gui, desk
+        gui, self._operator = client.gui, operator
         self._take = gui.add_button("Take control", hint="another browser controls the cell", visible=False, order=-5)
-        self._take.on_click(desk.by_person(desk.take_control))
+        self._take.on_click(operator.callback(operator.take_control))
         self._reset = gui.add_button(
             "Reset after a stop", hint="release the stop; nothing moves", visible=False, order=-6
         )
-        self._reset.on_click(desk.by_person(lambda: desk.submit(Reset())))
-        desk.add_inputs([self._reset])
+        self._reset.on_click(operator.callback(lambda: operator.submit(Reset())))
+        operator.add_inputs([self._reset])
         tabs = gui.add_tab_group(order=0)
         self._panels: list[Panel] = []
         with tabs.add_tab("Joints"):
-            self._panels.append(JointPanel(gui, desk, state))
+            self._panels.append(JointPanel(gui, operator, state))
         with tabs.add_tab("Pose"):
-            self._panels.append(PosePanel(gui, client.scene, desk, state))
+            self._panels.append(PosePanel(gui, client.scene, operator, state))
         with tabs.add_tab("Jog"):
-            self._panels.append(JogPanel(gui, desk, state))
+            self._panels.append(JogPanel(gui, operator, state))
         with tabs.add_tab("Cell"):
-            self._panels.append(CellPanel(gui, desk, state))
+            self._panels.append(CellPanel(gui, operator, state))
         with tabs.add_tab("Sensor"):
-            self._panels.append(SensorPanel(gui, desk, shared.feed, shared.sensor))
+            self._panels.append(SensorPanel(gui, operator, shared.feed, shared.sensor))
         with tabs.add_tab("Plan"):
-            self._panels.append(PlanPanel(gui, desk, shared.plans))
+            self._panels.append(PlanPanel(gui, operator, shared.plans))
         with tabs.add_tab("Scan"):
-            self._panels.append(ScanPanel(gui, desk, shared.scans))
+            self._panels.append(ScanPanel(gui, operator, shared.scans))
         if shared.program is not None:
             with tabs.add_tab("Program"):
-                self._panels.append(ProgramPanel(gui, desk, shared.program))
+                self._panels.append(ProgramPanel(gui, operator, shared.program))
         with tabs.add_tab("File"):
-            self._panels.append(FilePanel(gui, desk, shared.opener, shared.recording))
+            self._panels.append(FilePanel(gui, operator, shared.opener, shared.recording))
         self._said: dict[Panel, str] = {}
         self.show(state)
 
     def show(self, state: LiveState) -> None:
         """Show a state."""
-        set_changed(self._take, "visible", not self._desk.is_operator)
+        set_changed(self._take, "visible", not self._operator.is_operator)
         set_changed(self._reset, "visible", state.controller == "emergency stop")
-        self._desk.enable()
+        self._operator.enable_inputs()
         for panel in self._panels:
             failures: list[str] = []
             report_errors(partial(panel.show, state), failures.append)
             text = "".join(failures)
             if text and text != self._said.get(panel):  # it may fail in every update
-                self._desk.say(text)
+                self._operator.show_message(text)
             self._said[panel] = text

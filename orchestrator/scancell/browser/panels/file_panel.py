@@ -1,4 +1,4 @@
-"""What is opened, and pictures and recordings of it."""
+"""Opening of parts and runs, recording, and pictures."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any, Protocol
 
 from PIL import Image
 
-from scancell.browser.panels.desk import Desk
 from scancell.browser.panels.handles import Follower, set_changed, small_html
+from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.browser.panels.recording import SessionRecording
 from scancell.errors import CommandError, DescriptionError
 from scancell.live.state import LiveState
@@ -23,7 +23,7 @@ _LONGEST_NAME = 200  # bytes
 
 
 class Opener(Protocol):
-    """Shows something else."""
+    """Opens another view."""
 
     def open_part(self, name: str, content: bytes, unit: str) -> None:
         """Show the cell with the file of a part, by its name, content and unit."""
@@ -35,10 +35,10 @@ class Opener(Protocol):
 class FilePanel:
     """Opens another part or a run, records the session, and saves pictures."""
 
-    _picture = Lock()  # a browser that does not answer keeps one thread of the server, not all
+    _picture = Lock()  # a browser that does not answer blocks one thread of the server, not all
 
-    def __init__(self, gui: Any, desk: Desk, opener: Opener, recording: SessionRecording) -> None:
-        self._desk, self._opener, self._recording = desk, opener, recording
+    def __init__(self, gui: Any, operator: OperatorCommands, opener: Opener, recording: SessionRecording) -> None:
+        self._operator, self._opener, self._recording = operator, opener, recording
         self._unit = gui.add_dropdown("unit of the mesh", _UNITS)
         self._upload = gui.add_upload_button("Open a part (STL, OBJ, PLY, TOML)", mime_type=",".join(PART_FORMATS))
         self._run = gui.add_upload_button("Open a run (zip of a run folder)", mime_type=".zip,application/zip")
@@ -46,14 +46,14 @@ class FilePanel:
         self._shown_record = Follower(self._record)
         self._text = gui.add_html("")
         picture = gui.add_button("Download a picture")
-        self._upload.on_upload(desk.by_person(lambda: desk.as_operator(self._open)))
-        self._run.on_upload(desk.by_person(lambda: desk.as_operator(self._open_run)))
-        self._record.on_update(desk.by_person(lambda: desk.as_operator(self._switch_recording)))
-        picture.on_click(desk.by_person(self._take_picture))
-        desk.add_inputs([self._unit, self._upload, self._run, self._record])
+        self._upload.on_upload(operator.operator_callback(self._open))
+        self._run.on_upload(operator.operator_callback(self._open_run))
+        self._record.on_update(operator.operator_callback(self._switch_recording))
+        picture.on_click(operator.callback(self._take_picture))
+        operator.add_inputs([self._unit, self._upload, self._run, self._record])
 
     def show(self, state: LiveState) -> None:
-        """Show whether and where the session is recorded."""
+        """Show the state and the file of the recording."""
         recording = self._recording
         self._shown_record.show(recording.is_on)
         said = recording.error
@@ -88,12 +88,12 @@ class FilePanel:
         if not self._picture.acquire(blocking=False):
             raise CommandError("a picture is being made: wait for it")
         try:
-            pixels = self._desk.render(*_PICTURE)
+            pixels = self._operator.render(*_PICTURE)
         finally:
             self._picture.release()
         file = io.BytesIO()
         Image.fromarray(pixels).save(file, "PNG")
-        self._desk.send_file("scancell.png", file.getvalue())
+        self._operator.send_file("scancell.png", file.getvalue())
 
 
 def _checked_name(file: Any) -> str:

@@ -1,4 +1,4 @@
-"""What panels do with their handles of viser."""
+"""Functions for the inputs of viser."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 
 def set_changed(handle: Any, name: str, value: Any) -> None:
-    """Change what differs alone: each change is sent."""
+    """Set an attribute only if its value differs, because each assignment is sent."""
     if getattr(handle, name) != value:
         setattr(handle, name, value)
 
@@ -15,7 +15,7 @@ def set_changed(handle: Any, name: str, value: Any) -> None:
 class Follower:
     """An input that shows a value of the cell.
 
-    It is written when the value changes alone: what a person enters meanwhile, and what is not carried out yet, stays.
+    It is written only when the value changes, so that input of the user stays until the cell has carried it out.
     """
 
     def __init__(self, handle: Any) -> None:
@@ -30,7 +30,7 @@ class Follower:
 
 
 def small_html(lines: Iterable[str]) -> str:
-    """Small text of lines of HTML; empty ones are left out."""
+    """Lines of HTML in small print, without empty lines."""
     return (
         f'<div style="padding:0 0.75em 0.4em;font-size:0.85em;line-height:1.4">{"<br>".join(filter(None, lines))}</div>'
     )

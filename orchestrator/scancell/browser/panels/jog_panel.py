@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from scancell.browser.panels.desk import Desk
+from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.cell.controller import JogFrame
 from scancell.live.commands import JogJoints, JogSensor
 from scancell.live.state import LiveState
@@ -17,13 +17,13 @@ _SENSOR_AXES = ("x", "y", "z", "about x", "about y", "about z")
 
 
 class JogPanel:
-    """Jogs one axis in manual operation; a lost connection lets go of it.
+    """Jogs one axis in manual operation; a lost connection ends the jog.
 
     Digits choose the axis; keys.js makes J and K hold the buttons, and names them as here.
     """
 
-    def __init__(self, gui: Any, desk: Desk, state: LiveState) -> None:
-        self._desk = desk
+    def __init__(self, gui: Any, operator: OperatorCommands, state: LiveState) -> None:
+        self._operator = operator
         joints = [f"joint {i}" for i in range(1, len(state.joints) + 1)]
         self._sensor_axes = _SENSOR_AXES if len(joints) >= len(_SENSOR_AXES) else ()
         self._axes = (*joints, "table", *(f"sensor {axis}" for axis in self._sensor_axes))
@@ -34,10 +34,10 @@ class JogPanel:
         minus = gui.add_button("Hold to jog -", icon="minus", hint="or hold the key J")
         plus = gui.add_button("Hold to jog +", icon="plus", hint="or hold the key K")
         for button, sign in ((minus, -1), (plus, 1)):
-            button.on_hold(desk.by_person(self._jog(sign)), callback_hz=_RATE)
+            button.on_hold(operator.callback(self._jog(sign)), callback_hz=_RATE)
         for key, name in zip("123456789", self._axes, strict=False):
-            gui.add_command(f"Choose {name}", hotkey=key).on_trigger(desk.by_person(self._choose(name)))
-        desk.add_inputs([self._axis, self._frame, self._deflection, minus, plus])
+            gui.add_command(f"Choose {name}", hotkey=key).on_trigger(operator.callback(self._choose(name)))
+        operator.add_inputs([self._axis, self._frame, self._deflection, minus, plus])
 
     def show(self, state: LiveState) -> None:
         """Nothing here depends on the state."""
@@ -53,9 +53,9 @@ class JogPanel:
             number = self._axes.index(self._axis.value)
             share = sign * self._deflection.value / 100
             if number < self._first_sensor_axis:
-                self._desk.submit(JogJoints(share * np.eye(self._first_sensor_axis)[number]))
+                self._operator.submit(JogJoints(share * np.eye(self._first_sensor_axis)[number]))
             else:
                 deflections = share * np.eye(len(_SENSOR_AXES))[number - self._first_sensor_axis]
-                self._desk.submit(JogSensor(deflections, _FRAMES[self._frame.value]))
+                self._operator.submit(JogSensor(deflections, _FRAMES[self._frame.value]))
 
         return jog

@@ -6,19 +6,20 @@ from typing import Any
 
 import numpy as np
 
-from scancell.browser.panels.desk import Desk, Settled
+from scancell.browser.panels.debounce import Debounce
+from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.live.commands import MoveJoints
 from scancell.live.state import LiveState
 
-_TABLE_DEG = 360.0  # the table turns without end; the slider does not
+_TABLE_DEG = 360.0  # range of the slider; the table has no limits
 
 
 class JointPanel:
-    """A slider moves the robot when its person lets go; when the robot rests, the sliders show where it is."""
+    """A slider moves the robot when it is released; at rest the sliders show the measured angles."""
 
-    def __init__(self, gui: Any, desk: Desk, state: LiveState) -> None:
-        self._desk, self._settled = desk, Settled()
-        self._limits = np.degrees(desk.nominal.arm.limits)
+    def __init__(self, gui: Any, operator: OperatorCommands, state: LiveState) -> None:
+        self._operator, self._debounce = operator, Debounce()
+        self._limits = np.degrees(operator.nominal.arm.limits)
         limits = [*self._limits.T.tolist(), [-_TABLE_DEG, _TABLE_DEG]]
         names = [*(f"joint {i}, deg" for i in range(1, len(limits))), "table, deg"]
         shown = self._shown(state)
@@ -30,20 +31,20 @@ class JointPanel:
         self._speed = gui.add_slider("speed, %", 1, 100, 1, 30)
         home = gui.add_button("Move to home position")
         for slider in self._sliders:
-            slider.on_update(desk.by_person(self._settled.change))
-        home.on_click(desk.by_person(self._move_home))
-        desk.add_inputs([*self._sliders, self._speed, home])
+            slider.on_update(operator.callback(self._debounce.change))
+        home.on_click(operator.callback(self._move_home))
+        operator.add_inputs([*self._sliders, self._speed, home])
 
     def show(self, state: LiveState) -> None:
-        """Show a state, and move where the sliders were left."""
-        if self._settled.is_pending:
-            if not state.moving and self._settled.take():
+        """Show a state, and move to the values of released sliders."""
+        if self._debounce.is_pending:
+            if not state.moving and self._debounce.take():
                 self._last = [slider.value for slider in self._sliders]
                 axes = np.radians(self._last)
                 self._move(axes[:-1], float(axes[-1]))
             return
         if [slider.value for slider in self._sliders] != self._last:
-            return  # a person has changed one, and its callback comes
+            return  # a user has changed one, and its callback follows
         self._last = self._shown(state)
         for slider, value in zip(self._sliders, self._last, strict=True):
             if slider.value != value:
@@ -55,8 +56,8 @@ class JointPanel:
         return [round(value, 1) for value in (*joints.tolist(), float(table))]
 
     def _move_home(self) -> None:
-        self._move(self._desk.nominal.home, None)
+        self._move(self._operator.nominal.home, None)
 
     def _move(self, joints: Any, table_angle: float | None) -> None:
-        inside = np.clip(joints, *self._desk.nominal.arm.limits)  # a slider rounds beyond a limit
-        self._desk.submit(MoveJoints(inside, table_angle, self._speed.value / 100))
+        inside = np.clip(joints, *self._operator.nominal.arm.limits)  # a slider rounds beyond a limit
+        self._operator.submit(MoveJoints(inside, table_angle, self._speed.value / 100))

@@ -1,14 +1,13 @@
-"""The plan of the scan: its configuration maps, its motion, and the way to its poses."""
+"""The plan of the scan: its configuration maps, its motion, and moves to its poses."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from scancell.browser.panels.desk import Desk
 from scancell.browser.panels.handles import Follower, set_changed
+from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.browser.panels.plan_view import ALONG, ANGLE, map_html, pose_html, segments_html, state_html
 from scancell.browser.panels.plans import Plans
 from scancell.live.commands import Cancel
@@ -19,10 +18,10 @@ _STEP = 0.01  # s of the slider
 
 
 class PlanPanel:
-    """Makes the plan, shows poses of it as a ghost, and moves the robot there."""
+    """Makes the plan, shows its poses as a ghost, and moves the robot to them."""
 
-    def __init__(self, gui: Any, desk: Desk, plans: Plans) -> None:
-        self._desk, self._plans = desk, plans
+    def __init__(self, gui: Any, operator: OperatorCommands, plans: Plans) -> None:
+        self._operator, self._plans = operator, plans
         self._shown: Plan | None = None
         self._drawn: tuple[object, ...] = ()
         self._followers: dict[str, Follower] = {}
@@ -45,24 +44,24 @@ class PlanPanel:
         self._connect()
 
     def _connect(self) -> None:
-        desk, plans = self._desk, self._plans
-        desk.add_inputs([self._make, *self._of_map, *self._of_plan])
-        self._make.on_click(self._by_operator(plans.start))
-        self._path.on_update(self._by_operator(lambda: plans.choose_map(self._number(self._path))))
+        operator, plans = self._operator, self._plans
+        operator.add_inputs([self._make, *self._of_map, *self._of_plan])
+        self._make.on_click(operator.operator_callback(plans.start))
+        self._path.on_update(operator.operator_callback(lambda: plans.choose_map(self._number(self._path))))
         self._branch.on_update(
-            self._by_operator(lambda: plans.choose_map(self._number(self._path), self._number(self._branch)))
+            operator.operator_callback(lambda: plans.choose_map(self._number(self._path), self._number(self._branch)))
         )
         for handle in (self._along, self._angle):
-            handle.on_update(self._by_operator(self._pick))
-        self._segment.on_update(self._by_operator(self._choose_segment))
-        self._time.on_update(self._by_operator(lambda: plans.go_to_time(self._time.value)))
-        self._play.on_click(self._by_operator(plans.play_or_pause))
-        self._go.on_click(self._by_operator(plans.move_robot))
-        self._end.on_click(self._by_operator(lambda: desk.submit(Cancel())))
-        self._hide.on_click(self._by_operator(plans.hide))
+            handle.on_update(operator.operator_callback(self._pick))
+        self._segment.on_update(operator.operator_callback(self._choose_segment))
+        self._time.on_update(operator.operator_callback(lambda: plans.go_to_time(self._time.value)))
+        self._play.on_click(operator.operator_callback(plans.play_or_pause))
+        self._go.on_click(operator.operator_callback(plans.move_robot))
+        self._end.on_click(operator.operator_callback(lambda: operator.submit(Cancel())))
+        self._hide.on_click(operator.operator_callback(plans.hide))
 
     def show(self, state: LiveState) -> None:
-        """Show the plan, and the place that is looked at."""
+        """Show the plan and the selected pose."""
         plans = self._plans
         plan, motion = plans.plan, plans.motion
         set_changed(self._text, "content", state_html(plans.state, plan))
@@ -78,7 +77,7 @@ class PlanPanel:
         set_changed(self._play, "label", "Pause" if plans.plays else "Play the plan")
 
     def _open(self, plan: Plan, duration: float) -> None:
-        """Fit the inputs to another plan."""
+        """Adapt the inputs to another plan."""
         self._shown, self._drawn = plan, ()
         inputs = (self._path, self._branch, self._along, self._angle, self._segment, self._time)
         self._followers = {handle.label: Follower(handle) for handle in inputs}
@@ -123,10 +122,7 @@ class PlanPanel:
     def _number(dropdown: Any) -> int:
         return int(dropdown.options.index(dropdown.value))
 
-    def _by_operator(self, act: Callable[[], object]) -> Callable[[Any], None]:
-        return self._desk.by_person(lambda: self._desk.as_operator(act))
-
 
 def _numbered(names: Any) -> tuple[str, ...]:
-    """Names that differ."""
+    """Unique names."""
     return tuple(f"{number}: {name}" for number, name in enumerate(names, start=1))

@@ -18,10 +18,10 @@ from scancell.output.map_picture import map_legend, map_pixels, motion_lines
 from scancell.planning.path_map.configuration_map import ConfigurationMap
 from scancell.planning.plan import Plan
 
-ALONG, ANGLE = "along the path, %", "table angle, deg"  # inputs that a click on the map writes into
+ALONG, ANGLE = "along the path, %", "table angle, deg"  # inputs that a click on the map sets
 
 _HEIGHT = 200  # px
-_SEGMENTS = 7  # that are shown at a time: a list that scrolls would jump back with every change
+_SEGMENTS = 7  # shown at a time: a scrolled list would jump back at every change
 _NUMBER = "padding-right:0.5em;vertical-align:top"
 _ONE_LINE = "max-width:0;width:100%;overflow:hidden;text-overflow:ellipsis;white-space:nowrap"
 _RIGHT = "text-align:right;white-space:nowrap;padding-left:0.6em;vertical-align:top"
@@ -35,7 +35,7 @@ _CLICK = (
 def map_html(map_: ConfigurationMap, motion: NDArray[np.float64] | None, picked: MapPose | None) -> str:
     """A map whose time goes to the right and whose table angle goes upwards, with a motion (n,), rad, and a pose.
 
-    A click writes the place into the inputs `ALONG` and `ANGLE`.
+    A click sets the inputs `ALONG` and `ANGLE`.
     """
     lines = [] if motion is None else motion_lines(motion)
     drawn = [_line(line, "#222831", 2.5) for line in lines]
@@ -58,7 +58,7 @@ def map_html(map_: ConfigurationMap, motion: NDArray[np.float64] | None, picked:
 
 
 def pose_html(picked: MapPose) -> str:
-    """What a pose of the map is worth, or why it is forbidden."""
+    """Quality of a pose of the map, or the reason why it is forbidden."""
     colour = _BAD if picked.reason else _GOOD
     said = f"forbidden: {picked.reason}" if picked.reason else f"free, quality {picked.quality:.2f}"
     where = f"{100 * picked.share:.1f} % of the way, table at {np.degrees(picked.angle):.0f}°"
@@ -66,7 +66,7 @@ def pose_html(picked: MapPose) -> str:
 
 
 def state_html(state: LivePlanState, plan: Plan | None) -> str:
-    """How far a plan is, and what there is in it."""
+    """Progress and contents of a plan."""
     lines = []
     if state.stage in ("planning", "evaluating"):
         what = "planning" if state.stage == "planning" else f"evaluating the map, {state.share:.0%}"
@@ -83,7 +83,7 @@ def state_html(state: LivePlanState, plan: Plan | None) -> str:
 
 
 def segments_html(plan: Plan, now: int) -> str:
-    """A table of what the segments around `now` (index) do, how long they take and how many exposures they make."""
+    """A table of names, durations and numbers of exposures of the segments around `now` (index)."""
     segments, most = plan.program.segments, _SEGMENTS
     exposures = dict(zip(*(values.tolist() for values in np.unique(plan.segment, return_counts=True)), strict=True))
     first = max(0, min(now - most // 2, len(segments) - most))

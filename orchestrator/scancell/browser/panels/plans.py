@@ -1,4 +1,4 @@
-"""The plan in the workspace: what of it is looked at, its play-back, and the ghost that shows it to all browsers."""
+"""The plan in the workspace: selected pose, playback, and the ghost that shows it in all browsers."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 class Plans:
-    """One place of the plan is looked at: a cell of a map, or a time of the program. Any thread may call.
+    """Selects one pose of the plan: a cell of a map, or a time of the program. All methods are thread-safe.
 
     Parameters
     ----------
@@ -34,9 +34,9 @@ class Plans:
     Attributes
     ----------
     path, branch
-        Sensor path and arm branch whose map is looked at, by number.
+        Numbers of the sensor path and arm branch whose map is selected.
     share, angle
-        Place in that map: of the time along the path, 0 to 1, and of the table, rad.
+        Selected cell of that map: share of the time along the path, 0 to 1, and angle of the table, rad.
     time
         Of the program, s.
     """
@@ -60,7 +60,7 @@ class Plans:
 
     @property
     def plan(self) -> Plan | None:
-        """The plan that is looked at."""
+        """The plan that is shown."""
         return self._plan
 
     @property
@@ -70,17 +70,17 @@ class Plans:
 
     @property
     def picked(self) -> MapPose | None:
-        """The cell of the map that is looked at; None while it is a time."""
+        """The selected cell of the map; None while a time is selected."""
         return self._picked
 
     @property
     def map(self) -> ConfigurationMap | None:
-        """The map that is looked at, where it is evaluated."""
+        """The selected map; None before it is evaluated."""
         return self._plans.map_of(self.path, self.branch)
 
     @property
     def plays(self) -> bool:
-        """Whether the ghost goes on."""
+        """Whether the plan is played."""
         return self._playing
 
     def start(self) -> None:
@@ -88,7 +88,7 @@ class Plans:
         self._plans.start()
 
     def choose_map(self, path: int, branch: int | None = None) -> None:
-        """Look at the map of a path in a branch, or in the planned one; see `LivePlan.evaluate`."""
+        """Select the map of a path in a branch, by default the planned one; see `LivePlan.evaluate`."""
         if self._plan is None:
             raise CommandError("there is no plan: make one first")
         number = self._plan.paths[path].lattice.map.branch if branch is None else branch
@@ -97,23 +97,23 @@ class Plans:
             self.path, self.branch, self._picked = path, number, None
 
     def pick(self, share: float, angle: float) -> None:
-        """Look at a cell of the map; see `LivePlan.judge`."""
+        """Select a cell of the map; see `LivePlan.judge`."""
         picked = self._plans.judge(self.path, self.branch, share, angle)
         with self._lock:
             self.share, self.angle, self._picked, self._playing = share, angle, picked, False
-            self._look_at(picked.axes, "the pose in the map", bool(picked.reason))
+            self._select(picked.axes, "the pose in the map", bool(picked.reason))
 
     def go_to_time(self, time: float) -> None:
-        """Look at a time of the program, s."""
+        """Select a time of the program, s."""
         with self._lock:
             if self._motion is None or self._plan is None:
                 raise CommandError("there is no plan: make one first")
             self.time, self._picked = float(np.clip(time, 0.0, self._motion.duration)), None
             name = self._plan.program.segments[self._motion.segment_at(self.time)].name
-            self._look_at(self._motion.axes(self.time), f"{self.time:.1f} s of the plan ({name})", False)
+            self._select(self._motion.axes(self.time), f"{self.time:.1f} s of the plan ({name})", False)
 
     def play_or_pause(self) -> None:
-        """Let the ghost go on, from the start after the end, or pause."""
+        """Play the plan, from the start after its end, or pause."""
         with self._lock:
             if self._motion is None:
                 raise CommandError("there is no plan: make one first")
@@ -122,28 +122,28 @@ class Plans:
                 self.go_to_time(self.time if self.time < self._motion.duration else 0.0)
 
     def hide(self) -> None:
-        """Show no ghost."""
+        """Hide the ghost."""
         with self._lock:
             self._playing, self._picked = False, None
-            self._look_at(None, "", False)
+            self._select(None, "", False)
 
     def move_robot(self) -> None:
-        """Move the arm and the table to what is looked at; see `LivePlan.go_to`.
+        """Move the arm and the table to the selected pose; see `LivePlan.go_to`.
 
         Raises
         ------
         CommandError
-            If nothing is looked at, or it is out of reach.
+            If no pose is selected, or it is out of reach.
         """
         with self._lock:
             self._playing = False
             axes, what, picked = self._axes, self._what, self._picked
         if axes is None:
-            raise CommandError(picked.reason if picked is not None else "choose a place in the plan first")
+            raise CommandError(picked.reason if picked is not None else "choose a pose of the plan first")
         self._plans.go_to(axes, what)
 
     def update(self) -> None:
-        """Take a new plan, and let the ghost go on; for one thread, again and again."""
+        """Show a new plan, and advance the playback; one thread calls this periodically."""
         with self._lock:
             if self._plans.plan is not self._plan:
                 self._take(self._plans.plan)
@@ -160,6 +160,6 @@ class Plans:
         if plan is not None and plan.paths:
             self.branch = plan.paths[0].lattice.map.branch
 
-    def _look_at(self, axes: Array | None, what: str, forbidden: bool) -> None:
+    def _select(self, axes: Array | None, what: str, forbidden: bool) -> None:
         self._axes, self._what = axes, what
         self._scene.show_preview(axes, forbidden)

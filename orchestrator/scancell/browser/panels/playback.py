@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from threading import Event, RLock
 from time import monotonic
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from scancell.browser.panels.messages import said_to_person
+from scancell.browser.panels.messages import report_errors, show_message
+from scancell.browser.panels.view_options import add_switch
 from scancell.browser.scene.scene import CellScene
 from scancell.browser.server.quiet import address, quiet_server
 from scancell.config.choices import LOOPBACK
@@ -62,13 +64,15 @@ class Playback:
         motion, gui = run.motion, server.gui
         gui.set_panel_label(f"scancell: {run.name}")
         if back is not None:
-            gui.add_button("Back to the cell").on_click(said_to_person(back))
+            gui.add_button("Back to the cell").on_click(
+                lambda event: report_errors(back, partial(show_message, event.client))
+            )
         first, last = np.floor(motion.start / _STEP) * _STEP, np.ceil(motion.duration / _STEP) * _STEP
         self._slider = gui.add_slider("time, s", round(first, 2), round(last, 2), _STEP, initial_value=round(first, 2))
         self._play = gui.add_button("Play")
         self._speed = gui.add_dropdown("speed", _SPEEDS, initial_value="5 x")
         for label, name in (("frames", "frames"), ("field of view", "field_of_view"), ("devices", "devices")):
-            self._add_switch(server, label, name)
+            add_switch(gui, self.scene, label, name)
         self._text = gui.add_markdown("")
         self._chunk_ends = self._add_cloud(gui, colour, threads)
         self._playing = False
@@ -129,10 +133,6 @@ class Playback:
             if later >= end:
                 self.play_or_pause()
 
-    def _add_switch(self, server: viser.ViserServer, label: str, option: str) -> None:
-        box = server.gui.add_checkbox(label, getattr(self.scene.options, option))
-        box.on_update(lambda _: setattr(self.scene.options, option, box.value))
-
     def _show(self) -> None:
         with self._lock:
             time, motion = self.time, self._run.motion
@@ -176,7 +176,7 @@ def serve_playback(
     Parameters
     ----------
     port
-        To listen on; a taken one makes it take the next free one.
+        To listen on; the next free port is used if it is in use.
     started
         Receives the address to open.
 

@@ -1,4 +1,4 @@
-"""Poses of the tool: typed in, or dragged in the scene."""
+"""Poses of the tool, entered as numbers or dragged in the scene."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.browser.panels.desk import Desk
+from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.errors import CommandError
 from scancell.geometry import pose
 from scancell.live.commands import MoveJoints, MoveLine
@@ -24,13 +24,13 @@ _UNREACHABLE, _REACHABLE = "#d03030", "#2f7d32"
 class PosePanel:
     """Moves the sensor or the gripper to a pose relative to the base, the table or the tool itself."""
 
-    def __init__(self, gui: Any, scene: Any, desk: Desk, state: LiveState) -> None:
-        self._desk, self._state = desk, state
-        self._tool = gui.add_dropdown("tool", ("sensor", "gripper") if desk.has_gripper else ("sensor",))
+    def __init__(self, gui: Any, scene: Any, operator: OperatorCommands, state: LiveState) -> None:
+        self._operator, self._state = operator, state
+        self._tool = gui.add_dropdown("tool", ("sensor", "gripper") if operator.has_gripper else ("sensor",))
         self._relative_to = gui.add_dropdown("relative to", (_BASE, _TABLE, _TOOL))
         self._position = gui.add_vector3("x, y, z, mm", (0.0, 0.0, 0.0), step=0.1)
         self._angles = gui.add_vector3("XYZ' angles, deg", (0.0, 0.0, 0.0), step=0.01)
-        self._configuration = gui.add_dropdown("configuration", (_NEAREST, *desk.nominal.arm.branch_names))
+        self._configuration = gui.add_dropdown("configuration", (_NEAREST, *operator.nominal.arm.branch_names))
         self._straight = gui.add_checkbox("on a straight line", False)
         self._speed = gui.add_slider("speed, %", 1, 100, 1, 30)
         move, here = gui.add_button("Move to this pose"), gui.add_button("Read the present pose")
@@ -38,21 +38,21 @@ class PosePanel:
         self._verdict = gui.add_html("")
         self._gizmo = scene.add_transform_controls("/gizmo", scale=0.25, depth_test=False, visible=False)
         self._is_held = False
-        move.on_click(desk.by_person(lambda: self._move(self._typed_pose())))
-        here.on_click(desk.by_person(self._read))
+        move.on_click(operator.callback(lambda: self._move(self._typed_pose())))
+        here.on_click(operator.callback(self._read))
         for handle in (self._tool, self._relative_to):
-            handle.on_update(desk.by_person(self._read))
+            handle.on_update(operator.callback(self._read))
         for handle in (self._position, self._angles, self._configuration):
-            handle.on_update(desk.by_person(lambda: self._judge(self._typed_pose())))
-        self._gizmo.on_update(lambda event: desk.by_person(lambda: self._drag(event.phase))(event))
+            handle.on_update(operator.callback(lambda: self._judge(self._typed_pose())))
+        self._gizmo.on_update(lambda event: operator.callback(lambda: self._drag(event.phase))(event))
         inputs = (self._tool, self._relative_to, self._position, self._angles, self._configuration, self._straight)
-        desk.add_inputs([*inputs, self._speed, move, here, self._dragged])
+        operator.add_inputs([*inputs, self._speed, move, here, self._dragged])
         self._read()
 
     def show(self, state: LiveState) -> None:
-        """Keep the gizmo at the tool while nobody drags it."""
+        """Keep the gizmo at the tool unless it is dragged."""
         self._state = state
-        shown = self._dragged.value and self._desk.is_operator
+        shown = self._dragged.value and self._operator.is_operator
         if self._gizmo.visible != shown:
             self._gizmo.visible = shown
         if shown and not self._is_held and not state.moving:
@@ -68,12 +68,12 @@ class PosePanel:
             self._move(target)
 
     def _present(self) -> Array:
-        return self._desk.world_from_tool(self._tool.value, self._state.joints)
+        return self._operator.world_from_tool(self._tool.value, self._state.joints)
 
     def _reference(self) -> Array:
         if self._relative_to.value == _TOOL:
             return self._present()
-        return self._desk.world_from_frame(self._relative_to.value, self._state.table_angle)
+        return self._operator.world_from_frame(self._relative_to.value, self._state.table_angle)
 
     def _typed_pose(self) -> Array:
         position, angles = np.array(self._position.value) * 1e-3, np.radians(self._angles.value)
@@ -87,7 +87,7 @@ class PosePanel:
 
     def _joints(self, target: Array) -> Array:
         wanted = self._configuration.value
-        return self._desk.joints_for(target, self._tool.value, None if wanted == _NEAREST else wanted)
+        return self._operator.joints_for(target, self._tool.value, None if wanted == _NEAREST else wanted)
 
     def _judge(self, target: Array) -> bool:
         """Show whether a pose can be reached."""
@@ -102,9 +102,9 @@ class PosePanel:
     def _move(self, target: Array) -> None:
         joints, speed = self._joints(target), self._speed.value / 100
         if self._straight.value:
-            self._desk.submit(MoveLine(target, self._tool.value, speed))
+            self._operator.submit(MoveLine(target, self._tool.value, speed))
         else:
-            self._desk.submit(MoveJoints(joints, speed=speed))
+            self._operator.submit(MoveJoints(joints, speed=speed))
 
 
 def _coloured(colour: str, text: str) -> str:

@@ -1,4 +1,4 @@
-"""A robot program of the person who started the workspace; pages cannot hand over one, for it runs with all rights."""
+"""The robot program of the workspace; it runs with all rights of its user, so pages cannot submit one."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from scancell.browser.panels.desk import Desk
 from scancell.browser.panels.handles import set_changed, small_html
+from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.config.choices import Engine
 from scancell.live.cell import LiveCell
 from scancell.live.commands import Cancel
@@ -17,7 +17,7 @@ from scancell.programs.program import run_program
 from scancell.programs.robot import Step
 from scancell.scanning.session import ScanSession
 
-_LINES = 12  # of the commands that were carried out last, and of what was printed
+_LINES = 12  # of the last commands and of printed text
 
 
 class RobotProgram:
@@ -26,7 +26,7 @@ class RobotProgram:
     Attributes
     ----------
     file
-        Read anew for each run.
+        Read again for each run.
     """
 
     def __init__(self, live: LiveCell, file: Path, engine: Engine, out: Path) -> None:
@@ -35,7 +35,7 @@ class RobotProgram:
 
     @property
     def lines(self) -> list[str]:
-        """The commands that were carried out last, with their lines, and what the program printed."""
+        """The last commands with their lines in the program, and printed text."""
         return list(self._lines)
 
     def start(self) -> None:
@@ -53,14 +53,14 @@ class RobotProgram:
 class ProgramPanel:
     """Runs the program."""
 
-    def __init__(self, gui: Any, desk: Desk, program: RobotProgram) -> None:
+    def __init__(self, gui: Any, operator: OperatorCommands, program: RobotProgram) -> None:
         self._program = program
         gui.add_html(small_html([f"<b>{escape(program.file.name)}</b>"]))
         start, cancel = gui.add_button("Run the program"), gui.add_button("End the program")
         self._text = gui.add_html("")
-        start.on_click(desk.by_person(lambda: desk.as_operator(program.start)))
-        cancel.on_click(desk.by_person(lambda: desk.submit(Cancel())))
-        desk.add_inputs([start, cancel])
+        start.on_click(operator.operator_callback(program.start))
+        cancel.on_click(operator.callback(lambda: operator.submit(Cancel())))
+        operator.add_inputs([start, cancel])
 
     def show(self, state: LiveState) -> None:
         """Show whether the program runs, and what it did."""

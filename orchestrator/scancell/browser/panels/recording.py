@@ -1,4 +1,4 @@
-"""Recording of what happens in the workspace, as an MCAP file."""
+"""Recording of a workspace session as an MCAP file."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _RATE = 30.0  # Hz, of states
 
 
 class SessionRecording(Closing):
-    """Writes states, camera frames and points of scans while it is on, in a thread of its own. Any thread may call.
+    """Writes states, camera frames and points of scans in a thread of its own. All methods are thread-safe.
 
     Parameters
     ----------

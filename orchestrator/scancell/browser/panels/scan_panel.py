@@ -1,4 +1,4 @@
-"""Scans of the part: start, progress, colours of the cloud, and what is kept of it."""
+"""Scans of the part: start, progress, colours of the cloud, and saving."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from html import escape
 from pathlib import Path
 from typing import Any, get_args
 
-from scancell.browser.panels.desk import Desk
 from scancell.browser.panels.handles import Follower, set_changed, small_html
+from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.browser.panels.scans import Scans
 from scancell.browser.scene.live_cloud import LIVE_COLOURS
 from scancell.config.choices import Engine
@@ -20,8 +20,8 @@ from scancell.reconstruction.cloud_files import write_cloud
 class ScanPanel:
     """Runs the scan of the descriptions."""
 
-    def __init__(self, gui: Any, desk: Desk, scans: Scans) -> None:
-        self._desk, self._scans = desk, scans
+    def __init__(self, gui: Any, operator: OperatorCommands, scans: Scans) -> None:
+        self._operator, self._scans = operator, scans
         self._engine = gui.add_dropdown("engine", get_args(Engine), initial_value=scans.engine)
         start, cancel = gui.add_button("Scan the part"), gui.add_button("End the scan")
         self._progress = gui.add_progress_bar(0.0)
@@ -29,12 +29,12 @@ class ScanPanel:
         self._colour = gui.add_dropdown("colours show", LIVE_COLOURS)
         self._shown_colour = Follower(self._colour)
         save, download = gui.add_button("Save the run folder"), gui.add_button("Download the cloud (PLY)")
-        start.on_click(desk.by_person(lambda: desk.as_operator(lambda: scans.start(self._engine.value))))
-        cancel.on_click(desk.by_person(lambda: desk.submit(Cancel())))
-        self._colour.on_update(desk.by_person(lambda: scans.cloud.colour_by(self._colour.value)))
-        save.on_click(desk.by_person(lambda: desk.as_operator(lambda: desk.say(f"saved: {scans.save()}"))))
-        download.on_click(desk.by_person(self._download))
-        desk.add_inputs([self._engine, start, cancel, self._colour, save])
+        start.on_click(operator.operator_callback(lambda: scans.start(self._engine.value)))
+        cancel.on_click(operator.callback(lambda: operator.submit(Cancel())))
+        self._colour.on_update(operator.callback(lambda: scans.cloud.colour_by(self._colour.value)))
+        save.on_click(operator.operator_callback(lambda: operator.show_message(f"saved: {scans.save()}")))
+        download.on_click(operator.callback(self._download))
+        operator.add_inputs([self._engine, start, cancel, self._colour, save])
 
     def show(self, state: LiveState) -> None:
         """Show how far the scan is."""
@@ -58,4 +58,4 @@ class ScanPanel:
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "cloud.ply"
             write_cloud(file, cloud)
-            self._desk.send_file(file.name, file.read_bytes())
+            self._operator.send_file(file.name, file.read_bytes())

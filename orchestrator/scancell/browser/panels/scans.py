@@ -28,14 +28,14 @@ class Scans:
     out
         Folder in which `save` makes run folders.
     engine
-        That is offered first.
+        Initial engine.
     on_points
         Receives the points of scans, too.
 
     Attributes
     ----------
     cloud
-        What is shown of the points.
+        The points that are shown.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class Scans:
         Raises
         ------
         CommandError
-            If there is none.
+            If no scan has finished.
         """
         if self._scan is None or not self._scan.result.done() or self.error:
             raise CommandError("there is no finished scan")

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, get_args
 
-from scancell.browser.panels.desk import Desk, Settled
+from scancell.browser.panels.debounce import Debounce
+from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.config.choices import Engine
 from scancell.config.sensor import SensorDescription
 from scancell.live.camera import CameraFeed
@@ -14,7 +15,7 @@ from scancell.live.state import LiveState
 
 @dataclass(frozen=True)
 class Perturbation:
-    """A value of the true sensor, from `low` to `high`, that is nominally `nominal`."""
+    """A value of the true sensor from `low` to `high`, with its `nominal` value."""
 
     label: str
     key: str
@@ -25,7 +26,7 @@ class Perturbation:
 
 
 def perturbations(sensor: SensorDescription) -> list[Perturbation]:
-    """What the panel offers."""
+    """Perturbations that the panel offers."""
     laser, detector = sensor.laser, sensor.detector
     found = [
         _around("laser offset x, mm", "sensor.laser.offset_x_mm", laser.offset_x_mm, 1.0, 0.01),
@@ -53,30 +54,30 @@ def _around(label: str, key: str, nominal: float, reach: float, step: float) -> 
 
 
 class SensorPanel:
-    """Sliders for the true sensor; what is not at its nominal value perturbs it."""
+    """Sliders for the true sensor; values that are not nominal perturb it."""
 
-    def __init__(self, gui: Any, desk: Desk, feed: CameraFeed, sensor: SensorDescription) -> None:
-        self._desk, self._feed, self._settled = desk, feed, Settled(stays=0.1)
+    def __init__(self, gui: Any, operator: OperatorCommands, feed: CameraFeed, sensor: SensorDescription) -> None:
+        self._operator, self._feed, self._debounce = operator, feed, Debounce(delay=0.1)
         in_force = dict(word.split("=", 1) for word in feed.as_built)
         self._engine = gui.add_dropdown("engine", get_args(Engine), initial_value=feed.engine)
         self._sliders = []
         for one in perturbations(sensor):
             value = float(in_force.pop(one.key, one.nominal))
             slider = gui.add_slider(one.label, one.low, one.high, one.step, min(max(value, one.low), one.high))
-            slider.on_update(desk.by_person(self._settled.change))
+            slider.on_update(operator.callback(self._debounce.change))
             self._sliders.append((one, slider))
         others = " ".join(f"{key}={value}" for key, value in in_force.items())
         self._others = gui.add_text("others", others, hint="KEY=VALUE KEY=VALUE, as for --as-built")
-        self._others.on_update(desk.by_person(self._settled.change))
+        self._others.on_update(operator.callback(self._debounce.change))
         nominal = gui.add_button("All nominal")
-        self._engine.on_update(desk.by_person(lambda: desk.as_operator(self._change_engine)))
-        nominal.on_click(desk.by_person(lambda: desk.as_operator(self._restore)))
-        desk.add_inputs([self._engine, *(slider for _, slider in self._sliders), self._others, nominal])
+        self._engine.on_update(operator.operator_callback(self._change_engine))
+        nominal.on_click(operator.operator_callback(self._restore))
+        operator.add_inputs([self._engine, *(slider for _, slider in self._sliders), self._others, nominal])
 
     def show(self, state: LiveState) -> None:
-        """Perturb the sensor when the sliders were left."""
-        if self._settled.take():
-            self._desk.as_operator(lambda: self._feed.perturb(self._words()))
+        """Perturb the sensor when the sliders are released."""
+        if self._debounce.take():
+            self._operator.as_operator(lambda: self._feed.perturb(self._words()))
 
     def _words(self) -> list[str]:
         changed = [(one.key, slider.value) for one, slider in self._sliders if abs(slider.value - one.nominal) > 1e-9]

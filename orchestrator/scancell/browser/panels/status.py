@@ -1,4 +1,4 @@
-"""The state of the cell in words, and the stop button."""
+"""The state of the cell as text, and the stop button."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from scancell.browser.panels.handles import set_changed, small_html
 from scancell.cell.controller import Operation
 from scancell.live.state import LiveState
 
-# Hotkeys of viser do nothing while an input has the focus; a stop must.
+# The stop must work while an input has the focus, where hotkeys of viser do not.
 _KEYS = Path(__file__).with_name("keys.js").read_text(encoding="utf-8")
 _ALARM, _WARNING, _CALM = "#c62828", "#e08a00", "#2f7d32"
 _BEEP_HZ, _BEEP_RATE, _BEEP_SECONDS = 880, 8000, 0.4
@@ -30,7 +30,7 @@ class Status:
     gui
         Of the server.
     stop
-        What the button and the Escape key do; for every browser.
+        Called by the button and the Escape key of every browser.
     """
 
     def __init__(self, gui: Any, stop: Callable[[], None]) -> None:
@@ -84,7 +84,7 @@ def _run_once(script: str) -> str:
 
 
 def _beep() -> str:
-    """HTML that plays a tone again and again for as long as it is shown; made here, for nothing may be loaded."""
+    """HTML that repeats a tone while it is shown; the sound is embedded, because the page loads no files."""
     time = np.arange(round(2 * _BEEP_SECONDS * _BEEP_RATE)) / _BEEP_RATE
     tone = np.where(time < _BEEP_SECONDS, 8000 * np.sin(2 * np.pi * _BEEP_HZ * time), 0.0).astype("<i2")
     file = io.BytesIO()

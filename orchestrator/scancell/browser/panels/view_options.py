@@ -1,4 +1,4 @@
-"""Switches of what a scene shows; all browsers share them."""
+"""Display options of a scene, shared by all browsers."""
 
 from __future__ import annotations
 
@@ -21,10 +21,11 @@ def add_view_options(gui: Any, scene: CellScene) -> None:
     """Add a folder of switches to the panel."""
     with gui.add_folder("View", expand_by_default=False, order=100):
         for label, option in _SWITCHES.items():
-            _add_switch(gui, scene, label, option)
+            add_switch(gui, scene, label, option)
         gui.add_button("Clear the path of the sensor").on_click(lambda _: scene.clear_trace())
 
 
-def _add_switch(gui: Any, scene: CellScene, label: str, option: str) -> None:
+def add_switch(gui: Any, scene: CellScene, label: str, option: str) -> None:
+    """Add a checkbox for an option of a scene."""
     box = gui.add_checkbox(label, getattr(scene.options, option))
     box.on_update(lambda _: setattr(scene.options, option, box.value))

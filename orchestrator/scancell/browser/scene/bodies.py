@@ -22,11 +22,11 @@ Array = NDArray[np.float64]
 _AXES = 0.08  # m, of frames
 _TRANSLUCENT = 0.45  # opacity of bodies, most of which hide their frames
 _WIRE, _FAINT = (220, 90, 0), 0.35  # colour and opacity of wire frames
-_STILL = 1e-6  # m and rad: frames that moved less since their pose was sent are not sent
+_STILL = 1e-6  # m and rad: smaller changes of a pose are not sent
 
 
 class MovedNodes:
-    """Nodes of a scene that follow poses, of which those that changed are sent.
+    """Nodes of a scene that follow poses; only changed poses are sent.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class BodyNodes:
         return np.array(self._frames.nodes[frame].position, float)
 
     def paint(self, body: str, colour: Rgb | None) -> None:
-        """Give a body a colour, or its own again."""
+        """Paint a body, or restore its own colour."""
         if body in self._meshes:
             self._meshes[body].color = self._colours[body] if colour is None else colour
 

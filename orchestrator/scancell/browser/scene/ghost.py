@@ -1,4 +1,4 @@
-"""Arm and table, translucent, where the motion in force leads or a plan would."""
+"""Translucent arm and table at the destination of the motion, or at a pose of a plan."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _LARGER = 1.004  # scale of the ghost: faces of both in one plane would flicker
 
 
 class Ghost:
-    """The ghost of the bodies on the arm and on the table; what is where it should be has none.
+    """The ghost of the bodies on the arm and on the table; a body at its target has none.
 
     Poses hold the table's platter, too, by which the part is carried.
 

@@ -1,4 +1,4 @@
-"""What of a cell a scene shows."""
+"""Display options of a scene."""
 
 from __future__ import annotations
 

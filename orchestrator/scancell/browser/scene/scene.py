@@ -42,7 +42,7 @@ _GRID = 0.1  # m between lines on the floor
 class CellScene:
     """Shows a cell on a server; all its browsers see the same.
 
-    What did not change is not sent. All methods may be called from any thread.
+    Only changes are sent. All methods are thread-safe.
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ class CellScene:
         return {**frames, "world": np.eye(4)}
 
     def _show_ghost(self) -> None:
-        # What an emergency stop has ended leads nowhere.
+        # After an emergency stop there is no destination.
         if self._state is None or not self.options.ghost or self._state.controller == "emergency stop":
             self._ghost.hide()
         else:

@@ -1,4 +1,4 @@
-"""The line along which a point went, of bounded length."""
+"""Path of a point, of bounded length."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 _COLOUR = (20, 150, 90)
 _STEP = 3e-3  # m between points of the line
-_JUMP = 0.1  # m that nothing moves between two updates: there the line is broken
+_JUMP = 0.1  # m between two updates, above which the line is broken
 _PIECE, _PIECES = 50, 40  # points of a piece, which alone is sent again while it grows, and number of pieces
 
 
@@ -41,10 +41,10 @@ class Trace:
     def add(self, point: ArrayLike) -> None:
         """Go on to a point (3,), world, m."""
         point = np.array(point, float)
-        way = np.linalg.norm(point - self._points[-1]) if self._points else 0.0
-        if self._points and way < _STEP:
+        step = np.linalg.norm(point - self._points[-1]) if self._points else 0.0
+        if self._points and step < _STEP:
             return
-        if way > _JUMP:
+        if step > _JUMP:
             self._points = []
         self._points.append(point)
         if len(self._points) == 1:

@@ -1,8 +1,7 @@
-"""Refuses messages that no page of the workspace sends: any program that reaches the server can send others.
+"""Validation of the messages of browsers: any program that reaches the server can send other ones.
 
-Viser takes what a message says, whatever its size and type, and raises errors in its own threads, where nobody sees
-them. So messages are checked before viser gets them: their kind, the types and sizes of their fields, and what they
-make of an input.
+Viser checks neither sizes nor types of messages, and raises errors in its own threads, where they are lost. So the kind
+of a message, the types and sizes of its fields, and the new value of an input are checked before viser receives it.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ _Quaternion = tuple[_Number, _Number, _Number, _Number]
 
 
 class _Message(msgspec.Struct, tag=lambda name: name.strip("_"), forbid_unknown_fields=True):
-    """Of viser, by its name there."""
+    """Message of viser with the same name."""
 
 
 class _ViewerCameraMessage(_Message):
@@ -115,12 +114,12 @@ _KINDS = (
 
 
 class Gate:
-    """Messages of one connection.
+    """Validates the messages of one connection.
 
     Parameters
     ----------
     handle_of
-        The input with an identifier; None: there is none.
+        Returns the input with an identifier, or None.
     """
 
     def __init__(self, handle_of: Callable[[str], Any]) -> None:
@@ -130,7 +129,7 @@ class Gate:
         self._uploaded = 0
 
     def refusal(self, frame: object) -> str:
-        """Why a frame is refused; empty: viser may have it."""
+        """Reason for rejecting a frame; empty if it is accepted."""
         if not isinstance(frame, bytes):
             return "a text frame"
         try:
@@ -184,7 +183,7 @@ class Gate:
 
 
 def value_expected(handle: Any, value: object) -> str:
-    """What an input of viser takes in place of `value`; empty: that."""
+    """Values that an input of viser accepts in place of `value`; empty if it accepts `value`."""
     options, now = getattr(handle, "options", None), handle.value
     if options is not None:
         return "" if value in options else f"one of {', '.join(map(str, options))}"

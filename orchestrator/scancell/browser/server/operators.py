@@ -1,4 +1,4 @@
-"""Which of several browsers controls the cell."""
+"""Selection of the browser that controls the cell."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from threading import Lock
 
 
 class Operators:
-    """The browsers that are open, by the numbers of their connections; one of them is the operator.
+    """The open browsers, by the numbers of their connections; one of them is the operator.
 
-    The first to come is the operator; another one takes control when it asks for it, or when it comes after the
-    operator left. Any thread may call.
+    The first one is the operator. Another one becomes the operator on request, or when it connects after the operator
+    has left. All methods are thread-safe.
     """
 
     def __init__(self) -> None:
@@ -19,25 +19,25 @@ class Operators:
 
     @property
     def operator(self) -> int | None:
-        """The one in control; None where it has left."""
+        """The browser in control; None after it has left."""
         return self._operator
 
     def join(self, client: int) -> None:
-        """A browser has come."""
+        """Add a browser."""
         with self._lock:
             self._present.add(client)
             if self._operator is None:
                 self._operator = client
 
     def leave(self, client: int) -> None:
-        """A browser has gone."""
+        """Remove a browser."""
         with self._lock:
             self._present.discard(client)
             if self._operator == client:
                 self._operator = None
 
     def take(self, client: int) -> None:
-        """A browser takes control."""
+        """Make a browser the operator."""
         with self._lock:
             if client in self._present:
                 self._operator = client

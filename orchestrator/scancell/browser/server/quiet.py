@@ -1,4 +1,4 @@
-"""A server of viser that prints nothing, offers no link of its own, and takes messages of its own pages alone."""
+"""A server of viser without output and share link, which accepts messages from its own pages only."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ipaddress import ip_address
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-from scancell.browser.panels.messages import say
+from scancell.browser.panels.messages import show_message
 from scancell.config.choices import LOOPBACK
 from scancell.errors import LinkError
 from scancell.extras import require
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 
 @contextmanager
 def quiet_server(host: str = LOOPBACK, port: int = 8080) -> Iterator[viser.ViserServer]:
-    """A running server, which is stopped in the end; a taken port makes it take the next free one.
+    """A running server, which is stopped at the end; it uses the next free port if `port` is in use.
 
     Raises
     ------
     MissingExtraError
         If viser is not installed.
     LinkError
-        If `host` is no address of this machine, or the installed viser does not let foreign pages be refused.
+        If `host` is no address of this machine, or requests from other pages cannot be rejected in the installed viser.
     """
     made_by = require("viser", "workspace")
     _require_own_address(host)
@@ -38,7 +38,7 @@ def quiet_server(host: str = LOOPBACK, port: int = 8080) -> Iterator[viser.Viser
         server = guarded.server = made_by.ViserServer(host=host, port=port, verbose=False)
     try:
         if not guarded.is_installed:
-            raise LinkError("the installed viser would obey pages of other servers: install viser 1.1")
+            raise LinkError("the installed viser accepts requests from pages of other servers: install viser 1.1")
         server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
         yield server
     finally:
@@ -47,18 +47,18 @@ def quiet_server(host: str = LOOPBACK, port: int = 8080) -> Iterator[viser.Viser
 
 
 def address(server: viser.ViserServer) -> str:
-    """To open in a browser."""
+    """Address to open in a browser."""
     return f"http://{server.get_host()}:{server.get_port()}"
 
 
 def is_loopback(host: str) -> bool:
-    """Whether this machine alone can reach an address or name."""
+    """Whether only this machine can reach an address or name."""
     found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
     return all(ip_address(str(place[0]).partition("%")[0]).is_loopback for *_, place in found)
 
 
 def _require_own_address(host: str) -> None:
-    """Viser would try one port after another for ever."""
+    """Raise an error, as viser would try one port after another without end."""
     try:
         for family, kind, protocol, _, place in socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM):
             with socket.socket(family, kind, protocol) as probe:
@@ -70,9 +70,9 @@ def _require_own_address(host: str) -> None:
 def is_own_page(headers: Mapping[str, str], host: str) -> bool:
     """Whether a request with these headers comes from a page of the server at `host`, or from no page at all.
 
-    Browsers let any page on the internet open a websocket to this machine, and say where the page is from (RFC 6455,
-    section 10.2). Origin and Host have to agree; both may be a name which an attacker owns and lets lead here (DNS
-    rebinding), so only addresses and names of this machine are taken.
+    Browsers let any page on the internet open a websocket to this machine, and state the origin of the page (RFC 6455,
+    section 10.2). Origin and Host must agree. Both may be a name of an attacker that resolves to this machine (DNS
+    rebinding), so only addresses and names of this machine are accepted.
     """
     origin = headers.get("Origin")
     if origin is None:
@@ -95,15 +95,15 @@ def _is_address(name: str) -> bool:
 
 
 class _GatedConnection:
-    """A connection of websockets that receives what a `Gate` lets pass."""
+    """A connection of websockets that receives only messages that a `Gate` accepts."""
 
-    def __init__(self, connection: Any, gate: Gate, say: Callable[[str], None]) -> None:
-        self._connection, self._gate, self._say = connection, gate, say
+    def __init__(self, connection: Any, gate: Gate, show: Callable[[str], None]) -> None:
+        self._connection, self._gate, self._show = connection, gate, show
 
     async def recv(self) -> Any:
-        """The next message that is not refused."""
+        """The next message that is accepted."""
         while refusal := self._gate.refusal(frame := await self._connection.recv()):
-            self._say(refusal)
+            self._show(refusal)
         return frame
 
     def __getattr__(self, name: str) -> Any:
@@ -111,7 +111,7 @@ class _GatedConnection:
 
 
 class _Guarded:
-    """What a server refuses: pages of others, and messages that its own pages do not send."""
+    """Rejects pages of other servers, and messages that the own pages do not send."""
 
     def __init__(self, host: str) -> None:
         self._host = host
@@ -119,7 +119,7 @@ class _Guarded:
         self.server: Any = None
 
     def serve(self, serve: Callable[..., Any]) -> Callable[..., Any]:
-        """In place of the function of websockets that serves."""
+        """Wrap the function `serve` of websockets."""
 
         def guarded(
             handler: Callable[[Any], Any], *words: Any, process_request: Callable[[Any, Any], Any], **options: Any
@@ -141,7 +141,7 @@ class _Guarded:
 
                 def tell(refusal: str) -> None:
                     for client in last:
-                        say(client, refusal)
+                        show_message(client, refusal)
                     last.clear()
 
                 await handler(_GatedConnection(connection, Gate(handle_of), tell))
@@ -162,7 +162,7 @@ class _Guarded:
 
 @contextmanager
 def _guarded(host: str) -> Iterator[_Guarded]:
-    """Let the server that is made here be `_Guarded`: viser has no option for what websockets can do."""
+    """Make the server that is created here `_Guarded`: viser does not expose these options of websockets."""
     module = require("websockets.asyncio.server", "workspace")
     serve, made = module.serve, _Guarded(host)
     module.serve = made.serve(serve)
@@ -174,7 +174,7 @@ def _guarded(host: str) -> Iterator[_Guarded]:
 
 @contextmanager
 def _without_messages() -> Iterator[None]:
-    """Without what viser prints by rich when it starts and stops, also with ``verbose=False``."""
+    """Suppress what viser prints with rich at start and stop even with ``verbose=False``."""
     console = require("rich", "workspace").get_console()
     before, console.quiet = console.quiet, True
     try:

@@ -1,4 +1,4 @@
-"""Serves a live cell to browsers, with one part after another, and runs in between."""
+"""Server of a live cell for browsers, which can also open other parts and recorded runs."""
 
 from __future__ import annotations
 
@@ -34,28 +34,28 @@ OpenSession = Callable[[PartFile | None], AbstractContextManager[ScanSession]]
 
 
 class View(Protocol):
-    """What a host shows on an empty page: a live cell, or a run that is played back."""
+    """A live cell, or a run that is played back, as a host shows it on an empty page."""
 
     def run(self, ended: Callable[[], bool]) -> None:
-        """Keep it going until `ended`."""
+        """Run the view until `ended`."""
 
     def join(self, client: viser.ClientHandle) -> None:
-        """A browser has come."""
+        """Add a browser."""
 
     def leave(self, client: viser.ClientHandle) -> None:
-        """A browser has gone."""
+        """Remove a browser."""
 
 
 @dataclass(frozen=True)
 class _Opened:
-    """Makes a view, and frees what it needs."""
+    """Makes a view, and releases its resources."""
 
     make: Callable[[], View]
     resources: ExitStack
 
 
 class Host:
-    """Keeps the browsers of a server while one view after another is shown in them.
+    """Shows one view after another in the browsers of a server.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ class Host:
 
     @property
     def view(self) -> View | None:
-        """What is shown."""
+        """The present view."""
         return self._view
 
     @property
@@ -89,7 +89,7 @@ class Host:
         return self._view if isinstance(self._view, Workspace) else None
 
     def run(self, part: PartFile | None, stop: Event, started: Callable[[], None] = lambda: None) -> None:
-        """Show the cell with a part, and whatever is opened later, until `stop`.
+        """Show the cell with a part, then each view that is opened, until `stop`.
 
         Parameters
         ----------
@@ -128,7 +128,7 @@ class Host:
             path.write_bytes(content)
             try:
                 self._show_next(self._open_cell(PartFile(path, unit)))
-            except ScancellError as error:  # without the folder, which says nothing to the person at the browser
+            except ScancellError as error:  # the temporary folder means nothing to the user
                 raise type(error)(str(error).replace(f"{self._parts.name}/", "")) from None
 
     def open_run(self, name: str, content: bytes) -> None:
@@ -153,7 +153,7 @@ class Host:
             self._opening.release()
 
     def _go_back(self) -> None:
-        """Show the cell anew with the part that it had."""
+        """Open the cell with its last part again."""
         self._show_next(self._open_cell(self._part))
 
     def _show_next(self, opened: _Opened) -> None:
@@ -196,7 +196,7 @@ class Host:
 
 
 def _nothing() -> None:
-    """For callers that do not listen."""
+    """Do nothing."""
 
 
 def serve_workspace(
@@ -216,7 +216,7 @@ def serve_workspace(
     open_session
         Starts the cell with a part, or an empty table.
     port
-        To listen on; a taken one makes it take the next free one.
+        To listen on; the next free port is used if it is in use.
     settings
         Of the workspace.
     started

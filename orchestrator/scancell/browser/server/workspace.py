@@ -10,8 +10,8 @@ from threading import Event, Lock
 from typing import TYPE_CHECKING
 
 from scancell.browser.panels.client_view import ClientView, Shared
-from scancell.browser.panels.desk import Desk
 from scancell.browser.panels.file_panel import Opener
+from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.browser.panels.plans import Plans
 from scancell.browser.panels.program_panel import RobotProgram
 from scancell.browser.panels.recording import SessionRecording
@@ -33,20 +33,20 @@ if TYPE_CHECKING:
     import viser
 
 _RATE = 40.0  # Hz, of the scene at most
-_CAMERAS = 0.05  # s from one pair of images to the next at least: the cell needs the processor, too
+_CAMERAS = 0.05  # s, least period of camera images, which leaves processor time for the cell
 _PANELS_EVERY = 4  # updates of the scene from one update of the panels to the next
 
 
 @dataclass(frozen=True)
 class WorkspaceSettings:
-    """What a workspace is started with.
+    """Settings of a workspace.
 
     Attributes
     ----------
     out
-        Folder for what is saved.
+        Folder of saved files.
     engine
-        How profiles are measured at first, in scans and robot programs.
+        Initial engine of scans and robot programs.
     program
         File of a robot program.
     """
@@ -57,7 +57,7 @@ class WorkspaceSettings:
 
 
 class Workspace:
-    """Shows a live cell on a server of viser, and hands over what its browsers command.
+    """Shows a live cell on a server of viser, and submits the commands of its browsers.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class Workspace:
     part
         File name of the part; None: the table is empty.
     opener
-        Shows something else instead.
+        Opens another view.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Workspace:
     nominal
         Its nominal geometry.
     scene
-        What all browsers see.
+        Scene, shared by all browsers.
     plans
         The plan of the scan.
     scans
@@ -161,13 +161,13 @@ class Workspace:
     def join(self, client: viser.ClientHandle) -> None:
         """Give a browser its panels; the first one becomes the operator."""
         self._operators.join(client.client_id)
-        desk = Desk(client, self._operators, self.live, self._session)
-        view = ClientView(client, desk, self._shared, self.live.state)
+        operator = OperatorCommands(client, self._operators, self.live, self._session)
+        view = ClientView(client, operator, self._shared, self.live.state)
         with self._lock:
             self._views[client.client_id] = view
 
     def leave(self, client: viser.ClientHandle) -> None:
-        """Forget a browser that is gone."""
+        """Remove a browser."""
         self._operators.leave(client.client_id)
         with self._lock:
             self._views.pop(client.client_id, None)

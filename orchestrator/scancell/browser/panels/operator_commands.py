@@ -1,0 +1,159 @@
+"""Commands of the user of one browser to the cell, and messages to that user."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from time import monotonic
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.browser.panels.messages import SHOWN, report_errors, show_message
+from scancell.browser.server.operators import Operators
+from scancell.cell.controller import Tool
+from scancell.errors import CommandError
+from scancell.live.cell import LiveCell
+from scancell.live.commands import Command, SetOperation
+from scancell.scanning.session import ScanSession
+
+if TYPE_CHECKING:
+    import viser
+
+Array = NDArray[np.float64]
+
+_RENDER_TIMEOUT = 60.0  # s, within which a browser renders a picture
+
+
+class OperatorCommands:
+    """Submits the commands of one browser to the cell while this browser is the operator, and reports errors in it.
+
+    Parameters
+    ----------
+    client
+        Of viser.
+    operators
+        Selects the browser that controls the cell.
+    live, session
+        The running cell; only the nominal geometry of the session is used, because `live` steps it.
+    clock
+        Function that returns the time, s.
+
+    Attributes
+    ----------
+    nominal
+        Nominal cell.
+    """
+
+    def __init__(
+        self,
+        client: viser.ClientHandle,
+        operators: Operators,
+        live: LiveCell,
+        session: ScanSession,
+        clock: Callable[[], float] = monotonic,
+    ) -> None:
+        self._client, self._operators, self._live, self._session = client, operators, live, session
+        self._clock = clock
+        self._inputs: list[Any] = []
+        self._last_message, self._message_ends = "", 0.0
+        self.nominal = session.nominal
+
+    @property
+    def is_operator(self) -> bool:
+        """Whether this browser controls the cell."""
+        return self._operators.operator == int(self._client.client_id)
+
+    @property
+    def has_gripper(self) -> bool:
+        """Whether the arm carries a gripper."""
+        return self.nominal.flange_from_finger is not None
+
+    def submit(self, command: Command) -> None:
+        """Submit a command as the operator; a motion that needs another operation first changes to it.
+
+        Raises
+        ------
+        CommandError
+            If the command needs another operation while the robot moves.
+        """
+        self.as_operator(lambda: self._submit(command))
+
+    def _submit(self, command: Command) -> None:
+        needed, state = command.needs_operation, self._live.state
+        if needed is not None and needed is not state.operation:
+            if state.moving:
+                current, other = state.operation.name.lower(), needed.name.lower()
+                raise CommandError(
+                    f"The robot moves in {current} operation, and this command needs {other} operation: "
+                    "stop the robot, or wait until it is at rest"
+                )
+            self._live.submit(SetOperation(needed))
+        self._live.submit(command)
+
+    def as_operator(self, act: Callable[[], object]) -> None:
+        """Call `act` if this browser controls the cell, else show a message: a page can send disabled inputs."""
+        if self.is_operator:
+            act()
+        else:
+            self.show_message("Another browser controls the cell: take control first")
+
+    def send_file(self, name: str, content: bytes) -> None:
+        """Let the browser download a file."""
+        self._client.send_file_download(name, content, save_immediately=True)
+
+    def render(self, height: int, width: int) -> NDArray[np.uint8]:
+        """Picture (height, width, 3) of the scene as this browser shows it."""
+        return np.asarray(self._client.get_render(height, width, timeout=_RENDER_TIMEOUT), np.uint8)
+
+    def take_control(self) -> None:
+        """Become the operator."""
+        self._operators.take(self._client.client_id)
+
+    def joints_for(self, world_from_tool: Array, tool: Tool, configuration: str | None = None) -> Array:
+        """Joint angles (joints,) of a pose (4, 4) of a tool, see `ScanSession.joints_for`."""
+        near = self._live.state.joints
+        return self._session.joints_for(world_from_tool, tool, near, configuration)
+
+    def world_from_tool(self, tool: Tool, joints: Array) -> Array:
+        """Pose (4, 4) of a tool by nominal geometry."""
+        return np.asarray(self.nominal.arm.fk(joints) @ self._session.flange_from_tool(tool))
+
+    def world_from_frame(self, name: str, table_angle: float) -> Array:
+        """Pose (4, 4) of ``base`` or ``table``."""
+        if name == "base":
+            return self.nominal.arm.world_from_base
+        return self.nominal.frame_poses(self.nominal.home, table_angle)[name]
+
+    def show_message(self, text: str) -> None:
+        """Show a message in this browser; not again while it is shown, as a held button repeats its command."""
+        now = self._clock()
+        if text == self._last_message and now < self._message_ends:
+            return
+        self._last_message, self._message_ends = text, now + SHOWN
+        show_message(self._client, text)
+
+    # For panels
+
+    def add_inputs(self, handles: Iterable[Any]) -> None:
+        """Add inputs that only the operator may use."""
+        self._inputs += handles
+
+    def enable_inputs(self) -> None:
+        """Enable the inputs if this browser is the operator, else disable them."""
+        for handle in self._inputs:
+            if handle.disabled == self.is_operator:
+                handle.disabled = not self.is_operator
+
+    def callback(self, act: Callable[[], object]) -> Callable[[Any], None]:
+        """Callback of viser that calls `act` on input of the user and reports errors."""
+
+        def called(event: Any) -> None:
+            if event.client is not None:  # None: the program has set the value
+                report_errors(act, self.show_message)
+
+        return called
+
+    def operator_callback(self, act: Callable[[], object]) -> Callable[[Any], None]:
+        """Callback as of `callback`, for the operator only."""
+        return self.callback(lambda: self.as_operator(act))

@@ -1,0 +1,89 @@
+"""Commands of one browser, without a browser: operator, operation that a command needs, and messages."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from scancell.browser.panels.operator_commands import OperatorCommands
+from scancell.browser.server.operators import Operators
+from scancell.cell.controller import Operation
+from scancell.live.commands import Cancel, Command, JogJoints, MoveJoints, SetOperation
+
+JOG, MOVE = JogJoints([0.5]), MoveJoints([0.0] * 6)
+
+
+class Rig:
+    """The browser with number 1, a cell in automatic operation, and a clock that is set."""
+
+    def __init__(self) -> None:
+        self.submitted: list[Command] = []
+        self.messages: list[str] = []
+        self.time = 0.0
+        self.state = SimpleNamespace(operation=Operation.AUTOMATIC, moving=False)
+        self.operators = Operators()
+        self.operators.join(1)
+        self.operators.join(2)
+        client: Any = SimpleNamespace(
+            client_id=1, add_notification=lambda _title, text, **_options: self.messages.append(text)
+        )
+        live: Any = SimpleNamespace(state=self.state, submit=self.submitted.append)
+        session: Any = SimpleNamespace(nominal=None)
+        self.commands = OperatorCommands(client, self.operators, live, session, lambda: self.time)
+
+    def enter(self, command: Command) -> None:
+        """As input of the user."""
+        self.commands.callback(lambda: self.commands.submit(command))(SimpleNamespace(client=object()))
+
+
+@pytest.fixture
+def rig() -> Rig:
+    return Rig()
+
+
+def test_motion_changes_operation_at_rest(rig: Rig) -> None:
+    rig.enter(JOG)
+    assert rig.submitted == [SetOperation(Operation.MANUAL), JOG]
+    rig.state.operation = Operation.MANUAL
+    rig.enter(JOG)
+    assert rig.submitted[2:] == [JOG]
+    rig.enter(MOVE)
+    assert rig.submitted[3:] == [SetOperation(Operation.AUTOMATIC), MOVE]
+    assert not rig.messages
+
+
+@pytest.mark.parametrize(
+    ("operation", "command"), [(Operation.AUTOMATIC, JOG), (Operation.MANUAL, MOVE)], ids=["jog", "move"]
+)
+def test_motion_that_needs_other_operation_is_rejected_with_message_while_robot_moves(
+    rig: Rig, operation: Operation, command: Command
+) -> None:
+    rig.state.operation, rig.state.moving = operation, True
+    rig.enter(command)
+    assert not rig.submitted
+    (message,) = rig.messages
+    assert f"moves in {operation.name.lower()} operation" in message
+    rig.enter(Cancel())
+    assert rig.submitted == [Cancel()]
+
+
+def test_repeated_message_is_shown_again_after_it_has_disappeared(rig: Rig) -> None:
+    rig.state.moving = True
+    for rig.time in (0.0, 0.1, 0.2):
+        rig.enter(JOG)
+    assert len(rig.messages) == 1
+    rig.time = 60.0
+    rig.enter(JOG)
+    assert len(rig.messages) == 2
+
+
+def test_browser_without_control_submits_nothing(rig: Rig) -> None:
+    rig.operators.take(2)
+    rig.enter(MOVE)
+    assert not rig.submitted
+    assert "take control first" in rig.messages[0]
+    rig.commands.take_control()
+    rig.enter(MOVE)
+    assert rig.submitted == [MOVE]
