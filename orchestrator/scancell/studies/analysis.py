@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from scancell.config.study import StudyDescription
 from scancell.studies.budget import Terms, undetected_factors, variance_budget
 from scancell.studies.designs import design, hashed
-from scancell.studies.distributions import middles
+from scancell.studies.distributions import Population, middles, population_of
 from scancell.studies.intervals import convergence, summary
-from scancell.studies.population import Population, population_of
 from scancell.studies.sensitivity import morris_effects, one_at_a_time_budget, sobol_indices
 
 Array = NDArray[np.float64]

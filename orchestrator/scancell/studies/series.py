@@ -19,7 +19,16 @@ from scancell.config.variation import VaryingScansDescription
 from scancell.errors import DescriptionError
 from scancell.output.manifest import named_files
 from scancell.progress import Progress
-from scancell.studies.engine import Announce, RunOutcome, run_tasks
+from scancell.studies.engine import (
+    Announce,
+    ExecutionTarget,
+    Job,
+    OpenWorker,
+    RunOutcome,
+    Task,
+    request_digest,
+    run_tasks,
+)
 from scancell.studies.factors import SETUP_KEYS, Factors
 from scancell.studies.run_record import (
     DESCRIPTION,
@@ -32,7 +41,6 @@ from scancell.studies.run_record import (
     write_record,
 )
 from scancell.studies.scan_worker import ScanWorker, sweep_temporary
-from scancell.studies.task import ExecutionTarget, Job, OpenWorker, Task, request_digest
 
 # Designs whose first trials stay the same when `design.trials` grows.
 EXTENDABLE = ("monte_carlo", "sobol")

@@ -1,8 +1,8 @@
 """Paired runs with and without a guard, over a bad network.
 
 A third of the twins without a guard collides, another third has near misses, the others do ordinary work, in every
-decade of speed, by hand and in automatic operation alike.  Cells, parts, faults of the network and errors of the
-geometry take turns.  Everything follows from the campaign's seed and the number of a run, so that campaigns can be
+decade of speed, by hand and in automatic operation.  Cells, parts, network faults and geometry errors alternate.
+Everything follows from the campaign's seed and the number of a run, so that campaigns can be
 interrupted, and single runs repeated.
 """
 
@@ -22,8 +22,7 @@ from scancell.config.cell import CellDescription
 from scancell.config.channel import LinkDescription
 from scancell.geometry.mesh import Mesh
 from scancell.guard.guard import Guard
-from scancell.studies.guard.guarded import GuardedRuns, Protection
-from scancell.studies.guard.simulation import Course, Simulation
+from scancell.studies.guard.simulation import Course, GuardedRuns, Protection, Simulation
 from scancell.studies.guard.strata import DECADES, FAULTS, Stratum, random_network, stratum_of
 from scancell.studies.guard.twins import Twin, Twins
 from scancell.studies.guard.worlds import KnownWorld, known_world, world_of
@@ -123,7 +122,7 @@ class Campaign(Closing):
     Parameters
     ----------
     cells
-        Descriptions by name, which take turns.
+        Descriptions by name, which alternate.
     parts
         Meshes by name, m, one of which is on the table.
     seed
