@@ -135,7 +135,7 @@ def _is_wide(row: dict[str, Any]) -> bool:
 def _contributions(
     study: StudyDescription, labels: Sequence[str], population: Population, rows: Rows, outputs: Array
 ) -> dict[str, Any]:
-    """What the design allows to say about the factors; ``budget`` and ``morris`` in falling order."""
+    """Sensitivities that the design supports; ``budget`` and ``morris`` in falling order."""
     seed, kind = hashed(study.seed, 3, 0) >> 33, study.design.kind
     whole = kind in {"sobol", "morris", "one_at_a_time"} and len(rows.plain) == _design_size(study)
     if kind == "sobol" and whole:

@@ -44,7 +44,7 @@ class _IgnoreInterrupts(WorkerPlugin):  # type: ignore[misc]
 
     def setup(self, worker: Any) -> None:
         """Run once in every worker process."""
-        with suppress(ValueError):  # not in the main thread, which does not get the signal
+        with suppress(ValueError):  # outside the main thread, which alone receives the signal
             signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 

@@ -125,7 +125,7 @@ def run_here(job: Job, task: Task) -> TaskReport:
             _opened(job)(task.payload, folder)
     except OutputError as error:
         return TaskReport(task.name, "no output", str(error))
-    except Exception as error:  # whatever goes wrong in one task must not end the others
+    except Exception as error:  # an error in one task must not end the others
         state: Literal["failed", "no output"] = "no output" if disk_error(error) else "failed"
         return TaskReport(task.name, state, f"{type(error).__name__}: {error}", time.perf_counter() - start)
     return TaskReport(task.name, "done", seconds=time.perf_counter() - start)

@@ -20,7 +20,7 @@ _RIM = 0.05  # of the picture's width and height that framing leaves free on eve
 View = Literal["cell", "part", "orbit", "sensor"]
 
 _AZIMUTH, _ELEVATION = -52.0, 24.0  # deg, of the standard view
-_PART_ELEVATION = 38.0  # deg: from lower, a part's top is hardly seen
+_PART_ELEVATION = 38.0  # deg: lower views hardly show the top of a part
 _SAMPLES = 16  # of the run, at which everything is kept in view
 _MOST_VERTICES = 150  # of a body that framing looks at
 

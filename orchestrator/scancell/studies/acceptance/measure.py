@@ -263,9 +263,9 @@ class Measuring:
             if station.artefact not in found.pictured:
                 found.pictured[station.artefact] = evaluation
             missing = max(0.0, 1.0 - len(scan.cloud) / max(ideal, 1))
-            for of, name, unit, nominal, error, uncertainty in _errors(evaluation, missing):
+            for of, name, unit, nominal, value, uncertainty in _errors(evaluation, missing):
                 own = samples.setdefault((of, name), Samples(station, of, name, unit, nominal))
-                own.errors.append(error)
+                own.errors.append(value)
                 own.trials.append(number)
                 own.fit_uncertainty.append(uncertainty)
         if counts:

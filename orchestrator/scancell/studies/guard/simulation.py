@@ -76,7 +76,7 @@ class Course:
     touched
         Whether the cell's own collision outputs reported a contact.
     rejected
-        Whether the controller does not carry out its last command at the end.
+        Whether the controller has rejected its last command at the end.
     """
 
     times: Array
@@ -100,7 +100,7 @@ class Course:
 
 
 class Simulation(Closing):
-    """A cell that is run again and again. Use it as a context manager.
+    """A cell for many runs. Use it as a context manager.
 
     Parameters
     ----------
@@ -295,16 +295,16 @@ def _holds(answer: GuardMessage) -> bool:
 
 @dataclass(frozen=True)
 class Protection:
-    """How runs are guarded; what is not given is as it should be.
+    """Guard, settings and link of guarded runs; the defaults are the correct ones.
 
     Attributes
     ----------
     guard
         Type of the guard.
     assumed
-        What it assumes in place of the true settings.
+        The settings that it assumes, as a function of the true ones.
     patience
-        Time that the controller waits for answers, of what it should be.
+        Factor on the time for which the controller waits for answers.
     link
         Type of the cell's link.
     """
@@ -327,7 +327,7 @@ class GuardedRuns:
     max_age
         Of the controller, s; None: that of the guard.
     link_type
-        How the cell receives answers.
+        Type of the link by which the cell receives answers.
 
     Attributes
     ----------
@@ -345,7 +345,7 @@ class GuardedRuns:
         self._observed = _Observed(guard, self.log)
 
     def run(self, scenario: Scenario, network: LinkDescription, seed: int = 0) -> Course:
-        """What happens in a scenario; the faults of the network follow from `seed`."""
+        """Record of a scenario; `seed` determines the faults of the network."""
         self._observed.reset()
 
         def link() -> Link:
@@ -356,18 +356,18 @@ class GuardedRuns:
 
 
 class _Observed:
-    """A guard whose decisions are written down with the times of the states."""
+    """A guard that logs its decisions with the times of the states."""
 
     def __init__(self, guard: Guard, log: list[tuple[float, Decision]]) -> None:
         self._guard, self._log = guard, log
 
     def answer(self, state: CellState) -> GuardMessage:
-        """The guard's."""
+        """Answer of the guard to a state."""
         message = self._guard.answer(state)
         self._log.append((state.time, self._guard.decision))
         return message
 
     def reset(self) -> None:
-        """The guard's."""
+        """Reset the guard and clear the log."""
         self._log.clear()
         self._guard.reset()
