@@ -464,7 +464,7 @@ def acceptance(
     >>> max(row["mean"] for row in report.rows if row["name"] == "flatness") < 30  # um
     True
     """
-    from scancell.studies.acceptance.programme import QUICK, Programme  # noqa: PLC0415
+    from scancell.studies.acceptance.measure import QUICK, Programme  # noqa: PLC0415
     from scancell.studies.acceptance.report import AcceptanceRequest, run_acceptance  # noqa: PLC0415
 
     if out is not None:
@@ -527,17 +527,10 @@ def study(
     4
     """
     from scancell.studies.report import write_report  # noqa: PLC0415
-    from scancell.studies.run_record import DESCRIPTION  # noqa: PLC0415
     from scancell.studies.study import open_study  # noqa: PLC0415
-    from scancell.studies.task import ExecutionTarget  # noqa: PLC0415
 
     opened, folder = open_study(Path(file), assignments(settings)), Path(out)
-    if not (folder / DESCRIPTION).exists():
-        opened.check()
-        opened.begin(folder)
-    opened.check_same(folder)
-    made = opened.run(folder, ExecutionTarget(workers=workers), as_progress(progress))
-    return write_report(opened, folder, made.failed)
+    return write_report(opened, folder, opened.complete(folder, workers, as_progress(progress)))
 
 
 @checked_arguments
@@ -581,12 +574,7 @@ def batch(
     """
     from scancell.config.batch import load_batch  # noqa: PLC0415
     from scancell.studies.batch import open_batch, write_index  # noqa: PLC0415
-    from scancell.studies.task import ExecutionTarget  # noqa: PLC0415
 
     file, folder = None if config is None else Path(config), Path(out)
     opened = open_batch(load_batch(file, options, variants), file, [Path(part) for part in parts], folder)
-    opened.check()
-    opened.begin(folder)
-    opened.check_same(folder)
-    made = opened.run(folder, ExecutionTarget(workers=workers), as_progress(progress))
-    return write_index(opened, folder, made.failed)
+    return write_index(opened, folder, opened.complete(folder, workers, as_progress(progress)))

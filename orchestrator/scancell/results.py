@@ -298,7 +298,7 @@ class ShotResult(ShotData, Result):
 
     def picture(self) -> bytes | None:
         """The images with the stripe that was found, as PNG; None of the geometric engine."""
-        from scancell.output.frames import draw_stripes  # noqa: PLC0415
+        from scancell.output.image_files import draw_stripes  # noqa: PLC0415
 
         images = self.images
         if images is None:
@@ -314,8 +314,8 @@ class ShotResult(ShotData, Result):
         OutputError
             If the folder cannot be written.
         """
+        from scancell.output.run_files import write_shot  # noqa: PLC0415
         from scancell.output.run_folder import RunFolder  # noqa: PLC0415
-        from scancell.output.shot_files import write_shot  # noqa: PLC0415
 
         with RunFolder(Path(folder)) as run:
             write_shot(run, self.profile, self.rows, self.points_in_part, self.images, self.sensor)

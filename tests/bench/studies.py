@@ -26,10 +26,9 @@ from numpy.typing import NDArray
 
 from scancell.config.loading import assets_dir
 from scancell.progress import NullProgress
-from scancell.studies.engine import RunOutcome, run_tasks
+from scancell.studies.engine import ExecutionTarget, Job, RunOutcome, Task, close_workers, run_tasks
 from scancell.studies.report import write_report
 from scancell.studies.study import open_study
-from scancell.studies.task import ExecutionTarget, Job, Task, close_workers
 
 TESTS = Path(__file__).resolve().parents[1]
 sys.path.append(str(TESTS))  # the workers import this module by its name

@@ -9,17 +9,18 @@ from scancell.config.loading import Setup, assets_dir, load_setup
 from scancell.evaluation.artefact import evaluate_against_artefact
 from scancell.evaluation.faces import faces_of
 from scancell.geometry.mesh import sample_surface
-from scancell.studies.acceptance.measure import Samples, Trial
-from scancell.studies.acceptance.programme import (
+from scancell.studies.acceptance.measure import (
     ALL_ROUND,
     QUICK,
     Programme,
+    Samples,
     Station,
+    Trial,
     artefact_scale,
     scaled_artefact,
     stations,
 )
-from scancell.studies.acceptance.statistics import contributions, figure_rows, largest_rows
+from scancell.studies.acceptance.report import contributions, figure_row, largest_rows
 from scancell.studies.factors import Inputs
 
 SENSORS = ("two_camera_probe", "short_range_8", "medium_range_50", "long_range_400")
@@ -98,7 +99,7 @@ def samples_of(rng: np.random.Generator, count: int, effect: dict[str, float], n
 def test_statistics_of_repeats() -> None:
     """Normal errors: mean, standard uncertainty and 95 % intervals as those of their distribution."""
     samples = samples_of(np.random.default_rng(1), 2000, {"near": 3.0}, 2.0)
-    row = figure_rows(samples)[0]
+    row = figure_row(samples[0])
     assert row["mean"] == pytest.approx(3.0, abs=0.2)
     assert row["standard_uncertainty"] == pytest.approx(2.0, rel=0.06)
     for name in ("interval_symmetric", "interval_shortest"):
@@ -109,13 +110,16 @@ def test_statistics_of_repeats() -> None:
 
 
 def test_few_repeats_give_no_interval() -> None:
-    row = figure_rows(samples_of(np.random.default_rng(1), 5, {"near": 0.0}, 1.0))[0]
+    row = figure_row(samples_of(np.random.default_rng(1), 5, {"near": 0.0}, 1.0)[0])
     assert row["interval_symmetric"] is None
     assert row["standard_uncertainty"] > 0.0
 
 
 def test_largest_error_is_that_of_the_worst_position() -> None:
-    rows = figure_rows(samples_of(np.random.default_rng(2), 30, {"near": 1.0, "middle": 0.1, "far": -4.0}, 0.1))
+    rows = [
+        figure_row(one)
+        for one in samples_of(np.random.default_rng(2), 30, {"near": 1.0, "middle": 0.1, "far": -4.0}, 0.1)
+    ]
     largest = largest_rows(rows)
     assert [row["mode"] for row in largest] == ["dynamic", "stop-and-look"]
     assert all(row["position"] == "far" and row["mean"] == pytest.approx(-4.0, abs=0.1) for row in largest)

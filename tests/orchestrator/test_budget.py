@@ -9,9 +9,8 @@ import pytest
 from scipy.special import ndtri
 
 from bench.study_intervals import MIDDLES, coverage
-from scancell.studies import shapley
-from scancell.studies.budget import Terms, regressions, undetected_factors, variance_budget
-from scancell.studies.shapley import ShapleyForms
+from scancell.studies import budget
+from scancell.studies.budget import ShapleyForms, Terms, regressions, undetected_factors, variance_budget
 
 NORMAL = ndtri(MIDDLES)
 
@@ -133,7 +132,7 @@ def test_sampled_orders_agree_with_all_subsets(monkeypatch) -> None:
         return ShapleyForms(covariance, owners, 8).gradients(coefficients) @ coefficients / total
 
     exact = shares()
-    monkeypatch.setattr(shapley, "MAX_EXACT_FACTORS", 7)
+    monkeypatch.setattr(budget, "MAX_EXACT_FACTORS", 7)
     sampled = shares()
     assert not np.array_equal(sampled, exact)
     assert sampled == pytest.approx(exact, abs=0.02)

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import ModuleType
 
 import scancell
-from scancell.output.build import build_version, fingerprint, sources
+from scancell.output.manifest import build_version, fingerprint, sources
 from scancell.studies.run_record import mixed_build_warnings
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -20,7 +20,7 @@ from scancell.errors import DescriptionError, MeshError, ScancellError, named_by
 from scancell.geometry.fits.fit import fit_sphere
 from scancell.geometry.mesh import load_mesh
 from scancell.guard.messages import CellState, Mode, Operation
-from scancell.output.frame_index import read_index
+from scancell.output.image_files import read_index
 from scancell.planning.plan import Plan
 from scancell.reconstruction.cloud_files import parse_formats
 from scancell.reconstruction.sources import read_points

@@ -17,7 +17,7 @@ from scancell.live.plan import LivePlan, nearest_turn
 from scancell.planning.model import PlanningCell, SensorRange
 from scancell.planning.path_map.configuration_map import CLEARANCE, FREE, REACH, ConfigurationMap
 from scancell.scanning.session import ScanSession
-from scancell.views.program_motion import ProgramMotion
+from scancell.views.motion import ProgramMotion
 from spiral_cell import PART, spiral_setup
 
 PATIENCE_S = 300

@@ -18,7 +18,7 @@ from scancell.config.loading import assets_dir, load_setup
 from scancell.errors import DescriptionError
 from scancell.files import first_free
 from scancell.output.manifest import resolved_toml
-from scancell.views import run_archive
+from scancell.views import recorded_run
 
 PART = assets_dir() / "parts" / "step_block.stl"
 UNPACKED = ("resolved.toml", "recording.parquet", "plan.json", "cloud.ply", "my part.STL")
@@ -41,21 +41,21 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, bytes]]:
         found.append({path.name: path.read_bytes() for path in Path(folder).iterdir()})
         return SimpleNamespace(cell=SimpleNamespace(part=SimpleNamespace(faces=[])))
 
-    monkeypatch.setattr(run_archive, "open_run", open_run)
-    monkeypatch.setattr(run_archive, "require_readable", lambda *_: None)
+    monkeypatch.setattr(recorded_run, "open_run", open_run)
+    monkeypatch.setattr(recorded_run, "require_readable", lambda *_: None)
     return found
 
 
 @pytest.mark.parametrize("root", ["", "run/", "deep/er/", "../", "/etc/"])
 def test_files_of_the_run_alone_are_unpacked_whatever_their_folder(root: str, opened: list[dict[str, bytes]]) -> None:
     others = {f"{root}images/1.png": b"x", f"{root}report.json": b"x", "other/cloud.ply": b"x", f"{root}run.py": b"x"}
-    run_archive.open_archive(zipped({f"{root}{name}": name.encode() for name in UNPACKED} | others), "run.zip")
+    recorded_run.open_archive(zipped({f"{root}{name}": name.encode() for name in UNPACKED} | others), "run.zip")
     assert opened == [{name: name.encode() for name in UNPACKED}]
 
 
 @pytest.mark.parametrize("name", ["../../escaped.stl", "..\\escaped.stl", "/tmp/escaped.stl", ".hidden.stl", "a:b.stl"])
 def test_no_path_of_the_archive_is_followed(name: str, opened: list[dict[str, bytes]]) -> None:
-    run_archive.open_archive(zipped({"resolved.toml": b"", name: b"x"}), "run.zip")
+    recorded_run.open_archive(zipped({"resolved.toml": b"", name: b"x"}), "run.zip")
     assert opened == [{"resolved.toml": b""}]
 
 
@@ -63,14 +63,14 @@ def test_large_archives_are_refused_before_they_are_unpacked(opened: list[dict[s
     content = zipped({"resolved.toml": b"", "cloud.ply": bytes(10_000_000)})
     assert len(content) < 100_000
     with pytest.raises(DescriptionError, match=r"run.zip: 10 MB unpacked; expected at most 1 MB"):
-        run_archive.open_archive(content, "run.zip", most_bytes=1_000_000)
+        recorded_run.open_archive(content, "run.zip", most_bytes=1_000_000)
     assert opened == []
 
 
 def test_archives_of_far_larger_files_are_refused(opened: list[dict[str, bytes]]) -> None:
     content = zipped({"resolved.toml": b"", "cloud.ply": bytes(10_000_000)})
     with pytest.raises(DescriptionError, match=r"run.zip: 10.0 MB in 0.0 MB; expected at most 50 times as much"):
-        run_archive.open_archive(content, "run.zip")
+        recorded_run.open_archive(content, "run.zip")
     assert opened == []
 
 
@@ -84,14 +84,14 @@ def test_run_that_takes_too_much_memory_or_time_is_refused(tmp_path: Path) -> No
     pyarrow.parquet.write_table(pa.table(dict.fromkeys(columns, values)), tmp_path / "recording.parquet")
     assert (tmp_path / "recording.parquet").stat().st_size < 2_000_000
     with pytest.raises(DescriptionError, match=r"run.zip: it cannot be read within 30 s .* and 1611 MB of memory"):
-        run_archive.require_readable(tmp_path, "run.zip")
+        recorded_run.require_readable(tmp_path, "run.zip")
     with pytest.raises(DescriptionError, match=r"run.zip: it cannot be read within 1 s"):
-        run_archive.require_readable(tmp_path, "run.zip", seconds=1, memory=1 << 40)
+        recorded_run.require_readable(tmp_path, "run.zip", seconds=1, memory=1 << 40)
 
 
 def test_errors_name_the_archive_and_no_path_of_the_server() -> None:
     with pytest.raises(DescriptionError, match=r"^run.zip: resolved.toml") as refused:
-        run_archive.open_archive(zipped({"resolved.toml": b"x = ["}), "run.zip")
+        recorded_run.open_archive(zipped({"resolved.toml": b"x = ["}), "run.zip")
     assert "scancell-run-" not in str(refused.value)
 
 
@@ -100,10 +100,10 @@ def test_what_is_no_archive_of_a_run_is_refused() -> None:
     broken = whole[:30] + b"????" + whole[34:]
     for content in (b"", b"not a zip file", whole[: len(whole) // 2], broken):
         with pytest.raises(DescriptionError, match=r"run.zip: .*; expected a zip file"):
-            run_archive.open_archive(content, "run.zip")
+            recorded_run.open_archive(content, "run.zip")
     for files in ({"cloud.ply": b""}, {"a/resolved.toml": b"", "b/resolved.toml": b""}):
         with pytest.raises(DescriptionError, match=r"expected the zip file of one run folder"):
-            run_archive.open_archive(zipped(files), "run.zip")
+            recorded_run.open_archive(zipped(files), "run.zip")
 
 
 def test_first_free_name(tmp_path: Path) -> None:

@@ -12,14 +12,14 @@ from typing import Any
 import pytest
 
 from scancell.config.description import validate
-from scancell.config.loading import assets_dir
+from scancell.config.loading import Setup, assets_dir
 from scancell.config.study import StudyDescription
 from scancell.errors import DescriptionError
 from scancell.output.manifest import versions
+from scancell.studies.engine import request_digest
+from scancell.studies.factors import checked_sections
 from scancell.studies.run_record import recorded_terms
-from scancell.studies.scan_worker import setup_of
 from scancell.studies.study import Study, open_study
-from scancell.studies.task import request_digest
 from scancell.studies.trial import open_trials
 from studies_files import DESIGN, GLOSS, HEAD, OFFSET, write_study
 
@@ -64,7 +64,7 @@ def without(terms: dict[str, Any], path: tuple[Any, ...]) -> dict[str, Any]:
 def resolved_again(terms: dict[str, Any]) -> tuple[Any, ...] | None:
     """An older description resolved by the present schema; None where it is refused."""
     try:
-        setup = setup_of(terms["setup"])
+        setup = Setup(**checked_sections(terms["setup"]))
         return validate(StudyDescription, terms["study"], ""), setup.cell, setup.sensor, setup.scan
     except DescriptionError:
         return None

@@ -17,7 +17,7 @@ from scancell.config.loading import Setup, assets_dir, load_setup
 from scancell.geometry.fits import PlaneFit
 from scancell.progress import NullProgress
 from scancell.scanner import Scanner
-from scancell.studies.acceptance.programme import ALL_ROUND, Programme
+from scancell.studies.acceptance.measure import ALL_ROUND, Programme
 from scancell.studies.acceptance.report import AcceptanceReport, AcceptanceRequest, run_acceptance
 
 SENSOR = assets_dir() / "sensors" / "medium_range_50.toml"

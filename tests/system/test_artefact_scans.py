@@ -20,7 +20,7 @@ from scancell.geometry.shapes import ShapeMesh
 from scancell.nominal.parts import load_part
 from scancell.output.manifest import sha256
 from scancell.reconstruction.cloud_files import read_ply
-from scancell.studies.task import close_workers
+from scancell.studies.engine import close_workers
 
 FOLDER = assets_dir() / "artefacts"
 SPHERE = FOLDER / "sphere.toml"

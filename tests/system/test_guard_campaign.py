@@ -19,12 +19,10 @@ from scancell.geometry.mesh import load_mesh
 from scancell.geometry.reduction import protrusion_bound
 from scancell.proximity.scene import arm_chain
 from scancell.studies.guard.campaign import Campaign, RunRow, stated_distance
-from scancell.studies.guard.parts import standing_parts
-from scancell.studies.guard.programs import program_points
-from scancell.studies.guard.rows import RowFile, summary, tables
-from scancell.studies.guard.run import CampaignOptions, run_campaign
+from scancell.studies.guard.jogs import program_points
+from scancell.studies.guard.run import CampaignOptions, RowFile, run_campaign, summary, tables
 from scancell.studies.guard.strata import BLOCK, DECADES, FAULTS, THIRDS, stratum_of
-from scancell.studies.guard.worlds import KnownWorld, described_cells, known_world, true_world
+from scancell.studies.guard.worlds import KnownWorld, described_cells, known_world, standing_parts, true_world
 
 QUICK = ("stale-answers", "no-clearance", "slow-is-rest")  # errors that take few runs to find
 OPTIONS = CampaignOptions(None, str(PARTS / "free_form.stl"))

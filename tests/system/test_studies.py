@@ -15,14 +15,14 @@ from test_perturbations import geometry, smooth_points, surface_normals, thinned
 
 from scancell.errors import DescriptionError
 from scancell.evaluation.deviation import deviation_from_mesh
-from scancell.output.build import build_version
+from scancell.output.manifest import build_version
 from scancell.progress import NullProgress
 from scancell.stopwatch import Stopwatch
 from scancell.studies import run_record
+from scancell.studies.engine import ExecutionTarget, close_workers
 from scancell.studies.report import write_report
 from scancell.studies.scan_worker import Trial
 from scancell.studies.study import open_study, replay
-from scancell.studies.task import ExecutionTarget, close_workers
 from scancell.studies.trial import TrialWorker
 from studies_files import DESIGN, GLOSS, HEAD, OFFSET, write_study
 

@@ -8,7 +8,7 @@ import pytest
 
 from bench.scale_page import page
 from bench.studies import run_nothing, run_scans
-from scancell.studies.task import ExecutionTarget
+from scancell.studies.engine import ExecutionTarget
 
 SHORT = ("scan.max_profiles=20", "scan.sweep.enabled=false")
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 from typer.core import TyperGroup
 
-from scancell.cli.interrupts import EXIT_INTERRUPTED, InterruptibleProgress
+from scancell.cli.interrupts import EXIT_INTERRUPTED, interruptible
 from scancell.errors import ScancellError, named_by
 from scancell.progress import NullProgress, Progress
 
@@ -175,7 +175,7 @@ def _fail(name: str, as_json: bool, message: str, kind: str, code: int) -> NoRet
 def show_progress(as_json: bool) -> AbstractContextManager[Progress]:
     """Progress bars on a terminal, else none; every report of progress can raise a pending interrupt."""
     if as_json or not sys.stderr.isatty():
-        return InterruptibleProgress(NullProgress())
+        return interruptible(NullProgress())
     from scancell.cli.terminal import TerminalProgress  # noqa: PLC0415  (rich takes 0.1 s to import)
 
-    return InterruptibleProgress(TerminalProgress())
+    return interruptible(TerminalProgress())

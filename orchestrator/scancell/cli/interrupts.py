@@ -1,4 +1,4 @@
-"""Ctrl-C that is not lost.
+"""Ctrl-C that no finalizer or callback swallows.
 
 Python prints and drops an exception that is raised inside a finalizer, a weak reference's callback or a function called
 from C.  A `KeyboardInterrupt` that arrives there, during an import for example, would let the command run on.  So the
@@ -15,8 +15,8 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
-from types import TracebackType
-from typing import Any, Self
+from dataclasses import dataclass
+from typing import Any
 
 from scancell.progress import Progress
 
@@ -60,8 +60,6 @@ def _report_dropped(dropped: sys.UnraisableHookArgs) -> None:
 
 
 INTERRUPTS = Interrupts()
-
-
 EXIT_INTERRUPTED = 130
 
 
@@ -96,28 +94,23 @@ def leaves_when_interrupted(within: float) -> Iterator[None]:
             signal.set_wakeup_fd(before)
 
 
-class InterruptibleProgress:
-    """Passes progress on and raises interrupts that Python dropped."""
+@contextmanager
+def interruptible(shown: AbstractContextManager[Progress]) -> Iterator[Progress]:
+    """Context manager of a progress whose reports raise the interrupts that Python dropped."""
+    with shown as progress:
+        yield _InterruptibleProgress(progress)
 
-    def __init__(self, shown: AbstractContextManager[Progress]) -> None:
-        self._shown = shown
-        self._progress: Progress
+
+@dataclass(frozen=True)
+class _InterruptibleProgress:
+    progress: Progress
 
     def stage(self, name: str, total: float, unit: str) -> None:
         """Begin a stage."""
         INTERRUPTS.check()
-        self._progress.stage(name, total, unit)
+        self.progress.stage(name, total, unit)
 
     def advance(self, steps: float) -> None:
         """Add steps."""
         INTERRUPTS.check()
-        self._progress.advance(steps)
-
-    def __enter__(self) -> Self:
-        self._progress = self._shown.__enter__()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._shown.__exit__(kind, error, trace)
+        self.progress.advance(steps)

@@ -117,7 +117,7 @@ class CloudOptions(CellOptions):
     ) -> Outcome:
         """Make a scan with the options and write its files into `out`, all or none."""
         from scancell.config.sensor import SensorDescription  # noqa: PLC0415
-        from scancell.output.frames import ImageWriter  # noqa: PLC0415
+        from scancell.output.image_files import ImageWriter  # noqa: PLC0415
         from scancell.output.run_folder import RunFolder  # noqa: PLC0415
         from scancell.reconstruction.cloud_files import parse_formats  # noqa: PLC0415
 

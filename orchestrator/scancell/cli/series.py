@@ -24,11 +24,10 @@ from scancell.config.choices import Engine
 
 if TYPE_CHECKING:
     from scancell.studies.batch import Batch
-    from scancell.studies.engine import RunOutcome
+    from scancell.studies.engine import ExecutionTarget, RunOutcome
     from scancell.studies.report import StudyReport
     from scancell.studies.series import ScanSeries
     from scancell.studies.study import Study
-    from scancell.studies.task import ExecutionTarget
 
 _MAX_LISTED = 5  # failures that are printed; the index has all
 
@@ -43,7 +42,7 @@ StudyOutOption = Annotated[
 
 @dataclass(frozen=True)
 class ExecutionOptions:
-    """Options that say where many scans run."""
+    """Options of the execution of many scans."""
 
     workers: WorkersOption = 0
     scheduler: Annotated[str | None, typer.Option("--scheduler", help="address of a Dask scheduler")] = None
@@ -63,7 +62,7 @@ class ExecutionOptions:
             If the shard is not i/n.
         """
         from scancell.errors import DescriptionError  # noqa: PLC0415
-        from scancell.studies.task import ExecutionTarget  # noqa: PLC0415
+        from scancell.studies.engine import ExecutionTarget  # noqa: PLC0415
 
         if self.shard is None:
             return ExecutionTarget(self.workers, self.scheduler)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from scancell.evaluation.deviation import Deviation, DeviationFigures
 from scancell.geometry.mesh import Mesh
-from scancell.output.drawing import INK, SOFT, Pixels, Sheet, text_width, ticks
+from scancell.output.drawing import INK, SOFT, Pixels, Sheet, interpolated_colours, text_width, ticks
 from scancell.output.surface_view import SurfaceView, view_axes
 
 Array = NDArray[np.float64]
@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 _VIEWS = ((-55.0, 35.0), (125.0, 35.0))  # azimuth, elevation in degrees
 _BINS = 161
 
-# Blue inside, pale at nominal, red outside: told apart by colour-blind readers too. ColorBrewer's RdYlBu (C. Brewer).
+# Blue inside, pale at nominal, red outside: distinct for colour-blind readers, too. ColorBrewer's RdYlBu (C. Brewer).
 _RGB = np.array(
     [
         (49, 54, 149), (69, 117, 180), (116, 173, 209), (171, 217, 233), (224, 243, 248), (255, 255, 191),
@@ -26,7 +26,7 @@ _RGB = np.array(
     float,
 )  # fmt: skip
 
-# Places on the sheet, px.
+# Positions on the sheet, px.
 _WIDTH, _HEIGHT = 1560, 1176
 _LEFT, _RIGHT = 94, 1406  # of the histogram; the views share this width
 _VIEW_TOP, _VIEW_BOTTOM = 140, 640
@@ -73,13 +73,7 @@ def deviation_picture(
 def deviation_colours(values_um: Array, limit: float) -> Array:
     """Colours (n, 3), 0 to 255, of deviations (n,)."""
     place = np.clip((values_um / limit + 1) / 2, 0, 1) * 255
-    return _table()[place.astype(np.int64)]
-
-
-def _table() -> Array:
-    """256 colours (256, 3) between the ends of the scale."""
-    at = np.linspace(0, len(_RGB) - 1, 256)
-    return np.stack([np.interp(at, np.arange(len(_RGB)), channel) for channel in _RGB.T], 1)
+    return interpolated_colours(_RGB)[place.astype(np.int64)]
 
 
 def _hex(colour: Array) -> str:
@@ -207,7 +201,7 @@ def _write_table(sheet: Sheet, figures: DeviationFigures) -> None:
 
 
 def _um(value: float) -> str:
-    """A length for people: three figures that matter, no powers of ten."""
+    """A length with three significant digits and no power of ten."""
     if not np.isfinite(value):
         return "none"
     size = abs(1e6 * value)

@@ -46,8 +46,8 @@ class Sheet:
     ) -> None:
         """Write a line of text `size` px high.
 
-        `anchor` says what lies at (x, y): l, m or r for its left end, middle or right end, and s, m or a for its base
-        line, middle or top.
+        `anchor` is the point of the text at (x, y): l, m or r for its left end, middle or right end, and s, m or a for
+        its base line, middle or top.
         """
         self._draw.text((x, y), text, colour, _font(size, bold), anchor)
 
@@ -122,6 +122,12 @@ def text_width(text: str, size: float, bold: bool = False) -> float:
 def _font(size: float, bold: bool) -> ImageFont.FreeTypeFont:
     name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
     return ImageFont.truetype(Path(__file__).parent / "fonts" / name, size, layout_engine=ImageFont.Layout.BASIC)
+
+
+def interpolated_colours(colours: NDArray[np.float64]) -> NDArray[np.float64]:
+    """256 colours (256, 3), linearly between evenly spaced ones (n, 3)."""
+    at = np.linspace(0, len(colours) - 1, 256)
+    return np.stack([np.interp(at, np.arange(len(colours)), channel) for channel in colours.T], 1)
 
 
 def ticks(low: float, high: float, most: int) -> list[tuple[float, str]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,8 +14,7 @@ from scancell import sensor as sensor_rt
 from scancell.config.sensor import SensorDescription
 from scancell.errors import SensorError
 from scancell.evaluation.sheet_check import sheet_deviation
-from scancell.output.frame_index import INDEX
-from scancell.output.image_files import ImageSet, read_images
+from scancell.output.image_files import INDEX, ImageSet, read_images
 from scancell.output.run_folder import RunFolder, RunReport, run_into
 from scancell.output.tables import write_csv
 from scancell.reconstruction.cloud import Cloud
@@ -27,28 +26,37 @@ from scancell.stopwatch import Stopwatch
 _BATCH = 16  # frames in memory at a time
 _MM = 1e3
 _MAX_LISTED = 3  # ignored files listed by name
+# Columns of peaks and profiles; those of peaks alone with their units.
+_OF_BOTH = ("frame", "camera", "column", "flags")
+_PROFILE_COLUMNS = (*_OF_BOTH, "row", "points_in_sensor", "sigma", "intensity")
+_PEAK_COLUMNS = {
+    "row": "_px",
+    "amplitude": "_dn",
+    "width": "_px",
+    "row_sigma": "_px",
+    "asymmetry": "",
+    "residual": "",
+}
 
 
 @dataclass(frozen=True)
 class ExtractionRequest:
-    """What a person asks for."""
+    """Images to extract, and how."""
 
     images: Sequence[Path]
     sensor: SensorDescription
     peaks: bool
     threads: int
     laser_off: Sequence[Path] = ()
-    sheet_um: float | None = None  # how far off the laser's sheet a point may be; None: not looked at
+    sheet_um: float | None = None  # largest distance of a point from the laser sheet; None: not checked
 
 
 @dataclass(frozen=True)
-class _Batch:
-    """Results of a few frames; frames count from `first`."""
+class _Extraction:
+    """Peaks and profile points of all exposures by column; `frame` is the number of the exposure."""
 
-    first: int
-    peaks: Any
-    profiles: Any
-    sheet_deviation: NDArray[np.float64] | None
+    peaks: dict[str, NDArray[Any]]
+    profiles: dict[str, NDArray[Any]]
 
 
 def extract_to_folder(request: ExtractionRequest, out: Path) -> RunReport:
@@ -69,16 +77,16 @@ def extract_to_folder(request: ExtractionRequest, out: Path) -> RunReport:
                 sets.matching(ImageSet.from_files(request.laser_off, names, "off")) if request.laser_off else None
             )
         with watch.measure("extract"):
-            batches = list(_extract(sets, background, sensor, request))
+            found = _extract(sets, background, sensor, request)
         with watch.measure("write"):
-            _write_profiles(folder.path("profiles.csv"), batches, sets, request.sheet_um)
-            cloud = _cloud(batches)
+            _write_profiles(folder.path("profiles.csv"), found.profiles, sets, request.sheet_um)
+            cloud = _cloud(found.profiles)
             write_ply(folder.path("profiles.ply"), cloud, ("points in the sensor frame, profile counts the exposures",))
             if request.peaks:
-                _write_peaks(folder.path("peaks.csv"), batches, sets)
-        figures = _figures(batches, sets, len(sensor.cameras))
+                _write_peaks(folder.path("peaks.csv"), found.peaks, sets)
+        figures = _figures(found, sets, len(sensor.cameras))
         if request.sheet_um is not None:
-            figures["sheet_deviation"] = _sheet_figures(batches, request.sheet_um)
+            figures["sheet_deviation"] = _sheet_figures(found.profiles["sheet_deviation"], request.sheet_um)
         lines = [f"{len(sets)} exposures: {len(cloud)} points", *_ignored_line(sets), f"  results    {out}"]
         return RunReport(figures, lines, _warnings(figures))
 
@@ -93,7 +101,7 @@ def _warnings(figures: Mapping[str, Any]) -> list[str]:
         said.append(f"{figures['frames_without_points']} of {figures['exposures']} exposures give no point")
     sheet = figures.get("sheet_deviation")
     if sheet and not sheet["compared"]:
-        said.append("no point is seen by two cameras: nothing tells how far off the laser's sheet they are")
+        said.append("no point is seen by two cameras: the distance from the laser's sheet is unknown")
     elif sheet and sheet["beyond"]:
         said.append(
             f"{sheet['beyond']} of {sheet['compared']} points that two cameras see are more than"
@@ -103,10 +111,9 @@ def _warnings(figures: Mapping[str, Any]) -> list[str]:
     return said
 
 
-def _sheet_figures(batches: Sequence[_Batch], limit_um: float) -> dict[str, Any]:
-    """Of the points that two cameras see: their number, how far off the sheet in the middle, and how many too far."""
-    all_um = np.concatenate([batch.sheet_deviation for batch in batches if batch.sheet_deviation is not None]) * 1e6
-    known = all_um[~np.isnan(all_um)]
+def _sheet_figures(deviation: NDArray[np.float64], limit_um: float) -> dict[str, Any]:
+    """Number of points that two cameras see, their median distance from the sheet, and how many exceed the limit."""
+    known = 1e6 * deviation[~np.isnan(deviation)]
     return {
         "limit_um": limit_um,
         "compared": len(known),
@@ -128,8 +135,9 @@ def _ignored_line(sets: ImageSet) -> list[str]:
 
 def _extract(
     sets: ImageSet, background_sets: ImageSet | None, sensor: sensor_rt.Sensor, request: ExtractionRequest
-) -> Iterator[_Batch]:
+) -> _Extraction:
     depth = request.sensor.detector.bit_depth
+    all_peaks, all_profiles = [], []
     for first in range(0, len(sets), _BATCH):
         rows = range(first, min(first + _BATCH, len(sets)))
         images = read_images(sets, rows, sensor, depth)
@@ -137,75 +145,67 @@ def _extract(
         try:
             peaks = sensor_rt.extract(images, sensor, request.threads, request.peaks, background)
             profiles = sensor_rt.triangulate(peaks, sensor)
-            yield _Batch(
-                first, peaks, profiles, None if request.sheet_um is None else sheet_deviation(profiles, sensor)
-            )
+            columns = _columns(profiles, _PROFILE_COLUMNS, first)
+            if request.sheet_um is not None:
+                columns["sheet_deviation"] = sheet_deviation(profiles, sensor)
         except (ValueError, RuntimeError) as error:
             raise SensorError(str(error)) from error
+        all_peaks.append(_columns(peaks, [*_OF_BOTH, *_PEAK_COLUMNS], first))
+        all_profiles.append(columns)
+    return _Extraction(_joined(all_peaks), _joined(all_profiles))
 
 
-def _write_profiles(path: Path, batches: Sequence[_Batch], sets: ImageSet, sheet_um: float | None) -> None:
+def _columns(found: Any, names: Iterable[str], first: int) -> dict[str, NDArray[Any]]:
+    """Arrays of peaks or profiles of a batch of frames that begins with exposure `first`."""
+    columns = {name: np.asarray(getattr(found, name)) for name in names}
+    return {**columns, "frame": columns["frame"].astype(np.int64) + first}
+
+
+def _joined(tables: Sequence[dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
+    return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
+
+
+def _write_profiles(path: Path, profiles: Mapping[str, NDArray[Any]], sets: ImageSet, sheet_um: float | None) -> None:
     """Columns in millimetres, pixels and digital numbers; x is 0 unless triangulation is on the described sheet."""
-    points = _joined([batch.profiles.points_in_sensor for batch in batches]) * _MM
-    flags = _joined([batch.profiles.flags for batch in batches])
+    points = profiles["points_in_sensor"] * _MM
     columns = {
-        "row_px": _joined([batch.profiles.row for batch in batches]).astype(float),
-        "x_mm": points[:, 0],
-        "y_mm": points[:, 1],
-        "z_mm": points[:, 2],
-        "sigma_mm": _joined([batch.profiles.sigma for batch in batches]) * _MM,
-        "intensity_dn": _joined([batch.profiles.intensity for batch in batches]).astype(float),
+        "row_px": profiles["row"].astype(float),
+        **{f"{axis}_mm": points[:, i] for i, axis in enumerate("xyz")},
+        "sigma_mm": profiles["sigma"] * _MM,
+        "intensity_dn": profiles["intensity"].astype(float),
     }
-    far = np.zeros(len(flags), bool)
+    far = np.zeros(len(points), bool)
     if sheet_um is not None:
-        off = _joined([batch.sheet_deviation for batch in batches if batch.sheet_deviation is not None])
-        columns["sheet_deviation_mm"] = off * _MM
-        far = np.abs(off) * 1e6 > sheet_um
-    _write_table(path, [(batch.first, batch.profiles) for batch in batches], sets, columns, _flag_words(flags, far))
+        columns["sheet_deviation_mm"] = profiles["sheet_deviation"] * _MM
+        far = np.abs(profiles["sheet_deviation"]) * 1e6 > sheet_um
+    _write_table(path, profiles, sets, columns, far)
 
 
-def _write_peaks(path: Path, batches: Sequence[_Batch], sets: ImageSet) -> None:
-    """Every peak that was found, with what was made of it."""
-    columns = {
-        name + unit: _joined([getattr(batch.peaks, name) for batch in batches]).astype(float)
-        for name, unit in (
-            ("row", "_px"),
-            ("amplitude", "_dn"),
-            ("width", "_px"),
-            ("row_sigma", "_px"),
-            ("asymmetry", ""),
-            ("residual", ""),
-        )
-    }
-    flags = _joined([batch.peaks.flags for batch in batches])
-    found = [(batch.first, batch.peaks) for batch in batches]
-    _write_table(path, found, sets, columns, _flag_words(flags, np.zeros(len(flags), bool)))
+def _write_peaks(path: Path, peaks: Mapping[str, NDArray[Any]], sets: ImageSet) -> None:
+    """Every peak that was found, with flags that say why it was not used."""
+    columns = {name + unit: peaks[name].astype(float) for name, unit in _PEAK_COLUMNS.items()}
+    _write_table(path, peaks, sets, columns, np.zeros(len(peaks["flags"]), bool))
 
 
 def _write_table(
     path: Path,
-    found: Sequence[tuple[int, Any]],
+    found: Mapping[str, NDArray[Any]],
     sets: ImageSet,
     columns: Mapping[str, NDArray[Any]],
-    flags: NDArray[Any],
+    far: NDArray[np.bool_],
 ) -> None:
-    """A row for each thing found, by exposure, camera and column; `found` has the first exposure of each batch."""
-    exposure = _joined([np.asarray(things.frame, np.int64) + first for first, things in found])
+    """A row for each peak or point: exposure, camera and column, then `columns` and the flags as words."""
     write_csv(
         path,
         {
-            "exposure": exposure,
-            "name": np.array(sets.names)[exposure],
-            "camera": _joined([things.camera for _, things in found]),
-            "column_px": _joined([things.column for _, things in found]),
+            "exposure": found["frame"],
+            "name": np.array(sets.names)[found["frame"]],
+            "camera": found["camera"],
+            "column_px": found["column"],
             **columns,
-            "flags": flags,
+            "flags": _flag_words(found["flags"], far),
         },
     )
-
-
-def _joined(arrays: Sequence[Any]) -> NDArray[Any]:
-    return np.concatenate([np.asarray(array) for array in arrays])
 
 
 def _flag_words(flags: NDArray[Any], far: NDArray[np.bool_]) -> NDArray[Any]:
@@ -220,38 +220,31 @@ def _flag_words(flags: NDArray[Any], far: NDArray[np.bool_]) -> NDArray[Any]:
     return np.array(words or [""])[number.reshape(-1)]
 
 
-def _cloud(batches: Sequence[_Batch]) -> Cloud:
+def _cloud(profiles: Mapping[str, NDArray[Any]]) -> Cloud:
     """All points in the sensor frame; without poses there are no normals and no times."""
-
-    def join(name: str) -> NDArray[Any]:
-        return _joined([getattr(batch.profiles, name) for batch in batches])
-
-    sigma = join("sigma").astype(float)
-    profile = np.concatenate([np.asarray(batch.profiles.frame) + batch.first for batch in batches])
+    sigma = profiles["sigma"].astype(float)
     return Cloud(
-        points_in_part=join("points_in_sensor"),
+        points_in_part=profiles["points_in_sensor"],
         normals=np.full((len(sigma), 3), np.nan),
         sigma=sigma,
-        intensity=join("intensity").astype(float),
-        quality=quality_of(sigma, join("flags")),
-        camera=join("camera"),
-        column=join("column"),
-        profile=profile,
+        intensity=profiles["intensity"].astype(float),
+        quality=quality_of(sigma, profiles["flags"]),
+        camera=profiles["camera"],
+        column=profiles["column"],
+        profile=profiles["frame"],
         segment=np.zeros(len(sigma), np.int32),
         time=np.zeros(len(sigma)),
     )
 
 
-def _figures(batches: Sequence[_Batch], sets: ImageSet, cameras: int) -> dict[str, Any]:
-    camera = np.concatenate([np.asarray(batch.profiles.camera) for batch in batches])
-    profile = np.concatenate([np.asarray(batch.profiles.frame) + batch.first for batch in batches])
-    flags = np.concatenate([np.asarray(batch.peaks.flags) for batch in batches])
+def _figures(found: _Extraction, sets: ImageSet, cameras: int) -> dict[str, Any]:
+    profiles, flags = found.profiles, found.peaks["flags"]
     return {
         "exposures": len(sets),
-        "points": len(camera),
-        "by_camera": [int((camera == k).sum()) for k in range(cameras)],
+        "points": len(profiles["camera"]),
+        "by_camera": [int((profiles["camera"] == k).sum()) for k in range(cameras)],
         "peaks": len(flags),
         "peaks_by_flag": {name: int(((flags & bit) != 0).sum()) for name, bit in sensor_rt.PEAK_FLAGS.items()},
-        "frames_without_points": len(sets) - len(np.unique(profile)),
+        "frames_without_points": len(sets) - len(np.unique(profiles["frame"])),
         "ignored_files": [str(file) for file in sets.ignored_files],
     }

@@ -1,21 +1,75 @@
-"""Image files of several cameras: grouping by exposure, and reading."""
+"""Camera image files of several cameras: index, grouping by exposure, reading and writing."""
 
 from __future__ import annotations
 
+import csv
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
-from scancell.errors import ImageError
-from scancell.output.frame_index import INDEX, Laser, read_index
+from scancell.errors import ImageError, OutputError
+from scancell.output.run_folder import RunFolder
+from scancell.output.stripe_picture import stripe_picture
+from scancell.scanning.sense import ExposureImages
+
+INDEX = "frames.csv"
+Laser = Literal["on", "off"]
+_LASER: dict[str, Laser] = {"on": "on", "off": "off"}
 
 SUFFIXES = (".png", ".tif", ".tiff", ".bmp")
+
+
+@dataclass(frozen=True)
+class ImageEntry:
+    """One image: exposure, camera, laser state, and file name relative to the folder of the index."""
+
+    exposure: str
+    camera: str
+    laser: Laser
+    file: str
+
+
+def write_index(frames: Sequence[ImageEntry], path: Path) -> None:
+    """Write the index as CSV."""
+    with path.open("w", newline="") as stream:
+        writer = csv.DictWriter(stream, [column.name for column in fields(ImageEntry)])
+        writer.writeheader()
+        writer.writerows(asdict(frame) for frame in frames)
+
+
+def read_index(path: Path) -> list[ImageEntry]:
+    """Frames of an index written by `write_index`.
+
+    Raises
+    ------
+    ImageError
+        If the file cannot be read or is invalid, naming line and value.
+    """
+    columns = [column.name for column in fields(ImageEntry)]
+    try:
+        with path.open(newline="", encoding="utf-8") as stream:
+            rows = list(csv.DictReader(stream))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ImageError(f"cannot be read: {error}", file=path) from None
+    frames = []
+    for line, row in enumerate(rows, start=2):
+        missing = [name for name in columns if not row.get(name)]
+        if missing:
+            raise ImageError(
+                f"has no {missing[0]}", file=path, key=f"line {line}", expected=f"the columns {', '.join(columns)}"
+            )
+        laser = _LASER.get(row["laser"])
+        if laser is None:
+            raise ImageError(file=path, key=f"line {line}: laser", value=row["laser"], expected="on or off")
+        frames.append(ImageEntry(row["exposure"], row["camera"], laser, row["file"]))
+    return frames
 
 
 @dataclass(frozen=True)
@@ -183,3 +237,82 @@ def _camera_and_exposure(path: Path, cameras: Sequence[str]) -> tuple[str, str]:
 def _natural(name: str) -> list[tuple[int, str]]:
     """Sort key for natural order: scan_2 before scan_10."""
     return [(int(piece), "") if piece.isdigit() else (-1, piece) for piece in re.split(r"(\d+)", name)]
+
+
+class FrameFiles:
+    """Writer of camera images and their index into a subfolder of a run.
+
+    Parameters
+    ----------
+    subfolder
+        Name of the subfolder; empty for the run folder itself.
+    cameras
+        Names of the cameras.
+    """
+
+    def __init__(self, folder: RunFolder, subfolder: str, cameras: Sequence[str]) -> None:
+        self._folder = folder
+        self._prefix = f"{subfolder}/" if subfolder else ""
+        self._cameras = cameras
+        self._frames: list[ImageEntry] = []
+
+    def add(self, exposure: str, images: NDArray[np.uint16], laser: Laser = "on", name: str | None = None) -> None:
+        """Write one PNG per camera of images (cameras, H, W): 8 bits if all values fit, else 16 bits.
+
+        Files are named after `name` (by default `exposure`) and the camera.
+
+        Raises
+        ------
+        OutputError
+            If a file cannot be written.
+        """
+        for camera, image in zip(self._cameras, images, strict=True):
+            file = f"{name or exposure}_{camera}.png"
+            path = self._folder.path(self._prefix + file)
+            plane = image.astype(np.uint8) if image.max(initial=0) < 256 else image
+            if not cv2.imwrite(str(path), plane):
+                raise OutputError("cannot be written", file=self._folder.target / self._prefix / file)
+            self._frames.append(ImageEntry(exposure, camera, laser, file))
+
+    def finish(self) -> None:
+        """Write the index, if any image was added."""
+        if self._frames:
+            write_index(self._frames, self._folder.path(self._prefix + INDEX))
+
+
+class ImageWriter:
+    """Callback that writes the images of every exposure into ``images/`` and ``laser_off/`` of a run folder."""
+
+    def __init__(self, folder: RunFolder, cameras: Sequence[str]) -> None:
+        self._images = FrameFiles(folder, "images", cameras)
+        self._background = FrameFiles(folder, "laser_off", cameras)
+
+    def __call__(self, images: ExposureImages) -> None:
+        name = f"raw_{images.trigger:05d}"
+        self._images.add(name, images.images, "on")
+        if images.background is not None:
+            self._background.add(name, images.background, "off")
+
+    def finish(self) -> None:
+        """Write the index of each folder."""
+        self._images.finish()
+        self._background.finish()
+
+
+def draw_stripes(
+    images: NDArray[np.uint16],
+    sensor: sensor_rt.Sensor,
+    path: Path,
+    title: str,
+    background: NDArray[np.uint16] | None = None,
+) -> None:
+    """Draw the images (cameras, H, W) of an exposure with the extracted stripe into one picture.
+
+    `background` are laser-off images of the same shape to subtract before extraction.
+    """
+    peaks = sensor_rt.extract(images[None], sensor, background=None if background is None else background[None])
+    found = [
+        (np.asarray(peaks.column)[peaks.camera == k], np.asarray(peaks.row)[peaks.camera == k])
+        for k in range(len(sensor.cameras))
+    ]
+    stripe_picture(path, list(images), found, names=[camera.name for camera in sensor.cameras], title=title)

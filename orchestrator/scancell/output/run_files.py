@@ -1,4 +1,4 @@
-"""Files of a scan in its run folder."""
+"""Files of a scan in its run folder, and of a single exposure."""
 
 from __future__ import annotations
 
@@ -9,19 +9,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from scancell import sensor as sensor_rt
 from scancell.cell.recording import write_recording
 from scancell.config.choices import CloudFrame
 from scancell.evaluation.coverage import Coverage
 from scancell.evaluation.deviation import Deviation
 from scancell.geometry.mesh import Mesh
 from scancell.output.deviation_picture import deviation_picture
-from scancell.output.frames import draw_stripes
+from scancell.output.image_files import FrameFiles, draw_stripes
 from scancell.output.manifest import manifest, resolved_toml
 from scancell.output.run_folder import RunFolder
+from scancell.output.tables import write_profile_csv
 from scancell.planning.plan import plan_json
 from scancell.reconstruction.cloud_files import write_cloud
+from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.scan import ScanData
+from scancell.scanning.sense import ExposureImages
 from scancell.stopwatch import Stopwatch
 
 _ROWS = 1 << 18  # of a table written at a time, which bounds the memory
@@ -133,3 +138,31 @@ def write_json(path: Path, content: Any) -> None:
     """Write plain data as JSON, indented up to 100 000 characters."""
     text = json.dumps(content, indent=1)
     path.write_text((text if len(text) < 100_000 else json.dumps(content)) + "\n")
+
+
+def write_shot(
+    folder: RunFolder,
+    profile: ProfilePoints,
+    rows: NDArray[np.float64],
+    points_in_part: NDArray[np.float64],
+    images: ExposureImages | None,
+    sensor: sensor_rt.Sensor,
+) -> None:
+    """Write ``profile.csv`` and, with images, one PNG per camera and ``stripes.png``.
+
+    `rows` (n,) are the image rows of the points, px, and `points_in_part` (n, 3) the points in the part frame, m.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written.
+    """
+    write_profile_csv(folder.path("profile.csv"), profile, rows, points_in_part)
+    if images is None:
+        return
+    files = FrameFiles(folder, "", [camera.name for camera in sensor.cameras])
+    files.add("image", images.images)
+    if images.background is not None:
+        files.add("image", images.background, "off", "laser_off")
+    files.finish()
+    draw_stripes(images.images, sensor, folder.path("stripes.png"), "shot", images.background)

@@ -1,4 +1,4 @@
-"""A part seen from one side as an image: grey surface, its edges, and values as coloured points on it."""
+"""Orthographic image of a part: grey surface, its edges, and values as coloured points."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scancell import sensor as sensor_rt
 from scancell.geometry.mesh import Mesh, clustered
 from scancell.geometry.mesh_files import weld
+from scancell.output.drawing import resized
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -21,8 +22,8 @@ _FINE = 2  # pixels of the drawing along each side of a pixel of the image, whic
 _MOST_POINTS = 150_000
 _MANY_FACES = 150_000  # from which on the surface is drawn from a coarser mesh
 _CELLS = 250  # of that mesh along the largest extent
-_SHARP = np.cos(np.radians(25.0))  # faces that meet at more than this make an edge worth a line
-_MOST_EDGES = 50_000  # a scanned or noisy mesh has no edges to speak of
+_SHARP = np.cos(np.radians(25.0))  # angle between two faces from which their edge is drawn
+_MOST_EDGES = 50_000  # a scanned or noisy mesh has no meaningful edges
 _LIFT = 30e-6  # m off the surface where lines of sight start; clouds lie that close to it
 _RIM_PX = 4  # of the image, around the part
 _REACH = 2 * _FINE  # px by which marks reach beyond their middle at most
@@ -165,20 +166,19 @@ class _Canvas:
 
     def image(self) -> Image:
         """(height, width, 3) at the resolution that was wanted."""
-        fine = self.colour
-        total = sum(fine[i::_FINE, j::_FINE].astype(np.uint16) for i in range(_FINE) for j in range(_FINE))
-        return np.asarray(total // _FINE**2, np.uint8)
+        height, width = self.colour.shape[:2]
+        return resized(self.colour, width // _FINE, height // _FINE)
 
 
 def _thinned(rows: Index, most: int) -> Index:
-    """Every so many-th row, so that at most `most` are left."""
+    """At most `most` rows, evenly chosen."""
     return rows[:: max(1, -(-len(rows) // most))]
 
 
 def sharp_edges(mesh: Mesh) -> tuple[Array, Array]:
     """Edges (k, 2, 3) where two faces meet at more than 25°, and the sum (k, 3) of the normals there.
 
-    None for a mesh with too many of them to mean anything.
+    None for a mesh with too many of them.
     """
     first, number = weld(mesh.vertices)
     faces = number[mesh.faces]

@@ -1,7 +1,8 @@
-"""Tables as text: columns of numbers and words to CSV files."""
+"""Tables as CSV files."""
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,39 +12,26 @@ from numpy.typing import NDArray
 
 from scancell.reconstruction.reconstruct import ProfilePoints
 
-_ROWS = 1 << 16  # written at a time
+_ROWS = 1 << 16  # formatted at a time
 _MM = 1e3
 
 
 def write_csv(path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
-    """Write columns (n,) under their names, comma-separated (RFC 4180).
-
-    Whole numbers stay whole, others get six decimals, NaN is left empty, words are quoted where they must be.
-    """
+    """Write columns (n,) under their names: integers as they are, other numbers with six decimals, NaN as empty."""
     count = len(next(iter(columns.values())))
     with path.open("w", newline="", encoding="utf-8") as stream:
-        stream.write(",".join(map(_quoted, columns)) + "\r\n")
+        writer = csv.writer(stream)
+        writer.writerow(columns)
         for start in range(0, count, _ROWS):
-            fields = [_field(values[start : start + _ROWS]) for values in columns.values()]
-            line = ",".join(pattern for pattern, _ in fields) + "\r\n"
-            stream.write("".join(map(line.__mod__, zip(*(values for _, values in fields), strict=True))))
+            writer.writerows(
+                zip(*(_written(values[start : start + _ROWS]) for values in columns.values()), strict=True)
+            )
 
 
-def _field(values: NDArray[Any]) -> tuple[str, list[Any]]:
-    """The pattern by which a column's values are written, and the values."""
-    if np.issubdtype(values.dtype, np.integer):
-        return "%d", values.tolist()
+def _written(values: NDArray[Any]) -> list[Any]:
     if np.issubdtype(values.dtype, np.floating):
-        numbers = values.tolist()
-        if not np.isnan(values).any():
-            return "%.6f", numbers
-        return "%s", ["" if number != number else f"{number:.6f}" for number in numbers]  # noqa: PLR0124 (NaN)
-    different, number = np.unique(values, return_inverse=True)
-    return "%s", np.array([_quoted(word) for word in different.tolist()], object)[number].tolist()
-
-
-def _quoted(word: str) -> str:
-    return '"' + word.replace('"', '""') + '"' if any(letter in word for letter in ',"\r\n') else word
+        return [f"{number:.6f}" if number == number else "" for number in values.tolist()]  # noqa: PLR0124 (NaN)
+    return list(values.tolist())
 
 
 def columns_of(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:

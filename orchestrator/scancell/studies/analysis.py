@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from scancell.config.study import StudyDescription
 from scancell.studies.budget import Terms, undetected_factors, variance_budget
 from scancell.studies.designs import design, hashed
-from scancell.studies.distributions import middles
+from scancell.studies.distributions import Population, middles, population_of
 from scancell.studies.intervals import convergence, summary
-from scancell.studies.population import Population, population_of
 from scancell.studies.sensitivity import morris_effects, one_at_a_time_budget, sobol_indices
 
 Array = NDArray[np.float64]
@@ -136,7 +135,7 @@ def _is_wide(row: dict[str, Any]) -> bool:
 def _contributions(
     study: StudyDescription, labels: Sequence[str], population: Population, rows: Rows, outputs: Array
 ) -> dict[str, Any]:
-    """What the design allows to say about the factors; ``budget`` and ``morris`` in falling order."""
+    """Sensitivities that the design supports; ``budget`` and ``morris`` in falling order."""
     seed, kind = hashed(study.seed, 3, 0) >> 33, study.design.kind
     whole = kind in {"sobol", "morris", "one_at_a_time"} and len(rows.plain) == _design_size(study)
     if kind == "sobol" and whole:

@@ -24,12 +24,12 @@ from scancell.output.manifest import sha256
 from scancell.reconstruction.cloud_files import parse_formats
 from scancell.studies.batch_worker import ROW, open_batch_worker
 from scancell.studies.designs import trial_seed
+from scancell.studies.engine import OpenWorker, Task
 from scancell.studies.factors import Factors, nominal_setup
 from scancell.studies.results import INDEX_KEYS, index_table, write_table
 from scancell.studies.run_record import DESCRIPTION
 from scancell.studies.scan_worker import ScanWorker
 from scancell.studies.series import ScanSeries
-from scancell.studies.task import OpenWorker, Task
 from scancell.values import Result
 
 _SHOWN = 5  # failures in the summary

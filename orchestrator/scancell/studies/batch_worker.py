@@ -1,4 +1,4 @@
-"""One scan of a batch: its cloud in all formats, what was measured, and what truly was, as files in a folder."""
+"""One scan of a batch: its cloud in all formats, the measured data and the ground truth, as files in a folder."""
 
 from __future__ import annotations
 
@@ -10,19 +10,18 @@ from typing import Any
 
 from scancell.config.batch import BatchDescription
 from scancell.config.description import validate
-from scancell.config.loading import as_built_sensor
+from scancell.config.loading import Setup, as_built_sensor
 from scancell.errors import OutputError
 from scancell.evaluation.ground_truth import TrueWorld
 from scancell.geometry import pose
 from scancell.nominal.parts import load_part
-from scancell.output.build import build_version
 from scancell.output.dataset_files import ImageStack, Truth, dataset_file, stripe_masks, write_measured, write_truth
-from scancell.output.manifest import resolved_toml
+from scancell.output.manifest import build_version, resolved_toml
 from scancell.reconstruction.cloud_files import write_cloud
 from scancell.results import ScanResult
 from scancell.scanning.exposures import visible_bodies
-from scancell.studies.factors import Factors
-from scancell.studies.scan_worker import ScanWorker, Trial, setup_of, sweep_temporary, trial_of
+from scancell.studies.factors import Factors, checked_sections
+from scancell.studies.scan_worker import ScanWorker, Trial, sweep_temporary, trial_of
 from scancell.studies.task_store import disk_error
 from scancell.studies.trial import deviation_figures
 
@@ -39,12 +38,12 @@ class BatchWorker:
 
     def __init__(self, batch: BatchDescription, spec: Mapping[str, Any]) -> None:
         self._batch = batch
-        self._setup = setup_of(spec["setup"])
+        self._setup = Setup(**checked_sections(spec["setup"]))
         self._factors = Factors(batch, self._setup, "batch")
         self._parts: OrderedDict[str, ScanWorker] = OrderedDict()
 
     def __call__(self, payload: Mapping[str, Any], folder: Path) -> None:
-        """Make a scan and leave its files in `folder`; of one that cannot be made only a row that says why."""
+        """Make a scan and write its files into `folder`; of a scan that fails, only a row with the reason."""
         row = {key: payload[key] for key in ("part", "mesh_sha256", "number", "seed", "engine", "values")}
         try:
             row["as_built"] = list(self._factors.inputs(payload["values"]).as_built)

@@ -14,7 +14,7 @@ from distributed import Client, KilledWorker, LocalCluster, WorkerPlugin, wait
 from distributed.client import FutureCancelledError
 
 from scancell.errors import WorkersError
-from scancell.studies.task import ExecutionTarget, Job, Task, TaskReport, run_here
+from scancell.studies.engine import ExecutionTarget, Job, Task, TaskReport, run_here
 
 # Tasks known to the scheduler at a time: enough to keep many workers busy, few enough for a million tasks in all.
 _TASKS_PER_WORKER = 20
@@ -44,7 +44,7 @@ class _IgnoreInterrupts(WorkerPlugin):  # type: ignore[misc]
 
     def setup(self, worker: Any) -> None:
         """Run once in every worker process."""
-        with suppress(ValueError):  # not in the main thread, which does not get the signal
+        with suppress(ValueError):  # outside the main thread, which alone receives the signal
             signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 

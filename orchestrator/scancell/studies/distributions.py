@@ -1,22 +1,32 @@
-"""Distributions by their quantiles, so that any design of points in the unit cube becomes values."""
+"""Variation of the factors of a study: distributions by their quantiles, and the population by design."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import block_diag
 from scipy.special import ndtr, ndtri
 
 from scancell.config.variation import (
     DiscreteDescription,
     DistributionDescription,
+    FactorDescription,
     NormalDescription,
     TruncatedNormalDescription,
     UniformDescription,
+    VaryingScansDescription,
 )
+from scancell.studies.designs import design
 
 Array = NDArray[np.float64]
 # Probabilities of exactly 0 or 1 have no finite quantile under a normal distribution.
 _SMALLEST = 2.0**-53
+Value = bool | int | float | str
+
+_QUANTILES = 20_000  # the variance of a normal distribution is 1e-4 too small by these
 
 
 def quantiles(distribution: DistributionDescription, probability: ArrayLike) -> NDArray[np.generic]:
@@ -66,3 +76,36 @@ def correlated_normal(probability: Array, mean: Array, covariance: Array) -> Arr
     size, vectors = np.linalg.eigh(covariance)
     root = (vectors * np.sqrt(np.clip(size, 0, None))) @ vectors.T
     return np.asarray(mean + scores @ root)
+
+
+@dataclass(frozen=True)
+class Population:
+    """Equally probable values of each factor, and the correlation (factors, factors) of normally distributed ones."""
+
+    values: Sequence[NDArray[np.generic]]
+    correlation: Array
+
+
+def population_of(study: VaryingScansDescription) -> Population:
+    """The population of a study's factors, blocks last; of a full factorial design its points."""
+    middle = (np.arange(_QUANTILES) + 0.5) / _QUANTILES
+    probabilities = np.tile(middle[:, None], len(study.labels))
+    if study.design.kind == "full_factorial":
+        probabilities = design(study.design, [middles(factor.distribution) for factor in study.factor], study.seed)
+    values = [np.array(values_at(factor, probabilities[:, j])) for j, factor in enumerate(study.factor)]
+    correlations = [np.eye(len(study.factor))]
+    for block in study.block:
+        std = np.sqrt(np.diag(block.covariance_matrix))
+        correlations.append(block.covariance_matrix / np.outer(std, std))
+        for mean, deviation in zip(block.mean or np.zeros(len(std)), std, strict=True):
+            normal = NormalDescription(kind="normal", mean=float(mean), std=float(deviation))
+            values.append(quantiles(normal, middle))
+    return Population(values, block_diag(*correlations))
+
+
+def values_at(factor: FactorDescription, probabilities: Array) -> list[Value]:
+    """Values (n,) of a factor at cumulative probabilities (n,)."""
+    drawn = quantiles(factor.distribution, probabilities).tolist()
+    if isinstance(factor.distribution, DiscreteDescription):
+        return [factor.distribution.values[position] for position in drawn]
+    return list(drawn)

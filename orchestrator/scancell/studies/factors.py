@@ -17,22 +17,25 @@ from numpy.typing import NDArray
 
 from scancell.cell.as_built import parse_as_built
 from scancell.config.cell import CellDescription
-from scancell.config.description import validate
+from scancell.config.description import Description, validate
 from scancell.config.loading import FILE_KEYS, Setup, as_built_sensor, load_setup, parse_assignment, split_path
 from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
 from scancell.config.variation import DiscreteDescription, VariationMode, VaryingScansDescription
 from scancell.errors import DescriptionError
 from scancell.studies.designs import design
-from scancell.studies.distributions import correlated_normal, extremes, middles
-from scancell.studies.population import Value, values_at
+from scancell.studies.distributions import Value, correlated_normal, extremes, middles, values_at
 
 Array = NDArray[np.float64]
 Units = Mapping[str, str | None]
 
 _AS_BUILT = "as_built."
 _TRUE_SENSOR = "as_built.sensor."
-_SECTIONS = ("cell", "sensor", "scan")
+_SECTIONS: dict[str, type[Description]] = {
+    "cell": CellDescription,
+    "sensor": SensorDescription,
+    "scan": ScanDescription,
+}
 # Keys of `VaryingScansDescription` that take effect only through the nominal setup.
 SETUP_KEYS = (*_SECTIONS, "set", "ideal")
 
@@ -43,6 +46,17 @@ class Inputs:
 
     setup: Setup
     as_built: tuple[str, ...]
+
+
+def checked_sections(raw: Mapping[str, Any]) -> dict[str, Any]:
+    """Descriptions of plain data by section.
+
+    Raises
+    ------
+    DescriptionError
+        Naming section, key, value and what was expected.
+    """
+    return {name: validate(_SECTIONS[name], table, name) for name, table in raw.items()}
 
 
 def nominal_setup(described: VaryingScansDescription, folder: Path, source: str) -> Setup:
@@ -62,7 +76,7 @@ def nominal_setup(described: VaryingScansDescription, folder: Path, source: str)
 
 
 class Factors:
-    """What varies around the nominal descriptions; messages call the description `source`."""
+    """Variation around the nominal descriptions; `source` names the description in messages."""
 
     def __init__(self, study: VaryingScansDescription, setup: Setup, source: str) -> None:
         self._study = study
@@ -184,17 +198,8 @@ class Factors:
         return _value_at(self._raw[str(section)], keys)
 
     def _checked(self, raw: Mapping[str, Any]) -> Setup:
-        return Setup(
-            cell=self._setup.cell
-            if raw["cell"] is self._raw["cell"]
-            else validate(CellDescription, raw["cell"], "cell"),
-            sensor=self._setup.sensor
-            if raw["sensor"] is self._raw["sensor"]
-            else validate(SensorDescription, raw["sensor"], "sensor"),
-            scan=self._setup.scan
-            if raw["scan"] is self._raw["scan"]
-            else validate(ScanDescription, raw["scan"], "scan"),
-        )
+        changed = {name: table for name, table in raw.items() if table is not self._raw[name]}
+        return Setup(**{**vars(self._setup), **checked_sections(changed)})
 
 
 def _changed(nominal: Any, mode: VariationMode, value: Any) -> Value:

@@ -13,17 +13,8 @@ from scancell.files import atomic_write
 
 KEYS = ("trial", "seed", "engine", "status", "message")
 INDEX_KEYS = (
-    "scan",
-    "part",
-    "variant",
-    "mesh",
-    "mesh_sha256",
-    "seed",
-    "engine",
-    "status",
-    "message",
-    "as_built",
-    "scancell",
+    *("scan", "part", "variant", "mesh", "mesh_sha256"),
+    *("seed", "engine", "status", "message", "as_built", "scancell"),
 )
 
 
@@ -68,7 +59,7 @@ def timings_table(timings: Sequence[dict[str, Any]]) -> pa.Table:
         for row in sorted(timings, key=lambda row: int(row["trial"]))
     ]
     names = list(dict.fromkeys(name for row in flat for name in row))
-    return pa.table({name: pa.array([row.get(name) for row in flat]) for name in names})
+    return _table({name: [row.get(name) for row in flat] for name in names})
 
 
 def write_table(table: pa.Table, path: Path) -> None:

@@ -20,8 +20,7 @@ from pydantic_core import to_jsonable_python
 from scancell.config.description import Description
 from scancell.errors import DescriptionError
 from scancell.files import atomic_write
-from scancell.output.build import build_version
-from scancell.output.manifest import sha256, versions
+from scancell.output.manifest import build_version, sha256, versions
 
 DESCRIPTION = "description.json"
 FILES = "files"

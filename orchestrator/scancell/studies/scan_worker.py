@@ -12,13 +12,9 @@ from typing import Any
 
 from scancell.calibration.cell.report import CalibrationReport
 from scancell.calibration.cell.request import CalibrationRequest
-from scancell.config.cell import CellDescription
 from scancell.config.choices import Engine
-from scancell.config.description import validate
 from scancell.config.estimated import EstimatedDescription
 from scancell.config.loading import Setup
-from scancell.config.scan import ScanDescription
-from scancell.config.sensor import SensorDescription
 from scancell.config.study import CalibrateDescription
 from scancell.config.variation import VaryingScansDescription
 from scancell.geometry.mesh import Mesh
@@ -27,8 +23,8 @@ from scancell.results import ScanResult
 from scancell.scanner import Scanner
 from scancell.scanning.drive import FOLDER_PREFIX, DriveRequest
 from scancell.scanning.sense import OnImages
+from scancell.studies.distributions import Value
 from scancell.studies.factors import Factors, Units
-from scancell.studies.population import Value
 from scancell.studies.task_store import is_running
 
 
@@ -43,7 +39,7 @@ class Trial:
 
 
 class ScanWorker:
-    """Scans one part in this process; `source` is what messages call the file that says what varies."""
+    """Scans one part in this process; `source` names the file of the variation in messages."""
 
     def __init__(self, scans: VaryingScansDescription, setup: Setup, part: Mesh, source: str) -> None:
         self._part = part
@@ -119,15 +115,6 @@ class ScanWorker:
 def trial_of(plain: Mapping[str, Any]) -> Trial:
     """A trial from plain data."""
     return Trial(plain["number"], plain["seed"], plain["engine"], tuple(plain["values"]))
-
-
-def setup_of(plain: Mapping[str, Any]) -> Setup:
-    """Checked descriptions from plain data."""
-    return Setup(
-        cell=validate(CellDescription, plain["cell"], "cell"),
-        sensor=validate(SensorDescription, plain["sensor"], "sensor"),
-        scan=validate(ScanDescription, plain["scan"], "scan"),
-    )
 
 
 def sweep_temporary() -> None:

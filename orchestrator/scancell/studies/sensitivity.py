@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.extras import require
-from scancell.studies.budget import Fit, shares_of
+from scancell.studies.budget import Fit, ShapleyForms, shares_of
 from scancell.studies.designs import morris_problem
-from scancell.studies.shapley import ShapleyForms
 
 Array = NDArray[np.float64]
 

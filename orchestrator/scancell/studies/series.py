@@ -1,4 +1,4 @@
-"""Many scans of one description in one folder: what studies and batches have in common.
+"""Many scans of one description in one folder: common base of studies and batches.
 
 OUT/description.json   everything that decides the results, after defaults; other results are refused in the folder
 OUT/tasks or scans     one folder per finished task, which appears whole or not at all
@@ -19,7 +19,16 @@ from scancell.config.variation import VaryingScansDescription
 from scancell.errors import DescriptionError
 from scancell.output.manifest import named_files
 from scancell.progress import Progress
-from scancell.studies.engine import Announce, RunOutcome, run_tasks
+from scancell.studies.engine import (
+    Announce,
+    ExecutionTarget,
+    Job,
+    OpenWorker,
+    RunOutcome,
+    Task,
+    request_digest,
+    run_tasks,
+)
 from scancell.studies.factors import SETUP_KEYS, Factors
 from scancell.studies.run_record import (
     DESCRIPTION,
@@ -32,7 +41,6 @@ from scancell.studies.run_record import (
     write_record,
 )
 from scancell.studies.scan_worker import ScanWorker, sweep_temporary
-from scancell.studies.task import ExecutionTarget, Job, OpenWorker, Task, request_digest
 
 # Designs whose first trials stay the same when `design.trials` grows.
 EXTENDABLE = ("monte_carlo", "sobol")
@@ -81,7 +89,7 @@ class ScanSeries(ABC):
 
     @cached_property
     def factors(self) -> Factors:
-        """What varies."""
+        """Factors of the description."""
         return Factors(self.description, self.setup, self.source)
 
     @cached_property
@@ -155,6 +163,19 @@ class ScanSeries(ABC):
             return run_tasks(self.job(out), self.tasks, target, progress, self.unit, announce)
         finally:
             sweep_temporary()
+
+    def complete(self, out: Path, workers: int, progress: Progress) -> dict[str, str]:
+        """Check the series and run all tasks that `out` does not hold; returns messages of failed tasks by name.
+
+        Raises
+        ------
+        ScancellError
+            If the series cannot run, or the folder was begun for another one.
+        """
+        self.check()
+        self.begin(out)
+        self.check_same(out)
+        return self.run(out, ExecutionTarget(workers=workers), progress).failed
 
     def results(self, out: Path) -> Iterator[tuple[Task, Path | None]]:
         """Every task, with the folder of its files; None where it is not finished."""

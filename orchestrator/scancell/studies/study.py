@@ -22,12 +22,11 @@ from scancell.errors import DescriptionError, OutputError
 from scancell.extras import require
 from scancell.stopwatch import Stopwatch
 from scancell.studies.designs import trial_seed
-from scancell.studies.engine import chunks
+from scancell.studies.engine import OpenWorker, Task, chunks
 from scancell.studies.factors import nominal_setup
 from scancell.studies.run_record import DESCRIPTION
 from scancell.studies.scan_worker import Trial, trial_of
 from scancell.studies.series import ScanSeries
-from scancell.studies.task import OpenWorker, Task
 from scancell.studies.trial import ROWS, TIMINGS, TrialWorker, open_trials
 
 # Number of the trial whose seed all trials have with noise = "common"; the trials themselves count from 1.

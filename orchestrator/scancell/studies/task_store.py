@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from scancell.errors import OutputError
+from scancell.output.manifest import sha256
 
 DONE = "done.json"
 _PARTIAL = ".partial"
@@ -59,7 +60,7 @@ class TaskStore:
             done = json.loads((folder / DONE).read_text())
             return bool(
                 done["digest"] == digest
-                and all(_sha256(folder / file) == checksum for file, checksum in done["files"].items())
+                and all(sha256(folder / file) == checksum for file, checksum in done["files"].items())
             )
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             return False
@@ -80,7 +81,7 @@ class TaskStore:
             partial.mkdir(parents=True)
             yield partial
             files = sorted(file for file in partial.rglob("*") if file.is_file())
-            checksums = {str(file.relative_to(partial)): _sha256(file) for file in files}
+            checksums = {str(file.relative_to(partial)): sha256(file) for file in files}
             (partial / DONE).write_text(json.dumps({"digest": digest, "files": checksums}, indent=1) + "\n")
             self._rename(partial, name, digest)
         except Exception as error:
@@ -128,8 +129,3 @@ def is_running(pid: int) -> bool:
     except PermissionError:
         return True
     return True
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()

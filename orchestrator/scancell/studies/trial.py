@@ -23,11 +23,12 @@ from scancell.config.units import to_si
 from scancell.errors import FitError
 from scancell.geometry.fits import fit_sphere
 from scancell.nominal.parts import load_part
-from scancell.output.build import build_version
+from scancell.output.manifest import build_version
 from scancell.reconstruction.cloud import Cloud
 from scancell.results import ScanResult
 from scancell.stopwatch import Stopwatch
-from scancell.studies.scan_worker import ScanWorker, Trial, setup_of, sweep_temporary, trial_of
+from scancell.studies.factors import checked_sections
+from scancell.studies.scan_worker import ScanWorker, Trial, sweep_temporary, trial_of
 from scancell.studies.task_store import disk_error
 from scancell.visibility.measurable import MeasurableSurface, cache_folder, measurable_surface
 
@@ -48,11 +49,11 @@ class TrialWorker(ScanWorker):
 
     @cached_property
     def _measurable(self) -> MeasurableSurface:
-        """What is measurable in the cell that the study starts from: the same denominator in all trials."""
+        """Measurable surface in the nominal cell of the study: the denominator of coverage in all trials."""
         return measurable_surface(self.nominal, self.setup.sensor, cache=cache_folder(), threads=1)
 
     def __call__(self, payload: Sequence[Mapping[str, Any]], folder: Path) -> None:
-        """Make the trials of a task and leave their rows, and beside them what took how long, in `folder`."""
+        """Make the trials of a task and write their rows and their timings into `folder`."""
         rows, timings = [], []
         for plain in payload:
             watch, start = Stopwatch(), time.process_time()
@@ -63,7 +64,7 @@ class TrialWorker(ScanWorker):
         (folder / TIMINGS).write_text(json.dumps(timings, indent=1) + "\n")
 
     def row(self, trial: Trial, watch: Stopwatch) -> dict[str, Any]:
-        """Figures of a trial; one that cannot be done has a message instead."""
+        """Figures of a trial, or the message of its failure."""
         plain = {**asdict(trial), "values": list(trial.values)}
         try:
             with watch.measure("all"):
@@ -115,7 +116,7 @@ def open_trials(spec: Mapping[str, Any]) -> TrialWorker:
     """A worker from plain data, see `Study.spec`."""
     sweep_temporary()
     study = validate(StudyDescription, spec["study"], "study")
-    return TrialWorker(study, setup_of(spec["setup"]), Path(spec["part"]))
+    return TrialWorker(study, Setup(**checked_sections(spec["setup"])), Path(spec["part"]))
 
 
 def _sphere_figures(description: FittedSphereDescription, cloud: Cloud) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The measured cloud in pictures: coloured points that appear as they are measured."""
+"""The measured cloud in pictures: coloured points that appear at the time of their measurement."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from scancell.evaluation.deviation import deviation_from_mesh
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.output.deviation_picture import colour_limit_um, deviation_colours
+from scancell.output.drawing import interpolated_colours
 from scancell.reconstruction.cloud import Cloud
 from scancell.views.camera import PinholeCamera
 from scancell.views.renderer import Rendered
@@ -101,10 +102,9 @@ def coloured_by(cloud: Cloud, total: int, mesh: Mesh, what: ColourBy, threads: i
 
 def colour_scale(what: ColourBy) -> Array:
     """Displayed colours (256, 3), 0 to 255, from the least value to the largest."""
-    at = np.linspace(0, 1, 256)
     if what == "deviation":
-        return deviation_colours(2 * at - 1, 1.0)
-    return np.stack([np.interp(at, np.linspace(0, 1, len(_RAMP)), channel) for channel in _RAMP.T], 1)
+        return deviation_colours(np.linspace(-1, 1, 256), 1.0)
+    return interpolated_colours(_RAMP)
 
 
 def _marks(pixels: Array, colours: Array, radius: float, size: tuple[int, int]) -> tuple[Array, Array]:

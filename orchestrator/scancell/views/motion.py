@@ -1,4 +1,4 @@
-"""Where everything was at any time of a recorded run."""
+"""Poses of all bodies at any time of a recorded run."""
 
 from __future__ import annotations
 
@@ -12,13 +12,39 @@ from scancell.cell.recording import Recording, RecordLayout
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
-from scancell.views.program_motion import ProgramMotion
 
 Array = NDArray[np.float64]
 
 _RECORDED = {"part": "part[1]"}  # frames that the FMU names otherwise: it numbers its parts
 _CLOSE = 0.1  # s between exposures up to which the motion between them is interpolated
 _LIT = 0.05  # s around an exposure in which the laser counts as on
+
+
+class ProgramMotion:
+    """Set-points of a program against its own clock, which does not count settling.
+
+    Attributes
+    ----------
+    begins
+        (segments,) times at which the segments begin, s.
+    duration
+        s.
+    """
+
+    def __init__(self, program: Program) -> None:
+        segments = program.segments
+        ends = np.cumsum([float(item.times[-1]) for item in segments])
+        self.begins, self.duration = np.concatenate([[0.0], ends[:-1]]), float(ends[-1])
+        self._times = np.concatenate([begin + item.times for begin, item in zip(self.begins, segments, strict=True)])
+        self._axes = np.concatenate([np.column_stack([item.q, item.table]) for item in segments])
+
+    def axes(self, at: float) -> Array:
+        """Joints and table angle (joints + 1,), rad, at a time, s; at rest before the start and after the end."""
+        return np.array([np.interp(at, self._times, axis) for axis in self._axes.T])
+
+    def segment_at(self, at: float) -> int:
+        """Index of the segment that moves at a time, s."""
+        return max(0, int(np.searchsorted(self.begins, at + 1e-9, side="right")) - 1)
 
 
 class RunMotion:

@@ -1,4 +1,4 @@
-"""Pictures and animations of a recorded run."""
+"""Pictures and animations of a recorded run, with their caption."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 from scancell.arguments import Threads, Within, checked_arguments
 from scancell.errors import DescriptionError
 from scancell.nominal.cell import Body
-from scancell.output.drawing import Sheet
+from scancell.output.drawing import INK, Sheet, text_width
 from scancell.progress import Progress, ProgressCallback, as_progress
-from scancell.views.caption import captioned
+from scancell.views import shading
+from scancell.views.camera import CameraPath, View, camera_path
 from scancell.views.coloured_cloud import ColourBy, ColouredCloud, coloured_by
 from scancell.views.laser import laser_sheet
 from scancell.views.recorded_run import RecordedRun, open_run
 from scancell.views.renderer import PaintedBody, Renderer
 from scancell.views.shading import displayed
 from scancell.views.video import video_writer
-from scancell.views.viewpoints import CameraPath, View, camera_path
 
 Image = NDArray[np.uint8]
 Pixels = Annotated[int, Within(64, 7680)]
@@ -34,6 +34,46 @@ _ARM, _JOINT = (0.90, 0.905, 0.91), (0.80, 0.815, 0.83)
 _SENSOR, _GRIPPER = (0.23, 0.26, 0.31), (0.36, 0.40, 0.45)
 _TABLE, _STAND, _PART = (0.56, 0.60, 0.645), (0.42, 0.45, 0.49), (0.86, 0.85, 0.82)
 _OTHER = (0.80, 0.66, 0.40)
+
+
+def captioned(image: Image, name: str, time: float, cloud: ColouredCloud | None) -> Image:
+    """The picture (h, w, 3) with its caption, whose size goes with the height, on a paler background."""
+    height, width, _ = image.shape
+    size, rim = max(9.0, height / 42), height / 30
+    facts = [f"t = {time:.2f} s", f"grid {1e3 * shading.GRID:.0f} mm"]
+    if cloud is not None:
+        share = cloud.measured_until(time) / max(len(cloud.time), 1)
+        facts.insert(1, f"{cloud.total * share:,.0f} points")
+    line = "  ·  ".join(facts)
+    written = max(text_width(name, 1.15 * size, bold=True), text_width(line, size))
+    pale = image.copy()
+    _pale(pale, rim / 2, rim / 2, 1.5 * rim + written, rim + 3 * size)
+    if cloud is not None:
+        _pale(pale, width - 2 * rim - 256, height - 1.5 * rim - 3.2 * size, width - rim / 2, height - rim / 2)
+    sheet = Sheet.of(pale)
+    sheet.text(rim, rim + size, name, 1.15 * size, INK, bold=True)
+    sheet.text(rim, rim + 2.5 * size, line, size, INK)
+    if cloud is not None:
+        _colour_bar(sheet, cloud, width - 1.25 * rim, height - rim, size)
+    return sheet.pixels
+
+
+def _pale(image: Image, left: float, top: float, right: float, bottom: float) -> None:
+    """Blend a rectangle of an image (h, w, 3) with white, so that text on it can be read."""
+    area = image[max(0, round(top)) : round(bottom), max(0, round(left)) : round(right)]
+    area[:] = (0.4 * area + 0.6 * 255).astype(np.uint8)
+
+
+def _colour_bar(sheet: Sheet, cloud: ColouredCloud, right: float, bottom: float, size: float) -> None:
+    """The colour scale of the cloud, its lower right corner at (right, bottom)."""
+    bar = np.repeat(cloud.scale[None], max(4, round(0.55 * size)), 0).astype(np.uint8)
+    left, top = round(right - bar.shape[1]), round(bottom - 1.5 * size - bar.shape[0])
+    sheet.image(bar, left, top)
+    low, high = cloud.limits
+    for x, value in ((left, low), (left + bar.shape[1] / 2, (low + high) / 2), (left + bar.shape[1], high)):
+        label = f"{value:+.3g}" if low < 0 and value else f"{value:.3g}"
+        sheet.text(x, bottom, label.replace("-", "\N{MINUS SIGN}"), 0.85 * size, INK, "ms")
+    sheet.text(left + bar.shape[1] / 2, top - 0.5 * size, cloud.title, 0.85 * size, INK, "ms")
 
 
 class RunPictures:
@@ -173,17 +213,17 @@ def animate(
     run = _opened(run)
     if seconds is not None and speed is not None:
         raise DescriptionError(f"`seconds` {seconds:g} and `speed` {speed:g}", expected="one of them")
-    heard = as_progress(progress)
+    reported = as_progress(progress)
     start, length = run.motion.start, run.motion.duration - run.motion.start
     wanted = length / speed if speed is not None else _SECONDS if seconds is None else seconds
     count = max(1, round(wanted * fps))
     times = start + length * np.arange(count) / max(count - 1, 1)
-    heard.stage("rendering", count, "frames")
+    reported.stage("rendering", count, "frames")
     with video_writer(out, size, fps) as add:
         pictures = run_pictures(run, view, size, colour, threads, length / max(count - 1, 1))
         for frame in _in_order(pictures.at, times.tolist(), (np.arange(count) / count).tolist(), threads):
             add(frame)
-            heard.advance(1)
+            reported.advance(1)
     return count
 
 

@@ -194,7 +194,9 @@ def _shadow_box(bodies: Sequence[PaintedBody], poses: Array, floor_z: float) -> 
 
 def _edges(light: Array, body: Index) -> NDArray[np.bool_]:
     """Pixels (h, w) that differ from a neighbour by body or by displayed brightness."""
-    red, green = (np.sqrt(np.clip(light[..., i], 0.0, 1.0)).astype(np.float32) for i in (0, 1))  # tell all there is
+    red, green = (
+        np.sqrt(np.clip(light[..., i], 0.0, 1.0)).astype(np.float32) for i in (0, 1)
+    )  # enough to find all edges
     found = np.zeros(body.shape, bool)
     for one, other in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
         step = body[one] != body[other]

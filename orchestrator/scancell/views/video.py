@@ -100,7 +100,7 @@ def _webp_writer(path: Path, temporary: Path, size: tuple[int, int], fps: float)
 
 @contextmanager
 def _without_native_messages() -> Iterator[None]:
-    """OpenCV writes to the process's standard error that WebM knows no tag for VP9, and goes on; nothing is wrong."""
+    """OpenCV writes to the process's standard error that WebM knows no tag for VP9, which is harmless."""
     kept = os.dup(2)
     nowhere = os.open(os.devnull, os.O_WRONLY)
     try:

@@ -17,7 +17,7 @@ from scancell.guard.motion import Hypothesis, Path
 from scancell.guard.path_check import PathCheck
 from scancell.guard.settings import GuardSettings
 from scancell.nominal.cell import NominalCell
-from scancell.studies.guard.guarded import Protection
+from scancell.studies.guard.simulation import Protection
 from scancell.studies.guard.strata import DECADES, Stratum
 
 _POLL = 0.032  # s

@@ -25,9 +25,8 @@ from scancell.config.channel import ChannelDescription, LinkDescription
 from scancell.geometry.mesh import Mesh
 from scancell.guard.tool import Tool
 from scancell.nominal.cell import nominal_cell
-from scancell.studies.guard.guarded import GuardedRuns
 from scancell.studies.guard.scenario import Command, Scenario
-from scancell.studies.guard.simulation import SAMPLES, Course, Simulation
+from scancell.studies.guard.simulation import SAMPLES, Course, GuardedRuns, Simulation
 from scancell.studies.guard.twins import Twins
 
 Array = NDArray[np.float64]

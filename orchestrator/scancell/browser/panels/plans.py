@@ -14,7 +14,7 @@ from scancell.errors import CommandError
 from scancell.live.plan import LivePlan, LivePlanState, MapPose
 from scancell.planning.path_map.configuration_map import ConfigurationMap
 from scancell.planning.plan import Plan
-from scancell.views.program_motion import ProgramMotion
+from scancell.views.motion import ProgramMotion
 
 Array = NDArray[np.float64]
 

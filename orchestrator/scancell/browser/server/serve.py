@@ -16,7 +16,7 @@ from scancell.browser.server.workspace import Workspace, WorkspaceSettings
 from scancell.config.choices import LOOPBACK
 from scancell.errors import CommandError, ScancellError
 from scancell.scanning.session import ScanSession
-from scancell.views.run_archive import open_archive
+from scancell.views.recorded_run import open_archive
 
 if TYPE_CHECKING:
     import viser

@@ -1,33 +1,162 @@
-"""Scans of the stations of an acceptance test, and the figures of each."""
+"""Programme of an acceptance test, the scans of its stations, and the figures of each."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.config.choices import Engine
+from scancell.config.artefact import ArtefactDescription
+from scancell.config.choices import Engine, ScanMode
+from scancell.config.description import validate
+from scancell.config.files import assets_dir, plain_data
 from scancell.config.loading import Setup
 from scancell.errors import EmptyScanError, FitError, PlanningError
 from scancell.evaluation.artefact import GUARD, ArtefactEvaluation, evaluate_against_artefact
-from scancell.geometry.mesh import Mesh
+from scancell.geometry.mesh import Mesh, sample_surface
 from scancell.geometry.shapes import ShapeGroup
+from scancell.nominal.parts import shape_group
 from scancell.progress import Progress
 from scancell.results import ScanResult
 from scancell.scanner import Scanner
-from scancell.studies.acceptance.programme import Programme, Station, stations
 from scancell.studies.designs import trial_seed
+from scancell.studies.distributions import Value
 from scancell.studies.factors import Inputs
-from scancell.studies.population import Value
 
 Array = NDArray[np.float64]
+
+ALL_ROUND = "all round"
+MODES: tuple[ScanMode, ...] = get_args(ScanMode)
+
+_TURNED = ("sphere", "ball_bar", "cylinder")  # artefacts that are also scanned from all sides
+_ALL_ROUND_PROFILES = 4  # times those of passes alone
+_RANGE_MARGIN = 0.05  # of the measuring range, left free at both ends
+_FULL_SIZE = 60.0  # mm: with a shorter measuring range artefacts are made smaller in proportion
+_SEEN = 0.4  # cosine of the incidence up to which a surface counts for the depth of an artefact
+_COARSE = 100e-6  # m
+_SAMPLES = 4000
 
 _OUTLIER = 5.0  # robust standard deviations from the fitted element
 _TO_SIGMA = 1.4826  # median absolute deviation of a normal distribution
 _UNIT = {"m": ("um", 1e6), "rad": ("deg", 180 / np.pi)}
 _WHOLE = "all"
+
+
+@dataclass(frozen=True)
+class Programme:
+    """Size of the test.
+
+    Attributes
+    ----------
+    artefacts
+        Names of shipped artefacts.
+    positions
+        Names of the positions of an artefact from the near to the far end of the measuring range.
+    repeats
+        Scans of each artefact at each position in each mode, with noise of their own.
+    profiles
+        Most profiles of a scan.
+    points
+        Points of a scan that are evaluated, evenly chosen.
+    exposures, steps
+        Of the sweeps over range, angles, reflectance and speed: exposures of a target, targets of a sweep.
+    """
+
+    artefacts: tuple[str, ...] = ("sphere", "ball_bar", "plane", "step", "cylinder", "cone")
+    positions: tuple[str, ...] = ("near", "middle", "far")
+    repeats: int = 20
+    profiles: int = 200
+    points: int = 20_000
+    exposures: int = 10
+    steps: int = 13
+
+
+QUICK = Programme(positions=("near", "far"), repeats=2, profiles=60, points=5000, exposures=3, steps=5)
+
+
+@dataclass(frozen=True)
+class Station:
+    """An artefact at a position of the measuring range, scanned in a mode.
+
+    `standoff` is the distance along sensor Z to the top of the artefact, m.
+    """
+
+    artefact: str
+    position: str
+    standoff: float
+    mode: ScanMode
+
+    def setup(self, setup: Setup, profiles: int) -> Setup:
+        """The descriptions with the views of this station: passes over the top, and for `ALL_ROUND` sweeps, too.
+
+        `profiles` is the largest number of those of passes alone.
+        """
+        changes = {
+            "mode": self.mode,
+            "max_profiles": profiles * (_ALL_ROUND_PROFILES if self.position == ALL_ROUND else 1),
+            "sweep.enabled": self.position == ALL_ROUND,
+            "sweep.standoff_mm": 1e3 * self.standoff,
+            "raster.enabled": True,
+            "coverage.enabled": False,
+            "pose": (),
+            "path": (),
+        }
+        return Setup(setup.cell, setup.sensor, setup.scan.replace(changes))
+
+
+def artefact_scale(setup: Setup) -> float:
+    """Size of the artefacts in proportion to the shipped ones: those of short measuring ranges are smaller."""
+    return min(1.0, (setup.sensor.range.far_mm - setup.sensor.range.near_mm) / _FULL_SIZE)
+
+
+def scaled_artefact(name: str, scale: float) -> ShapeGroup:
+    """A shipped artefact with all lengths multiplied by `scale`."""
+    shipped = ArtefactDescription.from_toml(assets_dir() / "artefacts" / f"{name}.toml")
+    if scale == 1.0:
+        return shape_group(shipped)
+    data = _scaled(plain_data(shipped), scale)
+    return shape_group(validate(ArtefactDescription, data, f"{name}, {scale:.3g} times its size"))
+
+
+def _scaled(data: Any, scale: float, is_length: bool = False) -> Any:
+    if isinstance(data, dict):
+        return {key: _scaled(value, scale, key.endswith("_mm")) for key, value in data.items()}
+    if isinstance(data, list):
+        return [_scaled(value, scale, is_length) for value in data]
+    return data * scale if is_length else data
+
+
+def stations(name: str, artefact: ShapeGroup, setup: Setup, programme: Programme) -> Iterator[Station]:
+    """Positions of an artefact over the measuring range, and from all sides in the middle, each in both modes.
+
+    The whole visible surface of the artefact stays inside the range; where it is too deep for that, the positions are
+    the one in the middle.
+    """
+    near, far = 1e-3 * setup.sensor.range.near_mm, 1e-3 * setup.sensor.range.far_mm
+    margin, depth = _RANGE_MARGIN * (far - near), _depth(artefact)
+    first, last = near + margin, far - margin - depth
+    middle = max(first, (near + far - depth) / 2)
+    count = len(programme.positions)
+    standoffs = np.linspace(first, last, count).tolist() if count > 1 else [middle]
+    places = dict(zip(programme.positions, standoffs, strict=True)) if first < last else {"middle": middle}
+    if name in _TURNED:
+        places[ALL_ROUND] = middle
+    for position, standoff in places.items():
+        for mode in MODES:
+            yield Station(name, position, standoff, mode)
+
+
+def _depth(artefact: ShapeGroup) -> float:
+    """Height, m, from the lowest visible measured surface to the top of the artefact, seen from above."""
+    mesh = artefact.mesh(_COARSE)
+    points, faces = sample_surface(mesh, _SAMPLES, 0)
+    signed, _, number = artefact.nearest(points)
+    measured = np.array([one.role == "measured" for one in artefact.shapes])
+    seen = (mesh.normals[faces, 2] > _SEEN) & (signed > -2 * _COARSE) & measured[number]
+    return float(mesh.bounds[1, 2] - points[seen, 2].min())
 
 
 @dataclass(frozen=True)
@@ -59,14 +188,14 @@ class Samples:
 
 @dataclass
 class Measurement:
-    """What all stations gave.
+    """Results of all stations.
 
     Attributes
     ----------
     pictured
         An evaluation of each artefact, for a picture.
     failures
-        What could not be measured and why, each once.
+        Number of failed repeats by station and reason.
     points
         Points of a scan by station, mean over the repeats.
     """
@@ -93,7 +222,8 @@ class Measuring:
         Raises
         ------
         ScancellError
-            If the cell or a factor is wrong; what cannot be planned or gives no points is a failure of a station.
+            If the cell or a factor is wrong. A scan that cannot be planned or gives no points is a failure of its
+            station.
         """
         found = Measurement()
         work = [
@@ -131,8 +261,12 @@ class Measuring:
             counts.append(len(scan.cloud))
             if station.artefact not in found.pictured:
                 found.pictured[station.artefact] = evaluation
-            _collect(samples, station, evaluation, number)
-            _collect_rates(samples, station, evaluation, 1.0 - len(scan.cloud) / max(ideal, 1), number)
+            missing = max(0.0, 1.0 - len(scan.cloud) / max(ideal, 1))
+            for of, name, unit, nominal, value, uncertainty in _errors(evaluation, missing):
+                own = samples.setdefault((of, name), Samples(station, of, name, unit, nominal))
+                own.errors.append(value)
+                own.trials.append(number)
+                own.fit_uncertainty.append(uncertainty)
         if counts:
             found.points[station] = float(np.mean(counts))
         found.samples += samples.values()
@@ -168,36 +302,17 @@ def _quiet(inputs: Inputs) -> Inputs:
     return Inputs(Setup(setup.cell, setup.sensor.replace({"render.noise": False}), setup.scan), inputs.as_built)
 
 
-def _collect(
-    samples: dict[tuple[str, str], Samples], station: Station, evaluation: ArtefactEvaluation, trial: int
-) -> None:
+def _errors(evaluation: ArtefactEvaluation, missing: float) -> Iterator[tuple[str, str, str, float, float, float]]:
+    """Face, name, unit, nominal value, error and uncertainty of the fit, of each characteristic and of the rates."""
     for one in evaluation.characteristics:
         unit, scale = _UNIT[one.unit]
-        own = samples.setdefault((one.of, one.name), Samples(station, one.of, one.name, unit, one.nominal))
-        own.errors.append(scale * one.error)
-        own.trials.append(trial)
-        own.fit_uncertainty.append(scale * one.uncertainty)
-
-
-def _collect_rates(
-    samples: dict[tuple[str, str], Samples],
-    station: Station,
-    evaluation: ArtefactEvaluation,
-    missing: float,
-    trial: int,
-) -> None:
+        yield one.of, one.name, unit, one.nominal, scale * one.error, scale * one.uncertainty
     residuals = [one.fit.residuals for one in evaluation.faces]
     far = sum(int(_is_outlier(one).sum()) for one in residuals)
     beyond = evaluation.outlier_rate * len(evaluation.face)
-    rates = {
-        "outlier rate": (far + beyond) / (sum(map(len, residuals)) + beyond),
-        "missing-point rate": max(0.0, missing),
-    }
+    rates = {"outlier rate": (far + beyond) / (sum(map(len, residuals)) + beyond), "missing-point rate": missing}
     for name, rate in rates.items():
-        own = samples.setdefault((_WHOLE, name), Samples(station, _WHOLE, name, "%", 0.0))
-        own.errors.append(100 * rate)
-        own.trials.append(trial)
-        own.fit_uncertainty.append(float("nan"))
+        yield _WHOLE, name, "%", 0.0, 100 * rate, float("nan")
 
 
 def _is_outlier(residuals: Array) -> NDArray[np.bool_]:

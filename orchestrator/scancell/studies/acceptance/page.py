@@ -1,17 +1,19 @@
-"""The report of an acceptance test as one HTML file without links (template: ../templates/acceptance.html.j2)."""
+"""The report of an acceptance test as one self-contained HTML file (template: ../templates/acceptance.html.j2)."""
 
 from __future__ import annotations
 
 import base64
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from scancell.extras import require
+from scancell.studies.acceptance.report import REPEATABILITY
+from scancell.studies.page import BLUE, GREY, INK, ORANGE, rendered, svg
 
-require("matplotlib", "studies")
-from scancell.studies.acceptance import plots  # noqa: E402
-from scancell.studies.acceptance.statistics import REPEATABILITY  # noqa: E402
-from scancell.studies.page import environment  # noqa: E402
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _TITLES = {
     "sphere": ("Sphere: probing", ("probing form, 95 % of the points", "probing size", "D95 %")),
@@ -22,13 +24,15 @@ _TITLES = {
     "cone": ("Cone: form and angle", ("form, 95 % of the points", "cone angle")),
 }
 _RATES = ("outlier rate", "missing-point rate")
-_UNITS = {"um": "µm"}
 _STATISTICS = {
     "mean": "mean",
     "standard_uncertainty": "std. uncertainty",
     "interval_symmetric": "95 % interval",
 }
 _DETAILS = {**_STATISTICS, "interval_shortest": "shortest interval"}
+_COLOURS = (BLUE, ORANGE)
+_SHIFT = 0.12  # between the marks of the two modes
+_MOST_FACES = 6  # with a line of their own
 
 
 def acceptance_page(figures: Mapping[str, Any], pictures: Mapping[str, bytes], failures: Sequence[str]) -> str:
@@ -43,27 +47,27 @@ def acceptance_page(figures: Mapping[str, Any], pictures: Mapping[str, bytes], f
     """
     markup = require("markupsafe", "studies").Markup
     budgets_head, budgets = _budgets([found for found in figures["contributions"] if _is_shown(found)])
-    text: str = (
-        environment()
-        .get_template("acceptance.html.j2")
-        .render(
-            title=f"Acceptance test of {figures['sensor']}",
-            facts=_facts(figures),
-            what=figures["what"],
-            few=figures["programme"]["repeats"] < 11,
-            failures=failures,
-            largest_head=["artefact", "characteristic", "of", "position", "mode", "unit", *_STATISTICS.values()],
-            largest=[_largest(row) for row in figures["largest"] if _is_shown(row)],
-            rates=_rates(figures["figures"]),
-            artefacts=[_artefact(name, figures, pictures, markup) for name in _measured(figures)],
-            sweeps=[(found["name"], markup(plots.sweep(found))) for found in figures["sweeps"]],
-            linearity=figures["linearity_percent"],
-            budgets_head=budgets_head,
-            budgets=budgets,
-            about=[["engine", figures["engine"]], ["seed", figures["seed"]], *_words(figures)],
-        )
+    return rendered(
+        "acceptance.html.j2",
+        title=f"Acceptance test of {figures['sensor']}",
+        facts=_facts(figures),
+        what=figures["what"],
+        few=figures["programme"]["repeats"] < 11,
+        failures=failures,
+        largest_head=["artefact", "characteristic", "of", "position", "mode", "unit", *_STATISTICS.values()],
+        largest=[_largest(row) for row in figures["largest"] if _is_shown(row)],
+        rates=_rates(figures["figures"]),
+        artefacts=[_artefact(name, figures, pictures, markup) for name in _measured(figures)],
+        sweeps=[(found["name"], markup(_sweep_plot(found))) for found in figures["sweeps"]],
+        linearity=figures["linearity_percent"],
+        budgets_head=budgets_head,
+        budgets=budgets,
+        about=[["engine", figures["engine"]], ["seed", figures["seed"]], *_words(figures)],
     )
-    return text
+
+
+def _unit(row: Mapping[str, Any]) -> str:
+    return "µm" if row["unit"] == "um" else str(row["unit"])
 
 
 def _facts(figures: Mapping[str, Any]) -> str:
@@ -87,7 +91,7 @@ def _measured(figures: Mapping[str, Any]) -> list[str]:
 
 def _largest(row: Mapping[str, Any]) -> list[Any]:
     names = [row["artefact"].replace("_", " "), row["name"], row["of"], row["position"], row["mode"]]
-    return [*names, _UNITS.get(row["unit"], row["unit"]), *(row[key] for key in _STATISTICS)]
+    return [*names, _unit(row), *(row[key] for key in _STATISTICS)]
 
 
 def _rates(rows: Sequence[Mapping[str, Any]]) -> list[list[Any]]:
@@ -107,11 +111,11 @@ def _artefact(name: str, figures: Mapping[str, Any], pictures: Mapping[str, byte
     for characteristic in shown:
         own = [row for row in rows if row["name"] == characteristic]
         if own:
-            drawings.append(markup(plots.over_positions(own, characteristic)))
+            drawings.append(markup(_plot_over_positions(own, characteristic)))
     table = [
         [
             *(row["of"], row["name"], row["position"], round(row["standoff_mm"], 1), row["mode"]),
-            *(_UNITS.get(row["unit"], row["unit"]), row["repeats"], *(row[key] for key in _DETAILS)),
+            *(_unit(row), row["repeats"], *(row[key] for key in _DETAILS)),
             *(row["minimum"], row["maximum"], row["fit_uncertainty"]),
         ]
         for row in rows
@@ -141,6 +145,63 @@ def _budgets(found: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[list[A
     for one in found:
         shares = {row["factor"]: 100.0 * row["share"] for row in one["budget"]}
         size = sum(row["uncertainty"] ** 2 for row in one["budget"]) ** 0.5
-        names = [one["artefact"].replace("_", " "), one["name"], _UNITS.get(one["unit"], one["unit"])]
+        names = [one["artefact"].replace("_", " "), one["name"], _unit(one)]
         rows.append([*names, size, *(shares.get(factor) for factor in ordered)])
     return ["artefact", "characteristic", "unit", "std. deviation", *(f"{name}, %" for name in ordered)], rows
+
+
+def _plot_over_positions(rows: Sequence[dict[str, Any]], name: str) -> str:
+    """Mean errors with their 95 % intervals, or twice their standard uncertainty, by position; a colour per mode."""
+    positions = list(dict.fromkeys(row["position"] for row in rows))
+    modes = list(dict.fromkeys(row["mode"] for row in rows))
+    faces = list(dict.fromkeys(row["of"] for row in rows))
+
+    def draw(axes: Axes) -> None:
+        for m, mode in enumerate(modes):
+            for f, face in enumerate(faces[:_MOST_FACES]):
+                own = [row for row in rows if (row["mode"], row["of"]) == (mode, face)]
+                x = np.array([positions.index(row["position"]) for row in own]) + (m - (len(modes) - 1) / 2) * _SHIFT
+                x = x + 0.3 * _SHIFT * (f - (min(len(faces), _MOST_FACES) - 1) / 2)
+                mean, ends = np.array([row["mean"] for row in own]), np.array([_ends(row) for row in own])
+                spread = np.clip(np.stack([mean - ends[:, 0], ends[:, 1] - mean]), 0.0, None)
+                label = mode if f == 0 else None
+                axes.errorbar(x, mean, spread, fmt="o", ms=4, capsize=3, color=_COLOURS[m % 2], label=label)
+        axes.axhline(0.0, color=GREY, linewidth=0.8)
+        axes.set(xticks=range(len(positions)), xticklabels=positions, ylabel=_unit(rows[0]))
+        axes.set_xlim(-0.5, len(positions) - 0.5)
+        axes.set_title(name, fontsize=10, loc="left")
+        axes.legend(frameon=False, fontsize=8)
+
+    return svg(5.0, 2.8, 1, draw)
+
+
+def _ends(row: dict[str, Any]) -> tuple[float, float]:
+    if row["interval_symmetric"]:
+        low, high = row["interval_symmetric"]
+        return low, high
+    half = 2.0 * (row["standard_uncertainty"] or 0.0)
+    return row["mean"] - half, row["mean"] + half
+
+
+def _sweep_plot(found: dict[str, Any]) -> str:
+    """Bias with the standard deviation of points as a band, and shares of outliers and missing points."""
+    value, bias, std, outliers, missing = (
+        np.array([np.nan if row[key] is None else row[key] for row in found["rows"]], float)
+        for key in ("value", "bias_um", "std_um", "outlier_rate", "missing_rate")
+    )
+    scale = "log" if found["name"] == "reflectance" else "linear"
+    label = found["name"] if found["unit"] == "1" else f"{found['name']} ({found['unit']})"
+
+    def draw(left: Axes, right: Axes) -> None:
+        left.fill_between(value, bias - std, bias + std, color=BLUE, alpha=0.25, linewidth=0, label="± std of points")
+        left.plot(value, bias, "o-", ms=3, color=BLUE, label="bias")
+        left.axhline(0.0, color=GREY, linewidth=0.8)
+        left.set(xlabel=label, ylabel="µm", xscale=scale)
+        left.legend(frameon=False, fontsize=8)
+        right.plot(value, 100 * missing, "o-", ms=3, color=ORANGE, label="missing points")
+        right.plot(value, 100 * outliers, "s--", ms=3, color=INK, label="outliers")
+        right.set(xlabel=label, ylabel="%", xscale=scale)
+        right.set_ylim(bottom=0.0, top=max(1.0, 110 * float(np.nanmax(np.append(missing, outliers)))))
+        right.legend(frameon=False, fontsize=8)
+
+    return svg(8.4, 2.7, 2, draw)

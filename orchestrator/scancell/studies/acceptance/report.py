@@ -1,4 +1,4 @@
-"""An acceptance test: run it, and write ``acceptance.json``, ``acceptance.csv`` and ``acceptance.html``."""
+"""An acceptance test: run it, evaluate the repeats, and write ``acceptance.json``, ``.csv`` and ``.html``."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from scancell.config.choices import Engine
 from scancell.config.loading import Setup
-from scancell.config.study import StudyDescription, load_study
+from scancell.config.study import load_study
 from scancell.errors import FitError
 from scancell.evaluation.artefact import ArtefactEvaluation
 from scancell.output.manifest import command_words, manifest, versions
@@ -22,16 +23,26 @@ from scancell.output.run_folder import RunFolder
 from scancell.output.tables import columns_of, write_csv
 from scancell.progress import Progress
 from scancell.scanner import Scanner
-from scancell.studies.acceptance.measure import Measurement, Measuring, Trial
-from scancell.studies.acceptance.programme import Programme, artefact_scale, scaled_artefact
-from scancell.studies.acceptance.statistics import PROBABILITY, contributions, figure_rows, largest_rows
+from scancell.studies.acceptance.measure import (
+    Measuring,
+    Programme,
+    Samples,
+    Trial,
+    artefact_scale,
+    scaled_artefact,
+)
 from scancell.studies.acceptance.sweeps import SensorSweeps, sensor_sweeps
+from scancell.studies.budget import Terms, variance_budget
 from scancell.studies.designs import trial_seed
+from scancell.studies.distributions import population_of
 from scancell.studies.factors import Factors, Inputs
-from scancell.studies.population import population_of
+from scancell.studies.intervals import summary
 from scancell.values import Result
 
 Array = NDArray[np.float64]
+
+PROBABILITY = 0.95
+REPEATABILITY = "repeatability"
 
 WHAT = (
     "figures in the style of VDI/VDE 2634-2 and -3 and ISO 10360-8 and -13; least-squares elements; uncertainty after"
@@ -40,9 +51,94 @@ WHAT = (
 _CSV_INTERVALS = ("interval_symmetric", "interval_shortest")
 
 
+def figure_row(one: Samples) -> dict[str, Any]:
+    """Row of a characteristic at a station: statistics of its error over the repeats (JCGM 101)."""
+    errors = np.array(one.errors)
+    said = summary(errors, PROBABILITY)
+    fitted = np.array(one.fit_uncertainty)
+    known = fitted[np.isfinite(fitted)]
+    return {
+        "artefact": one.station.artefact,
+        "of": one.of,
+        "name": one.name,
+        "position": one.station.position,
+        "standoff_mm": 1e3 * one.station.standoff,
+        "mode": one.station.mode,
+        "unit": one.unit,
+        "repeats": len(errors),
+        "mean": said["mean"],
+        "standard_uncertainty": said["standard_deviation"],
+        "interval_symmetric": said["interval_symmetric"],
+        "interval_shortest": said["interval_shortest"],
+        "minimum": said["minimum"],
+        "maximum": said["maximum"],
+        "fit_uncertainty": float(np.sqrt((known**2).mean())) if len(known) else None,
+        "errors": errors.tolist(),
+    }
+
+
+def largest_rows(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The row with the largest mean error, by amount, over positions and faces, for each characteristic and mode."""
+    largest: dict[tuple[str, str, str], dict[str, Any]] = {}
+    for row in rows:
+        key = (row["artefact"], row["name"], row["mode"])
+        if key not in largest or abs(row["mean"]) > abs(largest[key]["mean"]):
+            largest[key] = row
+    return [{name: value for name, value in row.items() if name != "errors"} for row in largest.values()]
+
+
+def contributions(
+    samples: Sequence[Samples],
+    trials: Sequence[Trial],
+    labels: Sequence[str],
+    seed: int,
+    correlation: Array | None = None,
+) -> list[dict[str, Any]]:
+    """Shares of position, mode and drawn factors in the variance of each characteristic; the rest is repeatability.
+
+    A characteristic of an artefact is one population over faces, positions, modes and repeats, without the mean of each
+    face. `correlation` (labels, labels) is that of drawn factors that are not independent.
+    """
+    found = []
+    keys = dict.fromkeys((one.station.artefact, one.name) for one in samples)
+    for artefact, name in keys:
+        own = [one for one in samples if (one.station.artefact, one.name) == (artefact, name)]
+        budget = _budget(own, trials, labels, seed, correlation)
+        if budget:
+            found.append({"artefact": artefact, "name": name, "unit": own[0].unit, **budget})
+    return found
+
+
+def _budget(
+    own: Sequence[Samples], trials: Sequence[Trial], labels: Sequence[str], seed: int, correlation: Array | None
+) -> dict[str, Any]:
+    faces = np.concatenate([np.full(len(one.errors), one.of) for one in own])
+    errors = np.concatenate([one.errors for one in own])
+    for face in np.unique(faces):
+        errors[faces == face] -= errors[faces == face].mean()
+    columns: dict[str, list[Any]] = {
+        "position": [one.station.position for one in own for _ in one.errors],
+        "mode": [one.station.mode for one in own for _ in one.errors],
+    }
+    for j, label in enumerate(labels):
+        columns[label] = [trials[k].values[j] for one in own for k in one.trials]
+    between = block_diag(np.eye(2), np.eye(len(labels)) if correlation is None else correlation)
+    chosen = [j for j, values in enumerate(columns.values()) if len(set(values)) > 1]
+    varying = {name: values for j, (name, values) in enumerate(columns.items()) if j in chosen}
+    if not varying:
+        return {}
+    terms = [Terms.of(values) for values in varying.values()]
+    budget = variance_budget(terms, errors, PROBABILITY, seed, correlation=between[np.ix_(chosen, chosen)])
+    if not budget:
+        return {}
+    rows = zip([*varying, REPEATABILITY], [*budget["budget"], budget["residual"]], strict=True)
+    shares = [{"factor": name, **row} for name, row in rows]
+    return {"regression": budget["regression"], "trials": len(errors), "budget": shares}
+
+
 @dataclass(frozen=True)
 class AcceptanceRequest:
-    """What to test, and how.
+    """Programme and inputs of the test.
 
     Attributes
     ----------
@@ -66,15 +162,15 @@ class AcceptanceReport(Result):
     Attributes
     ----------
     setup, request
-        Descriptions, and what was asked for.
+        Descriptions, and the request.
     rows
-        Statistics of each characteristic at each position, in each mode (see `statistics.figure_rows`).
+        Statistics of each characteristic at each position, in each mode (see `figure_row`).
     budgets
         Contributions to the variance of each characteristic.
     sweeps
         Noise and linearity of the sensor over its range.
     failures
-        What could not be measured, with the number of repeats.
+        Number of failed repeats by station and reason.
     pictured
         An evaluation of each artefact.
     points, scale
@@ -105,7 +201,7 @@ class AcceptanceReport(Result):
 
     @property
     def warnings(self) -> list[str]:
-        """What could not be measured."""
+        """Failed stations with the reason and the number of repeats."""
         scans = self.request.programme.repeats
         return [f"{what} ({count} of {scans} repeats)" for what, count in self.failures.items()]
 
@@ -190,7 +286,7 @@ def run_acceptance(scanner: Scanner, request: AcceptanceRequest, progress: Progr
     Raises
     ------
     ScancellError
-        Naming what is wrong and what was expected; `FitError` if nothing could be measured at all.
+        Naming what is wrong and what was expected; `FitError` if no station could be measured.
     """
     setup, programme = scanner.setup, request.programme
     trials, labels, correlation = _trials(setup, request, programme.repeats)
@@ -205,12 +301,12 @@ def run_acceptance(scanner: Scanner, request: AcceptanceRequest, progress: Progr
     return AcceptanceReport(
         setup=setup,
         request=request,
-        rows=figure_rows(found.samples),
+        rows=[figure_row(one) for one in found.samples],
         budgets=contributions(found.samples, trials, labels, request.seed, correlation),
         sweeps=sweeps,
         failures=found.failures,
         pictured=found.pictured,
-        points=_mean_points(found),
+        points=sum(found.points.values()) / max(len(found.points), 1),
         scale=scale,
         labels=tuple(labels),
     )
@@ -224,7 +320,8 @@ def _trials(setup: Setup, request: AcceptanceRequest, count: int) -> tuple[list[
     seeds = [trial_seed(request.seed, k) for k in range(count)]
     if request.factors is None:
         return [Trial(seed, (), lambda own: Inputs(own, request.as_built)) for seed in seeds], [], None
-    study = _varying(load_study(request.factors), request, count)
+    design = {"kind": "latin_hypercube", "trials": count}
+    study = load_study(request.factors).replace({"design": design, "as_built": request.as_built, "seed": request.seed})
     source = str(request.factors)
     values = Factors(study, setup, source).draw()
 
@@ -232,16 +329,6 @@ def _trials(setup: Setup, request: AcceptanceRequest, count: int) -> tuple[list[
         return Trial(seeds[k], values[k], lambda own: Factors(study, own, source).inputs(values[k]))
 
     return [inputs_of(k) for k in range(count)], study.labels, population_of(study).correlation
-
-
-def _varying(study: StudyDescription, request: AcceptanceRequest, count: int) -> StudyDescription:
-    """Of a study its factors, drawn once for each repeat."""
-    changes = {"design": {"kind": "latin_hypercube", "trials": count}, "as_built": request.as_built}
-    return study.replace({**changes, "seed": request.seed})
-
-
-def _mean_points(found: Measurement) -> float:
-    return sum(found.points.values()) / max(len(found.points), 1)
 
 
 def _csv_row(row: Mapping[str, Any]) -> dict[str, Any]:

@@ -10,10 +10,10 @@ import numpy as np
 
 from scancell.config.choices import Engine
 from scancell.config.loading import Setup
-from scancell.evaluation.plane_trial import Linearity, PlaneReading, PlaneTarget, linearity, measure_plane
+from scancell.evaluation.plane_trial import Linearity, PlaneTarget, linearity, measure_plane
 from scancell.progress import Progress
-from scancell.scanning.sense import Sensors, make_sensors
-from scancell.studies.acceptance.programme import Programme
+from scancell.scanning.sense import make_sensors
+from scancell.studies.acceptance.measure import Programme
 
 _RANGE_MARGIN = 0.02  # of the measuring range, left free at both ends
 _STEEPEST = np.radians(60.0)
@@ -24,7 +24,7 @@ _FASTEST = 4.0  # times the speed of the passes
 
 @dataclass(frozen=True)
 class Sweep:
-    """Figures of a matt plane while one thing changes; `values` in `unit`, one of `rows` for each."""
+    """Figures of a matt plane while one quantity changes; `values` in `unit`, and a row of figures for each."""
 
     name: str
     unit: str
@@ -71,28 +71,16 @@ def sensor_sweeps(
     progress.stage("sensor", sum(len(values) for _, _, values, _ in listed), "targets")
     found, over_range = [], Linearity(float("nan"), float("nan"))
     for name, unit, values, target in listed:
-        readings = [
-            _reading(sensors, ideal, target(value), programme.exposures, engine, threads, progress) for value in values
-        ]
+        readings = []
+        for value in values:
+            progress.advance(1)
+            readings.append(measure_plane(sensors, ideal, target(value), programme.exposures, engine, threads))
         rows = tuple(one.figures().as_row() for one in readings)
         found.append(Sweep(name, unit, tuple(values), rows))
         seen = [one for one in readings if len(one.signed)]
         if name == "range" and len(seen) > 2:
             over_range = linearity(seen)
     return SensorSweeps(tuple(found), over_range)
-
-
-def _reading(
-    sensors: Sensors,
-    ideal: Sensors,
-    target: PlaneTarget,
-    exposures: int,
-    engine: Engine,
-    threads: int,
-    progress: Progress,
-) -> PlaneReading:
-    progress.advance(1)
-    return measure_plane(sensors, ideal, target, exposures, engine, threads)
 
 
 def _targets(setup: Setup, steps: int) -> list[tuple[str, str, list[float], Callable[[float], PlaneTarget]]]:

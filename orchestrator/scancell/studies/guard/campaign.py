@@ -1,8 +1,8 @@
 """Paired runs with and without a guard, over a bad network.
 
 A third of the twins without a guard collides, another third has near misses, the others do ordinary work, in every
-decade of speed, by hand and in automatic operation alike.  Cells, parts, faults of the network and errors of the
-geometry take turns.  Everything follows from the campaign's seed and the number of a run, so that campaigns can be
+decade of speed, by hand and in automatic operation.  Cells, parts, network faults and geometry errors alternate.
+Everything follows from the campaign's seed and the number of a run, so that campaigns can be
 interrupted, and single runs repeated.
 """
 
@@ -22,8 +22,7 @@ from scancell.config.cell import CellDescription
 from scancell.config.channel import LinkDescription
 from scancell.geometry.mesh import Mesh
 from scancell.guard.guard import Guard
-from scancell.studies.guard.guarded import GuardedRuns, Protection
-from scancell.studies.guard.simulation import Course, Simulation
+from scancell.studies.guard.simulation import Course, GuardedRuns, Protection, Simulation
 from scancell.studies.guard.strata import DECADES, FAULTS, Stratum, random_network, stratum_of
 from scancell.studies.guard.twins import Twin, Twins
 from scancell.studies.guard.worlds import KnownWorld, known_world, world_of
@@ -33,8 +32,8 @@ Array = NDArray[np.float64]
 _SEEN = 0.06  # m: clearances of guarded runs are not looked for beyond
 _KNOWN = 8  # cells with a part that are kept
 _FALSE = 5e-3  # m beyond the stated distance
-_HELD = 0.1  # rate of the path clock: a robot slows down ever more in front of what it must not pass
-_LATER = 1.25  # times as long as its twin takes a motion that its guard slows down on a path to a contact
+_HELD = 0.1  # rate of the path clock: a robot slows down more and more before an obstacle on its path
+_LATER = 1.25  # factor on the duration of the twin, for a motion that the guard slows down on a path to a contact
 _ON_PATH = 5e-3  # m: distance at which a motion on a known path is stopped at most
 
 # Speed, m/s, and distance, m, at which a robot that a person jogs against something comes to rest (docs/guard.md),
@@ -58,7 +57,7 @@ class RunRow:
     Attributes
     ----------
     number, third, operation, decade, fault, cell, part, silent, draws
-        Which run, and how many scenarios were drawn until the twin did what its third does.
+        Stratum of the run, and the number of scenarios drawn until the twin had the outcome of its third.
     speed
         Largest share of the full speed.
     motion
@@ -72,8 +71,8 @@ class RunRow:
     clearance
         Smallest distance of the arm to other bodies in the guarded run, m, at most 0.06.
     stop, stop_at, stopped_pair
-        What held the robot first: a stop by the ``guard``, by the ``age`` of the last answer, a ``refused`` jog, or
-        nothing; when, s, and for which pair.
+        First cause that held the robot: a stop by the ``guard``, by the ``age`` of the last answer, a ``refused`` jog,
+        or none; its time, s, and its pair.
     false_stop
         Whether the twin never came near what the guard stopped for.
     halted
@@ -123,7 +122,7 @@ class Campaign(Closing):
     Parameters
     ----------
     cells
-        Descriptions by name, which take turns.
+        Descriptions by name, which alternate.
     parts
         Meshes by name, m, one of which is on the table.
     seed
@@ -155,7 +154,7 @@ class Campaign(Closing):
             self._block = None
 
     def run(self, number: int) -> RunRow:
-        """Run number `number`; quicker in the order of numbers."""
+        """Run with the number `number`; faster in the order of numbers."""
         stratum = stratum_of(number)
         block = self._block_of(stratum)
         twin = block.twins.draw(stratum)
@@ -250,7 +249,7 @@ class _Pair:
         )
 
     def _stop(self) -> tuple[str, float, tuple[str, ...]]:
-        """What held the robot first, when, s, and the pair for which the guard did."""
+        """First cause that held the robot, its time, s, and the pair for which the guard did."""
         course, log = self.course, self.block.guarded.log
         stopped = np.inf if course.stopped_at is None else course.stopped_at
         if course.refused_at is not None and course.refused_at < stopped:

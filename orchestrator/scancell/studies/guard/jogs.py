@@ -1,19 +1,27 @@
-"""Random jogs and moves at full speed: the raw material of scenarios."""
+"""Random jogs, moves and programs, from which scenarios are made."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from scancell.cell.controller import JogFrame, Mode, Operation
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
-from scancell.studies.guard.programs import program_points
 from scancell.studies.guard.scenario import Command, Scenario
 
 Array = NDArray[np.float64]
+
+_CYCLE = 0.016  # s
+_WITHIN = 0.9  # of the limits of the axes
+_SAMPLES = 400
+_LONGER = 1.05
+_LONGEST = 120.0  # s
+_RAMP = 0.15  # share of the time in which the speed rises, and falls
 
 BEGIN = 0.1  # s at which the first command is given
 _PAUSE = 0.4  # s in which the arm comes to rest between kinds of jogs
@@ -21,6 +29,33 @@ _NEAR_HOME = 0.7  # rad
 _INSIDE = 0.02  # rad, of the limits
 _LINE, _LINE_TURN = 0.5, 1.0  # m and rad, of a straight move at most
 _PERSON_SLOWEST = 0.1  # of a person's own deflections
+
+
+def program_points(nominal: NominalCell, through: Sequence[Array], speed: float, cycle: float = _CYCLE) -> Array:
+    """Set-points (n, joints + 1), rad, one per `cycle` (s), through points at a share of the full speed.
+
+    The path is a cubic spline through the points; its speed rises smoothly from rest, is even, and falls to rest.
+    """
+    points = np.array(through)
+    lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1) + 1e-9))
+    path = CubicSpline(lengths / lengths[-1], points)
+    share = np.linspace(0.0, 1.0, _SAMPLES)
+    axes = path(_eased(share))
+    rates = np.abs(np.gradient(axes, share, axis=0)).max(0)
+    bends = np.abs(np.gradient(np.gradient(axes, share, axis=0), share, axis=0)).max(0)
+    by_speed = float((rates / (_WITHIN * speed * nominal.axis_max_speed)).max())
+    by_bend = float(np.sqrt(bends / (_WITHIN * nominal.axis_max_acceleration)).max())
+    cycles = max(int(np.ceil(min(_LONGER * max(by_speed, by_bend), _LONGEST) / cycle)), 8)
+    return np.asarray(path(_eased(np.linspace(0.0, 1.0, cycles + 1))))
+
+
+def _eased(share: Array) -> Array:
+    """Course (n,) from 0 to 1, at rest with no acceleration at both ends; even but for the `_RAMP` at each end."""
+    ramp = np.clip(np.minimum(share, 1.0 - share) / _RAMP, 0.0, 1.0)
+    gained = _RAMP * ramp**3 * (1.0 - ramp / 2)  # integral of the speed ramp² (3 - 2 ramp)
+    even = gained + np.clip(np.minimum(share, 1.0 - share) - _RAMP, 0.0, None)
+    total = 1.0 - _RAMP
+    return np.asarray(np.where(share < 0.5, even, total - even) / total)
 
 
 @dataclass(frozen=True)

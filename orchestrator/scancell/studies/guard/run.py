@@ -1,37 +1,158 @@
-"""Execution of campaigns: parallel, resumable."""
+"""Execution of campaigns in parallel and resumable, the file of their runs, and tables."""
 
 from __future__ import annotations
 
+import csv
 import json
 import os
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from functools import cache, partial
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
+
 from scancell.errors import DescriptionError
 from scancell.files import atomic_write
 from scancell.nominal.parts import load_part
 from scancell.studies.guard.campaign import Campaign, RunRow
-from scancell.studies.guard.guarded import Protection
-from scancell.studies.guard.parts import standing_parts
-from scancell.studies.guard.rows import RowFile, summary, tables
-from scancell.studies.guard.strata import BLOCK
-from scancell.studies.guard.worlds import described_cells
+from scancell.studies.guard.simulation import Protection
+from scancell.studies.guard.strata import BLOCK, DECADES, FAULTS, THIRDS
+from scancell.studies.guard.worlds import described_cells, standing_parts
+
+_READ: dict[str, Callable[[str], Any]] = {"int": int, "float": float, "str": str, "bool": lambda text: text == "True"}
+
+
+class RowFile:
+    """A CSV file to which the rows of a campaign are appended.
+
+    A last line that an interrupt cut short is dropped.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.rows: list[RunRow] = []
+        if path.exists():
+            self.rows = list(self._read())
+        lines = [",".join(field.name for field in fields(RunRow)), *(_line(row) for row in self.rows)]
+        path.write_text("\n".join(lines) + "\n")
+
+    def _read(self) -> Iterator[RunRow]:
+        text = self._path.read_text()
+        reader = csv.DictReader(text[: text.rfind("\n") + 1].splitlines())
+        names = [field.name for field in fields(RunRow)]
+        if reader.fieldnames != names:
+            raise DescriptionError(file=self._path, key="columns", value=reader.fieldnames, expected=str(names))
+        for read in reader:
+            yield RunRow(**{field.name: _READ[str(field.type)](read[field.name]) for field in fields(RunRow)})
+
+    def append(self, row: RunRow) -> None:
+        """Add a row."""
+        self.rows.append(row)
+        with self._path.open("a") as stream:
+            stream.write(_line(row) + "\n")
+
+
+def _line(row: RunRow) -> str:
+    return ",".join(str(value) for value in asdict(row).values())
+
+
+def summary(rows: Sequence[RunRow]) -> dict[str, Any]:
+    """Figures of a campaign."""
+    collisions = sum(row.collided for row in rows)
+    done = [row for row in rows if np.isfinite(row.arrived_at) and np.isfinite(row.twin_arrived_at)]
+    loss = [row.arrived_at / row.twin_arrived_at - 1 for row in done]
+    return {
+        "runs": len(rows),
+        "collisions": collisions,
+        "collisions_by_decade": {decade: sum(row.collided for row in own) for decade, own in _by_decade(rows)},
+        "collisions_of_twins": sum(bool(row.twin_contact) for row in rows),
+        "pairs_of_twins": len({row.twin_contact for row in rows if row.twin_contact}),
+        # Upper end of the one-sided 95 % interval: that of the rule of three where nothing happened.
+        "probability_bound": 1 - 0.05 ** (1 / len(rows)) if rows and not collisions else None,
+        "stops": dict(Counter(row.stop for row in rows if row.stop)),
+        "false_stops": {decade: _share(own) for decade, own in _by_decade(rows)},
+        "warnings": sum(row.warnings for row in rows),
+        "warnings_while_retreating": sum(row.warned_retreating for row in rows),
+        "cycle_time_loss_median": float(np.median(loss)) if loss else None,
+        "cycle_time_loss_95": float(np.percentile(loss, 95)) if loss else None,
+    }
+
+
+def _by_decade(rows: Sequence[RunRow]) -> Iterator[tuple[str, list[RunRow]]]:
+    for decade in DECADES:
+        yield decade, [row for row in rows if row.decade == decade]
+
+
+def _share(rows: Sequence[RunRow]) -> float | None:
+    return sum(row.false_stop for row in rows) / len(rows) if rows else None
+
+
+_COUNTS: dict[str, Callable[[RunRow], bool]] = {
+    "twins collided": lambda row: bool(row.twin_contact),
+    "collisions": lambda row: row.collided,
+    "stopped by the guard": lambda row: row.stop == "guard",
+    "refused": lambda row: row.stop == "refused",
+    "false": lambda row: row.false_stop,
+    "by age": lambda row: row.stop == "age",
+    "waiting on the path": lambda row: row.halted,
+}
+
+
+def tables(rows: Sequence[RunRow]) -> Iterator[str]:
+    """Markdown tables of a campaign."""
+    by_decade: dict[str, Callable[[RunRow], str]] = {"speed": lambda row: row.decade}
+    yield from _table(by_decade, rows)
+    yield from _table({**by_decade, "operation": lambda row: row.operation, "twin": lambda row: row.third}, rows)
+    yield from _table({"fault": lambda row: row.fault}, rows)
+    yield from _table({"cell": lambda row: row.cell}, rows)
+    yield from _table({"part": lambda row: row.part}, rows)
+    yield from _table({"moved by": lambda row: row.motion}, rows)
+    yield from _table({"shows jogs": lambda row: "no" if row.silent else "yes", **by_decade}, rows)
+    shares = (0, 1, 5, 25, 50, 75)
+    yield "| smallest clearance, mm | twin | " + " | ".join(f"{share} %" for share in shares) + " |"
+    yield "| --- | --- |" + " --- |" * len(shares)
+    for decade, of_decade in _by_decade(rows):
+        for third in THIRDS:
+            own = [1e3 * row.clearance for row in of_decade if row.third == third]
+            if own:
+                values = np.percentile(own, shares)
+                yield f"| {decade} | {third} | " + " | ".join(f"{value:.1f}" for value in values) + " |"
+
+
+def _table(keys: Mapping[str, Callable[[RunRow], str]], rows: Sequence[RunRow]) -> Iterator[str]:
+    """Counts of the rows by keys, and the smallest clearance."""
+    groups: dict[tuple[str, ...], list[RunRow]] = {}
+    for row in rows:
+        groups.setdefault(tuple(key(row) for key in keys.values()), []).append(row)
+    yield f"| {' | '.join(keys)} | runs | {' | '.join(_COUNTS)} | smallest clearance, mm |"
+    yield "| --- " * (len(keys) + len(_COUNTS) + 2) + "|"
+    for names, own in sorted(groups.items(), key=lambda group: _order(group[0])):
+        counts = " | ".join(str(sum(counted(row) for row in own)) for counted in _COUNTS.values())
+        smallest = 1e3 * min(row.clearance for row in own)
+        yield f"| {' | '.join(names)} | {len(own)} | {counts} | {smallest:.1f} |"
+    yield ""
+
+
+def _order(names: tuple[str, ...]) -> list[tuple[int, str]]:
+    """Decades, operations, thirds and faults in their own order, other names in that of the alphabet."""
+    known = [*DECADES, "manual", "automatic", *THIRDS, *FAULTS]
+    return [(known.index(name) if name in known else 0, name) for name in names]
 
 
 @dataclass(frozen=True)
 class CampaignOptions:
-    """What a campaign consists of.
+    """Inputs of a campaign.
 
     Attributes
     ----------
     cell
-        File of the cell's description; None: all shipped ones take turns.
+        File of the cell's description; None: all shipped cells alternate.
     part
         Mesh file of the part, in `unit`.
     seed
@@ -72,7 +193,7 @@ def run_campaign(
     workers: int = 0,
     progress: Callable[[RunRow], None] | None = None,
 ) -> dict[str, Any]:
-    """Figures of a campaign of `runs` runs, which goes on where an earlier one in `folder` stopped.
+    """Figures of a campaign of `runs` runs, which resumes an earlier one in `folder`.
 
     Raises
     ------

@@ -55,7 +55,7 @@ class Scenario:
     speed
         Largest share of the full speed.
     resets
-        After so many stops the person resets the controller and gives the last command again.
+        Number of stops after which the person resets the controller and gives the last command again.
     """
 
     operation: Operation

@@ -17,10 +17,14 @@ from scancell.cell.instance import CellInstance
 from scancell.cell.reusable import ReusableCell
 from scancell.closing import Closing
 from scancell.config.cell import CellDescription
+from scancell.config.channel import LinkDescription
 from scancell.geometry.reduction import reduced
+from scancell.guard.guard import Decision, Guard
 from scancell.guard.guarded_cell import GuardedCell
-from scancell.guard.link import Link
-from scancell.guard.messages import GuardMessage
+from scancell.guard.link import Link, faulty_link
+from scancell.guard.messages import CellState, GuardMessage
+from scancell.guard.settings import GuardSettings
+from scancell.guard.transport import InProcess
 from scancell.nominal.cell import NominalCell
 from scancell.proximity.judge import Judge
 from scancell.proximity.scene import ProximityScene, arm_chain, cell_scene
@@ -47,6 +51,8 @@ _STILL = 1e-7  # rad in that time
 # States of the controller, as its output `controller.state` numbers them.
 _EMERGENCY_STOP = 3
 
+_COMPUTE = 0.004  # s that an answer takes
+
 
 @dataclass(frozen=True)
 class Course:
@@ -69,7 +75,7 @@ class Course:
     touched
         Whether the cell's own collision outputs reported a contact.
     rejected
-        Whether the controller does not carry out its last command at the end.
+        Whether the controller has rejected its last command at the end.
     """
 
     times: Array
@@ -93,7 +99,7 @@ class Course:
 
 
 class Simulation(Closing):
-    """A cell that is run again and again. Use it as a context manager.
+    """A cell for many runs. Use it as a context manager.
 
     Parameters
     ----------
@@ -284,3 +290,83 @@ class Simulation(Closing):
 def _holds(answer: GuardMessage) -> bool:
     """Whether an answer holds a jog at rest."""
     return answer.monitor_speed == 0.0 and not answer.emergency_stop
+
+
+@dataclass(frozen=True)
+class Protection:
+    """Guard, settings and link of guarded runs; the defaults are the correct ones.
+
+    Attributes
+    ----------
+    guard
+        Type of the guard.
+    assumed
+        The settings that it assumes, as a function of the true ones.
+    patience
+        Factor on the time for which the controller waits for answers.
+    link
+        Type of the cell's link.
+    """
+
+    guard: type[Guard] = Guard
+    assumed: Callable[[GuardSettings], GuardSettings] = lambda true: true
+    patience: float = 1.0
+    link: type[Link] = Link
+
+
+class GuardedRuns:
+    """Runs scenarios with a guard.
+
+    Parameters
+    ----------
+    simulation
+        The cell.
+    guard
+        Its guard.
+    max_age
+        Of the controller, s; None: that of the guard.
+    link_type
+        Type of the link by which the cell receives answers.
+
+    Attributes
+    ----------
+    log
+        Decisions of the last run, with the times of their states on the controller's clock, s.
+    """
+
+    def __init__(
+        self, simulation: Simulation, guard: Guard, max_age: float | None = None, link_type: type[Link] = Link
+    ) -> None:
+        self._simulation = simulation
+        self._max_age = guard.settings.max_age if max_age is None else max_age
+        self._link_type = link_type
+        self.log: list[tuple[float, Decision]] = []
+        self._observed = _Observed(guard, self.log)
+
+    def run(self, scenario: Scenario, network: LinkDescription, seed: int = 0) -> Course:
+        """Record of a scenario; `seed` determines the faults of the network."""
+        self._observed.reset()
+
+        def link() -> Link:
+            transport = InProcess(self._observed, _COMPUTE)
+            return faulty_link(transport, network, self._max_age, seed, self._link_type)
+
+        return self._simulation.run(scenario, link, self._max_age)
+
+
+class _Observed:
+    """A guard that logs its decisions with the times of the states."""
+
+    def __init__(self, guard: Guard, log: list[tuple[float, Decision]]) -> None:
+        self._guard, self._log = guard, log
+
+    def answer(self, state: CellState) -> GuardMessage:
+        """Answer of the guard to a state."""
+        message = self._guard.answer(state)
+        self._log.append((state.time, self._guard.decision))
+        return message
+
+    def reset(self) -> None:
+        """Reset the guard and clear the log."""
+        self._log.clear()
+        self._guard.reset()

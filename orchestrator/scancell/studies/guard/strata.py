@@ -1,4 +1,4 @@
-"""Strata of a campaign: what each of its runs is a sample of."""
+"""Strata of a campaign: operation, speed, network fault and unguarded outcome of each run."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ THIRDS = ("collision", "near miss", "ordinary")
 DECADES = ("0.1-1 %", "1-10 %", "10-100 %")  # of the full speed
 BLOCK = len(THIRDS) * len(Operation) * len(DECADES)  # runs with one cell, part and fault
 _SLOWEST = 1e-3
-_SILENT = 8  # of that many blocks one has a controller that does not show its jogs
+_SILENT = 8  # blocks per block with a controller that does not show its jogs
 _SLOW = ChannelDescription(delay_ms=4.0, jitter_ms=2.0)
 
 
@@ -40,14 +40,14 @@ FAULTS: dict[str, LinkDescription] = dict(
 
 @dataclass(frozen=True)
 class Stratum:
-    """What a run is a sample of.
+    """The stratum that a run samples.
 
     Attributes
     ----------
     number, block
         Of the run, and of the block of `BLOCK` runs that it belongs to.
     third
-        What the unguarded twin does: one of `THIRDS`.
+        Outcome of the unguarded twin: one of `THIRDS`.
     operation
         Manual or automatic.
     decade
@@ -72,7 +72,7 @@ class Stratum:
 
 
 def stratum_of(number: int) -> Stratum:
-    """That of a run: all combinations have equal counts after 180 runs, silent controllers after 1440."""
+    """Stratum of a run: all combinations have equal counts after 180 runs, silent controllers after 1440."""
     within, block = number % BLOCK, number // BLOCK
     third, operation, decade = within % 3, within // 3 % 2, within // 6
     fault = list(FAULTS)[block % len(FAULTS)]

@@ -45,7 +45,7 @@ _POINTS = 320  # at most
 _TAIL = 0.5, 1.15  # s and share, by which runs last longer than the motion to the contact is estimated to take
 _RESETS, _RESET_TIME = 40, 14.0  # of a person who insists, and the time for it, s
 _PRESSES = 25
-_BEYOND = 0.3, 0.05  # share of its length and rad by which a program goes on behind a contact, at most
+_BEYOND = 0.3, 0.05  # share of its length and rad by which a program continues behind a contact, at most
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class _Approach:
 
 
 class Twins:
-    """Draws scenarios by what comes of them without a guard.
+    """Draws scenarios by their outcome without a guard.
 
     Parameters
     ----------

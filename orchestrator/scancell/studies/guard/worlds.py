@@ -1,4 +1,4 @@
-"""Cells of a campaign: as their guards know them, and as they are."""
+"""Cells of a campaign, as their guards know them and as they are, and parts that stick out of the table."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from scancell.cell.sensing import SENSOR_KEYS
 from scancell.config.cell import CellDescription
 from scancell.config.files import assets_dir
 from scancell.config.loading import load_setup
-from scancell.geometry.mesh import Mesh
+from scancell.geometry import pose
+from scancell.geometry.mesh import Mesh, box_mesh, joined
 from scancell.geometry.reduction import ReducedMesh, reduced
 from scancell.guard.guard import Guard
 from scancell.guard.settings import GuardSettings
@@ -23,10 +24,33 @@ from scancell.scanning.guard import settings_of
 
 Array = NDArray[np.float64]
 
+_FOOT = (0.32, 0.05, 0.006)  # m: bounding boxes are centred on the table's axis
+_SEGMENTS = 14  # of the ring
+
 _MAX_FACES = 400  # of the guard's meshes
 _MOTORS = "default with motors"
 _MARGIN = 0.5e-3  # m between the guard's clearances and those of a start
 _TRUE = 0.25  # share of the worlds that are as described
+
+
+def standing_parts() -> dict[str, Mesh]:
+    """Parts by name, m, each on a foot that is longer than the table: a vertical plate, a post, a segment of a ring."""
+    plate = _box((0.004, 0.16, 0.15), (0.155, 0.0, 0.075))
+    post = _box((0.01, 0.01, 0.22), (0.15, 0.0, 0.11))
+    angles = np.radians(np.linspace(-30.0, 210.0, _SEGMENTS))
+    ring = [
+        _box((0.012, 0.035, 0.012), (0.06, 0.07 * np.cos(angle), 0.09 + 0.07 * np.sin(angle)), float(angle))
+        for angle in angles
+    ]
+    # The ring's plane is across the foot: the table moves it along its axis and across.
+    legs = [_box((0.012, 0.012, 0.06), (0.06, side * 0.0606, 0.03)) for side in (-1, 1)]
+    found = {"plate": [plate], "post": [post], "ring": [*ring, *legs]}
+    return {name: joined([box_mesh(_FOOT), *boxes], name) for name, boxes in found.items()}
+
+
+def _box(size: tuple[float, float, float], centre: tuple[float, float, float], angle: float = 0.0) -> Mesh:
+    """A box at `centre`, m, turned about x by `angle`, rad."""
+    return box_mesh(size).transformed(pose.from_rotation(pose.rotation_about(0, angle), centre))
 
 
 @dataclass(frozen=True)
