@@ -86,6 +86,11 @@ def test_a_thin_wall_is_not_covered_by_the_points_of_its_back() -> None:
     assert not result.covered[surface.normals[:, 2] < -0.5].any()
     unknown = np.full((int(front.sum()), 3), np.nan)
     assert coverage(points[front], surface, 1e-3, unknown).covered[surface.normals[:, 2] < -0.5].all()
+    # The normals of point and surface may be 60 deg apart.
+    for angle, counts in ((np.radians(55), True), (np.radians(65), False)):
+        tilted = np.tile([np.sin(angle), 0.0, np.cos(angle)], (int(front.sum()), 1))
+        covered = coverage(points[front], surface, 1e-3, tilted).covered[surface.normals[:, 2] > 0.5]
+        assert covered.all() if counts else not covered.any()
     # Of an open mesh either side counts.
     two_sided = MeasurableSurface(surface.samples, np.full_like(surface.normals, np.nan), surface.measurable, 1.0, "")
     assert coverage(points[front], two_sided, 1e-3, wall.normals[face][front]).fraction > 0.99
