@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
+from scancell.planning.model import PlanningCell
 
 Array = NDArray[np.float64]
 
@@ -40,3 +41,9 @@ def collision_object(mesh: Mesh) -> fcl.CollisionObject:
     model.addSubModel(np.ascontiguousarray(mesh.vertices), np.ascontiguousarray(mesh.faces))
     model.endModel()
     return fcl.CollisionObject(model, fcl.Transform())
+
+
+def path_collisions(cell: PlanningCell, path: Array) -> set[tuple[int, str, str]]:
+    """As `colliding`, of the pairs that planning checks, along joints and table angles (n, axes)."""
+    meshes = {body.name: body.mesh for body in cell.nominal.bodies}
+    return colliding(meshes, cell.proximity.pairs, cell.nominal.body_poses(path[:, :-1], path[:, -1]))

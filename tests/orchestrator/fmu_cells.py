@@ -7,8 +7,12 @@ from pathlib import Path
 import numpy as np
 from cells import ball
 
+from scancell.cell.driver import DriveOptions, Driver
 from scancell.cell.fmu_file import cell_json, make_temporary_fmu
+from scancell.cell.instance import CellInstance
 from scancell.cell.program import Program, Segment, TriggerKind, TriggerRule
+from scancell.cell.recording import Recording
+from scancell.config.cell import CellDescription
 from scancell.config.loading import load_setup
 from scancell.nominal.cell import NominalCell, nominal_cell
 from scancell.planning.motion import trajectory
@@ -52,3 +56,20 @@ def moves_with_stops(home: np.ndarray, stops: int = 3) -> Program:
         segments.append(segment(number, points[:, :6], points[:, 6], TriggerRule("request")))
         q, table = goal, further
     return Program(tuple(segments), settle=0.2)
+
+
+def drive(
+    folder: Path,
+    cell: CellDescription,
+    nominal: NominalCell,
+    table: np.ndarray,
+    rule: TriggerRule,
+    belt_speed: float | None = None,
+) -> Recording:
+    """Recording of the arm at rest at home while the table moves along `table` (n,), rad, and the first belt runs."""
+    arm = np.tile(nominal.home, (len(table), 1))
+    program = Program((segment(1, arm, table, rule, 2 * CYCLE, (len(table) - 2) * CYCLE),))
+    with CellInstance(make_temporary_fmu(cell_json(cell, nominal, 0), folder / "fmu")) as instance:
+        if belt_speed is not None:
+            instance.set(instance.real_group(["command.conveyor[1].speed"]), np.array([belt_speed]))
+        return Driver(instance, DriveOptions(CYCLE_US, 1e-3)).run(program)

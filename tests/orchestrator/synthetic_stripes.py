@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 
-from scancell.calibration.sensor.problem import StripePeaks, TargetExposure
+from scancell.calibration.sensor.problem import Corners, StripePeaks, TargetExposure
 from scancell.config.sensor import sensor_json
 from scancell.geometry import pose
 from scancell.geometry.shapes import ShapeGroup
@@ -102,3 +102,13 @@ def _on_face(target, points, margin):
         else:
             inside |= np.abs(placed.shape.nearest(own)[0]) < 1e-6
     return inside
+
+
+def board_corners(sensor: Sensor, sensor_from_board) -> Corners:
+    """Corners of a board of 9 x 7 in the images of all cameras, without noise."""
+    grid = np.stack(np.meshgrid(np.linspace(-0.016, 0.016, 9), np.linspace(-0.012, 0.012, 7)), -1).reshape(-1, 2)
+    points = np.column_stack([grid, np.zeros(len(grid))])
+    in_sensor = pose.transform_points(sensor_from_board, points)
+    pixels = [np.asarray(camera.project(in_sensor)) for camera in sensor.cameras]
+    camera = np.repeat(np.arange(len(pixels), dtype=np.int32), len(points))
+    return Corners(camera, np.concatenate(pixels), np.tile(points, (len(pixels), 1)), 0.05)

@@ -11,7 +11,6 @@ from scancell.evaluation.faces import faces_of
 from scancell.geometry.mesh import sample_surface
 from scancell.studies.acceptance.measure import (
     ALL_ROUND,
-    QUICK,
     Programme,
     Samples,
     Station,
@@ -109,12 +108,6 @@ def test_statistics_of_repeats() -> None:
     assert high - low <= np.ptp(row["interval_symmetric"]) + 1e-12
 
 
-def test_few_repeats_give_no_interval() -> None:
-    row = figure_row(samples_of(np.random.default_rng(1), 5, {"near": 0.0}, 1.0)[0])
-    assert row["interval_symmetric"] is None
-    assert row["standard_uncertainty"] > 0.0
-
-
 def test_largest_error_is_that_of_the_worst_position() -> None:
     rows = [
         figure_row(one)
@@ -150,8 +143,3 @@ def test_contribution_of_a_drawn_factor() -> None:
     (found,) = contributions(samples, trials, ("tool.x",), 0)
     shares = {row["factor"]: row["share"] for row in found["budget"]}
     assert shares["tool.x"] == pytest.approx(0.9, abs=0.03)
-
-
-def test_quick_programme_measures_both_ends_of_the_range() -> None:
-    assert QUICK.positions == ("near", "far")
-    assert QUICK.artefacts == ARTEFACTS

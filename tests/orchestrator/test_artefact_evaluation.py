@@ -136,6 +136,9 @@ def test_angle_and_depth_of_a_groove() -> None:
     depth = figure(found, "groove depth", "left - right / top")
     assert depth.nominal == pytest.approx(8e-3)
     assert agrees(depth, 12e-6)
+    angle_row, depth_row = figure(found, "groove angle", "left - right").as_row(), depth.as_row()
+    assert (angle_row["nominal_deg"], depth_row["nominal_mm"]) == pytest.approx((90.0, 8.0))
+    assert (angle_row["error_deg"], depth_row["error_um"]) == pytest.approx((0.02, 12.0), rel=0.1)
 
 
 def test_ring_cylinder_and_cone() -> None:

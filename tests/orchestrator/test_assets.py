@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,6 @@ import trimesh
 
 from scancell.config.robot import RobotDescription
 from scancell.geometry import pose
-from scancell.geometry.arm import Arm, Joint
 from scancell.nominal.cell import arm_of
 
 ASSETS = Path(__file__).resolve().parents[2] / "assets"
@@ -21,18 +21,8 @@ OTHER_LINKS = sorted(str(p.relative_to(ASSETS)) for p in ASSETS.glob("robots/*/*
 MACHINES = [*LINKS, *OTHER_LINKS, "tables/rotary_table.stl", "tables/table_base.stl", "sensors/profile_probe.stl"]
 PARTS = [f"parts/{name}.stl" for name in ("sphere_on_foot", "step_block", "free_form", "machined")]
 
-# In millimetres, like the meshes.
-ARM = Arm(
-    [
-        Joint(75.0, 335.0, -np.pi / 2),
-        Joint(270.0, 0.0, 0.0),
-        Joint(-90.0, 0.0, np.pi / 2),
-        Joint(0.0, 295.0, -np.pi / 2),
-        Joint(0.0, 0.0, np.pi / 2),
-        Joint(0.0, 80.0, 0.0),
-    ]
-)
-SCANNING = np.radians([35.0, -25.0, 195.0, -68.0, 79.0, -10.0])
+ARM = arm_of(RobotDescription.default())
+SCANNING = (35.0, -25.0, 195.0, -68.0, 79.0, -10.0)  # deg
 
 
 def load(name: str) -> trimesh.Trimesh:
@@ -75,44 +65,40 @@ def distance(a: trimesh.Trimesh, b: trimesh.Trimesh) -> float:
     return float(manager.min_distance_single(b))
 
 
-def cell_at(q: np.ndarray) -> list[trimesh.Trimesh]:
-    """Base, links 1 to 6 and sensor in the world frame."""
-    links = ARM.link_poses(q)
-    meshes = [load(name) for name in LINKS] + [load("sensors/profile_probe.stl")]
-    poses = [*links, links[-1] @ pose.translation((0.0, 0.0, 80.0))]
-    for mesh, world_from_body in zip(meshes, poses, strict=True):
-        mesh.apply_transform(world_from_body)
+def bodies_at(arm: str, angles_deg: Sequence[float]) -> list[trimesh.Trimesh]:
+    """Base and links of an arm in the world frame, mm, and the sensor of the default arm."""
+    robot = RobotDescription.from_toml(ASSETS / "robots" / f"{arm}.toml")
+    links = arm_of(robot).link_poses(np.radians(angles_deg))
+    meshes = [trimesh.load(str(file)) for file in (robot.base_mesh, *(joint.mesh for joint in robot.joint))]
+    if arm == "six_axis":
+        meshes.append(load("sensors/profile_probe.stl"))
+        links = [*links, links[-1] @ pose.translation((0.0, 0.0, 0.08))]
+    for mesh, world_from_body in zip(meshes, links, strict=True):
+        mesh.apply_transform(pose.from_rotation(world_from_body[:3, :3], 1e3 * world_from_body[:3, 3]))
     return meshes
 
 
 @pytest.mark.parametrize(
-    "q", [SCANNING, np.radians([0.0, -60.0, 200.0, 0.0, 60.0, 0.0]), np.radians([35, -60, 185, 0, 55, 0])]
+    ("arm", "angles_deg"),
+    [
+        ("six_axis", SCANNING),
+        ("six_axis", (0.0, -60.0, 200.0, 0.0, 60.0, 0.0)),
+        ("six_axis", (35.0, -60.0, 185.0, 0.0, 55.0, 0.0)),
+        ("offset_wrist", None),
+        ("seven_axis", None),
+    ],
 )
-def test_adjacent_links_touch_and_others_are_separate(q: np.ndarray) -> None:
-    bodies = cell_at(q)
+def test_adjacent_links_touch_and_others_are_separate(arm: str, angles_deg: Sequence[float] | None) -> None:
+    """At given angles, or at home."""
+    home = RobotDescription.from_toml(ASSETS / "robots" / f"{arm}.toml").home_deg
+    bodies = bodies_at(arm, angles_deg or home)
     for i, j in itertools.combinations(range(len(bodies)), 2):
         gap = distance(bodies[i], bodies[j])
-        if j == i + 1:
-            assert gap == 0.0, f"gap of {gap:.1f} mm between bodies {i} and {j}"
-        else:
-            assert gap > 5.0, f"gap of only {gap:.1f} mm between bodies {i} and {j}"
-
-
-@pytest.mark.parametrize("arm", ["offset_wrist", "seven_axis"])
-def test_links_of_other_arms_touch_their_neighbours_only(arm: str) -> None:
-    robot = RobotDescription.from_toml(ASSETS / "robots" / f"{arm}.toml")
-    files = [robot.base_mesh, *(joint.mesh for joint in robot.joint)]
-    bodies = [trimesh.load(str(file)) for file in files]
-    for mesh, world_from_link in zip(bodies, arm_of(robot).link_poses(np.radians(robot.home_deg)), strict=True):
-        mesh.apply_scale(1e-3)
-        mesh.apply_transform(world_from_link)
-    for i, j in itertools.combinations(range(len(bodies)), 2):
-        gap = 1e3 * distance(bodies[i], bodies[j])
         assert gap == 0.0 if j == i + 1 else gap > 5.0, f"{gap:.1f} mm between bodies {i} and {j}"
 
 
 def test_arm_clears_table_and_part_while_scanning() -> None:
-    bodies = cell_at(SCANNING)
+    bodies = bodies_at("six_axis", SCANNING)
     for name in ("tables/rotary_table.stl", "tables/table_base.stl", "parts/sphere_on_foot.stl"):
         obstacle = load(name).apply_translation((450.0, 0.0, 100.0))
         assert min(distance(body, obstacle) for body in bodies) > 10.0
@@ -135,8 +121,8 @@ def test_links_contain_their_joint_axis(name: str, axis_point: tuple[float, ...]
     number = int(name[-1])
     own_from_previous = pose.inverse(world_from_link[number]) @ world_from_link[number - 1]
     assert np.abs(own_from_previous[:3, 2]) == pytest.approx(np.abs(axis), abs=1e-12)
-    offset = own_from_previous[:3, 3] - np.array(axis_point)
-    assert np.linalg.norm(np.cross(offset, axis)) < 1e-9
+    offset = 1e3 * own_from_previous[:3, 3] - np.array(axis_point)
+    assert np.linalg.norm(np.cross(offset, axis)) < 1e-6
     mesh = load(f"robots/six_axis/{name}.stl")
     along = np.array(axis_point) + np.linspace(-400, 400, 801)[:, None] * np.array(axis)
     assert contained(mesh, along).any()

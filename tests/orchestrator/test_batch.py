@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import shutil
-
 import pytest
 
 from scancell.config.batch import load_batch
@@ -113,31 +110,6 @@ def test_another_batch_is_refused_in_the_same_folder(tmp_path) -> None:
         claim(opened(tmp_path, seed=4), tmp_path / "out")
     with pytest.raises(DescriptionError, match=r"setup\.scan\.max_profiles was"):
         claim(opened(tmp_path, set=["scan.max_profiles=9"]), tmp_path / "out")
-
-
-def test_changed_mesh_of_the_cell_is_refused_and_a_moved_one_accepted(tmp_path) -> None:
-    base, moved = tmp_path / "base.stl", tmp_path / "moved.stl"
-    shutil.copy(PARTS / "step_block.stl", base)
-    claim(opened(tmp_path, set=[f'cell.table.base_mesh="{base}"']), tmp_path / "out")
-    base.rename(moved)
-    of_moved = {"set": [f'cell.table.base_mesh="{moved}"']}
-    assert claim(opened(tmp_path, **of_moved), tmp_path / "out").warnings == []
-    shutil.copy(PARTS / "free_form.stl", moved)
-    with pytest.raises(DescriptionError, match=r"cell\.table\.base_mesh: .*moved\.stl differs from .*base\.stl"):
-        claim(opened(tmp_path, **of_moved), tmp_path / "out")
-
-
-def test_batch_of_a_version_with_fewer_keys_continues(tmp_path) -> None:
-    batch, out = opened(tmp_path, variants=2), tmp_path / "out"
-    claim(batch, out)
-    kept = json.loads((out / "description.json").read_text())
-    del kept["batch"]["truth"], kept["setup"]["sensor"]["render"]["noise"]
-    (out / "description.json").write_text(json.dumps(kept))
-    found = claim(batch, out)
-    assert set(found.new_keys) == {"batch.truth", "setup.sensor.render.noise"}
-    assert json.loads((out / "description.json").read_text()) == kept, "what is there stays as it was begun"
-    with pytest.raises(DescriptionError, match=r"batch\.truth was unknown then and is False"):
-        claim(opened(tmp_path, truth=False), out)
 
 
 @pytest.mark.parametrize("file", sorted((assets_dir() / "batches").glob("*.toml")), ids=lambda path: path.stem)

@@ -140,7 +140,7 @@ def test_small_steps_add_up_until_they_are_sent() -> None:
 # --- ghost ----------------------------------------------------------------------------------------------------------
 
 
-def test_ghost_shows_the_target_of_what_is_not_there_yet(server, scene, live) -> None:
+def test_ghost_shows_the_destination_until_it_is_reached(server, scene, live) -> None:
     state = live.state
     scene.show(state)
     for name in ("link1", "link6", "sensor", "gripper"):
@@ -208,7 +208,7 @@ def test_part_on_the_belt_has_no_ghost_and_part_on_the_table_turns_with_it(scene
 # --- pairs ----------------------------------------------------------------------------------------------------------
 
 
-def test_colliding_bodies_are_red_the_nearest_amber_and_then_as_before(server, scene, live) -> None:
+def test_colliding_bodies_are_red_and_the_nearest_amber(server, scene, live) -> None:
     def colours() -> dict[str, tuple[int, int, int]]:
         return {b.name: tuple(node(server, f"/frames/{b.moves_with}/{b.name}").color) for b in live.true.bodies}
 
@@ -337,7 +337,7 @@ def test_light_curtain_has_all_its_beams_and_two_posts(server, scene) -> None:
 # --- cloud, trace, stripe -------------------------------------------------------------------------------------------
 
 
-def test_chunks_of_the_cloud_are_kept_in_the_part_frame_and_removed(server, scene) -> None:
+def test_cloud_chunks_are_in_the_part_frame_and_can_be_removed(server, scene) -> None:
     rng = np.random.default_rng(1)
     points = rng.normal(size=(700, 3))
     colours = rng.integers(0, 255, (700, 3), dtype=np.uint8)
@@ -377,7 +377,7 @@ def test_trace_follows_the_point_and_is_bounded(server) -> None:
     assert len(trace.segments) == 0
 
 
-def test_trace_is_broken_where_the_arm_cannot_have_gone(server) -> None:
+def test_trace_is_broken_at_jumps(server) -> None:
     trace = Trace(server.scene)
     for x in (0.0, 0.01, 0.02, 1.0, 1.01):
         trace.add((x, 0.0, 0.0))
@@ -452,11 +452,6 @@ def test_laser_is_seen_while_it_is_on_and_the_field_is_shown(server, scene) -> N
         scene.options.field_of_view = field
         scene.show_laser(on)
         assert sheet.visible is (field and on)
-
-
-def test_unknown_option_is_refused(scene) -> None:
-    with pytest.raises(AttributeError, match="no option traces"):
-        scene.options.traces = True
 
 
 def test_first_view_has_the_whole_cell_in_it(server, scene, live) -> None:

@@ -171,7 +171,7 @@ def test_terms_that_fit_noise_are_left_out() -> None:
     assert found["predicted"] < found["explained"]
 
 
-def test_intervals_contain_the_true_shares_as_often_as_they_say() -> None:
+def test_intervals_have_their_stated_coverage() -> None:
     """A small run of ``bench.study_intervals``: 95 % of about 900 intervals with a standard deviation below 1 %."""
     true, shares, uncertainties = coverage(200)
     assert 0.925 <= shares.mean() <= 0.975

@@ -108,16 +108,6 @@ def test_tool_and_table_are_found_within_their_intervals(robot: RobotErrors) -> 
     assert 1e-6 * vectors.T @ vectors == pytest.approx(result.covariance, rel=1e-6, abs=1e-20)
 
 
-def test_all_deviations_with_known_artefact_and_motion() -> None:
-    rng, free = np.random.default_rng(5), (*TOOL, *TABLE, *PLATTER, LATENCY)
-    case = SphereCase(misaligned(rng, *free))
-    readings = joined(at_rest(rng, 24), passing_sphere(rng, 6, 15, 0.05))
-    result = solve(case.problem(case.observe(readings, rng), free, is_pose_known=True))
-    true = np.array([case.deviations[name] for name in free])
-    assert np.all(np.abs(result.values - true) < result.half_widths(0.9999))
-    assert abs(result.deviations[LATENCY] - case.deviations[LATENCY]) < 0.05e-3
-
-
 def test_large_deviations_and_latency_are_found_exactly_without_noise() -> None:
     """The path goes on straight during the latency, its joints do not go on at their latched rates."""
     rng = np.random.default_rng(12)
@@ -182,6 +172,7 @@ def test_unknown_radius_is_found() -> None:
     observed = case.observe(at_rest(rng, 30, turn_table=False), rng)
     result = solve(case.problem(observed, TOOL, unknown_sizes=(0,)))
     assert result.sizes[0] == pytest.approx(30e-6, abs=3e-6)
+    assert abs(result.sizes[0] - 30e-6) < 4 * result.size_standard_deviations[0] < 12e-6
 
 
 def test_outliers_are_left_out() -> None:
@@ -254,37 +245,35 @@ def test_tool_from_three_planes() -> None:
     assert np.all(np.abs(result.values - found) < result.half_widths(0.9999))
 
 
-def test_equal_orientations_are_rejected() -> None:
-    rng = np.random.default_rng(10)
+def near_one_pose(rng: np.random.Generator) -> AxisReadings:
     q, table = sphere_views(rng, 1, turn_table=False)
-    near = q + np.radians(0.01) * rng.normal(size=(20, 6))
-    case = SphereCase()
-    observed = case.observe(AxisReadings.at_rest(near, np.repeat(table, 20)), rng)
-    with pytest.raises(CalibrationError, match=r"do not determine: .*tool.*turn the sensor about two axes"):
-        solve(case.problem(observed, TOOL))
+    return AxisReadings.at_rest(q + np.radians(0.01) * rng.normal(size=(20, 6)), np.repeat(table, 20))
 
 
-def test_table_that_does_not_turn_is_rejected() -> None:
-    rng = np.random.default_rng(11)
-    case = SphereCase()
-    observed = case.observe(at_rest(rng, 24, turn_table=False), rng)
-    with pytest.raises(CalibrationError, match=r"do not determine: .*table.*three or more table angles"):
-        solve(case.problem(observed, TOOL + TABLE))
-
-
-def test_latency_without_motion_is_rejected() -> None:
-    rng = np.random.default_rng(12)
-    case = SphereCase()
-    observed = case.observe(at_rest(rng, 24), rng)
-    with pytest.raises(CalibrationError, match=r"do not determine: trigger\.latency\. Nothing moves"):
-        solve(case.problem(observed, (LATENCY,), is_pose_known=True))
-
-
-def test_too_few_exposures_are_rejected() -> None:
-    rng = np.random.default_rng(13)
-    case = SphereCase()
-    with pytest.raises(CalibrationError, match=r"2 exposures show the artefact .* need 3 at least"):
-        solve(case.problem(case.observe(at_rest(rng, 2), rng), TOOL))
+@pytest.mark.parametrize(
+    ("readings", "free", "message"),
+    [
+        (near_one_pose, TOOL, r"do not determine: .*tool.*turn the sensor about two axes"),
+        (
+            lambda rng: at_rest(rng, 24, turn_table=False),
+            TOOL + TABLE,
+            r"do not determine: .*table.*three or more table angles",
+        ),
+        (lambda rng: at_rest(rng, 24), (LATENCY,), r"do not determine: trigger\.latency\. Nothing moves"),
+        (lambda rng: at_rest(rng, 2), TOOL, r"2 exposures show the artefact .* need 3 at least"),
+        (
+            lambda rng: at_rest(rng, 12),
+            ("tool.yaw",),
+            r"also = 'tool\.yaw': is no deviation of the cell; expected one of tool\.x",
+        ),
+    ],
+    ids=["equal orientations", "table does not turn", "latency without motion", "too few exposures", "unknown name"],
+)
+def test_exposures_that_determine_too_little_are_rejected(readings, free: tuple[str, ...], message: str) -> None:
+    rng, case = np.random.default_rng(10), SphereCase()
+    observed = case.observe(readings(rng), rng)
+    with pytest.raises(CalibrationError, match=message):
+        solve(case.problem(observed, free, is_pose_known=free == (LATENCY,)))
 
 
 def test_collinear_sphere_centres_are_rejected() -> None:
@@ -295,16 +284,6 @@ def test_collinear_sphere_centres_are_rejected() -> None:
     observed = case.observe(AxisReadings.at_rest(q, table), rng)
     with pytest.raises(CalibrationError, match=r"do not determine: table\.r. .*off the axis"):
         solve(case.problem(observed, TABLE, is_pose_known=True))
-
-
-def test_unknown_names_are_rejected() -> None:
-    rng = np.random.default_rng(15)
-    case = SphereCase()
-    observed = case.observe(at_rest(rng, 12), rng)
-    with pytest.raises(
-        CalibrationError, match=r"also = 'tool\.yaw': is no deviation of the cell; expected one of tool\.x"
-    ):
-        solve(case.problem(observed, ("tool.yaw",)))
 
 
 def test_designed_poses_are_better_than_random_ones() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
-from cells import ball, block, mesh_of
+from cells import ball, block, cell_file, export_mm, mesh_of
 
 from scancell.config.loading import assets_dir, load_setup
 from scancell.errors import CellError
@@ -36,10 +36,8 @@ def at(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> np.ndarray:
 
 
 def cell(tmp_path, more: str = "", part: Mesh = BLOCK, *overrides: str) -> NominalCell:
-    trimesh.Trimesh(BLOCK.vertices * 1e3, BLOCK.faces).export(tmp_path / "neighbour.stl")
-    default = (assets_dir() / "cells" / "default.toml").read_text().replace("../", f"{assets_dir()}/")
-    (tmp_path / "cell.toml").write_text(default + more)
-    return nominal_cell(load_setup(tmp_path / "cell.toml", settings=overrides).cell, part)
+    export_mm(BLOCK, tmp_path / "neighbour.stl")
+    return nominal_cell(load_setup(cell_file(tmp_path, more), settings=overrides).cell, part)
 
 
 @pytest.mark.parametrize("file", sorted((assets_dir() / "cells").glob("*.toml")), ids=lambda file: file.stem)

@@ -131,18 +131,6 @@ def test_usage_error_in_json(monkeypatch, capsys, words, command) -> None:
     assert report["error"]["message"] in err
 
 
-def test_usage_error_leaves_stdout_empty(monkeypatch, capsys) -> None:
-    code, out, err = call(monkeypatch, capsys, "scan")
-    assert (code, out) == (2, "")
-    assert "Missing argument" in err
-
-
-def test_version(monkeypatch, capsys) -> None:
-    code, out, _ = call(monkeypatch, capsys, "version", "--json")
-    assert code == 0
-    assert json.loads(out)["figures"]["versions"]["python"].startswith("3.")
-
-
 @pytest.mark.parametrize("text", ["1,2,3", "", "1,2,3,4,5,x", "1,2,3,4,5,inf", "1,2,3,4,5,6,7"])
 def test_pose_option_needs_six_numbers(text) -> None:
     with pytest.raises(ScancellError, match="--pose"):

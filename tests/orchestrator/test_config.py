@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cells import GRIPPER
 
 from scancell.config.artefact import ArtefactDescription
 from scancell.config.cell import CellDescription
@@ -101,6 +102,30 @@ def test_override_conflict_names_both_sources(word: str, file: str, expected: st
     assert expected in str(caught.value)
     assert f"`settings` {word}" in str(caught.value)
     assert file in str(caught.value)
+
+
+FREE = 'cell.part.fixture="free"'
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ([*GRIPPER, "cell.gripper.start_mm=60"], "stroke_mm=50 with .*start_mm=60: gripper: start_mm"),
+        ([*GRIPPER, "cell.gripper.stroke_mm=0"], "stroke_mm"),
+        (["cell.part.soft.stiffness_n_mm=1"], "a soft part cannot be clamped"),
+        ([FREE, "cell.part.soft.damping_ratio=1"], "stiffness_n_mm"),
+        ([FREE, "cell.part.soft.stiffness_n_mm=0"], "stiffness_n_mm"),
+        ([FREE, "cell.part.soft={stiffness_n_mm=1, longest_edge_mm=-1}"], "longest_edge_mm"),
+        (["cell.part.material.preset=chrome"], "matt_white"),
+        (["cell.part.material.roughness=0.4"], "preset"),
+        (["cell.part.material={preset='polished_steel', roughness=0.001}"], "0.01"),
+        (["cell.part.material={model='lambert', reflectance=1.3}"], "reflectance"),
+        (["cell.robot.joint[1].drive.max_torque_n_m=-1"], "drive"),
+    ],
+)
+def test_wrong_or_contradictory_values_are_rejected(words: list[str], message: str) -> None:
+    with pytest.raises(DescriptionError, match=message):
+        load_setup(settings=words)
 
 
 def test_wrong_item_alone_in_its_list_is_one_error() -> None:
@@ -356,12 +381,6 @@ def test_shipped_files_name_their_schema() -> None:
             schema = file.parent / file.read_text().splitlines()[0].removeprefix("#:schema ")
             assert schema.is_file()
             assert schema.name == f"{kind}.schema.json"
-
-
-def test_descriptions_are_immutable() -> None:
-    setup = load_setup()
-    with pytest.raises(ValueError, match="frozen"):
-        setup.scan.max_profiles = 3  # type: ignore[misc]
 
 
 def test_config_imports_no_heavy_package() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
-from cells import planning_cell
+from cells import mesh_of, planning_cell
 
 from scancell.config.path import ContourDescription, PathDescription
 from scancell.errors import PlanningError
@@ -14,10 +14,6 @@ from scancell.planning.path_map.path_planner import PathPlanner, PlacedPath
 from scancell.planning.views.sensor_paths import contour_poses, sensor_paths
 
 STANDOFF = 0.09
-
-
-def mesh_of(solid: trimesh.Trimesh) -> Mesh:
-    return Mesh(np.asarray(solid.vertices, float), np.asarray(solid.faces, np.int64), "test")
 
 
 def standing_cylinder(radius: float = 0.03, height: float = 0.04) -> Mesh:

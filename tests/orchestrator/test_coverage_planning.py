@@ -85,7 +85,7 @@ def _machined() -> tuple[PlanningCell, Sight]:
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_seen_samples_are_those_that_the_geometric_engine_measures(seed: int) -> None:
+def test_seen_samples_match_the_geometric_engine(seed: int) -> None:
     cell, sight = _machined()
     rng = np.random.default_rng(seed)
     everything = np.arange(len(sight.points))
@@ -125,7 +125,8 @@ def test_choice_sees_the_share_and_its_report_adds_up() -> None:
     assert report.share >= 0.99
     assert seen.mean() == pytest.approx(report.share)
     assert sum(report.unseen.values()) == pytest.approx(1 - report.share)
-    assert 0 < report.least_time <= report.time <= report.greedy_factor * report.time
+    assert 0 < report.least_time <= report.time
+    assert 1 <= report.greedy_factor <= 1 + np.log(len(sight.points))
     assert report.views == len(views)
     assert report.measurable_area == pytest.approx(2 * 0.03 * 0.09 + 0.05 * 0.04, rel=0.01)
 

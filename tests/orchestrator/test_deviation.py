@@ -1,89 +1,39 @@
-"""Deviation figures against their definitions, signed distances against known displacements and brute force."""
+"""Deviation figures against their definitions, signed distances against known displacements."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 
 import numpy as np
 import pytest
 import trimesh
+from cells import cloud_of, mesh_of
 
 from scancell.evaluation.deviation import Deviation, DeviationFigures, deviation_from_mesh
 from scancell.geometry.mesh import Mesh, sample_surface
 from scancell.geometry.shapes import PartSurface
-from scancell.reconstruction.cloud import Cloud
-
-
-def mesh_of(solid: trimesh.Trimesh) -> Mesh:
-    return Mesh(np.asarray(solid.vertices, float), np.asarray(solid.faces, np.int64), "test")
-
 
 BOX = mesh_of(trimesh.creation.box((0.08, 0.06, 0.04)))
 BALL = mesh_of(trimesh.creation.icosphere(subdivisions=4, radius=0.025))
 
 
-def cloud_of(points: np.ndarray, camera: np.ndarray | None = None, segment: np.ndarray | None = None) -> Cloud:
-    n = len(points)
-    ones = np.ones(n)
-    return Cloud(
-        points_in_part=points,
-        normals=np.zeros((n, 3)),
-        sigma=ones,
-        intensity=ones,
-        quality=ones,
-        camera=np.zeros(n, np.int32) if camera is None else camera,
-        column=np.zeros(n, np.int32),
-        profile=np.zeros(n, np.int64),
-        segment=np.ones(n, np.int32) if segment is None else segment,
-        time=ones,
-    )
-
-
-def by_brute_force(cloud: Cloud, mesh: Mesh) -> Deviation:
-    """Closest points by exhaustive search, signed by the winding number (solid angle) of the closed mesh."""
-    # Micrometres: trimesh's tolerances are absolute and coarse.
-    vertices, faces, points = 1e6 * mesh.vertices, mesh.faces, 1e6 * cloud.points_in_part
-    best = np.full(len(points), np.inf)
-    which = np.zeros(len(points), int)
-    solid_angle = np.zeros(len(points))
-    for number, face in enumerate(faces):
-        triangle = np.broadcast_to(vertices[face], (len(points), 3, 3))
-        near = trimesh.triangles.closest_point(triangle, points)
-        distance = np.linalg.norm(near - points, axis=1)
-        closer = distance < best
-        best[closer], which[closer] = distance[closer], number
-        a, b, c = np.moveaxis(triangle - points[:, None], 1, 0)
-        la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-        top = np.einsum("ni,ni->n", a, np.cross(b, c))
-        bottom = la * lb * lc + (a * b).sum(1) * lc + (b * c).sum(1) * la + (c * a).sum(1) * lb
-        solid_angle += 2 * np.arctan2(top, bottom)
-    return Deviation.of(cloud, 1e-6 * np.where(solid_angle > 2 * np.pi, -best, best), which)
-
-
-Search = Callable[[Cloud, Mesh], Deviation]
-SEARCHES = [by_brute_force, deviation_from_mesh]
-
-
-@pytest.mark.parametrize("search", SEARCHES)
 @pytest.mark.parametrize("offset", [37e-6, -37e-6])
-def test_offset_points_have_that_deviation(search: Search, offset: float) -> None:
+def test_offset_points_have_that_deviation(offset: float) -> None:
     points, face = sample_surface(BOX, 300, seed=1)
     corner = np.array([0.04, 0.03, 0.02])
     inner = ((corner - np.abs(points)) > 1e-4).sum(1) == 2  # near an edge another face may be nearer
     moved = points[inner] + offset * BOX.normals[face[inner]]
-    deviation = search(cloud_of(moved), BOX)
+    deviation = deviation_from_mesh(cloud_of(moved), BOX)
     assert inner.sum() > 250
     assert np.abs(deviation.distance - offset).max() < 1e-12
     assert deviation.figures.mean == pytest.approx(offset, abs=1e-12)
     assert deviation.figures.standard_deviation < 1e-12
 
 
-@pytest.mark.parametrize("search", SEARCHES)
-def test_distance_from_edges_and_corners(search: Search) -> None:
+def test_distance_from_edges_and_corners() -> None:
     corner = np.array([0.04, 0.03, 0.02])
     away = np.array([[3.0, 4.0, 0.0], [2.0, 3.0, 6.0]]) * 1e-5  # over an edge, over a corner
-    deviation = search(cloud_of(corner + away), BOX)
+    deviation = deviation_from_mesh(cloud_of(corner + away), BOX)
     assert deviation.distance == pytest.approx([5e-5, 7e-5], abs=1e-12)
 
 
@@ -98,24 +48,20 @@ def test_distances_from_open_mesh_are_absolute() -> None:
     assert (closed.distance < 0).all() and (opened.distance > 0).all()
 
 
-@pytest.mark.parametrize("search", SEARCHES)
-def test_sign_of_deviation(search: Search) -> None:
+def test_sign_of_deviation() -> None:
     rng = np.random.default_rng(4)
     direction = rng.normal(size=(60, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     radius = rng.choice([0.024, 0.026], 60)
-    signed = search(cloud_of(radius[:, None] * direction), BALL).distance
+    signed = deviation_from_mesh(cloud_of(radius[:, None] * direction), BALL).distance
     assert (np.sign(signed) == np.sign(radius - 0.025)).all()
     assert np.abs(signed - (radius - 0.025)).max() < 60e-6  # facets of 1.7 mm lie up to 60 µm inside the sphere
 
 
-def test_native_search_matches_brute_force() -> None:
-    points = np.random.default_rng(5).uniform(-0.04, 0.04, (200, 3))
-    brute = by_brute_force(cloud_of(points), BALL)
-    native = deviation_from_mesh(cloud_of(points), BALL)
-    prepared = deviation_from_mesh(cloud_of(points), PartSurface(BALL), threads=1)
-    assert np.array_equal(native.distance, prepared.distance) and np.array_equal(native.face, prepared.face)
-    assert np.abs(brute.distance - native.distance).max() < 1e-12
+def test_prepared_surface_gives_the_same_deviation() -> None:
+    cloud = cloud_of(np.random.default_rng(5).uniform(-0.04, 0.04, (200, 3)))
+    once, prepared = deviation_from_mesh(cloud, BALL), deviation_from_mesh(cloud, PartSurface(BALL), threads=1)
+    assert np.array_equal(once.distance, prepared.distance) and np.array_equal(once.face, prepared.face)
 
 
 @pytest.mark.parametrize("count", [1, 2, 20, 4001, 5000])
@@ -148,7 +94,7 @@ def test_figures_by_camera_and_segment() -> None:
     points, _ = sample_surface(BOX, 100, seed=2)
     camera = (np.arange(100) % 2).astype(np.int32)
     segment = (np.arange(100) // 40 + 1).astype(np.int32)
-    cloud = cloud_of(points, camera, segment)
+    cloud = cloud_of(points, camera=camera, segment=segment)
     deviation = Deviation.of(cloud, camera * 1e-5, np.zeros(100, int))
     assert {key: figures.count for key, figures in deviation.by_camera.items()} == {0: 50, 1: 50}
     assert {key: figures.count for key, figures in deviation.by_segment.items()} == {1: 40, 2: 40, 3: 20}

@@ -1,15 +1,15 @@
-"""Further parts and conveyors: conversion for the FMU, recorded poses, bodies of the scene."""
+"""Further parts, soft parts and conveyors: conversion for the FMU, recorded poses, bodies of the scene."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from cells import cell_file, export_mm
+from fmu_cells import drive
 
-from scancell.cell.driver import DriveOptions, Driver
-from scancell.cell.fmu_file import cell_json, make_temporary_fmu
-from scancell.cell.instance import CellInstance
+from scancell.cell.fmu_file import cell_json
 from scancell.cell.mesh_json import read_mesh_json
-from scancell.cell.program import Program, Segment, TriggerRule
+from scancell.cell.program import TriggerRule
 from scancell.cell.recording import read_recording, write_recording
 from scancell.config.loading import load_setup
 from scancell.errors import DescriptionError
@@ -40,21 +40,14 @@ pose = { y_mm = 60.0, z_mm = 10.0, rz_deg = 30.0 }
 
 
 @pytest.fixture
-def cell_file(tmp_path):
+def described(tmp_path):
     """The default cell with a conveyor and two further parts, in the folder of their mesh."""
-    import trimesh  # noqa: PLC0415
-
-    from scancell.config.loading import assets_dir  # noqa: PLC0415
-
-    trimesh.Trimesh(BLOCK.vertices * 1e3, BLOCK.faces).export(tmp_path / "block.stl")
-    default = (assets_dir() / "cells" / "default.toml").read_text()
-    file = tmp_path / "cell.toml"
-    file.write_text(default + DEVICES)
-    return file
+    export_mm(BLOCK, tmp_path / "block.stl")
+    return cell_file(tmp_path, DEVICES)
 
 
-def test_devices_json_is_in_si_units(cell_file) -> None:
-    setup = load_setup(cell_file)
+def test_devices_json_is_in_si_units(described) -> None:
+    setup = load_setup(described)
     data = cell_json(setup.cell, nominal_cell(setup.cell, BLOCK), 0)
     assert [part["name"] for part in data["parts"]] == ["part", "rider", "bracket"]
     assert [part["stands_on"] for part in data["parts"]] == ["table", "conveyor[1]", "table"]
@@ -66,24 +59,22 @@ def test_devices_json_is_in_si_units(cell_file) -> None:
     assert (belt["length"], belt["max_speed"], belt["max_acceleration"]) == (0.6, 0.5, 1.0)
 
 
-def test_recorded_part_poses_move_bodies(cell_file, tmp_path) -> None:
+def test_springs_of_a_soft_part_are_in_si_units() -> None:
+    soft = "cell.part.soft={stiffness_n_mm=0.5, longest_edge_mm=8}"
+    for words, expected in (
+        (['cell.part.fixture="free"', soft], {"stiffness": 500.0, "damping_ratio": 1.0, "longest_edge": 0.008}),
+        ([], None),
+    ):
+        setup = load_setup(settings=words)
+        assert cell_json(setup.cell, nominal_cell(setup.cell, BLOCK), 0)["parts"][0]["soft"] == pytest.approx(expected)
+
+
+def test_recorded_part_poses_move_bodies(described, tmp_path) -> None:
     """The clamped part rotates with the table, the other one moves with the belt."""
-    setup = load_setup(cell_file, ideal=True)
+    setup = load_setup(described, ideal=True)
     nominal = nominal_cell(setup.cell, BLOCK)
-    fmu = make_temporary_fmu(cell_json(setup.cell, nominal, 0), tmp_path / "fmu", 3)
-    n = 60
-    segment = Segment(
-        1,
-        np.arange(n) * 0.016,
-        np.tile(nominal.home, (n, 1)),
-        0.3 * (1 - np.cos(np.pi * np.arange(n) / (n - 1))),
-        TriggerRule("time", 0.1),
-        0.1,
-        0.8,
-    )
-    with CellInstance(fmu) as cell:
-        cell.set(cell.real_group(["command.conveyor[1].speed"]), np.array([0.1]))
-        recording = Driver(cell, DriveOptions(16_000, 1e-3)).run(Program((segment,)))
+    table = 0.3 * (1 - np.cos(np.linspace(0, np.pi, 60)))
+    recording = drive(tmp_path, setup.cell, nominal, table, TriggerRule("time", 0.1), belt_speed=0.1)
     write_recording(recording, tmp_path / "records.parquet")
     read = read_recording(tmp_path / "records.parquet")
     truth = read.truth.world_from_frame
@@ -116,9 +107,9 @@ def test_recorded_part_poses_move_bodies(cell_file, tmp_path) -> None:
         (["cell.conveyor[1].length_mm=0"], "length_mm"),
     ],
 )
-def test_invalid_devices_are_rejected(cell_file, words, said) -> None:
+def test_invalid_devices_are_rejected(described, words, said) -> None:
     with pytest.raises(DescriptionError, match=said):
-        load_setup(cell_file, settings=words)
+        load_setup(described, settings=words)
 
 
 ARRIVAL = """
@@ -131,10 +122,10 @@ pose = { x_mm = -100.0, z_mm = 10.0 }
 """
 
 
-def test_scanned_part_starts_on_conveyor(cell_file) -> None:
+def test_scanned_part_starts_on_conveyor(described) -> None:
     """The FMU starts with the part on the conveyor; planning and reconstruction use its pose on the table."""
-    cell_file.write_text(cell_file.read_text() + ARRIVAL)
-    setup = load_setup(cell_file)
+    described.write_text(described.read_text() + ARRIVAL)
+    setup = load_setup(described)
     nominal = nominal_cell(setup.cell, BLOCK)
     part = cell_json(setup.cell, nominal, 0)["parts"][0]
     assert (part["name"], part["stands_on"], part["fixture"]) == ("part", "conveyor[1]", "free")
@@ -150,7 +141,7 @@ def test_scanned_part_starts_on_conveyor(cell_file) -> None:
         ('[part.arrival]\nstands_on = "conveyor[1]"', '[part.arrival]\nstands_on = "table"', "stands_on"),
     ],
 )
-def test_invalid_arrival_is_rejected(cell_file, old, new, message) -> None:
-    cell_file.write_text(cell_file.read_text() + ARRIVAL.replace(old, new))
+def test_invalid_arrival_is_rejected(described, old, new, message) -> None:
+    described.write_text(described.read_text() + ARRIVAL.replace(old, new))
     with pytest.raises(DescriptionError, match=message):
-        load_setup(cell_file)
+        load_setup(described)

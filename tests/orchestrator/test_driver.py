@@ -8,7 +8,6 @@ from fmu_cells import CYCLE_US, EXPOSURE, build, default_cell, moves_with_stops,
 
 from scancell.cell.driver import DriveOptions, Driver
 from scancell.cell.instance import CellInstance
-from scancell.cell.program import Program
 from scancell.cell.recording import Recording
 
 HOME = default_cell().home
@@ -21,9 +20,14 @@ def fmus(tmp_path_factory):
     return {version: build(folder, version) for version in (2, 3)}
 
 
-def run(fmu, program: Program, progress=None) -> Recording:
-    with CellInstance(fmu) as cell:
-        return Driver(cell, OPTIONS).run(program, progress)
+@pytest.fixture(scope="module")
+def recordings(fmus) -> dict[str, Recording]:
+    """Of each program."""
+    found = {}
+    for name, program in PROGRAMS.items():
+        with CellInstance(fmus[3 if name == "stops" else 2]) as cell:
+            found[name] = Driver(cell, OPTIONS).run(program)
+    return found
 
 
 PROGRAMS = {
@@ -31,34 +35,6 @@ PROGRAMS = {
     "time": turn_of_table(HOME, "time", 0.025),
     "stops": moves_with_stops(HOME),
 }
-
-
-@pytest.mark.parametrize("name", PROGRAMS)
-def test_fmi2_and_fmi3_recordings_are_equal(fmus, name) -> None:
-    first, second = run(fmus[2], PROGRAMS[name]), run(fmus[3], PROGRAMS[name])
-    assert len(first) > 2
-    assert set(first.columns) == set(second.columns)
-    for column, values in first.columns.items():
-        assert np.array_equal(values, second.columns[column]), column
-
-
-class FineSteps(CellInstance):
-    """Takes eight communication steps for each that is asked for."""
-
-    def step_to(self, time_us: int) -> None:
-        start = self.time_us
-        for k in range(1, 9):
-            super().step_to(start + (time_us - start) * k // 8)
-
-
-@pytest.mark.parametrize("name", ["table angle", "time"])
-def test_exposures_are_independent_of_communication_step(fmus, name) -> None:
-    coarse = run(fmus[2], PROGRAMS[name])
-    with FineSteps(fmus[2]) as cell:
-        fine = Driver(cell, OPTIONS).run(PROGRAMS[name])
-    assert len(coarse) == len(fine) >= 20
-    for column, values in coarse.columns.items():
-        assert np.abs(values - fine.columns[column]).max() < 1e-12, column
 
 
 def test_one_communication_step_per_controller_cycle(fmus) -> None:
@@ -92,34 +68,21 @@ def count_steps(cell: CellInstance) -> list[int]:
     return steps
 
 
-def test_angle_triggered_exposures_are_equidistant(fmus) -> None:
-    measured = run(fmus[2], PROGRAMS["table angle"]).measured
-    assert np.array_equal(measured.index, np.arange(1, len(measured.index) + 1))
-    assert np.array_equal(measured.segment, np.ones(len(measured.index)))
-    # Latched at mid-exposure, which is at the planned angle.
+def test_triggered_exposures_are_equidistant(recordings) -> None:
+    """In angle, latched at mid-exposure, from the planned angle on; or in time."""
+    measured = recordings["table angle"].measured
+    (only,) = PROGRAMS["table angle"].segments
+    assert np.array_equal(measured.index, np.arange(1, 21))
+    assert np.array_equal(measured.segment, np.ones(20))
+    assert measured.table[0] == pytest.approx(np.interp(only.trigger_from, only.times, only.table), abs=1e-6)
     assert np.diff(measured.table) == pytest.approx(np.radians(1.0), abs=2e-6)
     assert measured.table_rate == pytest.approx(np.radians(40.0), rel=1e-3)
     assert measured.exposure == pytest.approx(EXPOSURE)
+    assert np.diff(recordings["time"].measured.time) == pytest.approx(0.025, abs=2e-6)
 
 
-def test_first_exposure_is_at_planned_angle(fmus) -> None:
-    program = PROGRAMS["table angle"]
-    measured = run(fmus[2], program).measured
-    only = program.segments[0]
-    planned = np.interp(only.trigger_from, only.times, only.table)
-    assert measured.table[0] == pytest.approx(planned, abs=1e-6)
-    assert len(measured.index) == 20
-
-
-def test_time_triggered_exposures_are_equidistant(fmus) -> None:
-    measured = run(fmus[2], PROGRAMS["time"]).measured
-    assert np.diff(measured.time) == pytest.approx(0.025, abs=2e-6)
-
-
-def test_requested_exposures_are_at_rest_at_planned_points(fmus) -> None:
-    program = PROGRAMS["stops"]
-    recording = run(fmus[2], program)
-    measured = recording.measured
+def test_requested_exposures_are_at_rest_at_planned_points(recordings) -> None:
+    program, measured = PROGRAMS["stops"], recordings["stops"].measured
     assert measured.segment.tolist() == [segment.id for segment in program.segments]
     goals = np.array([segment.q[-1] for segment in program.segments])
     assert measured.q == pytest.approx(goals, abs=1e-9)
@@ -130,14 +93,15 @@ def test_requested_exposures_are_at_rest_at_planned_points(fmus) -> None:
 
 def test_progress_reports_every_second(fmus) -> None:
     reported: list[float] = []
-    run(fmus[2], PROGRAMS["stops"], progress=reported.append)
+    with CellInstance(fmus[2]) as cell:
+        Driver(cell, OPTIONS).run(PROGRAMS["stops"], reported.append)
     assert sum(reported) == pytest.approx(PROGRAMS["stops"].duration)
     assert len(reported) == 3
 
 
-def test_recorded_poses_match_kinematics(fmus) -> None:
+def test_recorded_poses_match_kinematics(recordings) -> None:
     """True sensor poses of an unperturbed cell are nominal at the measured joints."""
-    cell, recording = default_cell(), run(fmus[3], PROGRAMS["stops"])
+    cell, recording = default_cell(), recordings["stops"]
     middle = recording.truth.world_from_frame["sensor"].mean(1)
     nominal = cell.world_from_sensor(recording.measured.q)
     assert np.abs(middle[:, :3, 3] - nominal[:, :3, 3]).max() < 1e-9

@@ -90,7 +90,7 @@ def test_failure_to_close_the_workers_keeps_the_outcome(tmp_path, monkeypatch) -
     assert sorted(run_tasks(job, tasks, TWO, NullProgress()).done) == ["n000", "n001"]
 
 
-@pytest.mark.parametrize("damage", ["cut", "other request", "no record"])
+@pytest.mark.parametrize("damage", ["cut", "other request", "no record", "removed"])
 def test_damaged_result_is_repeated(tmp_path, damage) -> None:
     job, tasks = make_job(tmp_path), make_tasks(3)
     run_tasks(job, tasks, ALONE, NullProgress())
@@ -99,6 +99,8 @@ def test_damaged_result_is_repeated(tmp_path, damage) -> None:
         (folder / "square.json").write_text("")
     elif damage == "no record":
         (folder / DONE).unlink()
+    elif damage == "removed":
+        shutil.rmtree(folder)
     else:
         tasks[1] = Task("n001", {"n": 7})
     outcome = run_tasks(job, tasks, ALONE, NullProgress())
@@ -156,10 +158,3 @@ def test_workers_that_do_not_start_are_reported(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr("scancell.studies.dask_cluster.LocalCluster", fails)
     with pytest.raises(WorkersError, match="do not start"):
         run_tasks(make_job(tmp_path), make_tasks(1), ExecutionTarget(workers=1), NullProgress())
-
-
-def test_removed_result_is_repeated(tmp_path) -> None:
-    job, tasks = make_job(tmp_path), make_tasks(3)
-    run_tasks(job, tasks, ALONE, NullProgress())
-    shutil.rmtree(job.store.path("n002"))
-    assert run_tasks(job, tasks, ALONE, NullProgress()).done == ["n002"]

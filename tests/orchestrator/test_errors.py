@@ -187,7 +187,7 @@ def test_error_of_a_value_that_cannot_be_pickled_holds_its_text() -> None:
         (MeshError("is 3 m: `as_built`, `other`", file="a.stl"), "a.stl: is 3 m: --as-built, `other`"),
     ],
 )
-def test_users_of_a_command_read_options_for_arguments(error, message) -> None:
+def test_messages_of_commands_name_options_instead_of_arguments(error, message) -> None:
     assert error.in_options({"time": "--time", "as_built": "--as-built"}) == message
 
 

@@ -95,14 +95,14 @@ def test_every_peak_on_request(tmp_path):
     assert len(table(tmp_path / "out" / "profiles.csv")) <= 2 * WIDTH
 
 
-def test_description_chooses_how(tmp_path):
+def test_fusion_follows_the_sensor_description(tmp_path):
     write_pair(tmp_path, "flat", 400.3)
     both = run([tmp_path], tmp_path / "apart")
     fused = run([tmp_path], tmp_path / "fused", 'sensor.extraction.fusion="weighted"')
     assert fused.figures["points"] < 0.52 * both.figures["points"]
 
 
-def test_images_without_a_stripe_are_told(tmp_path):
+def test_images_without_a_stripe_give_a_warning(tmp_path):
     write_pair(tmp_path, "a", 400.0)
     write_pair(tmp_path, "b", 400.0, peak=0.0)
     assert run([tmp_path], tmp_path / "out").warnings == ["1 of 2 exposures give no point"]
@@ -175,7 +175,7 @@ def write_index(folder, *rows, header="exposure,camera,laser,file"):
     (folder / "frames.csv").write_text("\n".join([header, *rows]) + "\n")
 
 
-def test_of_a_folder_with_an_index_only_its_frames_are_taken(tmp_path):
+def test_only_indexed_frames_of_a_folder_are_used(tmp_path):
     write_pair(tmp_path, "raw_1", 400.3)
     write_pair(tmp_path, "raw_2", 420.3)
     write_pair(tmp_path, "mask_1", 10.0)
@@ -219,7 +219,7 @@ def test_an_index_that_is_no_text_is_refused(tmp_path):
         run([tmp_path], tmp_path / "out")
 
 
-def test_the_command_speaks_json(tmp_path, capsys):
+def test_command_prints_json(tmp_path, capsys):
     write_pair(tmp_path, "flat", 400.3)
     sensor = assets_dir() / "sensors" / "two_camera_probe.toml"
     words = ["extract", str(tmp_path), "--sensor", str(sensor), "--out", str(tmp_path / "out"), "--json"]
@@ -231,7 +231,7 @@ def test_the_command_speaks_json(tmp_path, capsys):
     assert set(answer["figures"]["peaks_by_flag"]) == set(sensor_rt.PEAK_FLAGS)
 
 
-def test_images_with_the_laser_off_are_taken_away(tmp_path):
+def test_laser_off_images_are_subtracted(tmp_path):
     """A second, brighter stripe that stays when the laser is off: gone, and the right one is found."""
     lit, background = tmp_path / "lit", tmp_path / "background"
     for folder in (lit, background):

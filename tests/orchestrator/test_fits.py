@@ -158,7 +158,7 @@ def test_degenerate_points_are_rejected(kind: str) -> None:
         FITS[kind](np.full((20, 3), np.nan))
 
 
-def test_two_sections_of_a_cone_leave_no_doubt_but_one_does() -> None:
+def test_cone_needs_two_sections() -> None:
     turn = np.linspace(0, 2 * np.pi, 40, endpoint=False)
     ring = np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], 1)
     assert fits.fit_cone(np.concatenate([ring, 2 * ring + np.array([0, 0, 1])])).half_angle == pytest.approx(np.pi / 4)

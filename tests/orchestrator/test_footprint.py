@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
-from trigger_records import Triggers
+from cells import mesh_of
+from trigger_records import profiles_of, records
 
 from scancell.config.loading import assets_dir
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh, load_mesh, sample_surface
 from scancell.geometry.shapes import Cone, Cylinder, Sphere
 from scancell.reconstruction.footprint import footprint_of
-from scancell.reconstruction.reconstruct import Envelope, ProfilePoints, reconstruct_and_count, table_warnings
+from scancell.reconstruction.reconstruct import Envelope, reconstruct_and_count, table_warnings
 
 MARGIN = 0.5e-3
 NOISE = 5e-6
@@ -30,8 +31,7 @@ def sheet(thickness: float, bottom: float = 0.0) -> Mesh:
 
 
 def union(*meshes: Mesh) -> Mesh:
-    solid = trimesh.boolean.union([trimesh.Trimesh(mesh.vertices, mesh.faces) for mesh in meshes])
-    return Mesh(np.asarray(solid.vertices, float), np.asarray(solid.faces, np.int64), "union")
+    return mesh_of(trimesh.boolean.union([trimesh.Trimesh(mesh.vertices, mesh.faces) for mesh in meshes]), "union")
 
 
 FLANGE = union(sheet(0.45e-3), placed(box_mesh((0.02, 0.02, 0.02))))
@@ -51,11 +51,15 @@ def measured(part: Mesh, shift: tuple[float, float, float] = (0.0, 0.0, 0.0)) ->
 def kept(part: Mesh, points: np.ndarray, margin: float = MARGIN):
     """Flags (n,) of the points that are kept, and the counts."""
     envelope = Envelope(margin, 0.2, 0.12, footprint_of(part, TURNED, margin), TURNED[:2, 3] + part.bounds[:, :2] * 1.5)
-    zero, number, once = np.zeros(len(points)), np.arange(len(points)), np.zeros(1)
-    profiles = ProfilePoints(points, zero, zero, zero.astype(np.int32), number, zero.astype(int), number, zero)
-    triggers = Triggers(once.astype(int), once.astype(int), once, np.zeros((1, 6)), once, np.zeros((1, 6)), once)
+    number = np.arange(len(points))
+    profiles = profiles_of(points, 0 * number, number)
     cloud, dropped = reconstruct_and_count(
-        profiles, triggers, lambda q, table: np.tile(np.eye(4), (len(q), 1, 1)), TURNED, envelope, normals=False
+        profiles,
+        records(np.zeros((1, 6)), np.zeros(1)),
+        lambda q, table: np.tile(np.eye(4), (len(q), 1, 1)),
+        TURNED,
+        envelope,
+        normals=False,
     )
     assert dropped.kept == len(cloud)
     return np.isin(number, cloud.column), dropped

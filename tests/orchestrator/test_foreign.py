@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
-from trigger_records import Triggers
+from cells import cell_file, export_mm
+from trigger_records import Triggers, profiles_of, records
 
-from scancell.config.loading import assets_dir, load_setup
+from scancell.config.loading import load_setup
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh
 from scancell.nominal.cell import nominal_cell
@@ -111,10 +112,8 @@ def test_points_inside_closed_neighbour_are_foreign(closed, owner):
 
 
 def test_neighbours_have_poses_of_cell_description(tmp_path):
-    trimesh.Trimesh(PART.vertices * 1e3, PART.faces).export(tmp_path / "block.stl")
-    default = (assets_dir() / "cells" / "default.toml").read_text().replace("../", f"{assets_dir()}/")
-    (tmp_path / "cell.toml").write_text(default + DEVICES)
-    nominal = nominal_cell(load_setup(tmp_path / "cell.toml").cell, PART)
+    export_mm(PART, tmp_path / "block.stl")
+    nominal = nominal_cell(load_setup(cell_file(tmp_path, DEVICES)).cell, PART)
     found = {body.name: body for body in neighbours_of(nominal).bodies}
     assert set(found) == {"base", "table_base", "belt", "rider", "bracket"}
     assert {name for name, body in found.items() if body.on_table} == {"bracket"}
@@ -131,11 +130,7 @@ def measured(points_in_table: np.ndarray) -> tuple[ProfilePoints, Triggers]:
     q = RNG.uniform(-1.0, 1.0, (n, 6))
     in_part = pose.transform_points(pose.inverse(TABLE_FROM_PART), points_in_table)
     in_sensor = points_in_part(in_part, np.arange(n), pose.inverse(part_from_sensor(q, np.zeros(n))))
-    same, count = np.zeros(n), np.arange(n)
-    profiles = ProfilePoints(
-        in_sensor, same, same, same.astype(np.int32), count.astype(np.int32), count, count * 0, same
-    )
-    return profiles, Triggers(count, count, same, q, same, 0 * q, same)
+    return profiles_of(in_sensor, np.arange(n), np.arange(n)), records(q, np.zeros(n))
 
 
 def test_all_measured_points_are_counted():

@@ -134,7 +134,7 @@ def test_files_are_received_within_their_size_and_a_limit_for_all_that_are_begun
     assert refusal(start("c", 2**40, 10), small) != ""
 
 
-def test_every_error_of_a_handler_is_said() -> None:
+def test_errors_of_handlers_are_reported() -> None:
     said: list[str] = []
     for error in (CommandError("expected a part"), KeyError("axis"), OverflowError("too large")):
 

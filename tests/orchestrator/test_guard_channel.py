@@ -132,7 +132,7 @@ def test_dead_link_delivers_nothing_until_it_works_again():
     assert sent_through(500, dead_from_s=3.0)[1][-1].time < 3.0
 
 
-def test_seed_repeats_all_and_every_fault_has_luck_of_its_own():
+def test_faults_are_reproducible_by_seed_and_independent_of_each_other():
     faults = {"delay_ms": 5, "jitter_ms": 10, "loss": 0.05, "burst": 0.01, "duplication": 0.05, "replay": 0.05}
     first, again, other = (sent_through(2000, seed, **faults)[1] for seed in (7, 7, 8))
     assert first == again

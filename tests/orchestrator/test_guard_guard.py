@@ -173,7 +173,7 @@ def test_answers_carry_number_and_time_of_their_states():
         assert (message.state_sequence, message.state_time) == (number, time)
 
 
-def test_unknown_motion_is_a_stop():
+def test_unknown_motion_is_stopped():
     """A robot that moves in the first state of a session, of an operation, or after a pause of all states."""
     rng = np.random.default_rng(46)
     axes = near_home(rng)

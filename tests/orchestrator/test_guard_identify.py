@@ -48,7 +48,7 @@ def test_speed_along_a_motion_is_free(name):
     assert kinds[KIND_OF[name]] >= 99
 
 
-def test_translation_and_rotation_at_once_is_told_from_joints_where_it_bends():
+def test_curved_tool_motion_is_distinguished_from_joint_motion():
     """At a hundredth of the noise, the helix of the tool frame, the line and joint motion are three paths."""
     nominal, _ = cell_of("six_axis")
     identifier, rng = Identifier(nominal, NOISE / 100), np.random.default_rng(13)
@@ -62,7 +62,7 @@ def test_translation_and_rotation_at_once_is_told_from_joints_where_it_bends():
     assert min(alone.values()) >= 20
 
 
-def test_changes_since_the_rates_are_bounded_by_their_age_at_uneven_times():
+def test_changes_of_rates_are_bounded_by_their_age():
     """Axes that accelerate at +-1 rad/s2 at random, with lost states: rates differ by at most the time since then."""
     nominal, _ = cell_of("six_axis")
     identifier, rng = Identifier(nominal, 1e-9), np.random.default_rng(15)

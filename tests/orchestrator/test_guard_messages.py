@@ -66,54 +66,44 @@ def test_every_bit_flip_and_truncation_is_refused(message):
         decode(packet + b"\0")
 
 
-@pytest.mark.parametrize(
-    ("at", "new"),
-    [
-        (4, b"\2"),  # version
-        (5, b"\3"),  # kind
-        (5, b"\2"),  # a state is no answer
-        (8, bytes(8)),  # session 0
-        (28, struct.pack("<d", np.nan)),  # time
-        (28, struct.pack("<d", 2e9)),
-        (36, struct.pack("<d", 1.5)),  # rate
-        (36, struct.pack("<d", -0.5)),
-        (44, struct.pack("<d", 0.1)),  # spacing without a path ahead
-        (52, struct.pack("<d", 0.1)),  # time of a path without a path ahead
-        (60, b"\2"),  # operation
-        (61, b"\7"),  # mode
-        (62, b"\2"),  # moving
-        (63, b"\0"),  # joints
-        (63, b"\7"),
-        (63, b"\x09"),
-        (64, b"\1\0"),  # rows of the path ahead
-        (64, b"\xff\xff"),
-        (66, struct.pack("<d", np.inf)),  # an axis
-        (66, struct.pack("<d", 1e5)),
-    ],
-)
-def test_wrong_values_of_a_state_are_refused_though_the_crc_is_right(at, new):
-    packet = state_at(5, 0.3).encode(SESSION, 0)
-    decode(sealed(packet, at, packet[at : at + len(new)]))
-    with pytest.raises(MessageError, match="expected"):
-        decode(sealed(packet, at, new))
+STATE, REPLY = state_at(5, 0.3).encode(SESSION, 0), ANSWER.encode(SESSION, GUARD)
 
 
 @pytest.mark.parametrize(
-    ("at", "new"),
+    ("packet", "at", "new"),
     [
-        (5, b"\1"),  # an answer is no state
-        (32, struct.pack("<d", -np.inf)),  # time of the state
-        (40, struct.pack("<d", 1.01)),  # monitor speed
-        (40, struct.pack("<d", np.nan)),
-        (48, b"\2"),  # emergency stop
-        (49, b"\xff"),  # beep
-        (50, b"\x01"),  # length of the text
-        (51, b"\xff"),  # not UTF-8
-        (51, b"\x1b"),  # not printable
+        (STATE, 4, b"\2"),  # version
+        (STATE, 5, b"\3"),  # kind
+        (STATE, 5, b"\2"),  # a state is no answer
+        (STATE, 8, bytes(8)),  # session 0
+        (STATE, 28, struct.pack("<d", np.nan)),  # time
+        (STATE, 28, struct.pack("<d", 2e9)),
+        (STATE, 36, struct.pack("<d", 1.5)),  # rate
+        (STATE, 36, struct.pack("<d", -0.5)),
+        (STATE, 44, struct.pack("<d", 0.1)),  # spacing without a path ahead
+        (STATE, 52, struct.pack("<d", 0.1)),  # time of a path without a path ahead
+        (STATE, 60, b"\2"),  # operation
+        (STATE, 61, b"\7"),  # mode
+        (STATE, 62, b"\2"),  # moving
+        (STATE, 63, b"\0"),  # joints
+        (STATE, 63, b"\7"),
+        (STATE, 63, b"\x09"),
+        (STATE, 64, b"\1\0"),  # rows of the path ahead
+        (STATE, 64, b"\xff\xff"),
+        (STATE, 66, struct.pack("<d", np.inf)),  # an axis
+        (STATE, 66, struct.pack("<d", 1e5)),
+        (REPLY, 5, b"\1"),  # an answer is no state
+        (REPLY, 32, struct.pack("<d", -np.inf)),  # time of the state
+        (REPLY, 40, struct.pack("<d", 1.01)),  # monitor speed
+        (REPLY, 40, struct.pack("<d", np.nan)),
+        (REPLY, 48, b"\2"),  # emergency stop
+        (REPLY, 49, b"\xff"),  # beep
+        (REPLY, 50, b"\x01"),  # length of the text
+        (REPLY, 51, b"\xff"),  # not UTF-8
+        (REPLY, 51, b"\x1b"),  # not printable
     ],
 )
-def test_wrong_values_of_an_answer_are_refused_though_the_crc_is_right(at, new):
-    packet = ANSWER.encode(SESSION, GUARD)
+def test_wrong_values_are_refused_though_the_crc_is_right(packet, at, new):
     decode(sealed(packet, at, packet[at : at + len(new)]))
     with pytest.raises(MessageError, match="expected"):
         decode(sealed(packet, at, new))

@@ -125,7 +125,7 @@ def moves(
         yield Move(axes, straight(axes, float(rng.uniform(0.3, 1.0)) * direction)), cell, scene
 
 
-def test_no_move_is_stopped_in_an_emergency_or_collides_wherever_the_guard_falls_silent():
+def test_moves_stop_without_contact_whenever_the_guard_falls_silent():
     """Robots rest in front of the walls that the same motions would have hit if they had gone on."""
     rng = np.random.default_rng(71)
     began = needed = 0
@@ -141,7 +141,7 @@ def test_no_move_is_stopped_in_an_emergency_or_collides_wherever_the_guard_falls
     assert needed >= 20
 
 
-def test_permissions_before_a_path_was_taken_up_do_not_count_for_it():
+def test_answers_from_before_a_path_do_not_permit_it():
     """Of the same states, only what they say of the path's time differs: full speed may be in force, or cannot."""
     rng = np.random.default_rng(72)
     slowed = stopped = 0
@@ -162,7 +162,7 @@ def test_permissions_before_a_path_was_taken_up_do_not_count_for_it():
 
 
 @pytest.mark.parametrize("change", [None, "session", "operation"])
-def test_what_was_allowed_before_is_not_known(change):
+def test_path_that_began_before_the_session_is_stopped(change):
     """A path that was taken up before the session, or before manual operation, may have full speed at once."""
     rng = np.random.default_rng(73)
     for move, cell, _ in moves(rng, 4, NEAR):

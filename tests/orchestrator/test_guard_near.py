@@ -62,7 +62,7 @@ def test_jog_is_stopped_where_its_stop_is_still_free_and_not_much_earlier(speed)
 
 
 @pytest.mark.parametrize("speed", SPEEDS)
-def test_within_its_clearance_of_a_wall_a_jog_away_is_permitted_and_one_towards_it_refused(speed):
+def test_near_a_wall_only_a_jog_away_from_it_is_permitted(speed):
     """One towards it that is slower than the errors of the angles in a reaction time is refused later."""
     axes, direction, cell, _ = wall(52, 0.0008)
     guard = Guard(cell, ROBOT, SETTINGS)

@@ -66,7 +66,7 @@ def test_joint_interpolated_motion_is_straight():
     assert np.allclose(found, start + TIMES[:, None] * rates)
 
 
-def test_hypotheses_are_predicted_together_as_alone():
+def test_predictions_in_a_batch_equal_single_ones():
     nominal, jog = cell_of("six_axis")
     predictor, rng = Predictor(nominal), np.random.default_rng(23)
     tool = Tool(nominal)
@@ -82,16 +82,18 @@ def test_hypotheses_are_predicted_together_as_alone():
         assert np.allclose(together[i], predictor.axes([hypothesis], times[i : i + 1])[0], atol=1e-9)
 
 
-def test_behind_the_end_of_reach_the_joints_keep_their_rates():
-    """A straight way out of the workspace: the reach ends on it, and the prediction goes on evenly, finite."""
+def test_joints_keep_their_rates_beyond_the_reach():
+    """A straight path out of the workspace at uneven times: behind its end the prediction goes on evenly, finite."""
     nominal, _ = cell_of("six_axis")
-    tool = Tool(nominal)
+    tool, predictor = Tool(nominal), Predictor(nominal)
     start = np.append(nominal.home, 0.0)
     pose, jacobian = tool.poses(start[None, :-1])
     out = pose[0, :3, 3] / np.linalg.norm(pose[0, :3, 3])
     rates = np.append(tool.rates(jacobian, np.concatenate([0.25 * out, np.zeros(3)])[None])[0], 0.0)
-    times = np.linspace(0.0, 6.0, 61)
-    (found,) = Predictor(nominal).axes([hypothesis_of(Path.BASE, start, rates)], times[None])
+    times = 6.0 * np.linspace(0.0, 1.0, 61) ** 1.3
+    leaving, staying = hypothesis_of(Path.BASE, start, rates), hypothesis_of(Path.BASE, start, -0.1 * rates)
+    kept, found = predictor.axes([staying, leaving], np.stack([times, times]))
+    np.testing.assert_allclose(kept, predictor.axes([staying], times[None])[0], atol=1e-9)
     reached, _ = tool.poses(found[:, :-1])
     straight = pose[0, :3, 3] + 0.25 * times[:, None] * out
     on_the_way = np.linalg.norm(reached[:, :3, 3] - straight, axis=1) < 1e-6
@@ -99,4 +101,8 @@ def test_behind_the_end_of_reach_the_joints_keep_their_rates():
     assert 3 < last < 60
     assert on_the_way[:last].all()
     assert np.isfinite(found).all()
-    assert np.allclose(np.diff(found[last - 1 :], axis=0), found[last] - found[last - 1])
+    speeds = np.diff(found[last - 2 :], axis=0) / np.diff(times[last - 2 :])[:, None]
+    np.testing.assert_allclose(speeds, np.broadcast_to(speeds[0], speeds.shape), atol=1e-9)
+    # Without two places before it, there are no other rates than those of the state.
+    late = np.array([0.0, 5.0, 6.0])
+    np.testing.assert_allclose(predictor.axes([leaving], late[None])[0], start + late[:, None] * rates, atol=1e-12)

@@ -80,7 +80,3 @@ def test_latest_stop_bounds_every_earlier_and_harder_one():
         assert (share <= 1 + 1e-9).all()
         largest = max(largest, float(share.max()))
     assert largest > 0.5  # the bound is not true only because it is huge
-
-
-def test_reaction_is_age_period_and_delay():
-    assert WorstCase(0.01, 0.032, 0.04, 1.0, 0.0).reaction == pytest.approx(0.082)

@@ -73,7 +73,7 @@ def nearer(cell: NominalCell, scene: ProximityScene, axes: np.ndarray) -> np.nda
     return np.where((even > 0) & (changed > 0), even - changed, 0.0)
 
 
-def test_changes_within_the_limits_bring_no_pair_nearer_than_the_bound():
+def test_unseen_changes_stay_within_the_bound():
     """Random directions, kept or changed at random, of random jogs; and the fastest approach of a wall or of links."""
     rng = np.random.default_rng(51)
     used = 0.0

@@ -77,7 +77,7 @@ def test_arm_without_decomposition_has_all_branches(arm: Arm) -> None:
 def test_number_of_complex_solutions(kind: str, expected: int) -> None:
     """16 in general (Primrose, 1986); 8 with three parallel axes, or three through a point (Pieper, 1968)."""
     rng = np.random.default_rng(4)
-    for _ in range(3):
+    for _ in range(2):
         a, d, alpha = rng.uniform(0.05, 0.5, 6), rng.uniform(-0.3, 0.3, 6), rng.choice([-RIGHT, RIGHT], 6)
         if kind == "skew":
             alpha = rng.uniform(-2, 2, 6)
@@ -233,6 +233,12 @@ def test_calibrated_arm_keeps_named_branches() -> None:
     both = np.isfinite(found).all(-1) & np.isfinite(nominal).all(-1)
     assert both.any()
     assert np.abs(found - nominal)[both].max() < 0.05
+    q = random_joints(DEFAULT, 60)
+    found = arm.ik(arm.fk(q), filtered=False)
+    exists = np.isfinite(found).all(-1)
+    assert np.abs(arm.fk(np.nan_to_num(found)) - arm.fk(q)[:, None])[exists].max() < 1e-9
+    # Near a singularity the nominal branch may not exist at the calibrated pose; elsewhere it must be found.
+    assert (np.nanmin(distance(found, q[:, None]), axis=1) < 1e-5).mean() > 0.9
 
 
 def test_calibrated_arm_with_nearly_parallel_axes_has_all_branches() -> None:

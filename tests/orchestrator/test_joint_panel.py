@@ -75,7 +75,7 @@ def rig(monkeypatch: pytest.MonkeyPatch) -> Any:
     return SimpleNamespace(gui=gui, operator=operator, panel=panel, now=now)
 
 
-def test_value_of_user_is_kept_until_its_callback(rig: Any) -> None:
+def test_value_is_kept_if_the_display_updates_before_the_callback(rig: Any) -> None:
     slider = rig.gui.sliders[0]
     slider.value = 35.0
     rig.panel.show(state(HOME))
@@ -85,7 +85,7 @@ def test_value_of_user_is_kept_until_its_callback(rig: Any) -> None:
     np.testing.assert_allclose(np.degrees(rig.operator.submitted[0].joints), [35.0, 20.0])
 
 
-def test_sliders_follow_robot_and_return_after_rejected_motion(rig: Any) -> None:
+def test_sliders_follow_the_robot_and_return_after_a_refused_motion(rig: Any) -> None:
     slider = rig.gui.sliders[0]
     rig.panel.show(state(np.radians([12.0, 20.0])))
     assert slider.value == 12.0

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
+from live_cells import PATIENCE, SteppedCell, running
 
 from scancell import Scanner
 from scancell.cell.controller import JogFrame, Operation
@@ -28,61 +29,14 @@ from scancell.live.commands import (
     SetMonitorSpeed,
     SetOperation,
 )
-from scancell.live.state import LiveState
 from scancell.programs.robot import deg, location, mm
 from scancell.stopwatch import Pace
 
 ABOVE = location(450 * mm, 0, 260 * mm, rx=180 * deg)
+HOLD_TIME = 0.3
 BELT = (
     'cell.conveyor=[{ name = "belt", pose = { x_mm = 300, y_mm = -400, z_mm = 100 }, length_mm = 300, width_mm = 100 }]'
 )
-HOLD_TIME = 0.3
-
-
-class Clock:
-    """Advances when `now` is set."""
-
-    def __init__(self) -> None:
-        self.now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
-class Operator:
-    """A live cell whose clock goes on with its cycles, as on a machine in time."""
-
-    def __init__(self, live: LiveCell, clock: Clock, period: float) -> None:
-        self.live, self.clock, self.period = live, clock, period
-        self.states: list[LiveState] = []
-
-    def cycle(self, count: int = 1, *commands: Command) -> LiveState:
-        for _ in range(count):
-            for command in commands:
-                self.live.submit(command)
-            self.live.step()
-            self.clock.now += self.period
-            self.states.append(self.live.state)
-        return self.live.state
-
-    def until(self, condition: Callable[[LiveState], bool], *commands: Command) -> LiveState:
-        for _ in range(1500):
-            if condition(state := self.cycle(1, *commands)):
-                return state
-        raise AssertionError(f"the condition never held: {self.live.state}")
-
-    def rests(self) -> LiveState:
-        self.cycle(2)
-        return self.until(lambda state: not state.moving)
-
-    def at(self, target: np.ndarray = ABOVE) -> None:
-        self.live.submit(MoveTool(target))
-        self.cycle(4)
-        self.rests()
-
-    @property
-    def touched(self) -> bool:
-        return any(state.colliding for state in self.states)
 
 
 @pytest.fixture(scope="module")
@@ -92,21 +46,21 @@ def scanner() -> Iterator[Scanner]:
 
 
 @pytest.fixture
-def operator(scanner: Scanner) -> Iterator[Operator]:
+def operator(scanner: Scanner) -> Iterator[SteppedCell]:
     with scanner.session(guarded=True) as session:
-        clock = Clock()
-        made = Operator(LiveCell(session, HOLD_TIME, clock), clock, session.cycle)
-        made.cycle(8)
-        yield made
+        yield SteppedCell(session, HOLD_TIME)
 
 
-def test_moves_run_one_after_another(operator: Operator) -> None:
+def test_moves_run_one_after_another(operator: SteppedCell) -> None:
     start = operator.live.state.joints
     first, second = start + 0.1, start + np.array([0.2, 0, 0.1, 0, 0, 0])
     operator.live.submit(MoveJoints(first, table_angle=0.5))
     operator.live.submit(MoveJoints(second))
     operator.cycle(4)
-    np.testing.assert_array_equal(operator.live.state.destination[:-1], first)
+    state = operator.live.state
+    np.testing.assert_array_equal(state.destination[:-1], first)
+    expected = operator.session.nominal.frame_poses(first, np.array(0.5))["sensor"]
+    np.testing.assert_allclose(state.world_from_body_at_destination["sensor"], expected, atol=1e-9)
     operator.until(lambda state: np.array_equal(state.destination[:-1], second))
     state = operator.rests()
     np.testing.assert_allclose(state.joints, second, atol=1e-9)
@@ -115,23 +69,7 @@ def test_moves_run_one_after_another(operator: Operator) -> None:
     assert passed < 1e-9
 
 
-def test_tool_pose_round_trip_and_straight_line(operator: Operator) -> None:
-    operator.at()
-    operator.states.clear()
-    end = ABOVE @ pose.from_euler_xyz((0.05, -0.03, -0.02), (0.1, -0.05, 0.2))
-    operator.live.submit(MoveLine(end, speed=0.5))
-    operator.rests()
-    operator.rests()
-    sensor = np.array([state.world_from_body["sensor"] for state in operator.states])
-    np.testing.assert_allclose(sensor[-1], end, atol=1e-6)
-    along = end[:3, 3] - ABOVE[:3, 3]
-    fraction = (sensor[:, :3, 3] - ABOVE[:3, 3]) @ along / (along @ along)
-    straight = pose.interpolate_straight(ABOVE, end, fraction)
-    np.testing.assert_allclose(sensor, straight, atol=1e-5)
-    np.testing.assert_allclose(operator.live.state.world_from_body_at_destination["sensor"], end, atol=1e-6)
-
-
-def test_unreachable_target_leaves_the_arm_where_it_is(operator: Operator) -> None:
+def test_unreachable_target_leaves_the_arm_where_it_is(operator: SteppedCell) -> None:
     start = operator.live.state.joints
     operator.live.submit(MoveTool(location(3, 0, 0)))
     operator.live.submit(MoveJoints(start + 0.1))
@@ -144,8 +82,8 @@ def test_unreachable_target_leaves_the_arm_where_it_is(operator: Operator) -> No
     np.testing.assert_allclose(operator.live.state.joints, start, atol=1e-12)
 
 
-def test_move_into_table_is_slowed_and_held(operator: Operator) -> None:
-    operator.at()
+def test_move_into_table_is_slowed_and_held(operator: SteppedCell) -> None:
+    operator.at(ABOVE)
     operator.live.submit(MoveLine(pose.translation((0, 0, -0.2)) @ ABOVE))
     operator.cycle(4)
     state = operator.until(lambda state: state.guard_text.startswith("slowed to 0%"))
@@ -160,12 +98,12 @@ def test_move_into_table_is_slowed_and_held(operator: Operator) -> None:
     operator.live.emergency_stop()
     operator.rests()
     operator.live.submit(Reset())
-    operator.at()
+    operator.at(ABOVE)
     np.testing.assert_allclose(operator.live.state.world_from_body["sensor"], ABOVE, atol=1e-6)
 
 
-def test_jog_into_table_is_warned_then_stopped(operator: Operator) -> None:
-    operator.at()
+def test_jog_into_table_is_warned_then_stopped(operator: SteppedCell) -> None:
+    operator.at(ABOVE)
     operator.live.submit(SetOperation(Operation.MANUAL))
     down = JogSensor([0, 0, -1, 0, 0, 0])
     operator.until(lambda state: state.controller == "emergency stop", down)
@@ -179,7 +117,7 @@ def test_jog_into_table_is_warned_then_stopped(operator: Operator) -> None:
     assert not operator.touched
 
 
-def test_jog_that_is_not_renewed_stops(operator: Operator) -> None:
+def test_jog_that_is_not_renewed_stops(operator: SteppedCell) -> None:
     """Within the hold time, and the controller's time to brake."""
     operator.live.submit(SetOperation(Operation.MANUAL))
     operator.cycle(12)
@@ -188,7 +126,7 @@ def test_jog_that_is_not_renewed_stops(operator: Operator) -> None:
     operator.cycle(60, jog)
     renewed = operator.live.state
     assert renewed.controller == "moving"
-    state = operator.cycle(round(HOLD_TIME / operator.period) - 2)
+    state = operator.cycle(round(HOLD_TIME / operator.session.cycle) - 2)
     assert state.controller == "moving"
     last = operator.rests()
     assert state.joints[0] > renewed.joints[0] + 0.01
@@ -198,21 +136,21 @@ def test_jog_that_is_not_renewed_stops(operator: Operator) -> None:
     assert operator.cycle(5, jog).controller == "moving"
 
 
-def test_frozen_clock_of_jog_is_the_operators_not_the_cells(operator: Operator) -> None:
+def test_hold_time_of_a_jog_is_wall_clock_time(operator: SteppedCell) -> None:
     """Simulated time may be faster than the wall clock: the hold time is one of the wall clock."""
     operator.live.submit(SetOperation(Operation.MANUAL))
     operator.cycle(12)
     operator.live.submit(JogSensor([0.2, 0, 0, 0, 0, 0], JogFrame.SENSOR))
-    begin = operator.clock.now
+    begin = operator.now
     for _ in range(60):
         operator.cycle()
-        operator.clock.now = begin
+        operator.now = begin
     assert operator.live.state.controller == "moving"
-    operator.clock.now = begin + HOLD_TIME
+    operator.now = begin + HOLD_TIME
     operator.rests()
 
 
-def test_jog_needs_manual_operation(operator: Operator) -> None:
+def test_jog_needs_manual_operation(operator: SteppedCell) -> None:
     state = operator.cycle(5, JogJoints([1.0, 0, 0, 0, 0, 0, 0]))
     assert state.message == "jog_joints: the cell is in automatic operation: change to manual operation first"
     assert state.controller == "at rest"
@@ -223,7 +161,7 @@ def test_jog_needs_manual_operation(operator: Operator) -> None:
     operator.until(lambda state: state.controller == "moving", JogJoints([0, 0.2, 0, 0, 0, 0, 0]))
 
 
-def test_stop_drops_what_was_submitted(operator: Operator) -> None:
+def test_stop_drops_what_was_submitted(operator: SteppedCell) -> None:
     start = operator.live.state.joints
     operator.live.submit(MoveJoints(start + 0.6, speed=0.3))
     moving = operator.cycle(25)
@@ -244,7 +182,7 @@ def test_stop_drops_what_was_submitted(operator: Operator) -> None:
     np.testing.assert_allclose(operator.rests().joints, start, atol=1e-9)
 
 
-def test_monitor_speed_acts_on_running_move(operator: Operator) -> None:
+def test_monitor_speed_acts_on_running_move(operator: SteppedCell) -> None:
     operator.live.submit(MoveJoints(operator.live.state.joints + 0.5, speed=0.3))
     operator.cycle(20)
     operator.live.submit(SetMonitorSpeed(0.0))
@@ -254,7 +192,7 @@ def test_monitor_speed_acts_on_running_move(operator: Operator) -> None:
     operator.until(lambda state: state.progress == 1)
 
 
-def test_devices_and_wrong_commands(operator: Operator) -> None:
+def test_devices_and_wrong_commands(operator: SteppedCell) -> None:
     operator.live.submit(RunConveyor(1, 0.1))
     state = operator.cycle(30)
     speed, travel = state.conveyors[0]
@@ -268,40 +206,33 @@ def test_devices_and_wrong_commands(operator: Operator) -> None:
 
 
 @pytest.mark.parametrize(
-    "make",
+    ("command", "arguments"),
     [
-        lambda: JogJoints([2.0, 0]),
-        lambda: JogSensor([0.0, 0, 0]),
-        lambda: JogJoints([np.nan] * 7),
-        lambda: MoveJoints("home"),
-        lambda: MoveJoints([0.0] * 6, speed=0.0),
-        lambda: MoveJoints([0.0] * 6, table_angle=np.inf),
-        lambda: MoveTool(np.eye(3)),
-        lambda: MoveTool(2 * np.eye(4)),
-        lambda: MoveLine(np.diag([1.0, 1, -1, 1])),
-        lambda: MoveLine(np.eye(4), speed=1.1),
-        lambda: SetMonitorSpeed(1.1),
-        lambda: SetMonitorSpeed("1"),
-        lambda: OpenGripper(-0.01),
-        lambda: CloseGripper(float("inf")),
-        lambda: RunConveyor(1, float("nan")),
+        (JogJoints, ([2.0, 0],)),
+        (JogJoints, ([np.nan] * 7,)),
+        (JogSensor, ([0.0, 0, 0],)),
+        (MoveJoints, ("home",)),
+        (MoveJoints, ([0.0] * 6, np.inf)),
+        (MoveJoints, ([0.0] * 6, None, 0.0)),
+        (MoveTool, (np.eye(3),)),
+        (MoveTool, (2 * np.eye(4),)),
+        (MoveLine, (np.diag([1.0, 1, -1, 1]),)),
+        (SetMonitorSpeed, (1.1,)),
+        (SetMonitorSpeed, ("1",)),
+        (OpenGripper, (-0.01,)),
+        (CloseGripper, (float("inf"),)),
+        (RunConveyor, (1, float("nan"))),
     ],
 )
-def test_malformed_command_is_refused_where_it_is_made(make: Callable[[], Command]) -> None:
+def test_malformed_command_is_refused_where_it_is_made(command: Callable[..., Command], arguments: tuple) -> None:
     with pytest.raises(DescriptionError, match="expected"):
-        make()
+        command(*arguments)
 
 
-def test_states_are_immutable(operator: Operator) -> None:
+def test_states_are_immutable(operator: SteppedCell) -> None:
     state = operator.cycle(1)
-    assert set(state.world_from_body) == {
-        *(f"link{i}" for i in range(1, 7)),
-        "base",
-        "sensor",
-        "table",
-        "table_base",
-        "belt",
-    }
+    links = {f"link{i}" for i in range(1, 7)}
+    assert set(state.world_from_body) == {*links, "base", "sensor", "table", "table_base", "belt"}
     with pytest.raises(ValueError, match="read-only"):
         state.joints[0] = 1.0
     with pytest.raises(ValueError, match="read-only"):
@@ -316,45 +247,30 @@ def test_states_are_immutable(operator: Operator) -> None:
 
 def test_commands_from_other_threads(scanner: Scanner) -> None:
     """One thread steps the cell as fast as it can; the others command it."""
-    with scanner.session(guarded=True) as session:
-        live = LiveCell(session, state_cycles=2)
-        start, ended, arrived = live.state.joints, threading.Event(), threading.Event()
-
-        def check() -> bool:
-            if live.state.progress == 1 and live.state.destination[0] > start[0]:
-                arrived.set()
-            return ended.is_set()
-
-        thread = threading.Thread(target=live.run, args=(check, False))
-        thread.start()
-        try:
-            speeds = [threading.Thread(target=live.submit, args=(SetMonitorSpeed(0.5 + 0.1 * i),)) for i in range(5)]
-            for one in speeds:
-                one.start()
-            live.submit(MoveJoints(start + 0.1))
-            assert arrived.wait(120)
-        finally:
-            ended.set()
-            thread.join()
-        np.testing.assert_allclose(live.state.joints, start + 0.1, atol=1e-9)
+    with scanner.session(guarded=True) as session, running(LiveCell(session, state_cycles=2)) as live:
+        start = live.state.joints
+        speeds = [threading.Thread(target=live.submit, args=(SetMonitorSpeed(0.5 + 0.1 * i),)) for i in range(5)]
+        for one in speeds:
+            one.start()
+        live.submit(MoveJoints(start + 0.1))
+        # A job waits until the move has ended.
+        arrived = live.perform(lambda moved: moved.joints).result(PATIENCE)
+        np.testing.assert_allclose(arrived, start + 0.1, atol=1e-9)
 
 
 def test_pace_catches_up_less_than_a_period() -> None:
-    clock, slept = Clock(), []
+    now, slept = [100.0], []
 
     def sleep(duration: float) -> None:
         slept.append(duration)
-        clock.now += duration
+        now[0] += duration
 
-    pace = Pace(0.5, clock, sleep)
-    pace.wait()
-    clock.now += 0.2
-    pace.wait()
-    clock.now += 0.6
-    pace.wait()
-    pace.wait()
+    pace = Pace(0.5, lambda: now[0], sleep)
+    for busy in (0.0, 0.2, 0.6, 0.0):
+        now[0] += busy
+        pace.wait()
     np.testing.assert_allclose(slept, [0.5, 0.3, 0.4])
-    clock.now += 2.0
+    now[0] += 2.0
     for _ in range(3):
         pace.wait()
     np.testing.assert_allclose(slept, [0.5, 0.3, 0.4, 0.5])

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from live_cells import PATIENCE, run_until
 
 from scancell import Scanner
 from scancell.config.loading import Setup
@@ -20,33 +21,33 @@ from scancell.scanning.session import ScanSession
 from scancell.views.motion import ProgramMotion
 from spiral_cell import PART, spiral_setup
 
-PATIENCE_S = 300
-POLL_S = 0.01
-
 
 class Rig:
-    """A live cell that another thread steps as fast as it can, and a plan in it."""
+    """A live cell, which is stepped while its robot has to move, and a plan in it."""
 
     def __init__(self, session: ScanSession) -> None:
         self.session, self.live = session, LiveCell(session)
         self.plan = LivePlan(self.live, session)
-        self.ended = threading.Event()
-        self.thread = threading.Thread(target=lambda: self.live.run(self.ended.is_set, realtime=False))
 
     def planned(self) -> None:
         self.plan.start()
         self.until_ready()
 
-    def until_done(self) -> None:
-        for _ in range(round(PATIENCE_S / POLL_S)):
-            if self.plan.state.stage not in ("planning", "evaluating"):
-                return
-            self.ended.wait(POLL_S)
+    @staticmethod
+    def until_done() -> None:
+        for thread in threading.enumerate():
+            if thread.name == "plan":
+                thread.join(PATIENCE)
 
     def until_ready(self) -> None:
         self.until_done()
         assert self.plan.state.error == ""
         assert self.plan.state.stage == "ready"
+
+    def go_to(self, axes: np.ndarray) -> None:
+        done = self.plan.go_to(axes, "the pose")
+        run_until(self.live, done.done)
+        done.result(0)
 
     @property
     def axes(self) -> np.ndarray:
@@ -64,11 +65,8 @@ def scanner(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scanner]:
 def rig(scanner: Scanner) -> Iterator[Rig]:
     with scanner.session(PART, guarded=True) as session:
         made = Rig(session)
-        made.thread.start()
         made.planned()
         yield made
-        made.ended.set()
-        made.thread.join()
 
 
 @pytest.fixture(scope="module")
@@ -147,7 +145,7 @@ def test_robot_goes_to_poses_of_the_plan_the_shorter_way(rig: Rig, map_: Configu
     pose = rig.plan.judge(0, map_.branch, *some_cell(map_, FREE))
     for axes in (pose.axes, rig.plan.plan.program.start):
         before = rig.axes[-1]
-        rig.plan.go_to(axes, "the pose").result(PATIENCE_S)
+        rig.go_to(axes)
         off = rig.axes - axes
         off[-1] = (off[-1] + np.pi) % (2 * np.pi) - np.pi
         np.testing.assert_allclose(off, 0.0, atol=1e-5)
@@ -159,7 +157,7 @@ def test_colliding_pose_is_refused_with_the_bodies_and_the_robot_stays(rig: Rig,
     pose = rig.plan.judge(0, map_.branch, *some_cell(map_, CLEARANCE))
     before = rig.axes
     with pytest.raises(PlanningError, match="no collision-free path to the pose"):
-        rig.plan.go_to(pose.axes, "the pose").result(PATIENCE_S)
+        rig.go_to(pose.axes)
     np.testing.assert_allclose(rig.axes, before, atol=1e-6)
 
 

@@ -8,7 +8,6 @@ from cells import ball
 from scancell import sensor as sensor_rt
 from scancell.config.loading import load_setup
 from scancell.config.material import PRESETS, MaterialDescription
-from scancell.errors import DescriptionError
 from scancell.nominal.cell import nominal_cell
 from scancell.scanning.exposures import build_scene
 
@@ -34,17 +33,3 @@ def test_materials_of_part_table_and_robot() -> None:
     assert material["table"] == PRESETS["black_rubber"]
     assert material["base"].model == "lambert"
     assert build_scene(cell.bodies).bodies == [body.name for body in cell.bodies]
-
-
-@pytest.mark.parametrize(
-    ("override", "complaint"),
-    [
-        ("cell.part.material.preset=chrome", "matt_white"),
-        ("cell.part.material.roughness=0.4", "preset"),
-        ("cell.part.material={preset='polished_steel', roughness=0.001}", "0.01"),
-        ("cell.part.material={model='lambert', reflectance=1.3}", "reflectance"),
-    ],
-)
-def test_invalid_materials_are_rejected(override: str, complaint: str) -> None:
-    with pytest.raises(DescriptionError, match=complaint):
-        load_setup(settings=[override])

@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pytest
 import trimesh
+from cells import ball, mesh_of
 
 from scancell.errors import MeshError
 from scancell.geometry import mesh as meshes
@@ -24,8 +25,7 @@ PLY_POINTS = PLY_HEAD[: PLY_HEAD.index("element face")] + "end_header\n0 0 0\n1 
 
 
 def box(size=(0.04, 0.06, 0.1), centre=(0.0, 0.0, 0.0)) -> Mesh:
-    made = trimesh.creation.box(size, pose.translation(centre))
-    return Mesh(np.asarray(made.vertices), np.asarray(made.faces, np.int64), "box")
+    return mesh_of(trimesh.creation.box(size, pose.translation(centre)), "box")
 
 
 @pytest.mark.parametrize("suffix", [".stl", ".obj", ".ply"])
@@ -132,16 +132,8 @@ def test_both_sides_of_a_sheet_are_kept(tmp_path):
     assert len(load_mesh(tmp_path / "sheet.stl").faces) == 4
 
 
-def test_normals_and_areas_of_a_box_close():
-    mesh = box()
-    outward = ((mesh.vertices[mesh.faces].mean(1)) * mesh.normals).sum(1)
-    assert (outward > 0).all()
-    assert np.abs((mesh.normals * mesh.areas[:, None]).sum(0)).max() < 1e-15
-
-
 def test_clustering_keeps_the_shape_within_the_grid():
-    made = trimesh.creation.icosphere(6, 0.025)
-    fine = Mesh(np.asarray(made.vertices), np.asarray(made.faces, np.int64), "ball")
+    fine = mesh_of(trimesh.creation.icosphere(6, 0.025))
     coarse = meshes.clustered(fine, 2e-3)
     assert len(coarse.faces) < len(fine.faces) / 8
     assert set(map(tuple, coarse.vertices)) <= set(map(tuple, fine.vertices))
@@ -206,7 +198,7 @@ def test_reading_a_binary_stl_file_needs_no_trimesh(tmp_path):
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
 
 
-def test_which_poses_are_stable():
+def test_stable_poses():
     upright = pose.translation((0, 0, 0.05))
     assert meshes.is_stable_pose(box(), upright)
     on_edge = pose.from_rotation(pose.rotation_about(0, np.pi / 4))
@@ -217,6 +209,4 @@ def test_which_poses_are_stable():
     for apex, stands in (([0.03, 0.03, 0.1], True), ([0.3, 0.3, 0.1], False)):
         leaning = Mesh(np.array([*base, apex], float), faces, "tetrahedron")
         assert meshes.is_stable_pose(leaning, np.eye(4)) == stands
-    ball = trimesh.creation.icosphere(4, 0.02)
-    sphere = Mesh(np.asarray(ball.vertices), np.asarray(ball.faces, np.int64), "ball")
-    assert not meshes.is_stable_pose(sphere, pose.from_rotation(pose.rotation_about(0, 0.1)))
+    assert not meshes.is_stable_pose(ball(0.02), pose.from_rotation(pose.rotation_about(0, 0.1)))

@@ -7,6 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 import trimesh
+from cells import mesh_of
 from scipy.spatial.transform import Rotation
 
 from scancell.config.loading import assets_dir
@@ -17,11 +18,6 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, load_mesh, sample_surface
 from scancell.geometry.regions import smooth_regions
 from scancell.geometry.shapes import Cylinder, Sphere
-
-
-def mesh_of(solid: trimesh.Trimesh) -> Mesh:
-    return Mesh(np.asarray(solid.vertices, float), np.asarray(solid.faces, np.int64), "solid")
-
 
 BOX = mesh_of(trimesh.creation.box((0.08, 0.06, 0.04)))
 MOVED = pose.from_rotation(Rotation.from_rotvec([0.02, -0.01, 0.03]).as_matrix(), [0.8e-3, -0.5e-3, 1.1e-3])
@@ -48,15 +44,6 @@ def test_best_fit_averages_noise_and_ignores_outliers(free_form: Mesh) -> None:
     error = found.part_from_cloud @ MOVED
     assert np.linalg.norm(error[:3, 3]) < 2e-6
     assert np.linalg.norm(pose.log_rotation(error[:3, :3])) < 5e-5
-
-
-def test_distances_agree_with_an_independent_computation(free_form: Mesh) -> None:
-    rng = np.random.default_rng(3)
-    points = sample_surface(free_form, 300, 4)[0] + 1e-3 * rng.standard_normal((300, 3))
-    found = evaluate_against_mesh(points, free_form)
-    solid = trimesh.Trimesh(1e3 * free_form.vertices, free_form.faces, process=False)
-    _, distance, _ = trimesh.proximity.closest_point_naive(solid, 1e3 * points)
-    assert np.abs(np.abs(found.distance) - 1e-3 * distance).max() < 1e-8
 
 
 def test_motions_that_a_surface_leaves_free_stay_zero() -> None:
@@ -89,12 +76,24 @@ def test_datum_takes_planes_in_order_of_precedence() -> None:
         datum_fit([planes[0], planes[0], planes[1]])
 
 
-def test_datum_of_a_mesh_finds_its_largest_planes() -> None:
-    points = sample_surface(BOX, 20_000, 7)[0]
-    found = evaluate_against_mesh(pose.transform_points(MOVED, points), BOX, "datum")
-    assert np.abs(found.part_from_cloud @ MOVED - np.eye(4)).max() < 1e-9
-    with pytest.raises(FitError, match="region 9"):
-        evaluate_against_mesh(points, BOX, "datum", (0, 1, 9))
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_datum_of_oblique_planes_brings_them_onto_the_nominal_ones(count: int) -> None:
+    """Planes that are not perpendicular, turned by half a radian; one alone is turned the shortest way."""
+    normals = np.array([[0.0, 0.0, 1.0], [0.0, 0.8, 0.6], [0.6, 0.0, 0.8]])[:count]
+    moved = pose.from_rotation(pose.exp_rotation([0.4, -0.3, 0.2]), [0.02, -0.01, 0.03])
+    inside = np.random.default_rng(10).uniform(-0.02, 0.02, (50, 2))
+    in_planes = [0.01 * normal + inside @ np.linalg.svd(normal[None])[2][1:] for normal in normals]
+    regions = [
+        (DatumPlane(0.01 * normal, normal), pose.transform_points(moved, points))
+        for normal, points in zip(normals, in_planes, strict=True)
+    ]
+    found = datum_fit(regions, least=count)
+    np.testing.assert_allclose(found[:3, :3] @ found[:3, :3].T, np.eye(3), atol=1e-12)
+    for plane, points in regions:
+        np.testing.assert_allclose((pose.transform_points(found, points) - plane.point) @ plane.normal, 0, atol=1e-12)
+    if count == 1:
+        turn = np.linalg.norm(pose.log_rotation(found[:3, :3]))
+        assert turn == pytest.approx(np.arccos(normals[0] @ moved[:3, :3] @ normals[0]))
 
 
 def test_regions_of_a_box_and_a_cylinder() -> None:
@@ -145,6 +144,8 @@ def test_default_datum_faces_were_measured() -> None:
     lower = int(np.argmin(found.regions.normals[:, 2]))
     with pytest.raises(FitError, match=rf"region {lower} \(plane, .*, -1.00\).* not measured: .*; measured: region"):
         evaluate_against_mesh(seen_from_above(WEDGE), WEDGE, "datum", (lower, *found.datum[1:]))
+    with pytest.raises(FitError, match="region 9"):
+        evaluate_against_mesh(seen_from_above(WEDGE), WEDGE, "datum", (*found.datum[:2], 9))
 
 
 def test_datum_of_two_measured_directions_leaves_the_third_to_the_best_fit() -> None:

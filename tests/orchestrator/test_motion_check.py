@@ -123,7 +123,7 @@ def test_motion_along_a_wall_is_proved_with_little_work(cell):
     assert max(works) < 20 * min(works)
 
 
-def test_parts_of_a_budget_leave_to_the_others_what_they_do_not_use():
+def test_unused_shares_of_a_budget_go_to_the_others():
     whole = Budget(100)
     first = whole.share(4)
     assert first.left == 25

@@ -9,11 +9,8 @@ import pytest
 import trimesh
 from cells import CYCLE, RANGE
 
-from scancell.cell.driver import DriveOptions, Driver
-from scancell.cell.fmu_file import cell_json, make_temporary_fmu
-from scancell.cell.instance import CellInstance
+from scancell.cell.fmu_file import cell_json
 from scancell.cell.mesh_json import read_mesh_json
-from scancell.cell.program import Program, Segment, TriggerRule
 from scancell.config.loading import load_setup
 from scancell.errors import CellError, DescriptionError, MeshError
 from scancell.geometry.mesh import box_mesh
@@ -119,27 +116,6 @@ def test_obstacle_is_a_contact_shape_when_parts_move_freely() -> None:
     np.testing.assert_allclose(read_mesh_json(hull)[0].min(0), [0.29, 0.14, 0.0], atol=1e-9)
 
 
-def test_free_part_pushed_by_the_turning_table_stops_at_an_obstacle(tmp_path) -> None:
-    """The obstacle stands in the world beside the part; without it, the part goes along with the table."""
-    beside = "{ x_mm = 500.0, y_mm = 33.0, z_mm = 210.0 }"
-    post = f'{{ name = "post", mesh = "post.stl", pose = {beside} }}'
-    turned = {}
-    for name, words in (("free", []), ("stopped", [f"cell.obstacle=[{post}]"])):
-        cell = load_setup(settings=['cell.part.fixture="free"', "cell.part.x_mm=50", *words], ideal=True).cell
-        nominal = nominal_cell(cell, BLOCK)
-        fmu = make_temporary_fmu(cell_json(cell, nominal, 0), tmp_path / name)
-        n = 120
-        table = 0.5 * (1 - np.cos(np.pi * np.arange(n) / (n - 1)))
-        still = np.tile(nominal.home, (n, 1))
-        segment = Segment(1, np.arange(n) * 0.016, still, table, TriggerRule("time", 0.1), 0.1, 1.9)
-        with CellInstance(fmu) as instance:
-            recording = Driver(instance, DriveOptions(16_000, 1e-3)).run(Program((segment,)))
-        turned[name] = recording.truth.world_from_frame["part[1]"][-1, 0, 1, 3]
-    # The block is 30 mm wide, the post 20 mm thick: 33 - 10 - 15 = 8 mm are left to go.
-    assert turned["free"] > 0.03
-    assert turned["stopped"] == pytest.approx(0.008, abs=0.006)
-
-
 def test_obstacle_that_reaches_into_the_table_is_refused() -> None:
     setup = load_setup(settings=[f"cell.obstacle=[{POST.replace('300.0', '450.0').replace('150.0', '0.0')}]"])
     with Scanner(setup=setup) as scanner, pytest.raises(CellError, match=r"'table.*' and 'post' intersect"):
@@ -161,24 +137,8 @@ def test_wrong_obstacle_is_refused_by_key_and_value(wrong, message) -> None:
         cell_with(wrong)
 
 
-NAN_STL = """solid post
-facet normal 0 0 1
-outer loop
-vertex nan 0 0
-vertex 1 0 0
-vertex 0 1 0
-endloop
-endfacet
-endsolid post
-"""
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [("", "the file is empty"), ("no mesh", "holds no STL mesh"), (NAN_STL, r"vertex 0 is \[nan, 0.0, 0.0\]")],
-)
-def test_broken_mesh_of_an_obstacle_is_refused_by_file(tmp_path, content, message) -> None:
-    (tmp_path / "post.stl").write_text(content)
-    with pytest.raises(MeshError, match=message) as caught:
+def test_broken_mesh_of_an_obstacle_is_refused_by_file(tmp_path) -> None:
+    (tmp_path / "post.stl").write_text("no mesh")
+    with pytest.raises(MeshError, match=r"post\.stl.*holds no STL mesh") as caught:
         nominal_cell(cell_with(POST), BLOCK)
     assert str(tmp_path / "post.stl") in str(caught.value)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cells import CYCLE, RANGE, ball
+from cells import CYCLE, RANGE, ball, cloud_of
 
 from scancell.config.loading import load_setup
 from scancell.errors import DescriptionError
@@ -13,7 +13,6 @@ from scancell.geometry.voxels import VoxelGrid
 from scancell.nominal.cell import nominal_cell
 from scancell.planning.model import PlanningCell
 from scancell.planning.occupancy import read_voxels, with_occupied_space, write_voxels
-from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import FORMATS, write_cloud
 from scancell.reconstruction.sources import read_points
 from scancell.scanner import Scanner
@@ -24,12 +23,6 @@ BLOCK = box_mesh((0.04, 0.03, 0.02), "block")
 def random_grid(seed: int, filled: float) -> VoxelGrid:
     rng = np.random.default_rng(seed)
     return VoxelGrid(rng.uniform(-1, 1, 3), 0.01, rng.random((7, 5, 6)) < filled)
-
-
-def cloud_of(points: np.ndarray) -> Cloud:
-    n = len(points)
-    zeros, whole = np.zeros(n), np.zeros(n, np.int32)
-    return Cloud(points, np.tile([0.0, 0, 1], (n, 1)), zeros, zeros, zeros, whole, whole, whole, whole, zeros)
 
 
 def occupied(file, **more) -> str:
@@ -112,7 +105,7 @@ def test_cloud_in_the_frame_of_the_part_lies_on_the_part(tmp_path) -> None:
     assert body.moves_with == "table"
 
 
-def test_motion_keeps_clear_of_a_measured_post(tmp_path) -> None:
+def test_motion_avoids_a_measured_post(tmp_path) -> None:
     """A motion that is free in the cell as described passes through the points of a post."""
     rng = np.random.default_rng(7)
     post = rng.uniform([0.30, 0.39, 0.1], [0.32, 0.41, 0.35], (5000, 3))
@@ -128,7 +121,7 @@ def test_motion_keeps_clear_of_a_measured_post(tmp_path) -> None:
     assert {clash.body_a, clash.body_b} == {"sensor", "occupied[1]"}
 
 
-def test_space_around_the_whole_arm_is_not_excepted(tmp_path) -> None:
+def test_measured_space_around_the_arm_is_not_ignored(tmp_path) -> None:
     """Pairs that always intersect are left out by construction; measured space never is, but for the arm's base."""
     write_voxels(tmp_path / "v.npz", {"world": VoxelGrid(np.full(3, -0.15), 0.05, np.ones((6, 6, 20), bool))})
     setup = load_setup(settings=[occupied(tmp_path / "v.npz")])

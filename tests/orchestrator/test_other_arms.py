@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from cells import CYCLE, RANGE
-from fcl_collisions import colliding
+from fcl_collisions import path_collisions
+from planned_motion import assert_axis_limits, setpoints
 
 from scancell.config.loading import assets_dir, load_setup
 from scancell.errors import PlanningError
@@ -13,7 +14,6 @@ from scancell.geometry.mesh import load_mesh
 from scancell.nominal.cell import nominal_cell
 from scancell.nominal.plausibility import setup_warnings
 from scancell.planning.model import PlanningCell
-from scancell.planning.motion import trajectory
 from scancell.planning.options import scan_options
 from scancell.planning.plan import Plan
 from scancell.planning.planner import plan
@@ -32,11 +32,6 @@ def planned(name: str, *overrides: str) -> tuple[PlanningCell, Plan]:
 @pytest.fixture(scope="module", params=["offset_wrist", "seven_axis"])
 def any_plan(request: pytest.FixtureRequest) -> tuple[PlanningCell, Plan]:
     return planned(request.param)
-
-
-def setpoints(result: Plan) -> np.ndarray:
-    """Joints and table angle (n, axes) of all segments."""
-    return np.concatenate([np.column_stack([s.q, s.table]) for s in result.program.segments])
 
 
 def test_all_views_of_the_default_arm_are_reached(any_plan: tuple[PlanningCell, Plan]) -> None:
@@ -62,23 +57,14 @@ def test_sensor_is_where_the_views_have_it(any_plan: tuple[PlanningCell, Plan]) 
 
 
 def test_set_points_keep_limits(any_plan: tuple[PlanningCell, Plan]) -> None:
-    cell, result = any_plan
-    assert cell.nominal.arm.within_limits(setpoints(result)[:, :-1]).all()
-    for segment in result.program.segments:
-        path = np.column_stack([segment.q, segment.table])
-        at_rest = np.concatenate([*3 * [path[:1]], path, *3 * [path[-1:]]])
-        assert trajectory.limit_fractions(at_rest, cell.axis_limits, CYCLE).max() <= 1 + 1e-9, segment.name
+    assert_axis_limits(*any_plan)
 
 
 def test_set_points_keep_clearance(any_plan: tuple[PlanningCell, Plan]) -> None:
     cell, result = any_plan
     path = setpoints(result)
     assert cell.clearance_violations(path[:, :-1], path[:, -1], CLEARANCE) == []
-    # An independent library, at some of them.
-    some = path[::7]
-    meshes = {body.name: body.mesh for body in cell.nominal.bodies}
-    poses = cell.nominal.body_poses(some[:, :-1], some[:, -1])
-    assert colliding(meshes, cell.proximity.pairs, poses) == set()
+    assert path_collisions(cell, path[::7]) == set()  # an independent library, at some of them
 
 
 def test_held_joint_keeps_one_of_its_values() -> None:
@@ -89,6 +75,6 @@ def test_held_joint_keeps_one_of_its_values() -> None:
 
 
 @pytest.mark.parametrize("arm", ["offset_wrist", "seven_axis"])
-def test_out_of_reach_is_said(arm: str) -> None:
+def test_out_of_reach_is_reported(arm: str) -> None:
     with pytest.raises(PlanningError, match="out of the arm's reach"):
         planned(arm, "cell.table.pose.x_mm=1500", "scan.raster.enabled=false")

@@ -69,7 +69,7 @@ def test_page_of_another_server_is_refused(server: Any, origin: str) -> None:
         ("127.0.0.1", {"Host": "localhost:9000"}, True),
     ],
 )
-def test_origin_has_to_be_the_host_that_this_machine_is(host: str, headers: dict[str, str], own: bool) -> None:
+def test_origin_must_match_the_host_of_this_machine(host: str, headers: dict[str, str], own: bool) -> None:
     assert is_own_page(headers, host) is own
 
 

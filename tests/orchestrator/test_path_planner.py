@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cells import CYCLE, RANGE, block, planning_cell
-from fcl_collisions import colliding
+from fcl_collisions import path_collisions
 
 from scancell.config.loading import assets_dir, load_setup
 from scancell.config.path import (
@@ -60,9 +60,7 @@ def test_all_axes_keep_their_limits_at_a_tenth_of_the_cycle(cell: PlanningCell, 
     assert cell.nominal.arm.within_limits(fine[:, :-1]).all()
 
 
-def test_a_path_too_fast_for_a_joint_lasts_longer_by_what_the_limit_asks_for(
-    cell: PlanningCell, spiral: PlacedPath
-) -> None:
+def test_path_too_fast_for_a_joint_is_slowed_to_its_limit(cell: PlanningCell, spiral: PlacedPath) -> None:
     """Half the jerk that the spiral needs: the factor is the cube root, and the limit is just reached."""
     peak = trajectory.limit_fractions(fine_positions(spiral), cell.axis_limits, CYCLE / 10)[2, :6]
     worst = int(np.argmax(peak))
@@ -82,7 +80,7 @@ def fine_positions(made: PlacedPath) -> np.ndarray:
     return made.at(np.arange(-3 * CYCLE, made.run.duration + 3 * CYCLE, CYCLE / 10))
 
 
-def test_the_motion_is_near_the_optimum_of_which_it_evaluates_few_cells(spiral: PlacedPath) -> None:
+def test_motion_is_near_the_optimum_with_few_cells_evaluated(spiral: PlacedPath) -> None:
     map_ = spiral.lattice.map
     assert map_.evaluated < 0.12 * map_.quality.size
     best = best_motion(spiral.lattice)
@@ -96,9 +94,7 @@ def test_an_independent_library_finds_no_collision(cell: PlanningCell, spiral: P
     at = np.linspace(0, len(spiral.table) - 1, 300)
     setpoints = np.column_stack([spiral.q, spiral.table])
     dense = np.stack([np.interp(at, np.arange(len(setpoints)), column) for column in setpoints.T], -1)
-    poses = cell.nominal.body_poses(dense[:, :-1], dense[:, -1])
-    meshes = {body.name: body.mesh for body in cell.nominal.bodies}
-    assert colliding(meshes, cell.proximity.pairs, poses) == set()
+    assert path_collisions(cell, dense) == set()
 
 
 def test_a_path_beyond_the_arms_reach_is_refused_with_its_place(cell: PlanningCell) -> None:

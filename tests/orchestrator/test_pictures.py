@@ -7,21 +7,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from cells import cloud_of, mesh_of
 from PIL import Image
 
 from scancell.errors import OutputError
 from scancell.evaluation.deviation import Deviation
+from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, sample_surface
 from scancell.output.deviation_picture import colour_limit_um, deviation_colours, deviation_picture
 from scancell.output.drawing import Sheet, _font, ticks
 from scancell.output.stripe_picture import stripe_picture
 from scancell.output.surface_view import SurfaceView, sharp_edges, view_axes
-from scancell.reconstruction.cloud import Cloud
 
 
 def box(size: tuple[float, float, float], shift: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Mesh:
-    solid = trimesh.creation.box(size)
-    return Mesh(np.asarray(solid.vertices) + np.array(shift), np.asarray(solid.faces, np.int64), "box")
+    return mesh_of(trimesh.creation.box(size, pose.translation(shift)))
 
 
 BOX = box((0.08, 0.06, 0.04))
@@ -35,12 +35,6 @@ def imread(path: Path) -> np.ndarray:
 def is_red(image: np.ndarray) -> np.ndarray:
     """Pixels of a colour that neither the grey part nor its edges have."""
     return (image[..., 0] > 100) & (image[..., 0].astype(int) - image[..., 1] > 60)
-
-
-def cloud_of(points: np.ndarray) -> Cloud:
-    n, ones = len(points), np.ones(len(points))
-    camera, segment = np.zeros(n, np.int32), np.ones(n, np.int32)
-    return Cloud(points, np.zeros((n, 3)), ones, ones, ones, camera, camera, np.zeros(n, np.int64), segment, ones)
 
 
 @pytest.mark.parametrize("count", [0, 1, 3000])
@@ -137,7 +131,7 @@ def test_views_are_to_scale(azimuth: float, width: float, height: float) -> None
     assert 0.9 * 400 < image.shape[1] <= 400 or 0.9 * 300 < image.shape[0] <= 300
 
 
-def test_wild_points_do_not_break_a_view() -> None:
+def test_outlying_points_do_not_break_a_view() -> None:
     points = np.array([[0.04, 0.0, 0.0], [5.0, 5.0, 5.0], [0.04, -3.0, 0.01]])
     image, _ = red_view(BOX, points, np.full(3, int(np.argmax(BOX.normals[:, 0])))).draw(view_axes(0.0, 0.0), 300, 200)
     assert is_red(image).any()
@@ -183,7 +177,7 @@ def test_the_font_has_the_letters_that_are_used() -> None:
             assert bytes(_font(16.5, bold).getmask(letter)) != missing, letter
 
 
-def test_text_lies_where_it_is_put() -> None:
+def test_text_is_anchored_at_its_position() -> None:
     for anchor, left in (("ls", 100), ("ms", 50), ("rs", 0)):
         sheet = Sheet(200, 40)
         sheet.text(100, 30, "HHHHHHHHHH", 12, anchor=anchor)

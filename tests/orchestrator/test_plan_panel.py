@@ -143,7 +143,7 @@ def test_map_of_the_planned_branch_is_looked_at_first(rig: Rig) -> None:
     assert rig.plans.map is rig.made.map
 
 
-def test_free_cell_is_shown_and_gone_to(rig: Rig) -> None:
+def test_free_cell_is_shown_and_reached(rig: Rig) -> None:
     rig.plans.pick(0.25, np.pi)
     np.testing.assert_allclose(rig.scene.axes, [0.25, np.pi])
     assert not rig.scene.forbidden
@@ -156,7 +156,7 @@ def test_forbidden_cell_is_red(rig: Rig) -> None:
     assert rig.scene.forbidden
 
 
-def test_cell_out_of_reach_has_no_ghost_and_is_not_gone_to(rig: Rig) -> None:
+def test_cell_out_of_reach_has_no_ghost_and_is_refused(rig: Rig) -> None:
     rig.plans.pick(0.95, 0.1)
     assert rig.scene.axes is None
     with pytest.raises(CommandError, match="sensor hits part"):
@@ -239,7 +239,7 @@ def test_segments_say_how_long_they_take_and_what_they_expose() -> None:
 
 
 @pytest.mark.parametrize(("now", "first"), [(0, 1), (10, 8), (19, 14)])
-def test_of_many_segments_those_around_the_present_one_are_listed(now: int, first: int) -> None:
+def test_only_segments_around_the_current_one_are_listed(now: int, first: int) -> None:
     many = tuple(segment(number, 0.0, 0.0, "view") for number in range(1, 21))
     plan = replace(plan_of(), program=Program(many))
     assert [int(row[0]) for row in rows(plan, now)] == list(range(first, first + 7))

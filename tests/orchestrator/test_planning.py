@@ -6,18 +6,16 @@ import numpy as np
 import pytest
 import trimesh
 from cells import CYCLE, RANGE, ball, block, mesh_of, planning_cell
-from fcl_collisions import colliding
+from fcl_collisions import path_collisions
+from planned_motion import assert_axis_limits, setpoints
 
 from scancell.config.scan import ScanDescription
 from scancell.errors import PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
-from scancell.planning.model import PlanningCell
-from scancell.planning.motion import trajectory
 from scancell.planning.motion.connection import Connector
 from scancell.planning.options import scan_options
 from scancell.planning.path_map import constraints
-from scancell.planning.plan import Plan
 from scancell.planning.planner import plan
 from scancell.planning.views.views import sample_part
 
@@ -49,17 +47,6 @@ def any_plan(request, off_axis):
     return planned(ball(), scan(mode="stop-and-look", max_profiles=60), x_mm=20.0)
 
 
-def all_setpoints(result: Plan) -> np.ndarray:
-    """Joints and table angle (n, 7) of all segments."""
-    return np.concatenate([np.column_stack([s.q, s.table]) for s in result.program.segments])
-
-
-def collisions(cell: PlanningCell, path: np.ndarray) -> set[tuple[int, str, str]]:
-    """Colliding pairs of the cell along a path (n, 7)."""
-    meshes = {body.name: body.mesh for body in cell.nominal.bodies}
-    return colliding(meshes, cell.proximity.pairs, cell.nominal.body_poses(path[:, :6], path[:, 6]))
-
-
 def test_segments_are_continuous_from_home_to_home(any_plan):
     cell, result = any_plan
     segments = result.program.segments
@@ -75,19 +62,13 @@ def test_segments_are_continuous_from_home_to_home(any_plan):
 
 
 def test_segments_keep_axis_limits(any_plan):
-    cell, result = any_plan
-    nominal = cell.nominal
-    assert nominal.arm.within_limits(all_setpoints(result)[:, :6]).all()
-    for s in result.program.segments:
-        path = np.column_stack([s.q, s.table])
-        at_rest = np.concatenate([*3 * [path[:1]], path, *3 * [path[-1:]]])
-        assert trajectory.limit_fractions(at_rest, cell.axis_limits, CYCLE).max() <= 1.0 + 1e-9, s.id
+    assert_axis_limits(*any_plan)
 
 
 def test_setpoints_are_collision_free(any_plan):
     cell, result = any_plan
     # The planned clearance of 5 mm covers the motion between set-points.
-    assert collisions(cell, all_setpoints(result)) == set()
+    assert path_collisions(cell, setpoints(result)) == set()
 
 
 def test_trigger_rules_reproduce_planned_exposures(any_plan):
@@ -195,13 +176,8 @@ def test_given_poses_are_reached_exactly():
     down = {"rx_deg": 180.0, "z_mm": 130.0}
     inclined = {"x_mm": 100.0, "z_mm": 90.0, "ry_deg": -130.0}
     cell, result = planned(ball(), scan(pose=[down, inclined, down]))
-    expected = np.stack(
-        [
-            pose.from_euler_xyz((0, 0, 0.13), (np.pi, 0, 0)),
-            pose.from_euler_xyz((0.1, 0, 0.09), (0, np.radians(-130), 0)),
-            pose.from_euler_xyz((0, 0, 0.13), (np.pi, 0, 0)),
-        ]
-    )
+    above = pose.from_euler_xyz((0, 0, 0.13), (np.pi, 0, 0))
+    expected = np.stack([above, pose.from_euler_xyz((0.1, 0, 0.09), (0, np.radians(-130), 0)), above])
     assert np.abs(exposed(cell, result) - expected).max() < 1e-12
     assert result.coverage is None
     assert [s.trigger.kind for s in result.program.segments].count("request") == 3
@@ -263,7 +239,7 @@ def test_connection_avoids_obstacle():
     path = np.concatenate(motions)
     assert np.abs(path[0] - start).max() < 1e-12
     assert np.abs(path[-1] - end).max() < 1e-12
-    assert collisions(cell, path) == set()
+    assert path_collisions(cell, path) == set()
 
 
 def test_joint_range_metric():

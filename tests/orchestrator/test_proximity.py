@@ -6,7 +6,7 @@ import fcl
 import numpy as np
 import pytest
 import trimesh
-from cells import ball, planning_cell
+from cells import ball, mesh_of, planning_cell
 from fcl_collisions import colliding, collision_object
 
 from scancell.config.loading import assets_dir, load_setup
@@ -15,14 +15,9 @@ from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import nominal_cell
 from scancell.proximity.scene import ProximityScene, cell_pairs, cell_scene, intersecting_pairs
 
-
-def _mesh(made: trimesh.Trimesh) -> Mesh:
-    return Mesh(np.asarray(made.vertices, float), np.asarray(made.faces, np.int64))
-
-
-BOX = _mesh(trimesh.creation.box((0.2, 0.2, 0.2)))
-PLATE = _mesh(trimesh.creation.box((0.6, 0.6, 0.02)).subdivide().subdivide())
-BALL = _mesh(trimesh.creation.icosphere(3, 0.1))
+BOX = mesh_of(trimesh.creation.box((0.2, 0.2, 0.2)))
+PLATE = mesh_of(trimesh.creation.box((0.6, 0.6, 0.02)).subdivide().subdivide())
+BALL = mesh_of(trimesh.creation.icosphere(3, 0.1))
 RNG = np.random.default_rng(5)
 
 
@@ -31,32 +26,12 @@ def _placed(*positions: np.ndarray) -> np.ndarray:
     return np.stack([pose.translation(np.broadcast_to(p, (len(positions[-1]), 3))) for p in positions], 1)
 
 
-def test_box_distance_is_clipped_to_bound():
-    scene = ProximityScene({"a": BOX, "b": BOX}, [("a", "b")])
-    gaps = np.array([-0.05, 0.001, 0.02, 0.049, 0.051, 0.5])
-    poses = _placed(np.zeros(3), np.column_stack([0.2 + gaps, np.zeros(6), np.zeros(6)]))
-    expected = np.clip(gaps, 0.0, 0.05)
-    assert np.abs(scene.distances(poses, 0.05)[:, 0] - expected).max() < 1e-12
-
-
 def test_corner_to_face_distance():
     rotation = pose.rotation_about(2, np.pi / 4) @ pose.rotation_about(0, 0.3)
     lowest = (BOX.vertices @ rotation.T)[:, 2].min()
     poses = np.stack([np.eye(4)[None], pose.from_rotation(rotation, (0.0, 0.0, 0.01 - lowest + 0.0123))[None]], 1)
     scene = ProximityScene({"plate": PLATE, "box": BOX}, [("plate", "box")])
     assert scene.distances(poses, 0.05)[0, 0] == pytest.approx(0.0123, abs=1e-12)
-
-
-def test_zero_distance_matches_fcl_collision():
-    meshes, pairs = {"plate": PLATE, "ball": BALL}, [("plate", "ball")]
-    count = 300
-    plate = pose.pose(np.zeros((count, 3)), RNG.normal(size=(count, 4)))
-    ball = pose.translation(RNG.uniform(-0.3, 0.3, (count, 3)))
-    poses = np.stack([plate, ball], 1)
-    hit = {index for index, _, _ in colliding(meshes, pairs, poses)}
-    distance = ProximityScene(meshes, pairs).distances(poses, 0.2)[:, 0]
-    assert hit == set(np.flatnonzero(distance == 0))
-    assert 0 < len(hit) < count
 
 
 def test_clearance_violation_names_bodies_and_distance():
@@ -74,18 +49,6 @@ def test_unlisted_pairs_are_not_checked():
     assert scene.distances(poses, 0.1).shape == (2, 0)
     both = ProximityScene({"a": BOX, "b": BOX}, [("a", "b")])
     assert both.without({frozenset(("b", "a"))}).pairs == ()
-
-
-def test_batch_distances_match_single_queries():
-    scene = ProximityScene({"plate": PLATE, "ball": BALL}, [("plate", "ball")])
-    # Repeated and recurring poses: the distance of a pair that has not moved is reused.
-    heights = np.array([0.15, 0.15, 0.13, 0.15, 0.13, 0.13, 0.11])
-    poses = _placed(np.zeros(3), np.column_stack([np.zeros((7, 2)), heights]))
-    batch = scene.distances(poses, 0.1)
-    single = np.concatenate([scene.distances(p[None], 0.1) for p in poses])
-    assert np.abs(batch - single).max() < 1e-12
-    # Facets of the polyhedral ball lie inside its circumscribed sphere.
-    assert np.abs(batch[:, 0] - (heights - 0.11)).max() < 1e-3
 
 
 def test_cell_pairs_exclude_neighbours_and_resting_bodies():
@@ -131,7 +94,7 @@ def test_ball_distance_is_between_polyhedron_and_sphere():
 
 def test_small_triangles_keep_their_faces():
     # FCL's kernel ignores the faces of triangles below 0.2 mm and would answer with the distance of their edges.
-    small = _mesh(trimesh.creation.box((1e-4, 1e-4, 1e-4)))
+    small = mesh_of(trimesh.creation.box((1e-4, 1e-4, 1e-4)))
     needle = Mesh(np.array([[0.0, 0, 0], [1e-5, 0, 1e-3], [0, 1e-5, 1e-3]]), np.array([[0, 1, 2]]))
     scene = ProximityScene({"small": small, "needle": needle}, [("small", "needle")])
     poses = _placed(np.zeros(3), np.array([[1e-5, 2e-5, 0.5e-4 + 1e-4]]))
@@ -221,17 +184,17 @@ def test_arm_collisions_match_fcl(arm):
 
 @pytest.mark.parametrize("bound", [0.005, 0.05, np.inf])
 def test_path_matches_single_queries(arm, bound):
-    poses = arm.path(150)
-    single = np.concatenate([arm.scene.distances(p[None], bound) for p in poses[::3]])
-    assert np.abs(arm.scene.distances(poses, bound)[::3] - single).max() < 1e-12
+    poses = arm.path(150)[::5]
+    single = np.concatenate([arm.scene.distances(p[None], bound) for p in poses])
+    assert np.abs(arm.scene.distances(poses, bound) - single).max() < 1e-12
     assert np.ptp(np.minimum(single, 10.0), axis=0).max() > 1e-3
-    collision = np.concatenate([arm.scene.collisions(p[None]) for p in poses[::3]])
-    assert (arm.scene.collisions(poses)[::3] == collision).all()
+    collision = np.concatenate([arm.scene.collisions(p[None]) for p in poses])
+    assert (arm.scene.collisions(poses) == collision).all()
 
 
-@pytest.mark.parametrize("threads", [0, 2, 3, 7])
+@pytest.mark.parametrize("threads", [0, 3])
 def test_results_do_not_depend_on_threads(arm, threads):
-    poses = np.concatenate([arm.path(300), arm.random_poses(40)])
+    poses = np.concatenate([arm.path(100), arm.random_poses(20)])
     distance, points = arm.scene.closest_points(poses, 0.03, threads=1)
     again, points_again = arm.scene.closest_points(poses, 0.03, threads=threads)
     assert (again == distance).all()

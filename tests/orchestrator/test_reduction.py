@@ -80,7 +80,7 @@ def test_more_faces_are_kept_where_the_error_would_be_too_large() -> None:
     assert len(coarse.mesh.faces) <= 100 < len(fine.mesh.faces) < len(part.faces)
 
 
-def test_bodies_are_at_least_as_far_apart_as_planning_takes_them_to_be() -> None:
+def test_distances_in_planning_are_lower_bounds() -> None:
     cell = planning_cell(load_mesh(PART))
     nominal, scene = cell.nominal, cell.proximity
     part = cell.reduced_meshes["part"]

@@ -177,21 +177,6 @@ def test_bodies_of_the_arm_stand_where_forward_kinematics_puts_them() -> None:
         np.testing.assert_allclose(seen, [low, high], atol=1.0, err_msg=body.name)
 
 
-def test_frames_of_the_links_project_into_the_arm() -> None:
-    """Where a joint axis passes through a link's own body, its origin is seen in it or in what hides it."""
-    cell = nominal_cell(load_setup().cell, block(0.05, 0.05, 0.03))
-    links = cell.arm.link_poses(cell.home)
-    poses = cell.body_poses(cell.home, 0.0)
-    arm = [i for i, body in enumerate(cell.bodies) if body.name == "base" or body.moves_with.startswith("link[")]
-    points = np.concatenate([pose.transform_points(poses[i], cell.bodies[i].mesh.vertices) for i in arm])
-    camera = framing(points, -52.0, 24.0, (640, 360))
-    rendered = renderer(*(cell.bodies[i].mesh for i in arm), floor_z=-5.0).render(camera, poses[arm])
-    pixels, depth = camera.project(links[:-1, :3, 3])
-    for (column, row), far in zip(np.rint(pixels).astype(int), depth, strict=True):
-        assert rendered.body[row, column] >= 0
-        assert rendered.depth[row, column] < far  # the skin lies before the origin inside
-
-
 # --- the laser ------------------------------------------------------------------------------------------------------
 
 HEIGHT = 0.2  # of the source above the table's top

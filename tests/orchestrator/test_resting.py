@@ -27,7 +27,7 @@ def test_block_rests_on_each_side_and_tips_over_its_nearer_edge():
     assert len(np.unique(downs.round(6), axis=0)) == 6
 
 
-def test_poses_do_not_depend_on_how_the_mesh_is_turned():
+def test_poses_are_invariant_under_rotation_of_the_mesh():
     made = trimesh.boolean.union(
         [
             trimesh.creation.box((0.06, 0.04, 0.01)),

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
-from cells import ball, block, mesh_of
+from cells import ball, block, cell_file, mesh_of
 
 from scancell.cell.fmu_file import cell_json, make_temporary_fmu
 from scancell.cell.instance import CellInstance
 from scancell.cell.mesh_json import read_mesh_json
 from scancell.cell.sensing import sensing_json, simplified
-from scancell.config.loading import assets_dir, load_setup
+from scancell.config.loading import load_setup
 from scancell.errors import CellError, DescriptionError
 from scancell.geometry.reduction import decimated, deviation
 from scancell.nominal.cell import nominal_cell
@@ -45,10 +45,7 @@ beam_spacing_mm = 3.0
 
 
 def setup_of(folder, text: str, *words: str):
-    default = (assets_dir() / "cells" / "default.toml").read_text()
-    file = folder / "cell.toml"
-    file.write_text(default.replace("../", f"{assets_dir()}/") + text)
-    return load_setup(file, settings=list(words))
+    return load_setup(cell_file(folder, text), settings=list(words))
 
 
 def opened(setup, folder):
@@ -113,39 +110,22 @@ def test_collision_outputs_are_optional(tmp_path) -> None:
     assert (sensing["bodies"], sensing["collision"]["pairs"]) == ([], [])
 
 
-@pytest.mark.parametrize(("pose", "expected"), [(ABOVE_TABLE, True), (ABOVE_TABLE.replace("450", "490"), False)])
-def test_presence_sensor_detects_part(tmp_path, pose, expected) -> None:
-    setup = setup_of(tmp_path, PRESENCE.format(pose=pose))
-    with opened(setup, tmp_path) as cell:
-        cell.step_to(50_000)
-        assert cell.get_boolean("presence[1].detected") == expected
-
-
-def test_distance_sensor_measures_part(tmp_path) -> None:
-    """Distance from z = 250 mm to the top of the part, 20 mm above its underside."""
-    setup = setup_of(tmp_path, DISTANCE)
+def test_described_sensors_measure_the_part(tmp_path) -> None:
+    """Presence on the table and beside the part, its height from above, and light beams along y, 3 mm apart."""
+    beside = PRESENCE.format(pose=ABOVE_TABLE.replace("450", "490")).replace("gate", "beside")
+    setup = setup_of(tmp_path, PRESENCE.format(pose=ABOVE_TABLE) + beside + DISTANCE + CURTAIN.replace("gate", "door"))
     nominal = nominal_cell(setup.cell, BLOCK)
     with opened(setup, tmp_path) as cell:
         cell.step_to(50_000)
-        valid = cell.get_boolean("distance[1].valid")
-        (measured,) = cell.get(cell.real_group(["distance[1].value"]))
-    part = [body.name for body in nominal.bodies].index("part")
-    top = nominal.body_poses(nominal.home[None], np.zeros(1))[0, part, 2, 3] + 0.02
-    assert valid
-    assert measured == pytest.approx(0.25 - top, abs=1e-9)
-
-
-def test_light_curtain_measures_height_of_part(tmp_path) -> None:
-    """Beams along y through the part, 3 mm above each other, the first 1 mm above the table."""
-    setup = setup_of(tmp_path, CURTAIN)
-    with opened(setup, tmp_path) as cell:
-        cell.step_to(50_000)
-        bottom = cell.get(cell.real_group(["truth.part[1].position[3]"]))[0]
-        beams = cell.get_integer("light_curtain[1].beams")
+        assert [cell.get_boolean(f"presence[{number}].detected") for number in (1, 2)] == [True, False]
+        assert cell.get_boolean("distance[1].valid")
         assert cell.get_boolean("light_curtain[1].interrupted")
-    heights = 0.101 + 0.003 * np.arange(21)
+        beams = cell.get_integer("light_curtain[1].beams")
+        measured, bottom = cell.get(cell.real_group(["distance[1].value", "truth.part[1].position[3]"]))
+    part = [body.name for body in nominal.bodies].index("part")
+    assert measured == pytest.approx(0.25 - nominal.body_poses(nominal.home[None], np.zeros(1))[0, part, 2, 3] - 0.02)
     assert bottom == pytest.approx(0.1, abs=1e-6)
-    assert beams == np.sum(heights < bottom + 0.02)
+    assert beams == np.sum(0.101 + 0.003 * np.arange(21) < bottom + 0.02)
 
 
 @pytest.mark.parametrize(

@@ -77,7 +77,7 @@ def test_one_at_a_time_combines_slopes_and_uncertainties() -> None:
     assert [row["share_interval"] for row in rows] == [None, None], "two levels leave no scatter to judge by"
 
 
-def test_one_at_a_time_intervals_contain_the_truth_as_often_as_they_say() -> None:
+def test_one_at_a_time_intervals_have_their_stated_coverage() -> None:
     levels, slopes, spreads = [4, 5, 4], np.array([3.0, -2.0, 0.0]), (1.0, 2.0, 1.5)
     values = [np.full(14, 0.5) for _ in levels]
     for j, count in enumerate(levels):

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from synthetic_stripes import exact_exposure, native
+from synthetic_stripes import board_corners, exact_exposure, native
 
 from scancell import sensor as sensor_rt
 from scancell.calibration.sensor import targets as sensor_targets
 from scancell.calibration.sensor.checkered import CheckeredBoard, start_from_corners
 from scancell.calibration.sensor.parameters import free_parameters
-from scancell.calibration.sensor.problem import Corners, TargetExposure
+from scancell.calibration.sensor.problem import TargetExposure
 from scancell.calibration.sensor.simulated import calibrate_from, measure, range_error
 from scancell.calibration.sensor.targets import board_poses, step_block
 from scancell.config.loading import as_built_sensor
@@ -115,15 +115,8 @@ def test_corners_of_board_are_found_in_rendered_images(monkeypatch) -> None:
 
 def exact_views(as_built):
     """Corners of a board that fills the images, without noise."""
-    grid = np.stack(np.meshgrid(np.linspace(-0.016, 0.016, 9), np.linspace(-0.012, 0.012, 7)), -1).reshape(-1, 2)
-    points = np.column_stack([grid, np.zeros(len(grid))])
-    views = []
-    for one in board_poses(NOMINAL):
-        pixels = [np.asarray(c.project(pose.transform_points(one, points))) for c in native(as_built).cameras]
-        camera = np.repeat(np.arange(2, dtype=np.int32), len(points))
-        corners = Corners(camera, np.concatenate(pixels), np.tile(points, (2, 1)), 0.05)
-        views.append(TargetExposure(CheckeredBoard().surface, np.eye(4), None, corners, 1))
-    return views
+    surface, sensor = CheckeredBoard().surface, native(as_built)
+    return [TargetExposure(surface, np.eye(4), None, board_corners(sensor, one), 1) for one in board_poses(NOMINAL)]
 
 
 def test_opencv_gives_intrinsics_and_poses_as_start() -> None:

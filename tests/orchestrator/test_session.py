@@ -9,7 +9,7 @@ from pathlib import Path
 import fmpy
 import numpy as np
 import pytest
-from cells import ball
+from cells import GRIPPER, ball, block, export_mm
 from fmu_cells import CYCLE_US, moves_with_stops, turn_of_table
 
 from scancell.cell.controller import GripperMode, JogFrame, Mode, Operation
@@ -21,19 +21,15 @@ from scancell.cell.signals import SignalLog
 from scancell.config.loading import load_setup
 from scancell.errors import CommandError, DescriptionError
 from scancell.geometry import pose
-from scancell.geometry.mesh import box_mesh
 from scancell.nominal.cell import NominalCell, nominal_cell
 
 MOVING_PARTS = ("part[1]", "part[2]", "finger[1]", "finger[2]")
-BLOCK_MM = (40.0, 30.0, 20.0)
 Start = Callable[..., CellSession]
 
 
 def words(part: Path) -> list[str]:
-    """Overrides: a gripper; a belt along y with a block, a presence sensor, and a distance sensor above."""
+    """Overrides: a belt along y with a block, a presence sensor, and a distance sensor above."""
     return [
-        "cell.gripper.pose={ x_mm = 60.0, z_mm = 50.0 }", "cell.gripper.stroke_mm=50",
-        "cell.gripper.finger_length_mm=40", "cell.gripper.finger_width_mm=16",
         'cell.conveyor=[{ name = "belt", pose = { x_mm = 300, y_mm = -300, z_mm = 100, rz_deg = 90 }, '
         "length_mm = 400, width_mm = 100 }]",
         f'cell.further_part=[{{ name = "block", mesh = "{part}", stands_on = "conveyor[1]", fixture = "free", '
@@ -48,24 +44,12 @@ def words(part: Path) -> list[str]:
 @pytest.fixture(scope="module")
 def cell(tmp_path_factory) -> tuple[NominalCell, dict[int, Path]]:
     folder = tmp_path_factory.mktemp("session")
-    part = folder / "block.stl"
-    x, y, z = BLOCK_MM
-    block = box_mesh((x, y, z)).transformed(pose.translation((0.0, 0.0, z / 2)))
-    part.write_text(stl(block.vertices[block.faces]))
-    setup = load_setup(settings=words(part), ideal=True)
+    part = export_mm(block(0.04, 0.03, 0.02), folder / "block.stl")
+    setup = load_setup(settings=[*GRIPPER, *words(part)], ideal=True)
     nominal = nominal_cell(setup.cell, ball())
     description = cell_json(setup.cell, nominal, 0)
     versions: tuple[FmiVersion, ...] = (2, 3)
     return nominal, {v: make_temporary_fmu(description, folder / f"RobotCell{v}", v) for v in versions}
-
-
-def stl(triangles: np.ndarray) -> str:
-    lines = ["solid block"]
-    for corners in triangles:
-        lines += ["facet normal 0 0 0", "outer loop"]
-        lines += [f"vertex {' '.join(map(str, corner))}" for corner in corners]
-        lines += ["endloop", "endfacet"]
-    return "\n".join([*lines, "endsolid block", ""])
 
 
 @pytest.fixture
@@ -310,15 +294,6 @@ def test_gripper_opens_and_reports_empty_grip(start: Start) -> None:
         session.open_gripper(0.08, timeout=1.0)
     with pytest.raises(CommandError, match=r"something between the pads"):
         session.close_gripper(10.0, timeout=2.0)
-
-
-def test_program_runs_between_commands(start: Start) -> None:
-    session = start()
-    session.move_joints(session.joints + 0.1)
-    recording = session.run_program(turn_of_table(session.joints, "table_angle", np.radians(1.0)), 2e-3)
-    assert len(recording) == 20
-    session.turn_table(0.0)
-    assert session.table_angle == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["table_angle", "request"])

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from threading import Event, Thread
 
 import numpy as np
 import pytest
 
 from scancell import Scanner
 from scancell.browser.panels.recording import SessionRecording
-from scancell.config.loading import load_setup
 from scancell.errors import OutputError
 from scancell.live.camera import CameraFeed
 from scancell.live.cell import LiveCell
@@ -19,13 +17,12 @@ from scancell.live.scan import LiveChunk
 
 mcap_reader = pytest.importorskip("mcap.reader")
 
-PATIENCE_S = 60
 POINTS = np.arange(12.0).reshape(4, 3)
 CHUNK = LiveChunk(POINTS, *np.ones((3, 4)), np.zeros(4, np.int32), np.zeros(4), np.zeros(4))
 
 
 class Rig:
-    """A live cell that another thread steps as fast as it can."""
+    """A live cell that runs at the pace of the recorder, which is the wall clock's."""
 
     def __init__(self, live: LiveCell, feed: CameraFeed, cell: object) -> None:
         self.live, self.feed, self.cell = live, feed, cell
@@ -34,26 +31,16 @@ class Rig:
         return SessionRecording(self.live, self.cell, self.feed, out)  # type: ignore[arg-type]
 
     def wait(self, seconds: float) -> None:
-        """Simulated time."""
-        end, waited = self.live.state.time + seconds, Event()
-        for _ in range(PATIENCE_S * 100):
-            if self.live.state.time >= end:
-                return
-            waited.wait(0.01)
-        raise AssertionError("the cell does not run")
+        end = self.live.state.time + seconds
+        self.live.run(lambda: self.live.state.time >= end)
 
 
 @pytest.fixture(scope="module")
-def rig() -> Iterator[Rig]:
-    ended = Event()
-    with Scanner(setup=load_setup(ideal=True), threads=1) as scanner, scanner.session(None) as session:
+def rig(ideal_scanner: Scanner) -> Iterator[Rig]:
+    with ideal_scanner.session(None) as session:
         live = LiveCell(session)
-        running = Thread(target=lambda: live.run(ended.is_set))
-        running.start()
         with CameraFeed(live, session) as feed:
             yield Rig(live, feed, session.true)
-        ended.set()
-        running.join()
 
 
 def topics(path: Path) -> dict[str, list[float]]:
@@ -73,7 +60,7 @@ def test_states_and_points_are_recorded_while_it_is_on(rig: Rig, tmp_path: Path)
         begin = rig.live.state.time
         recording.start()
         assert recording.is_on
-        rig.wait(0.5)
+        rig.wait(0.3)
         recording.points(CHUNK)
         recording.stop()
         assert not recording.is_on
@@ -100,7 +87,7 @@ def test_each_recording_has_a_file_of_its_own_and_the_end_completes_it(rig: Rig,
     assert all(topics(tmp_path / name)["/tf"] for name in names)
 
 
-def test_folder_that_cannot_be_made_is_said(rig: Rig, tmp_path: Path) -> None:
+def test_folder_that_cannot_be_created_is_reported(rig: Rig, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     recording = rig.recording(tmp_path / "file" / "folder")
     with pytest.raises(OutputError, match=r"session_1\.mcap: cannot be written"):

@@ -34,10 +34,6 @@ def depths_freed(map_: SpaceMap, height: float) -> np.ndarray:
     return height - map_.grid.centres[i, j, map_.free[i, j], 2]
 
 
-def test_space_is_unseen_at_first() -> None:
-    assert space().unseen.sum() == space().region.sum() > 0
-
-
 def test_empty_ray_frees_the_measuring_range_and_no_more() -> None:
     map_, height = space(), HEIGHT + RANGE.near
     map_.add(looking_down(height, RASTER), RANGE)

@@ -108,18 +108,6 @@ def test_trial_changes_only_what_its_factors_name(tmp_path) -> None:
     assert float(given["sensor.camera[1].tilt_deg"]) == pytest.approx(nominal.sensor.camera[0].tilt_deg + 0.2)
 
 
-def test_vibration_is_a_deviation(tmp_path) -> None:
-    study = open_study(write_study(tmp_path, HEAD, DESIGN, factor("as_built.vibration.base.frequency_hz")))
-    study.factors.check(UNITS)
-
-
-def test_trials_do_not_depend_on_their_number(tmp_path) -> None:
-    path = write_study(tmp_path, HEAD, DESIGN, OFFSET)
-    few, many = open_study(path).trials, open_study(path, ["design.trials=9"]).trials
-    assert many[:4] == few
-    assert len({trial.seed for trial in many}) == 9
-
-
 def test_common_noise_means_one_seed(tmp_path) -> None:
     path = write_study(tmp_path, HEAD, DESIGN, OFFSET)
     assert len({trial.seed for trial in open_study(path, ['noise="common"']).trials}) == 1

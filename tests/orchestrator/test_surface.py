@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cells import cloud_of
 
 from scancell.errors import FitError, MeshError
 from scancell.geometry.mesh import load_mesh
@@ -22,8 +23,7 @@ def cap(count: int, lowest: float) -> Cloud:
     normal = np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z], 1)
     points = RADIUS * normal
     normal[::10] = np.nan
-    ones, zero = np.ones(count), np.zeros(count, np.int32)
-    return Cloud(points, normal, ones, ones, ones, zero, zero, zero, zero, ones)
+    return cloud_of(points, normals=normal)
 
 
 @pytest.mark.parametrize(("method", "error"), [("poisson", 30e-6), ("ball-pivoting", 40e-6)])

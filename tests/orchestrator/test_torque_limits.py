@@ -50,7 +50,7 @@ def test_a_move_with_weak_motors_keeps_their_torque_limits(share: float) -> None
     assert len(slow) > len(fast)
 
 
-def test_the_needed_slowdown_leaves_four_fifths_of_what_gravity_leaves() -> None:
+def test_slowdown_uses_four_fifths_of_the_torque_beyond_gravity() -> None:
     """A pure rotation about the vertical axis: no gravity, torque as the inverse square of the duration."""
     cell = weakened(1.0)
     end = START + np.radians([60.0, 0, 0, 0, 0, 0])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
+from cells import mesh_of
 from numpy.typing import NDArray
 
 from scancell.geometry import pose
@@ -12,10 +13,6 @@ from scancell.geometry.mesh import Mesh, box_mesh
 from scancell.visibility.surface_search import Tracer
 
 Array = NDArray[np.float64]
-
-
-def mesh_of(solid: trimesh.Trimesh) -> Mesh:
-    return Mesh(np.asarray(solid.vertices, float), np.asarray(solid.faces, np.int64), "test")
 
 
 RING = mesh_of(trimesh.creation.torus(0.03, 0.01, major_sections=40, minor_sections=20))
