@@ -10,7 +10,6 @@ from pathlib import Path
 from . import (
     cell_speed,
     guard_speed,
-    line_speed,
     planning_speed,
     proximity_speed,
     ray_speed,
@@ -35,7 +34,6 @@ def sections(largest: int) -> dict[str, Callable[[], Iterator[Row]]]:
         "planning": planning_speed.planning_rows,
         "guard": guard_speed.guard_rows,
         "fmu": cell_speed.cell_rows,
-        "scan": line_speed.line_rows,
         "workspace": workspace_speed.workspace_rows,
     }
 

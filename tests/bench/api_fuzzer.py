@@ -173,29 +173,15 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
             *(np.full((2, 3), np.nan), np.eye(4), np.array([None, 1], object), np.zeros(6), np.zeros((2, 3), complex)),
         ]
         text = [
-            "",
-            "x",
-            "mm",
-            "geometric",
-            "a\0b",
-            "ä" * 300,
-            "no/such.stl",
-            "part.obj",
-            "run",
-            "points.csv",
-            "study.toml",
+            *("", "x", "mm", "geometric", "a\0b", "ä" * 300),
+            *("no/such.stl", "part.obj", "run", "points.csv", "study.toml"),
         ]
         paths = [Path("part.obj"), Path(), Path("missing"), b"part.obj", Path("run/cloud.ply"), Path("study.toml/x")]
         collections = [
             *([], {}, (), set(), [1, 2], [1, "a"], [None], ["x"], [[1], [2, 3]], range(3), iter([1]), {"a": 1}, {1: 2}),
             *([("tool.x_mm", 0.1)], {"tool.x_mm": 0.1}, {"tool.x_mm": np.float32(0.1)}, {"tool.x_mm": "far"}),
             *(["tool.x_mm=0.1"], ["tool.x_mm"], ["=1"], {"": 1}, {"sensor.laser.turn_y_deg": 0.1}, {"sensor": 1}),
-            *(
-                {"cell.part.x_mm": np.int64(1)},
-                {"cell.part.x_mm": np.nan},
-                {"scan.max_profiles": [1]},
-                {"cell[1].a": 1},
-            ),
+            *({"cell.part.x_mm": np.int64(1)}, {"cell.part.x_mm": np.nan}, {"cell[1].a": 1}),
             *([1.0, 2.0, 130.0, 180.0, 0.0, 0.0], ["part.obj"], ["shot"], {"scan.max_profiles": [1]}, [0]),
         ]
         objects = [
@@ -260,18 +246,12 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         survey |= {"inflation": 0.002, **built, "progress": cancels}
         calibrate = {"request": "tool", "artefact": None, "unit": "mm", "engine": "geometric", **built}
         calibrate |= {"setup": None, "from_points": None, "progress": cancels}
-        render = {
-            "recording": "inputs/run/recording.parquet",
-            "part": part,
-            "unit": "mm",
-            "engine": "geometric",
-            **of_sensor,
-            **estimated,
-        }
+        of_part: Arguments = {"part": part, "unit": "mm", "engine": "geometric", **of_sensor}
+        render = {"recording": "inputs/run/recording.parquet", **of_part, **estimated}
         plan = {"part": part, "unit": "mm", "setup": None, "quality_factors": (), "progress": None}
         place = {"part": part, "share": 0.9, "unit": "mm", "progress": cancels}
         sensor = {"request": "ball", **of_sensor, "progress": cancels}
-        shot = {"part": part, "part_from_sensor": ABOVE, "unit": "mm", "engine": "geometric", **of_sensor}
+        shot = {**of_part, "part_from_sensor": ABOVE}
         return [
             Target("Scanner", scancell.Scanner, {**setup, "setup": None}),
             Target("Scanner.load_part", scanner.load_part, {"part": "inputs/part.obj", "unit": "mm"}),
@@ -433,23 +413,10 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         of_part: Arguments = {"part": part, "unit": "mm"}
         no_scan = {name: value for name, value in cell.items() if name != "scan"}
         of_acceptance = {"quick": True, "repeats": 1, "factors": None, "out": None, "threads": 1}
-        of_batch = {
-            "parts": ["inputs/part.obj"],
-            "out": "batch",
-            "config": None,
-            "variants": 1,
-            "workers": 1,
-            "seed": 1,
-        }
+        of_batch = {"parts": ["inputs/part.obj"], "out": "batch", "config": None}
+        of_batch |= {"variants": 1, "workers": 1, "seed": 1}
         of_sensor = {"request": "ball", "sensor": sensor, "settings": {}}
-        evaluate = {
-            "cloud": self.result.cloud,
-            "mesh": part,
-            "artefact": None,
-            "align": "none",
-            "datum": (),
-            "out": None,
-        }
+        evaluate = {"cloud": self.result.cloud, "mesh": part, "artefact": None, "align": "none", "datum": ()}
         extract = {"images": ["inputs/shot"], "out": "extracted", "sensor": sensor, "settings": {}, "laser_off": ()}
         geometric: Arguments = {"engine": "geometric"}
         calibrate = {"request": "tool", "artefact": None, **cell, **run, **built}
@@ -509,14 +476,8 @@ def _like(valid: Any) -> list[Any]:  # noqa: PLR0911
         numbers = {key: np.float64(0.01) for key in valid}
         return [numbers, dict.fromkeys(valid, "x"), [f"{key}=0.01" for key in valid], {**valid, "x": 1}]
     if isinstance(valid, np.ndarray):
-        return [
-            valid.tolist(),
-            valid.astype(np.float32),
-            valid[:-1],
-            valid[::-1],
-            np.full(valid.shape, np.nan),
-            valid.T,
-        ]
+        changed = [valid.astype(np.float32), valid[:-1], valid[::-1], np.full(valid.shape, np.nan), valid.T]
+        return [valid.tolist(), *changed]
     if isinstance(valid, list | tuple):
         return [tuple(valid), list(valid), valid[:-1], [*valid, *valid], [*valid, None]]
     return []

@@ -20,7 +20,7 @@ from scancell.geometry.mesh import box_mesh, load_mesh
 from scancell.geometry.pose import translation
 from scancell.nominal.cell import NominalCell, nominal_cell
 
-from .table import Row
+from .table import Row, Wanted
 from .timing import Timing, measure, scaled
 
 STEPS = 4000
@@ -92,55 +92,33 @@ def _three_part_rows(folder: Path) -> Iterator[Row]:
     if costs is None or touchable_costs is None:
         return
     bare, held = costs
-    yield Row(
-        "three parts: stick anchors and imposed drives, in C++",
-        held - bare,
-        "us/step",
-        "bare DART",
-        bare,
-        clock="processor",
-    )
-    name = "three parts: contact shapes of arm, sensor, table base and floor"
-    yield Row(name, touchable_costs[1] - held, "us/step", "the world without", held, clock="processor")
+    yield _row("stick anchors and imposed drives, in C++", held - bare, "us/step", "bare DART", bare)
+    name = "contact shapes of arm, sensor, table base and floor"
+    yield _row(name, touchable_costs[1] - held, "us/step", "the world without", held)
     fmu = folder / "three.fmu"
     build_fmu(data, fmu, 2)
     with CellInstance(fmu) as cell:
         whole = _step_us(cell).processor
     with CellInstance(fmu) as cell:
         alone = _do_step_us(cell)
-    name = "three parts: FMU, doStep of 1 ms without the anchors"
-    yield Row(name, alone - (held - bare), "us/step", "bare DART", bare, None, "at most", 1.1, clock="processor")
-    yield Row(
-        "three parts: FMPy's set 7, doStep, get 50",
-        whole - alone,
-        "us/step",
-        "allowed",
-        7.0,
-        None,
-        "at most",
-        clock="processor",
-    )
-    yield Row(
-        "three parts: real-time factor",
-        STEP_US / whole,
-        "x",
-        "real time",
-        1.0,
-        None,
-        "at least",
-        12.0,
-        clock="processor",
-    )
-    name = "three parts with collision outputs, distances up to"
+    name = "FMU, doStep of 1 ms without the anchors"
+    yield _row(name, alone - (held - bare), "us/step", "bare DART", bare, "at most", 1.1)
+    yield _row("FMPy's set 7, doStep, get 50", whole - alone, "us/step", "allowed", 7.0, "at most")
+    yield _row("real-time factor", STEP_US / whole, "x", "real time", 1.0, "at least", 12.0)
     watched = {range_mm: _watched_us(folder, range_mm) for range_mm in (20, 50)}
     sampled = _watched_us(folder, 20, "cell.collision.swept=false")
-    factor = STEP_US / watched[20]
-    yield Row(
-        f"{name} 20 mm: real-time factor", factor, "x", "real time", 1.0, None, "at least", 10.0, clock="processor"
-    )
-    yield Row(f"{name} 50 mm: real-time factor", STEP_US / watched[50], "x", "real time", 1.0, clock="processor")
-    name = "three parts with collision outputs: following the bodies between two cycles"
-    yield Row(name, watched[20] - sampled, "us/step", "sampled outputs", sampled, clock="processor")
+    name = "collision outputs, distances up to"
+    yield _row(f"{name} 20 mm: real-time factor", STEP_US / watched[20], "x", "real time", 1.0, "at least", 10.0)
+    yield _row(f"{name} 50 mm: real-time factor", STEP_US / watched[50], "x", "real time", 1.0)
+    name = "collision outputs: following the bodies between two cycles"
+    yield _row(name, watched[20] - sampled, "us/step", "sampled outputs", sampled)
+
+
+def _row(
+    name: str, value: float, unit: str, peer: str, peer_value: float, wanted: Wanted = "", limit: float = 1.0
+) -> Row:
+    """A row of the cell with three parts, by processor time."""
+    return Row(f"three parts: {name}", value, unit, peer, peer_value, None, wanted, limit, clock="processor")
 
 
 def _watched_us(folder: Path, range_mm: int, *words: str) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from scancell.sensor import PEAK_REJECTED, Scene, Sensor, expose, extract
+from scancell.sensor import Scene, Sensor, extract
 
 from .table import cpu_model, replace_paragraphs
 from .timing import measure
@@ -24,7 +24,7 @@ import test_accuracy  # noqa: E402
 import test_edges  # noqa: E402
 import test_ghosts  # noqa: E402
 from scenes import pose  # noqa: E402
-from stripe_images import PEAK_E, cramer_rao, make_sensor, stripe  # noqa: E402
+from stripe_images import OPEN, PEAK_E, accepted, cramer_rao, images_of, make_sensor, stripe  # noqa: E402
 
 Array = NDArray[np.float64]
 
@@ -34,15 +34,7 @@ FLOOR_E2 = READ_E**2 + 1 / (12 * GAIN**2)  # read noise and 8-bit quantisation
 FULL_WELL = {"full_well_e": PEAK_E}
 WEAK_E = 1000.0
 # The detectors are compared without the limits that reject badly shaped stripes.
-OPEN = {
-    "min_sigma_px": 0.1,
-    "max_sigma_px": 8.0,
-    "max_asymmetry": 9.0,
-    "max_residual": 9.0,
-    "max_width_jump": 9.0,
-    "max_amplitude_jump": 9.0,
-    "max_row_jump_px": 9.0,
-}
+LIMITS = OPEN | {"min_sigma_px": 0.1, "max_sigma_px": 8.0}
 NAMES = {
     "gaussian": "Gaussian least squares, pixel-integrated, saturation masked (`gaussian`)",
     "log_parabola": "weighted log-parabola ±4 (`log_parabola`)",
@@ -83,10 +75,8 @@ def stripe_errors(sensor: Sensor, sigma: float, peak: float, ghost: float = 0.0)
     """Errors over some images of one stripe, with a second one of share `ghost` six rows below."""
     truth = np.stack([rows(f) for f in range(FRAMES)])
     light = np.stack([stripe(r, sigma, peak, HEIGHT) + stripe(r + 6.0, sigma, ghost * peak, HEIGHT) for r in truth])
-    images = expose(light[:, None].astype(np.float32), sensor, np.full(FRAMES, 5e-4), np.arange(FRAMES))
-    peaks = extract(images, sensor)
-    keep = (peaks.flags & PEAK_REJECTED) == 0
-    return Errors((peaks.row - truth[peaks.frame, peaks.column])[keep])
+    peaks = extract(images_of(sensor, light, FRAMES), sensor)
+    return Errors((peaks.row - truth[peaks.frame, peaks.column])[accepted(peaks)])
 
 
 def bound(sigma: float, peak: float) -> float:
@@ -96,14 +86,13 @@ def bound(sigma: float, peak: float) -> float:
 
 def sensor_with(method: str, **sections: dict[str, object]) -> Sensor:
     """Sensor of the comparison."""
-    return make_sensor(WIDTH, HEIGHT, extraction={"detector": method} | OPEN, **sections)
+    return make_sensor(WIDTH, HEIGHT, extraction={"detector": method} | LIMITS, **sections)
 
 
 def milliseconds(detector: str) -> float:
     """Time per 1280 × 1024 image with a stripe in every column, on one core."""
     sensor = make_sensor(extraction={"detector": detector})
-    light = stripe(300.0 + 0.2 * np.arange(1280), 1.5, 8000.0, 1024)[None, None].astype(np.float32)
-    image = expose(light, sensor, np.array([5e-4]), np.array([0]))
+    image = images_of(sensor, stripe(300.0 + 0.2 * np.arange(1280), 1.5, 8000.0, 1024))
     return 1e3 * measure(lambda: extract(image, sensor, threads=1), repeats=15).best
 
 
@@ -136,8 +125,7 @@ def step_deviation() -> float:
     for edge in (-2.0, -1.0, 0.0, 1.5):
         for ratio in (0.3, 0.6):
             light = 8000.0 * np.exp(-0.5 * (z / sigma) ** 2) * np.where(z > edge, ratio, 1.0)
-            light = light.reshape(HEIGHT, 64, WIDTH).mean(axis=1)[None, None].astype(np.float32)
-            peaks = extract(expose(light, sensor, np.array([5e-4]), np.array([0])), sensor)
+            peaks = extract(images_of(sensor, light.reshape(HEIGHT, 64, WIDTH).mean(axis=1)), sensor)
             e = edge / sigma
             predicted = -sigma * (1 - ratio) * norm.pdf(e) / (norm.cdf(e) + ratio * norm.sf(e))
             worst = max(worst, abs(float(np.mean(peaks.row - centre)) / predicted - 1.0))

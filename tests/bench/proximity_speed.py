@@ -16,7 +16,7 @@ from scancell.geometry.reduction import decimated
 from scancell.nominal.cell import NominalCell, nominal_cell
 from scancell.proximity.scene import ProximityScene, cell_scene
 
-from .table import Row, Wanted
+from .table import Row, processor_row
 from .timing import measure, scaled
 
 Array = NDArray[np.float64]
@@ -122,13 +122,9 @@ def proximity_rows() -> Iterator[Row]:
     peer_collision = scaled(measure(lambda: peer.collisions(random), 1), 1e6 / POSES).processor
 
     def row(name: str, work: Any, count: int, peer_us: float, limit_us: float) -> Iterator[Row]:
-        timing = scaled(measure(work, 3), 1e6 / count)
-        full = f"proximity: {name}"
-        what = "python-fcl"
-        yield Row(full, timing.processor, "us/pose", what, peer_us, timing.spread, "", 1, "processor", timing.best)
-        wanted: Wanted = "at most"
-        what = "limit, 1 thread"
-        yield Row(full, timing.processor, "us/pose", what, limit_us, timing.spread, wanted, 1, "processor", timing.best)
+        timing, name = scaled(measure(work, 3), 1e6 / count), f"proximity: {name}"
+        yield processor_row(name, timing, "us/pose", "python-fcl", peer_us)
+        yield processor_row(name, timing, "us/pose", "limit, 1 thread", limit_us, "at most")
 
     for bound in (BOUND, CLEARANCE):
         label = f"{1e3 * bound:g} mm"

@@ -17,7 +17,7 @@ from scancell.geometry.mesh import Mesh, sample_surface
 from .peers.check import PeerMissingError
 from .raw_embree import RAYS, Fans, raw_times, turning_fans
 from .scenes import PART_TRIANGLES, Faces, bumpy_part, make_sensor, part_on_table, turning_exposures
-from .table import Row
+from .table import Row, Wanted, processor_row
 from .timing import Timing, measure
 
 Array = NDArray[np.float64]
@@ -144,19 +144,9 @@ def _distance_row(
         open3d = import_open3d()
     except PeerMissingError as missing:
         print(f"  {name} against Open3D: skipped: {missing}")
-        return Row(name, timing.processor, "s", "1 s", 1.0, timing.spread, clock="processor", other=timing.best)
+        return processor_row(name, timing, "s", "1 s", 1.0)
     vertices, faces, points = given
     peer, single = open3d_scene(open3d, vertices, faces), open3d.core.Tensor(points.astype(np.float32))
-    theirs, peer_name = measure(lambda: peer_work(peer, single), 2), "Open3D RaycastingScene"
-    return Row(
-        name,
-        timing.processor,
-        "s",
-        peer_name,
-        theirs.processor,
-        timing.spread,
-        "at most" if limit else "",
-        limit or 1.0,
-        clock="processor",
-        other=timing.best,
-    )
+    theirs = measure(lambda: peer_work(peer, single), 2).processor
+    wanted: Wanted = "at most" if limit else ""
+    return processor_row(name, timing, "s", "Open3D RaycastingScene", theirs, wanted, limit or 1.0)

@@ -13,7 +13,7 @@ from scancell import sensor as sensor_rt
 
 from .raw_embree import raw_times, turning_fans
 from .scenes import PART_TRIANGLES, bumpy_part, make_sensor, part_on_table, turning_exposures
-from .table import Row, Wanted
+from .table import Row, processor_row
 from .timing import Timing, measure, scaled
 
 FRAMES = 32
@@ -24,8 +24,6 @@ LIMIT_REFLECTED = 15.0
 LIMIT_GEOMETRIC = 10_000.0
 LIMIT_EXTRACTION_MS = 2.0
 DENSE_STEPS = (10_000, 100_000, 1_000_000)
-
-
 REFLECTED = ("sensor.render.bounces=2", "sensor.speckle.contrast=1.0")
 
 
@@ -76,16 +74,11 @@ def single_station_rows() -> Iterator[Row]:
     electrons = sensor_rt.expected_electrons(scene, sensor, exposures)
     noisy = sensor_rt.render(scene, sensor, exposures)
     duration, index = np.full(4, 5e-4), np.arange(4)
-    timing = measure(lambda: sensor_rt.extract(noisy, sensor, threads=1))
-    per_image = 1e3 * timing.processor / images
-    yield Row(
-        "peak extraction", per_image, "ms/image", "limit per core", LIMIT_EXTRACTION_MS, timing.spread, "at most",
-        clock="processor", other=1e3 * timing.best / images,
-    )  # fmt: skip
-    timing = measure(lambda: sensor_rt.expose(electrons, sensor, duration, index, threads=1))
-    name, wall = "detector, every pixel", 1e3 * timing.best / images
-    value = 1e3 * timing.processor / images
-    yield Row(name, value, "ms/image", "peak extraction", per_image, timing.spread, clock="processor", other=wall)
+    extraction = scaled(measure(lambda: sensor_rt.extract(noisy, sensor, threads=1)), 1e3 / images)
+    yield processor_row("peak extraction", extraction, "ms/image", "limit per core", LIMIT_EXTRACTION_MS, "at most")
+    detector = measure(lambda: sensor_rt.expose(electrons, sensor, duration, index, threads=1))
+    per_image = scaled(detector, 1e3 / images)
+    yield processor_row("detector, every pixel", per_image, "ms/image", "peak extraction", extraction.processor)
 
 
 def geometric_rows() -> Iterator[Row]:
@@ -134,5 +127,4 @@ def _density_row(what: str, unit: str, triangles: int, timing: Timing, first: di
     """Against the first size of the same name, which goes into `first`."""
     least = first.setdefault(what, timing.processor)
     name, peer = f"{what}, {triangles:,} triangles", f"{DENSE_STEPS[0]:,} triangles"
-    wanted: Wanted = "at most" if limited else ""
-    return Row(name, timing.processor, unit, peer, least, timing.spread, wanted, 2.0, "processor", timing.best)
+    return processor_row(name, timing, unit, peer, least, "at most" if limited else "", 2.0)

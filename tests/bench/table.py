@@ -10,6 +10,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
+from .timing import Timing
+
 Wanted = Literal["at least", "at most", ""]
 
 
@@ -57,6 +59,13 @@ class Row:
     def wish(self) -> str:
         """The wanted ratio in words."""
         return f"{'>=' if self.wanted == 'at least' else '<='} {self.limit:g}" if self.wanted else ""
+
+
+def processor_row(
+    name: str, timing: Timing, unit: str, peer: str, peer_value: float, wanted: Wanted = "", limit: float = 1.0
+) -> Row:
+    """A time whose verdict is by processor time, with the wall time beside it."""
+    return Row(name, timing.processor, unit, peer, peer_value, timing.spread, wanted, limit, "processor", timing.best)
 
 
 def cpu_model() -> str:

@@ -197,7 +197,7 @@ class Honest:
                 _until(asked, f"joint 1 at {angle} deg")
             except TimeoutError as error:
                 state = workspace.live.state
-                names = (
+                names = [
                     "controller",
                     "operation",
                     "job",
@@ -206,7 +206,7 @@ class Honest:
                     "guard_text",
                     "joints",
                     "monitor_speed",
-                )
+                ]
                 shown = {"operator": workspace._operators.operator == number}
                 shown |= {name: getattr(state, name) for name in names}
                 raise TimeoutError(f"{error}: {shown}") from None

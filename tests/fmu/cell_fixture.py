@@ -9,6 +9,7 @@ import subprocess
 import threading
 import zipfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ Array = NDArray[np.float64]
 LIMITS_DEG = [(-170, 170), (-190, 45), (-29, 256), (-190, 190), (-120, 120), (-360, 360)]
 DH_MM_DEG = [(75, 335, -90), (270, 0, 0), (-90, 0, 90), (0, 295, -90), (0, 0, 90), (0, 80, 0)]
 START_DEG = [35, -25, 195, -68, 79, -10]
+START = np.radians(START_DEG)
 CYCLE_US = 16000
 MOTION = {
     "line_speed": 1.0, "line_acceleration": 5.0, "turn_speed": 3.0, "turn_acceleration": 12.0,
@@ -65,6 +67,12 @@ def conveyor(**changes: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def collision(*pairs: tuple[str, str], **changes: Any) -> dict[str, Any]:
+    """Description of collision outputs for pairs of bodies; keyword arguments override keys."""
+    watched = [list(pair) for pair in pairs]
+    return {"outputs": True, "stops_arm": False, "swept": True, "range": 0.05, "pairs": watched, **changes}
+
+
 def cell_description(**part: Any) -> dict[str, Any]:
     """Default arm, table and a box, with ideal encoders; keyword arguments override keys of the box."""
     joints = [
@@ -96,8 +104,11 @@ def cell_description(**part: Any) -> dict[str, Any]:
             "solver": "dantzig", "points": 4, "stick": True, "friction": 0.3, "bodies": [], "pairs": [],
         },
         "bodies": [], "presence_sensors": [], "distance_sensors": [],
-        "collision": {"outputs": False, "stops_arm": False, "swept": True, "range": 0.05, "pairs": []},
+        "collision": collision(outputs=False),
     }  # fmt: skip
+
+
+FREE = cell_description(fixture="free", support_from_part=pose([0.06, 0.02, 0]))
 
 
 def runtime_folder() -> Path:
@@ -125,6 +136,14 @@ def write_fmu(cell: dict[str, Any], version: int, folder: Path, *variants: str) 
     return folder
 
 
+def rejection(cell: dict[str, Any]) -> str:
+    """Message with which robotcell-describe rejects a cell description."""
+    command = [str(runtime_folder() / "robotcell-describe"), "-", "--fmi", "3"]
+    done = subprocess.run(command, input=json.dumps(cell), capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    return done.stderr
+
+
 def pack(folder: Path, target: Path) -> Path:
     """Pack an FMU from its unpacked files."""
     with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
@@ -135,6 +154,12 @@ def pack(folder: Path, target: Path) -> Path:
 
 # FMPy changes the process's working folder while it loads a library, and back to the one that it found.
 _LOADING = threading.Lock()
+
+
+@cache
+def read_description(folder: Path) -> Any:
+    """Model description of an unpacked FMU, which costs more time to read than an instance to start."""
+    return fmpy.read_model_description(str(folder))
 
 
 class CellFmu:
@@ -148,7 +173,7 @@ class CellFmu:
         options: Mapping[str, Any] | None = None,
     ) -> None:
         """`options` are passed to `instantiate`, for example eventModeUsed."""
-        self.description = fmpy.read_model_description(str(folder))
+        self.description = read_description(folder)
         self.version = int(self.description.fmiVersion[0])
         self.variables = {v.name: v for v in self.description.modelVariables}
         self.messages: list[str] = []
@@ -230,11 +255,15 @@ class CellFmu:
     def command(self, q: Array | None = None, table: float | None = None, mode: int = 1) -> None:
         """Set servo set-points; joints without a value keep their start position."""
         self.set("command.mode", mode)
-        joints = np.radians(START_DEG) if q is None else q
-        for i, value in enumerate(joints, start=1):
+        for i, value in enumerate(START if q is None else q, start=1):
             self.set(f"command.q[{i}]", float(value))
         if table is not None:
             self.set("command.table", float(table))
+
+    def start_move(self, q: Array | None = None, table: float | None = None, mode: int = 2) -> None:
+        """Start a move (mode 2: of the joints); joints without a value keep their start position."""
+        self.command(q, table, mode)
+        self.set("command.start", self.get_int("command.start") + 1)
 
     def trigger(self, mode: int, interval: float = 0.0, exposure: float = 0.0, segment: int = 1) -> None:
         names = {1: "period", 2: "angle", 3: "distance"}
@@ -328,6 +357,6 @@ def all_reals(cell: CellFmu) -> Array:
 def continue_motion(cell: CellFmu) -> None:
     """Continue a motion from the present state, with exposures, ending within a dynamics step."""
     for k in range(40):
-        cell.command(np.radians(START_DEG) + 0.1 * np.sin(0.1 * k), 3.0 + 0.02 * k)
+        cell.command(START + 0.1 * np.sin(0.1 * k), 3.0 + 0.02 * k)
         cell.step(CYCLE_US // 2)
     cell.step(330)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -15,17 +17,25 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> FmuFolders:
 
 
 @pytest.fixture
-def build(folders: FmuFolders) -> Iterator[Build]:
-    """Start instances and free them after the test."""
-    running: list[CellFmu] = []
+def open_fmu() -> Iterator[Build]:
+    """Start instances of unpacked FMUs and free them after the test."""
+    with ExitStack() as running:
+
+        def start(folder: Path, parameters: Parameters | None = None, **arguments: Any) -> CellFmu:
+            cell = CellFmu(folder, parameters, **arguments)
+            running.callback(cell.close)
+            return cell
+
+        yield start
+
+
+@pytest.fixture
+def build(folders: FmuFolders, open_fmu: Build) -> Build:
+    """Start instances of a cell description and free them after the test; options are those of `instantiate`."""
 
     def start(
         version: int = 3, cell: dict[str, Any] | None = None, parameters: Parameters | None = None, **options: Any
     ) -> CellFmu:
-        folder = folders.unpacked(version, cell or cell_description())
-        running.append(CellFmu(folder, parameters, options=options))
-        return running[-1]
+        return open_fmu(folders.unpacked(version, cell or cell_description()), parameters, options=options)
 
-    yield start
-    for instance in running:
-        instance.close()
+    return start

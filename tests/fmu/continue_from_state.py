@@ -1,4 +1,4 @@
-"""A serialized state that goes on in a new process: the call, and the program that the new process runs.
+"""Serialized states that continue exactly: the check, and the program that a new process runs.
 
 Arguments of the program: unpacked FMU, file with the state, time of the state in microseconds, module and name of the
 function that moves the cell, output file.
@@ -18,10 +18,25 @@ import numpy as np
 from cell_fixture import Array, CellFmu, all_reals
 
 
-def continued_in_new_process(
+def assert_continues_exactly(cell: CellFmu, motion: Callable[[CellFmu], None], scratch: Path, *others: CellFmu) -> None:
+    """Assert that a motion (function of a module) from the serialized present state always ends in the same values.
+
+    In the cell, in other instances of it and in a new process, all real variables are equal to the last bit.
+    """
+    state, time_us = cell.save(), cell.time_us
+    motion(cell)
+    expected = all_reals(cell)
+    for instance in (cell, *others):
+        instance.restore(instance.deserialize(cell.serialize(state)), time_us)
+        motion(instance)
+        np.testing.assert_array_equal(all_reals(instance), expected)
+    np.testing.assert_array_equal(_continued_in_new_process(cell, state, time_us, motion, scratch), expected)
+    cell.free_state(state)
+
+
+def _continued_in_new_process(
     cell: CellFmu, state: Any, time_us: int, motion: Callable[[CellFmu], None], scratch: Path
 ) -> Array:
-    """Values of all real variables after a motion (function of a module) from a state of the cell, in a new process."""
     (scratch / "state").write_bytes(cell.serialize(state))
     folder, output = str(Path(cell.slave.unzipDirectory)), scratch / "reals.npy"
     command = [sys.executable, __file__, folder, str(scratch / "state"), str(time_us)]

@@ -4,21 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cell_fixture import CYCLE_US, START_DEG, Array, Build, CellFmu, Parameters, all_reals, cell_description
+from cell_fixture import CYCLE_US, START, Array, Build, CellFmu, Parameters, all_reals, cell_description
 
-START = np.radians(START_DEG)
 TARGET = START + np.array([0.3, 0.2, -0.3, 0.5, -0.2, 0.8])
 JOINT_MOVE, LINE_MOVE, JOINT_JOG, CARTESIAN_JOG = 2, 3, 4, 5
 
 
-def start_joints(cell: CellFmu, target: Array, table: float = 0.0, speed: float = 1.0) -> None:
-    cell.command(target, table, mode=JOINT_MOVE)
-    cell.set("command.speed", speed)
-    cell.set("command.start", 1)
-
-
 def start_line(cell: CellFmu, displacement: Array, speed: float = 0.2) -> None:
-    """Start a line move of the sensor by `shift` (m, world) with constant orientation."""
+    """Start a line move of the sensor by `displacement` (m, world) with constant orientation."""
     for i, value in enumerate(cell.vector("truth.sensor.position", 3) + displacement, 1):
         cell.set(f"command.target.position[{i}]", float(value))
     for i, value in enumerate(cell.vector("truth.sensor.orientation", 4), 1):
@@ -38,7 +31,7 @@ def run_to_rest(cell: CellFmu, step_us: int = CYCLE_US) -> None:
 @pytest.mark.parametrize("version", [2, 3])
 def test_joint_move_ends_exactly_at_target(build: Build, version: int) -> None:
     cell = build(version)
-    start_joints(cell, TARGET, 0.5)
+    cell.start_move(TARGET, 0.5)
     cell.step(CYCLE_US)
     np.testing.assert_array_equal(cell.vector("controller.destination.q", 6), TARGET)
     assert [cell.get_int(f"controller.{n}") for n in ("mode", "state", "error", "at_destination")] == [2, 1, 0, 0]
@@ -58,12 +51,12 @@ def test_line_move_is_straight(build: Build) -> None:
     cell.step(CYCLE_US)
     while cell.get_int("controller.moving"):
         cell.step(700)
-        way = cell.vector("truth.sensor.position", 3) - start
+        travel = cell.vector("truth.sensor.position", 3) - start
         worst = max(
-            worst, float(np.linalg.norm(way - way @ displacement / (displacement @ displacement) * displacement))
+            worst, float(np.linalg.norm(travel - travel @ displacement / (displacement @ displacement) * displacement))
         )
         np.testing.assert_allclose(cell.vector("truth.sensor.orientation", 4), turn, atol=1e-6)
-    np.testing.assert_allclose(way, displacement, atol=1e-10)
+    np.testing.assert_allclose(travel, displacement, atol=1e-10)
     assert worst < 1e-7
 
 
@@ -82,14 +75,13 @@ def test_moves_are_independent_of_communication_step(build: Build) -> None:
 def test_rejected_moves_report_error_and_axis(build: Build) -> None:
     cell = build()
     cell.set("command.operation", 0)
-    start_joints(cell, TARGET)
+    cell.start_move(TARGET, 0.0)
     cell.step(CYCLE_US)
     assert cell.get_int("controller.error") == 1
     cell.set("command.operation", 1)
     beyond = TARGET.copy()
     beyond[2] = 5.0
-    cell.command(beyond, mode=JOINT_MOVE)
-    cell.set("command.start", 2)
+    cell.start_move(beyond)
     cell.step(CYCLE_US)
     assert [cell.get_int("controller.error"), cell.get_int("controller.limit")] == [5, 3]
     cell.set("command.mode", JOINT_JOG)
@@ -100,7 +92,7 @@ def test_rejected_moves_report_error_and_axis(build: Build) -> None:
 
 def test_emergency_stop_is_bounded_and_latched(build: Build) -> None:
     cell = build()
-    start_joints(cell, TARGET)
+    cell.start_move(TARGET, 0.0)
     cell.step(CYCLE_US, 8)
     cell.set("command.emergency_stop", True)
     rates = [cell.vector("measured.qd", 6)]
@@ -125,7 +117,7 @@ def test_state_during_motion_restores_exactly(build: Build, mode: int) -> None:
         joint["encoder_latency"] = 0.0037
     cell, other = build(3, description), build(3, description)
     if mode == JOINT_MOVE:
-        start_joints(cell, TARGET)
+        cell.start_move(TARGET, 0.0)
     elif mode == LINE_MOVE:
         start_line(cell, np.array([0.0, -0.1, 0.05]))
     else:
@@ -174,7 +166,7 @@ def test_encoder_latency_delays_readings(build: Build) -> None:
         axis["encoder_latency"] = latency
     late, prompt = build(3, description), build()
     for cell in (late, prompt):
-        start_joints(cell, TARGET, 1.0)
+        cell.start_move(TARGET, 1.0)
     late.step(4300)
     for _ in range(100):
         late.step(700)
@@ -243,7 +235,7 @@ def test_vibration_displaces_true_poses_by_closed_form(build: Build, place: str)
 def test_sensor_twist_is_pose_derivative_with_vibration(build: Build) -> None:
     parameters = {f"as_built.vibration.{place}.{k}": v for place in ("base", "flange") for k, v in SINE.items()}
     cell = build(parameters=parameters)
-    start_joints(cell, TARGET)
+    cell.start_move(TARGET, 0.0)
     cell.step(8 * CYCLE_US)
     before = cell.vector("truth.sensor.position", 3)
     cell.step(20)

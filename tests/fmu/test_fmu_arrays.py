@@ -8,7 +8,7 @@ from pathlib import Path
 import fmpy
 import numpy as np
 import pytest
-from cell_fixture import START_DEG, Array, CellFmu, cell_description
+from cell_fixture import START, Array, Build, CellFmu, cell_description, read_description
 from fmpy.validation import validate_fmu
 
 from scancell.cell.fmu_file import build_fmu
@@ -41,7 +41,7 @@ def read(cell: CellFmu, name: str) -> Array:
 
 
 def test_arrays_and_scalars_describe_same_variables(folders: tuple[Path, Path]) -> None:
-    scalars, arrays = (fmpy.read_model_description(str(folder)) for folder in folders)
+    scalars, arrays = (read_description(folder) for folder in folders)
     assert scalars.guid != arrays.guid
     by_name = {v.name: v for v in scalars.modelVariables}
     covered: list[str] = []
@@ -72,7 +72,7 @@ def test_arrays_and_scalars_describe_same_variables(folders: tuple[Path, Path]) 
 
 
 def test_initial_dependencies_refer_to_arrays(folders: tuple[Path, Path]) -> None:
-    scalars, arrays = (fmpy.read_model_description(str(folder)) for folder in folders)
+    scalars, arrays = (read_description(folder) for folder in folders)
 
     def named(names: set[str]) -> set[str]:
         known = {v.name for v in arrays.modelVariables}
@@ -85,10 +85,10 @@ def test_initial_dependencies_refer_to_arrays(folders: tuple[Path, Path]) -> Non
     assert merged == {u.variable.name: {d.name for d in u.dependencies} for u in arrays.initialUnknowns}
 
 
-def test_arrays_read_same_values_as_scalars(folders: tuple[Path, Path]) -> None:
-    plain, cell = CellFmu(folders[0]), CellFmu(folders[1])
+def test_arrays_read_same_values_as_scalars(folders: tuple[Path, Path], open_fmu: Build) -> None:
+    plain, cell = (open_fmu(folder) for folder in folders)
     for k in range(30):
-        q = np.radians(START_DEG) + 0.05 * np.sin(0.1 * k)
+        q = START + 0.05 * np.sin(0.1 * k)
         plain.command(q, 0.02 * k)
         plain.trigger(1, 0.03)
         for name, value in {"command.mode": 1, "command.trigger.mode": 1, "command.segment": 1}.items():
@@ -111,14 +111,14 @@ def test_arrays_read_same_values_as_scalars(folders: tuple[Path, Path]) -> None:
     names = ["truth.sensor.position", "truth.table", "measured.q"]
     together = cell.slave.getFloat64([cell.variables[n].valueReference for n in names], nValues=10)
     np.testing.assert_array_equal(together, np.concatenate([read(cell, n) for n in names]))
-    for instance in (plain, cell):
-        instance.close()
 
 
 @pytest.mark.parametrize(("element", "room"), [(0, 5), (0, 7), (0, 1), (1, 1), (1, 6)])
-def test_wrong_number_of_array_values_is_an_error(folders: tuple[Path, Path], element: int, room: int) -> None:
+def test_wrong_number_of_array_values_is_an_error(
+    folders: tuple[Path, Path], open_fmu: Build, element: int, room: int
+) -> None:
     """Nothing is written beyond the buffer."""
-    cell = CellFmu(folders[1])
+    cell = open_fmu(folders[1])
     reference = (c_uint32 * 1)(cell.variables["measured.q"].valueReference + element)
     values = (c_double * 8)(*[7.0] * 8)
     with pytest.raises(Exception, match="fmi3GetFloat64"):
@@ -127,16 +127,13 @@ def test_wrong_number_of_array_values_is_an_error(folders: tuple[Path, Path], el
     cell.slave.reset()
     cell.initialize()
     cell.step(1000)
-    cell.close()
 
 
-def test_states_are_shared_between_variants(folders: tuple[Path, Path]) -> None:
-    plain, cell = CellFmu(folders[0]), CellFmu(folders[1])
+def test_states_are_shared_between_variants(folders: tuple[Path, Path], open_fmu: Build) -> None:
+    plain, cell = (open_fmu(folder) for folder in folders)
     plain.command(table=1.0)
     plain.step(200_000)
     cell.restore(cell.deserialize(plain.serialize(plain.save())), plain.time_us)
     for instance in (plain, cell):
         instance.step(10_330)
     np.testing.assert_array_equal(read(cell, "truth.part[1].position"), plain.vector("truth.part[1].position", 3))
-    for instance in (plain, cell):
-        instance.close()

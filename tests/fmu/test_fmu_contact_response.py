@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from cell_fixture import (
     CYCLE_US,
-    START_DEG,
     Array,
     Build,
     CellFmu,
     box_hull,
     box_part,
     cell_description,
+    collision,
     conveyor,
     pose,
 )
@@ -22,7 +22,6 @@ from test_fmu_dynamic_arm import dynamic_cell
 
 from scancell.cell.mesh_json import mesh_json
 
-START = np.radians(START_DEG)
 MAX_TORQUE = 150.0
 TOOL_SIZE = (0.04, 0.04, 0.1)
 CLEARANCE = 0.03
@@ -47,7 +46,7 @@ def floor_height(build: Build) -> float:
     return tool_height(build()) - CLEARANCE
 
 
-def with_floor(cell: dict[str, Any], floor: float, **pair: Any) -> dict[str, Any]:
+def with_floor(cell: dict[str, Any], floor: float, stops_arm: bool = False, **pair: Any) -> dict[str, Any]:
     """The cell with a tool on the flange and a floor, whose contact the keyword arguments describe."""
     bodies = [("tool", "link[6]", box_hull(*TOOL_SIZE)), ("floor", "world", slab(floor))]
     contact = {"bodies": [{"name": n, "frame": frame, "hull": hull} for n, frame, hull in bodies]}
@@ -57,8 +56,8 @@ def with_floor(cell: dict[str, Any], floor: float, **pair: Any) -> dict[str, Any
         **cell,
         "contact": {**cell["contact"], **contact},
         "bodies": [{"name": n, "frame": frame, "mesh": hull} for n, frame, hull in bodies],
-        "collision": {"outputs": True, "stops_arm": False, "swept": True, "range": 0.05, "pairs": [["tool", "floor"]]},
-    }  # fmt: skip
+        "collision": collision(("tool", "floor"), stops_arm=stops_arm),
+    }
 
 
 def jog_down(cell: CellFmu, cycles: int) -> Array:
@@ -94,9 +93,7 @@ def test_kinematic_arm_passes_through_floor_and_collision_is_reported(build: Bui
 
 
 def test_collision_stops_kinematic_arm_on_request(build: Build, floor_height: float) -> None:
-    description = with_floor(cell_description(), floor_height)
-    description["collision"]["stops_arm"] = True
-    cell = build(3, description)
+    cell = build(3, with_floor(cell_description(), floor_height, stops_arm=True))
     heights = jog_down(cell, 60)
     assert cell.get_int("controller.state") == EMERGENCY_STOP
     # At most two cycles of travel at the jog speed, and the braking distance of the slowest axis.
@@ -105,25 +102,9 @@ def test_collision_stops_kinematic_arm_on_request(build: Build, floor_height: fl
     assert np.ptp(heights[-20:]) == 0
 
 
-def test_arm_that_stands_in_a_collision_can_be_moved_away(build: Build, floor_height: float) -> None:
-    description = with_floor(cell_description(), floor_height)
-    description["collision"]["stops_arm"] = True
-    cell = build(3, description)
-    jog_down(cell, 60)
-    reset(cell, 1)
-    assert cell.get_int("controller.state") == 0
-    cell.command(mode=JOG)
-    cell.set("command.jog[3]", 1.0)
-    cell.step(CYCLE_US, 30)
-    assert tool_height(cell) > floor_height
-    assert cell.get_int("truth.collision.pairs") == 0
-
-
 def test_reset_arm_in_a_collision_moves_away_but_no_deeper(build: Build, floor_height: float) -> None:
     """Each attempt to go deeper ends 0.1 mm, two cycles from rest and the braking distance further down."""
-    description = with_floor(cell_description(), floor_height)
-    description["collision"]["stops_arm"] = True
-    cell = build(3, description)
+    cell = build(3, with_floor(cell_description(), floor_height, stops_arm=True))
     depths = [floor_height - jog_down(cell, 60)[-1]]
     for attempt in range(1, 6):
         reset(cell, attempt)
@@ -217,13 +198,7 @@ def test_kinematic_arm_pushes_free_part(build: Build) -> None:
     description["contact"]["bodies"] = bodies
     meshes = (tool, ("box", "part[1]", box_hull(0.06, 0.04, 0.05)))
     description["bodies"] = [{"name": n, "frame": f, "mesh": mesh} for n, f, mesh in meshes]
-    description["collision"] = {
-        "outputs": True,
-        "stops_arm": False,
-        "swept": True,
-        "range": 0.05,
-        "pairs": [["tool", "box"]],
-    }
+    description["collision"] = collision(("tool", "box"))
     cell = build(3, description)
     start = cell.body("part[1]")[0, 3]
     cell.command(mode=JOG)

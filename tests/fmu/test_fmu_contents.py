@@ -18,42 +18,50 @@ from typing import Any
 import fmpy
 import numpy as np
 import pytest
-from cell_fixture import Array, CellFmu, cell_description
+from cell_fixture import Array, Build, cell_description, read_description
 from fmpy.validation import validate_fmu
 from lxml import etree
 
-from scancell.cell.fmu_file import build_fmu
+from scancell.cell.fmu_file import FmiVersion, build_fmu
 from scancell.cell.fmu_package.contents import FmuOptions
 
-VERSIONS = (2, 3)
+VERSIONS: tuple[FmiVersion, ...] = (2, 3)
 TOLERANCE = 1e-9
 REFERENCE = "extra/org.fmi-standard.fmi-ls-ref"
 
 
 @pytest.fixture(scope="module")
-def unpacked_fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
-    """Unpacked FMUs with all additional files."""
-    root = tmp_path_factory.mktemp("whole")
-    folders = {}
-    for version in VERSIONS:
-        file = root / f"RobotCell{version}.fmu"
-        build_fmu(cell_description(), file, 2 if version == 2 else 3)
-        folders[version] = Path(fmpy.extract(str(file), str(file.with_suffix(""))))
-    return folders
+def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
+    """FMUs with all additional files, by FMI version."""
+    files = {version: tmp_path_factory.mktemp("whole") / f"RobotCell{version}.fmu" for version in VERSIONS}
+    for version, file in files.items():
+        build_fmu(cell_description(), file, version)
+    return files
 
 
-@pytest.mark.parametrize("clock", [False, True])
+@pytest.fixture(scope="module")
+def unpacked_fmus(fmus: dict[int, Path]) -> dict[int, Path]:
+    return {version: Path(fmpy.extract(str(file), str(file.with_suffix("")))) for version, file in fmus.items()}
+
+
 @pytest.mark.parametrize("version", VERSIONS)
-def test_fmpy_validator_reports_no_problems(tmp_path: Path, version: int, clock: bool) -> None:
+def test_fmpy_validator_reports_no_problems(fmus: dict[int, Path], version: int) -> None:
+    assert validate_fmu(str(fmus[version])) == []
+    assert not [v for v in fmpy.read_model_description(str(fmus[version])).modelVariables if v.type == "Clock"]
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_fmpy_validator_reports_no_problems_with_clock(tmp_path: Path, version: FmiVersion) -> None:
+    """FMI 2 has no clocks."""
     file = tmp_path / "RobotCell.fmu"
-    build_fmu(cell_description(), file, 2 if version == 2 else 3, FmuOptions(clock=clock))
+    build_fmu(cell_description(), file, version, FmuOptions(clock=True))
     assert validate_fmu(str(file)) == []
     clocks = [v for v in fmpy.read_model_description(str(file)).modelVariables if v.type == "Clock"]
-    assert len(clocks) == (version == 3 and clock)
+    assert len(clocks) == version - 2
 
 
 def variables(folder: Path) -> list[Any]:
-    return list(fmpy.read_model_description(str(folder)).modelVariables)
+    return list(read_description(folder).modelVariables)
 
 
 def terminal_members(terminal: ET.Element, path: tuple[str, ...] = ()) -> Iterator[tuple[str, str]]:
@@ -147,7 +155,7 @@ def needed_versions(folder: Path, name: str) -> set[tuple[int, ...]]:
 def test_documented_glibc_version_matches_binaries(unpacked_fmus: dict[int, Path], version: int) -> None:
     folder = unpacked_fmus[version]
     floor = ".".join(map(str, max(needed_versions(folder, "GLIBC"))))
-    description = fmpy.read_model_description(str(folder)).description
+    description = read_description(folder).description
     page = Page((folder / "documentation/index.html").read_text()).text
     for text in (description, page):
         assert re.findall(r"glibc ([0-9.]+[0-9]) or later", text)[0] == floor
@@ -181,11 +189,11 @@ def read_table(file: Path) -> tuple[list[str], Array]:
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_reference_trajectory_is_reproduced(unpacked_fmus: dict[int, Path], version: int) -> None:
+def test_reference_trajectory_is_reproduced(unpacked_fmus: dict[int, Path], open_fmu: Build, version: int) -> None:
     folder = unpacked_fmus[version]
     input_names, inputs = read_table(folder / REFERENCE / "reference_inputs.csv")
     names, outputs = read_table(folder / REFERENCE / "reference_outputs.csv")
-    cell = CellFmu(folder)
+    cell = open_fmu(folder)
     reals = [n for n in names if cell.variables[n].type in ("Real", "Float64")]
     others = [n for n in names if n not in reals]
     assert names[1:] == [*reals[1:], *others]
@@ -201,7 +209,6 @@ def test_reference_trajectory_is_reproduced(unpacked_fmus: dict[int, Path], vers
                 whole_number = cell.variables[name].type.startswith(("Int", "Enum"))
                 cell.set(name, int(value) if whole_number else float(value))
             cell.step(round((outputs[k + 1, 0] - expected[0]) * 1e6))
-    cell.close()
     moved = dict(zip(names, np.ptp(outputs, axis=0), strict=True))
     assert all(moved[f"truth.q[{i}]"] > np.radians(0.6) for i in range(1, 7))
     assert moved["truth.table"] > 0.5
@@ -218,22 +225,19 @@ def test_manifest_refers_to_reference_files(unpacked_fmus: dict[int, Path]) -> N
         assert all(file.is_file() for file in related.values())
 
 
-@pytest.mark.parametrize("version", [2, 3])
-def test_packing_is_reproducible(tmp_path: Path, version: int) -> None:
-    files = [tmp_path / f"{k}.fmu" for k in range(2)]
-    for file in files:
-        build_fmu(cell_description(), file, 2 if version == 2 else 3)
-    assert files[0].read_bytes() == files[1].read_bytes()
-    with zipfile.ZipFile(files[0]) as archive:
+@pytest.mark.parametrize("version", VERSIONS)
+def test_packing_is_reproducible(fmus: dict[int, Path], tmp_path: Path, version: FmiVersion) -> None:
+    again = tmp_path / "again.fmu"
+    build_fmu(cell_description(), again, version)
+    assert again.read_bytes() == fmus[version].read_bytes()
+    with zipfile.ZipFile(again) as archive:
         assert len(archive.namelist()) == len(set(archive.namelist()))
         assert all(entry.compress_type in (zipfile.ZIP_DEFLATED, zipfile.ZIP_STORED) for entry in archive.infolist())
 
 
-def test_reference_is_reproduced_in_clean_environment(tmp_path: Path) -> None:
+def test_reference_is_reproduced_in_clean_environment(fmus: dict[int, Path], tmp_path: Path) -> None:
     """Empty environment, other working directory, FMPy and the standard library only."""
-    files = [tmp_path / f"RobotCell{version}.fmu" for version in VERSIONS]
-    for version, file in zip(VERSIONS, files, strict=True):
-        build_fmu(cell_description(), file, 2 if version == 2 else 3)
+    files = list(fmus.values())
     program = Path(__file__).with_name("clean_root.py")
     command = [sys.executable, "-I", str(program), "--here", *map(str, files)]
     done = subprocess.run(command, env={}, cwd=tmp_path, check=True, capture_output=True, text=True)

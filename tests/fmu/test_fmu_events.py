@@ -9,14 +9,13 @@ import subprocess
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from cell_fixture import CYCLE_US, START_DEG, Build, CellFmu, all_reals, cell_description, pose, runtime_folder
+from cell_fixture import CYCLE_US, FREE, START, Build, CellFmu, all_reals, cell_description, runtime_folder
 from test_fmu_sensing import collision_cell
 
-FREE = cell_description(fixture="free", support_from_part=pose([0.06, 0.02, 0]))
 LATENCY = 0.0004
 
 
@@ -46,16 +45,29 @@ def test_clock_is_described_only_on_request(tmp_path: Path) -> None:
 
 
 def command_scan(cell: CellFmu) -> None:
-    cell.command(np.radians(START_DEG) + 0.1, 2.0)
+    cell.command(START + 0.1, 2.0)
     cell.trigger(2, 0.01, exposure=0.0011)
 
 
-def run_events(cell: CellFmu, until_us: int, step_us: int) -> list[tuple[int, bool, int, float]]:
-    """Step in event mode; return (time of the event, early, record index, record time) of every event."""
+class Event(NamedTuple):
+    """Time and early return of an event, index and time of the current record, and colliding pairs."""
+
+    time_us: int
+    early: bool
+    index: int
+    record_time: float
+    pairs: int
+
+
+def run_events(
+    cell: CellFmu, until_us: int, step_us: int, command: Callable[[CellFmu], None] = command_scan
+) -> list[Event]:
+    """Set inputs by `command`, step in event mode and return all events; the clock ticks with every record."""
     cell.slave.updateDiscreteStates()
-    command_scan(cell)
+    command(cell)
     cell.slave.enterStepMode()
-    events: list[tuple[int, bool, int, float]] = []
+    events: list[Event] = []
+    collides = "truth.collision.pairs" in cell.variables
     while cell.time_us < until_us:
         size_us = min(step_us, until_us - cell.time_us)
         event, terminate, early, reached = cell.slave.doStep(cell.time_us * 1e-6, size_us * 1e-6)
@@ -65,8 +77,9 @@ def run_events(cell: CellFmu, until_us: int, step_us: int) -> list[tuple[int, bo
         if not event:
             continue
         cell.slave.enterEventMode()
-        assert clock(cell)
-        events.append((cell.time_us, early, cell.get_int("trigger.index"), float(cell.get("trigger.time")[0])))
+        index, pairs = cell.get_int("trigger.index"), cell.get_int("truth.collision.pairs") if collides else 0
+        assert clock(cell) == (index != (events[-1].index if events else 0))
+        events.append(Event(cell.time_us, early, index, float(cell.get("trigger.time")[0]), pairs))
         assert not any(cell.slave.updateDiscreteStates()[:5])
         assert not clock(cell)
         cell.slave.enterStepMode()
@@ -84,11 +97,11 @@ def test_early_return_at_the_instant_of_each_record(build: Build, step_us: int) 
         plain.step(1000)
     cell = build(3, FREE, parameters, eventModeUsed=True, earlyReturnAllowed=True)
     events = run_events(cell, until_us, step_us)
-    assert [index for _, _, index, _ in events] == list(range(1, len(events) + 1))
+    assert [event.index for event in events] == list(range(1, len(events) + 1))
     assert len(events) > 50
-    for time_us, early, _, record_time in events:
-        assert time_us == round((record_time + LATENCY) * 1e6)
-        assert early or time_us % 1000 == 0
+    for event in events:
+        assert event.time_us == round((event.record_time + LATENCY) * 1e6)
+        assert event.early or event.time_us % 1000 == 0
     # The current record differs, the cell itself does not.
     present = [n for n, v in cell.variables.items() if v.type == "Float64" and n.split(".")[0] in ("measured", "truth")]
     np.testing.assert_array_equal(cell.get(*present), plain.get(*present))
@@ -98,26 +111,13 @@ def test_early_return_at_the_instant_of_each_record(build: Build, step_us: int) 
 def test_events_are_the_same_at_every_communication_step(build: Build, intermediate: bool) -> None:
     """Records whose exposures end on controller cycles, and collisions, which begin and end there."""
 
-    def events(step_us: int) -> list[tuple[int, int, int]]:
-        watch = Intermediate()
-        options = {"intermediateUpdate": watch} if intermediate else {}
-        cell = watch.cell = build(3, collision_cell(), eventModeUsed=True, earlyReturnAllowed=True, **options)
-        cell.slave.updateDiscreteStates()
+    def command(cell: CellFmu) -> None:
         cell.command(table=6.0)
         cell.trigger(1, CYCLE_US / 2 * 1e-6)
-        cell.slave.enterStepMode()
-        found = []
-        while cell.time_us < 50 * CYCLE_US:
-            size_us = min(step_us, 50 * CYCLE_US - cell.time_us)
-            event, _, _, reached = cell.slave.doStep(cell.time_us * 1e-6, size_us * 1e-6)
-            cell.time_us = round(reached * 1e6)
-            if not event:
-                continue
-            found.append((cell.time_us, cell.get_int("trigger.index"), cell.get_int("truth.collision.pairs")))
-            cell.slave.enterEventMode()
-            cell.slave.updateDiscreteStates()
-            cell.slave.enterStepMode()
-        return found
+
+    def events(step_us: int) -> list[tuple[int, int, int]]:
+        cell = build_for_events(build, intermediate)
+        return [(e.time_us, e.index, e.pairs) for e in run_events(cell, 50 * CYCLE_US, step_us, command)]
 
     expected = events(1000)
     assert [(time_us, index) for time_us, index, _ in expected[1:]] == [
@@ -129,27 +129,28 @@ def test_events_are_the_same_at_every_communication_step(build: Build, intermedi
         assert events(step_us) == expected, step_us
 
 
-def test_collision_alone_is_an_event_with_intermediate_updates(build: Build) -> None:
+@pytest.mark.parametrize("intermediate", [False, True])
+def test_begin_and_end_of_a_collision_are_events_at_controller_cycles(build: Build, intermediate: bool) -> None:
+    cell = build_for_events(build, intermediate)
+    events = run_events(cell, 2_000_000, 2_000_000, lambda cell: cell.command(table=3.0))
+    assert [(event.pairs, event.early) for event in events] == [(1, True), (0, True)]
+    assert all(event.time_us % CYCLE_US == 0 for event in events)
+
+
+def build_for_events(build: Build, intermediate: bool) -> CellFmu:
+    """A cell with a post in the path of its part, with or without intermediate updates."""
     watch = Intermediate()
-    cell = watch.cell = build(
-        3, collision_cell(), eventModeUsed=True, earlyReturnAllowed=True, intermediateUpdate=watch
-    )
-    cell.slave.updateDiscreteStates()
-    cell.command(table=6.0)
-    cell.slave.enterStepMode()
-    event, _, early, reached = cell.slave.doStep(0.0, 2.0)
-    assert event
-    assert early
-    assert round(reached * 1e6) % CYCLE_US == 0
-    assert cell.get_int("truth.collision.pairs") == 1
+    options = {"intermediateUpdate": watch} if intermediate else {}
+    watch.cell = build(3, collision_cell(), eventModeUsed=True, earlyReturnAllowed=True, **options)
+    return watch.cell
 
 
 def test_event_is_reported_at_step_end_without_early_return(build: Build) -> None:
     cell = build(3, eventModeUsed=True)
     events = run_events(cell, 40 * CYCLE_US, CYCLE_US)
     assert len(events) > 20
-    assert not any(early for _, early, _, _ in events)
-    assert all(time_us % CYCLE_US == 0 for time_us, _, _, _ in events)
+    assert not any(event.early for event in events)
+    assert all(event.time_us % CYCLE_US == 0 for event in events)
 
 
 def test_no_events_without_event_mode(build: Build) -> None:

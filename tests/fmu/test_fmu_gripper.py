@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from cell_fixture import CYCLE_US, Build, CellFmu, all_reals, cell_description, runtime_folder
-from continue_from_state import continued_in_new_process
+from cell_fixture import CYCLE_US, Build, CellFmu, all_reals, cell_description, rejection
+from continue_from_state import assert_continues_exactly
 from grasp_fixture import (
     BOX,
     CYCLE,
@@ -88,19 +86,6 @@ def test_gripper_lifts_part_and_holds_its_weight(build: Build, version: int) -> 
     assert np.abs(part_in_gripper(cell) - before)[:3, 3].max() < 1e-5
     force = sum(cell.vector(f"truth.finger[{i}].contact_force", 3) for i in (1, 2))
     np.testing.assert_allclose(force, [0, 0, MASS * GRAVITY], atol=1e-3 * MASS * GRAVITY)
-
-
-def test_gripped_part_creeps_less_than_a_micrometre_in_a_swing(build: Build) -> None:
-    cell = build(3, grasp_cell())
-    grip(cell, 50.0)
-    move(cell, OVER_BOX, LIFTED, 0.8)
-    before = part_in_gripper(cell)
-    move(cell, LIFTED, rotated_joint(0, np.pi / 2), 1.2)
-    cell.step(CYCLE_US, 5)
-    change = part_in_gripper(cell) - before
-    assert np.abs(change[:3, 3]).max() < 1e-6
-    assert np.abs(change[:3, :3]).max() < 1e-4
-    assert cell.get("measured.gripper.width")[0] == pytest.approx(BOX[0], abs=2e-5)
 
 
 @pytest.mark.parametrize("drives", ["ideal", "dynamic"])
@@ -184,10 +169,11 @@ def test_part_is_kept_in_smooth_move_and_lost_in_step_move(build: Build) -> None
 
 
 @pytest.mark.parametrize(("share", "slips"), [(0.98, False), (1.02, True)])
-@pytest.mark.parametrize("tilt_deg", [0, 20, 45, 70])
+@pytest.mark.parametrize("tilt_deg", [0, 45])
 def test_gripped_part_slips_at_coulomb_limit(build: Build, share: float, slips: bool, tilt_deg: float) -> None:
-    """The weight along several directions of the pads' plane, the grip loosened to a share of what it needs.
+    """The weight along two directions of the pads' plane, the grip loosened to a share of what it needs.
 
+    test_gripper.cpp has nine directions.
     The pads hold the box evenly about its centre of mass, so that its weight makes no moment.
     """
     start, lifted = (joints_at(np.array([*PLACE, TABLE[2] + z]), np.pi / 2) for z in (0.005, 0.12))
@@ -256,15 +242,7 @@ def test_state_during_grasp_continues_bit_exactly_in_a_new_process(build: Build,
     grip(cell, 30.0)
     move(cell, OVER_BOX, LIFTED, 0.8)
     move(cell, LIFTED, rotated_joint(0, 0.2), 0.16)
-    state, time_us = cell.save(), cell.time_us
-    run_swing(cell)
-    expected = all_reals(cell)
-    cell.restore(state, time_us)
-    run_swing(cell)
-    np.testing.assert_array_equal(all_reals(cell), expected)
-    elsewhere = continued_in_new_process(cell, state, time_us, run_swing, tmp_path)
-    np.testing.assert_array_equal(elsewhere, expected)
-    cell.free_state(state)
+    assert_continues_exactly(cell, run_swing, tmp_path)
 
 
 def test_grasp_is_independent_of_communication_step(build: Build) -> None:
@@ -284,13 +262,8 @@ def test_cell_without_gripper_has_no_gripper_variables(build: Build) -> None:
 
 
 @pytest.mark.parametrize(("key", "value"), [("stroke", 0.0), ("start", 0.2), ("friction", -1.0), ("max_force", None)])
-def test_invalid_gripper_is_rejected(tmp_path: Path, key: str, value: float | None) -> None:
-    file = tmp_path / "cell.json"
-    file.write_text(json.dumps({**cell_description(), "gripper": {**gripper(), key: value}}))
-    command = [str(runtime_folder() / "robotcell-describe"), str(file), "--fmi", "3"]
-    result = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert result.returncode != 0
-    assert f"gripper.{key}" in result.stderr
+def test_invalid_gripper_is_rejected(key: str, value: float | None) -> None:
+    assert f"gripper.{key}" in rejection({**cell_description(), "gripper": {**gripper(), key: value}})
 
 
 def test_lightest_part_survives_full_grip_force(build: Build) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cell_fixture import BODIES, CYCLE_US, START_DEG, Array, Build, CellFmu, cell_description, pose
+from cell_fixture import BODIES, CYCLE_US, START, Array, Build, CellFmu, cell_description, pose
 from scipy.spatial.transform import Rotation
 
 
@@ -89,7 +89,7 @@ def move(cell: CellFmu, until_us: int) -> None:
 
 def command_motion(cell: CellFmu) -> None:
     t = cell.time_us * 1e-6
-    cell.command(np.radians(START_DEG) + 0.3 * np.sin(np.arange(1, 7) * t), 0.8 * t + 0.1 * np.sin(5 * t))
+    cell.command(START + 0.3 * np.sin(np.arange(1, 7) * t), 0.8 * t + 0.1 * np.sin(5 * t))
 
 
 @pytest.mark.parametrize("version", [2, 3])

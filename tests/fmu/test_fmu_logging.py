@@ -6,14 +6,14 @@ import contextlib
 
 import numpy as np
 import pytest
-from cell_fixture import START_DEG, Build, CellFmu
+from cell_fixture import START, Build, CellFmu
 
 OK, WARNING, ERROR = 0, 1, 3
 
 
 def run_scan(cell: CellFmu) -> None:
     """Fire exposures, and command a joint beyond its limit."""
-    cell.command(np.radians(START_DEG) + np.array([0, 0, 0, 0, 0, 50.0]), table=1.0)
+    cell.command(START + np.array([0, 0, 0, 0, 0, 50.0]), table=1.0)
     cell.trigger(1, 0.05)
     cell.step(16_000, 20)
 

@@ -9,9 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cell_fixture import Array, CellFmu, FmuFolders, all_reals, cell_description, continue_motion, pose
+from cell_fixture import FREE, Array, CellFmu, FmuFolders, all_reals, continue_motion
 
-FREE = cell_description(fixture="free", support_from_part=pose([0.06, 0.02, 0]))
 ROUNDS = 5
 
 

@@ -13,7 +13,6 @@ import pytest
 from cell_fixture import (
     Array,
     Build,
-    CellFmu,
     FmuFolders,
     box_part,
     cell_description,
@@ -116,9 +115,11 @@ def test_values_beyond_an_enumeration_are_errors(build: Build, value: int) -> No
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_variant_with_integers_has_same_token_and_values(build: Build, tmp_path: Path, version: int) -> None:
-    folder = write_fmu(cell_description(), version, tmp_path / "RobotCell", "--integers")
-    cell, usual = CellFmu(folder), build(version)
+def test_variant_with_integers_has_same_token_and_values(
+    build: Build, open_fmu: Build, tmp_path: Path, version: int
+) -> None:
+    cell = open_fmu(write_fmu(cell_description(), version, tmp_path / "RobotCell", "--integers"))
+    usual = build(version)
     assert cell.description.guid == usual.description.guid
     assert not [v for v in cell.variables.values() if v.type == "Enumeration"]
     assert (cell.variables["command.mode"].min, cell.variables["command.mode"].max) == ("0", "6")
@@ -126,7 +127,6 @@ def test_variant_with_integers_has_same_token_and_values(build: Build, tmp_path:
         each.set("command.mode", 2)
         each.step(1000)
     assert cell.get_int("controller.mode") == usual.get_int("controller.mode") == 2
-    cell.close()
 
 
 @pytest.mark.parametrize("version", [2, 3])
@@ -216,7 +216,7 @@ def test_package_size(folders: FmuFolders) -> None:
     assert file.stat().st_size < 12e6
 
 
-def test_start_values_round_trip(build: Build) -> None:
+def test_display_units_have_exact_factors(build: Build) -> None:
     cell = build(2)
     units = {u.name: {d.name: d.factor for d in u.displayUnits} for u in cell.description.unitDefinitions}
     assert float(units["rad"]["deg"]) == np.degrees(1)

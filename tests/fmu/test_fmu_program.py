@@ -1,4 +1,4 @@
-"""Programs in the FMU: execution, trigger gate, guard messages, pendant, states, and files that are wrong."""
+"""Programs in the FMU: execution, trigger gate, guard messages, pendant, states and invalid files."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cell_fixture import CYCLE_US, START_DEG, Array, Build, CellFmu
+from cell_fixture import CYCLE_US, START, Array, Build, CellFmu
 
-START = np.radians(START_DEG)
+from json_changes import changed
+
 PROGRAM, HOLD = 6, 0
 NO_SEGMENT, ELSEWHERE, TOO_FAST, GUARD_TIMEOUT = 8, 9, 10, 11
 PATH_OUT_OF_LIMITS = 6
@@ -85,7 +86,7 @@ def test_relative_path_begins_in_the_resources(build: Build) -> None:
 
 
 def exposures(cell: CellFmu, file: Path, mode: int, interval: float, speeds: Callable[[int], float]) -> Array:
-    """Records (n, 8) of a run of segment 4, gate 0.5 to 1.6 s: path clock's time is not kept; axes and time."""
+    """Time and measured axes (n, 8) of the records of segment 4, with the trigger gate from 0.5 to 1.6 s."""
     cell.trigger(mode, interval, exposure=2 * LEAD, segment=4)
     cell.set("command.trigger.from", 0.5)
     cell.set("command.trigger.to", 1.6)
@@ -105,7 +106,9 @@ def exposures(cell: CellFmu, file: Path, mode: int, interval: float, speeds: Cal
 
 
 @pytest.mark.parametrize(("mode", "interval"), [(2, 0.02), (3, 0.002)])
-def test_override_leaves_places_of_exposures(build: Build, tmp_path: Path, mode: int, interval: float) -> None:
+def test_speed_override_does_not_change_poses_of_exposures(
+    build: Build, tmp_path: Path, mode: int, interval: float
+) -> None:
     file = write(tmp_path, program_data())
     random = np.random.default_rng(3).uniform(0.1, 1.0, 200)
     full = exposures(build(), file, mode, interval, lambda _: 1.0)
@@ -136,54 +139,26 @@ def test_gate_is_closed_without_running_segment(build: Build, tmp_path: Path) ->
     assert cell.get_int("trigger.count") > 201
 
 
-def no_key(data: dict[str, Any]) -> None:
-    del data["segments"][1]["table"]
-
-
-def other_format(data: dict[str, Any]) -> None:
-    data["format"] = 3
-
-
-def five_joints(data: dict[str, Any]) -> None:
-    data["segments"][0]["q"][2] = [0.0] * 5
-
-
-def short_table(data: dict[str, Any]) -> None:
-    data["segments"][0]["table"].pop()
-
-
-def other_cycle(data: dict[str, Any]) -> None:
-    data["segments"][0]["time"] = (TIMES * 1.5).tolist()
-
-
-def huge(data: dict[str, Any]) -> None:
-    data["segments"][0]["table"][5] = 1e300
-
-
-def text_in_row(data: dict[str, Any]) -> None:
-    data["segments"][0]["q"][3][1] = "0.1"
-
-
-def same_id(data: dict[str, Any]) -> None:
-    data["segments"][1]["id"] = 4
-
-
-def one_point(data: dict[str, Any]) -> None:
-    for key in ("time", "q", "table"):
-        data["segments"][0][key] = data["segments"][0][key][:1]
-
-
-WRONG: dict[Callable[[dict[str, Any]], None], str] = {
-    no_key: "segments[1].table: missing key",
-    other_format: "format: expected an integer from 2 to 2, got 3",
-    five_joints: "segments[0].q[2]: expected an array of length 6",
-    short_table: "segments[0].table: expected an array of length 126",
-    other_cycle: "segments[0].time[1]: expected a set-point in every controller cycle, here at 0.016000 s, got 0.024",
-    huge: "segments[0].table[5]: expected a number from -1e+06 to 1e+06, got 1e+300",
-    text_in_row: 'segments[0].q[3][1]: expected a finite number, got "0.1"',
-    same_id: "segments[1].id: expected an id that no other segment has, got 4",
-    one_point: "segments[0].time: expected an array of length 2",
-}
+SEGMENT = program_data()["segments"][0]
+WRONG = [
+    ("segments.1.table", ..., "segments[1].table: missing key"),
+    ("format", 3, "format: expected an integer from 2 to 2, got 3"),
+    ("segments.0.q.2", [0.0] * 5, "segments[0].q[2]: expected an array of length 6"),
+    ("segments.0.table", SEGMENT["table"][:-1], "segments[0].table: expected an array of length 126"),
+    (
+        "segments.0.time",
+        (TIMES * 1.5).tolist(),
+        "segments[0].time[1]: expected a set-point in every controller cycle, here at 0.016000 s, got 0.024",
+    ),
+    ("segments.0.table.5", 1e300, "segments[0].table[5]: expected a number from -1e+06 to 1e+06, got 1e+300"),
+    ("segments.0.q.3.1", "0.1", 'segments[0].q[3][1]: expected a finite number, got "0.1"'),
+    ("segments.1.id", 4, "segments[1].id: expected an id that no other segment has, got 4"),
+    (
+        "segments.0",
+        {**SEGMENT, **{key: SEGMENT[key][:1] for key in ("time", "q", "table")}},
+        "segments[0].time: expected an array of length 2",
+    ),
+]
 
 
 def expect_rejected(cell: CellFmu, error: int, message: str) -> None:
@@ -196,14 +171,14 @@ def expect_rejected(cell: CellFmu, error: int, message: str) -> None:
     np.testing.assert_array_equal(cell.vector("measured.q", 6), before)
 
 
-@pytest.mark.parametrize("change", WRONG, ids=lambda change: change.__name__)
-def test_wrong_file_is_rejected_with_key_value_and_expectation(build: Build, tmp_path: Path, change: Any) -> None:
-    data = program_data()
-    change(data)
+@pytest.mark.parametrize(("path", "value", "message"), WRONG, ids=[message.split(":")[0] for *_, message in WRONG])
+def test_wrong_file_is_rejected_with_key_value_and_expectation(
+    build: Build, tmp_path: Path, path: str, value: Any, message: str
+) -> None:
     cell = build(loggingOn=True)
-    file = write(tmp_path, data)
+    file = write(tmp_path, changed(program_data(), path, value))
     start(cell, file)
-    expect_rejected(cell, NO_SEGMENT, f"{file}: {WRONG[change]}")
+    expect_rejected(cell, NO_SEGMENT, f"{file}: {message}")
     write(tmp_path, program_data())  # a file that could not be read is read again
     start(cell, file)
     cell.step(CYCLE_US, 10)
@@ -408,7 +383,7 @@ def test_pendant_shows_given_text_and_stops(build: Build) -> None:
 
 
 @VERSIONS
-def test_path_ahead_is_where_the_axes_will_be(build: Build, tmp_path: Path, version: int) -> None:
+def test_path_ahead_matches_later_positions(build: Build, tmp_path: Path, version: int) -> None:
     cell = build(version)
     present = np.append(cell.vector("measured.q", 6), cell.get("measured.table"))
     points = [[*(f"controller.ahead[{k}].q[{i}]" for i in range(1, 7)), f"controller.ahead[{k}].table"]

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cell_fixture import CYCLE_US, START_DEG, Array, Build, cell_description
+from cell_fixture import CYCLE_US, START, Array, Build, cell_description
 
-START = np.radians(START_DEG)
 CYCLE = CYCLE_US * 1e-6
 
 
@@ -32,30 +31,6 @@ def test_quadratic_trajectory_is_reproduced_one_cycle_later(build: Build) -> Non
             np.testing.assert_allclose(cell.get("truth.table"), expected[6], atol=1e-13)
             np.testing.assert_allclose(cell.vector("measured.qd", 6), slope[:6], atol=1e-9)
             np.testing.assert_allclose(cell.get("measured.table_rate"), slope[6], atol=1e-9)
-
-
-def test_speed_and_acceleration_are_limited_for_random_set_points(build: Build) -> None:
-    """Jumps of the set-points of all axes, long and short, and in the middle of a motion."""
-    cell = build()
-    rng = np.random.default_rng(3)
-    speeds, angles = [], []
-    for jump in range(24):
-        cycles, reach = (72, 1.0) if jump < 4 else (int(rng.integers(1, 20)), rng.uniform(0.1, 1.0))
-        share = reach * (1 - 2 * (jump % 2))
-        cell.command(START + 0.68 * share, 3.0 * share)
-        for _ in range(cycles * CYCLE_US // 1000):
-            cell.step(1000)
-            speeds.append(np.append(cell.vector("measured.qd", 6), cell.get("measured.table_rate")))
-            angles.append(np.append(cell.vector("truth.q", 6), cell.get("truth.table")))
-    limit = np.array([5.0] * 6 + [10.0])
-    assert (np.abs(speeds) <= limit * (1 + 1e-9)).all()
-    assert (np.abs(speeds).max(axis=0) > 0.99 * limit).all()  # the limit was indeed reached
-    change = np.abs(np.diff(speeds, axis=0)).max(axis=0) / 1e-3
-    np.testing.assert_allclose(change, 20.0, rtol=1e-6)
-    # Trapezoidal integral of the speed gives the travel: an acceleration changes by at most 40 rad/s^2 in a cycle.
-    travel = np.diff(angles, axis=0)
-    mean = (np.array(speeds)[1:] + np.array(speeds)[:-1]) / 2
-    np.testing.assert_allclose(travel, mean * 1e-3, atol=40 / CYCLE * 1e-9 / 12)
 
 
 @pytest.mark.parametrize("joint", [1, 3, 6])

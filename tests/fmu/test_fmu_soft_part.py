@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from cell_fixture import CYCLE_US, Build, CellFmu, all_reals, cell_description, runtime_folder
-from continue_from_state import continued_in_new_process
+from cell_fixture import CYCLE_US, Build, CellFmu, cell_description, rejection
+from continue_from_state import assert_continues_exactly
 from grasp_fixture import (
     BOX,
     GRAVITY,
@@ -88,7 +86,7 @@ def test_lifted_soft_part_creeps_by_micrometres_per_second(build: Build, version
 
 
 @pytest.mark.parametrize(("share", "slips"), [(0.98, False), (1.02, True)])
-@pytest.mark.parametrize("tilt_deg", [0, 30, 45])
+@pytest.mark.parametrize("tilt_deg", [0, 45])
 def test_soft_part_slips_at_coulomb_limit(build: Build, share: float, slips: bool, tilt_deg: float) -> None:
     cell = lifted_part(build, np.radians(tilt_deg))
     before = part_in_gripper(cell)
@@ -112,15 +110,7 @@ def test_state_continues_bit_exactly_in_a_new_process(build: Build, tmp_path: Pa
     cell = build(3, soft_cell())
     grip(cell, FORCE)
     move(cell, OVER_BOX, LIFTED, 0.8)
-    state, time_us = cell.save(), cell.time_us
-    run_swing(cell)
-    expected = all_reals(cell)
-    cell.restore(state, time_us)
-    run_swing(cell)
-    np.testing.assert_array_equal(all_reals(cell), expected)
-    elsewhere = continued_in_new_process(cell, state, time_us, run_swing, tmp_path)
-    np.testing.assert_array_equal(elsewhere, expected)
-    cell.free_state(state)
+    assert_continues_exactly(cell, run_swing, tmp_path)
 
 
 @pytest.mark.parametrize("version", [2, 3])
@@ -140,18 +130,9 @@ def test_too_stiff_or_too_many_points_are_rejected(build: Build) -> None:
 
 
 @pytest.mark.parametrize(("key", "value"), [("stiffness", 0.0), ("damping_ratio", -1.0), ("longest_edge", None)])
-def test_invalid_soft_key_is_named(tmp_path: Path, key: str, value: float | None) -> None:
-    assert f"parts[0].soft.{key}" in describe_error(tmp_path, soft_cell(**{key: value}))
+def test_invalid_soft_key_is_named(key: str, value: float | None) -> None:
+    assert f"parts[0].soft.{key}" in rejection(soft_cell(**{key: value}))
 
 
-def test_soft_clamped_part_is_rejected(tmp_path: Path) -> None:
-    assert "parts[0].soft" in describe_error(tmp_path, cell_description(soft=SOFT))
-
-
-def describe_error(tmp_path: Path, description: dict[str, Any]) -> str:
-    file = tmp_path / "cell.json"
-    file.write_text(json.dumps(description))
-    command = [str(runtime_folder() / "robotcell-describe"), str(file), "--fmi", "3"]
-    result = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert result.returncode != 0
-    return result.stderr
+def test_soft_clamped_part_is_rejected() -> None:
+    assert "parts[0].soft" in rejection(cell_description(soft=SOFT))

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cell_fixture import CYCLE_US, START_DEG, Array, Build, CellFmu, cell_description
+from cell_fixture import CYCLE_US, START, Array, Build, CellFmu, cell_description
 from grasp_fixture import grasp_cell
 
-HOME = np.radians(START_DEG)
+HOME = START
 OTHER_HOME = HOME + np.radians([10, -5, 5, 20, -10, 30])
 OTHER_TABLE = 0.4
 LINE_MOVE = 3

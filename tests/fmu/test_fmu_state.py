@@ -7,28 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cell_fixture import (
-    CYCLE_US,
-    START_DEG,
-    Array,
-    Build,
-    CellFmu,
-    all_reals,
-    cell_description,
-    continue_motion,
-    conveyor,
-    pose,
-)
-from continue_from_state import continued_in_new_process
+from cell_fixture import CYCLE_US, FREE, START, Array, Build, CellFmu, all_reals, continue_motion, conveyor
+from continue_from_state import assert_continues_exactly
 from grasp_fixture import grasp_cell
-
-FREE = cell_description(fixture="free", support_from_part=pose([0.06, 0.02, 0]))
 
 
 def start_motion(cell: CellFmu) -> None:
     """A free part on the rotating table, queued records, an exposure in progress, within a dynamics step."""
     for k in range(60):
-        cell.command(np.radians(START_DEG) + 0.1 * np.sin(0.1 * k), 0.05 * k)
+        cell.command(START + 0.1 * np.sin(0.1 * k), 0.05 * k)
         cell.step(CYCLE_US)
     cell.trigger(2, 0.02, exposure=0.003)
     cell.step(60_250)
@@ -61,11 +48,7 @@ def test_restored_state_repeats_trajectory_exactly(build: Build, version: int) -
 def test_serialized_state_continues_in_a_new_process(build: Build, version: int, tmp_path: Path) -> None:
     cell = build(version, FREE)
     start_motion(cell)
-    state, time_us = cell.save(), cell.time_us
-    continue_motion(cell)
-    elsewhere = continued_in_new_process(cell, state, time_us, continue_motion, tmp_path)
-    np.testing.assert_array_equal(elsewhere, all_reals(cell))
-    cell.free_state(state)
+    assert_continues_exactly(cell, continue_motion, tmp_path)
 
 
 @pytest.mark.parametrize("damage", ["cut", "altered", "foreign", "empty", "longer"])

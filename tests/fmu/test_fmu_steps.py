@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from cell_fixture import START_DEG, Array, Build, CellFmu, cell_description, pose
+from cell_fixture import FREE, START, Array, Build, CellFmu
 
-FREE = cell_description(fixture="free", support_from_part=pose([0.06, 0.02, 0]))
 STEPS_US = (40, 1000, 16_000, 1_000_000)
 PHASE_US = 2_000_000  # the shortest duration that is a multiple of all steps
 # Only the sum that gives `time` depends on the communication step: states and records are bit-identical.
@@ -30,7 +29,7 @@ def run_phases(cell: CellFmu, step_us: int) -> tuple[Array, Array, dict[int, Arr
 
     seen = []
     for phase in range(2):
-        cell.command(np.radians(START_DEG) + np.radians([20, 5, -8, 15, -12, 30]) * (1 - 2 * phase), 1.2 - 2 * phase)
+        cell.command(START + np.radians([20, 5, -8, 15, -12, 30]) * (1 - 2 * phase), 1.2 - 2 * phase)
         cell.trigger(1, 0.15, exposure=0.004, segment=phase)
         for _ in range(PHASE_US // step_us):
             cell.step(step_us)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cell_fixture import CYCLE_US, START_DEG, Array, Build, CellFmu, cell_description
+from cell_fixture import CYCLE_US, START, Array, Build, CellFmu, cell_description
 
 SPEED = 10.0  # rad/s, the table's limit
 FAR = 1e4
@@ -143,7 +143,7 @@ def test_records_are_independent_of_communication_step(build: Build) -> None:
         runs = []
         for step_us in (40, 1000, 16_000, 100_000):
             cell = build(3, description, {"seed": 5, "as_built.trigger.latency": 0.0003})
-            cell.command(np.radians(START_DEG) + 1.0, FAR)
+            cell.command(START + 1.0, FAR)
             cell.trigger(mode, interval, exposure=0.0011)
             runs.append(cell.records(step_us, 400_000))
         assert len(runs[0]) > 80
@@ -156,7 +156,7 @@ def test_records_are_independent_of_communication_step(build: Build) -> None:
 def test_both_fmi_versions_run_same_trajectory(build: Build) -> None:
     cells = [build(2), build(3)]
     for cell in cells:
-        cell.command(np.radians(START_DEG) + 1.0, FAR)
+        cell.command(START + 1.0, FAR)
         cell.trigger(3, 0.002, exposure=0.001)
     first, second = (cell.records(700, 200_000) for cell in cells)
     assert list(first) == list(second)

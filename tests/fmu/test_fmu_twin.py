@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cell_fixture import CYCLE_US, START_DEG, Array, Build, box_part, cell_description, pose
+from cell_fixture import CYCLE_US, START, Array, Build, box_part, cell_description, pose
 from dart_twin import DartTwin
 
 from scancell.cell.mesh_json import mesh_json, read_mesh_json
@@ -17,7 +17,7 @@ def set_points(cycle: int) -> Array:
     """All joints oscillate with different periods, the table accelerates to 0.5 rad/s from rest."""
     t = cycle * CYCLE
     rise = min(t / 2, 1.0) ** 2 * (3 - 2 * min(t / 2, 1.0))
-    q = np.radians(START_DEG) + 0.2 * rise * np.sin(np.arange(1, 7) * t)
+    q = START + 0.2 * rise * np.sin(np.arange(1, 7) * t)
     return np.append(q, 0.5 * (t - 1 + np.exp(-t)))
 
 

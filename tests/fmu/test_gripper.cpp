@@ -129,27 +129,4 @@ TEST(StackOfBoxes, StandsWithDantzigAndFallsWithGaussSeidel) {
   EXPECT_GT(fall_of_a_stack(std::make_shared<dart::constraint::PgsBoxedLcpSolver>()), 0.05);
 }
 
-TEST(Gripper, RestoredStateDuringGraspContinuesBitExactly) {
-  const Vector3d acceleration(3, 20, 30);
-  GripperWorld cell;
-  cell.grip(kForce);
-  cell.run(20, acceleration);
-  const GripperState state = cell.gripper->state();
-  const Eigen::VectorXd slides = cell.carriage->getPositions(), speeds = cell.carriage->getVelocities();
-  const Eigen::VectorXd place = cell.part->getPositions(), twist = cell.part->getVelocities();
-  cell.run(50, acceleration);
-
-  GripperWorld other;
-  other.carriage->setPositions(slides);
-  other.carriage->setVelocities(speeds);
-  other.gripper->restore(state);
-  other.part->setPositions(place);
-  other.part->setVelocities(twist);
-  other.run(50, acceleration);
-  EXPECT_EQ(other.part->getPositions(), cell.part->getPositions());
-  EXPECT_EQ(other.part->getVelocities(), cell.part->getVelocities());
-  EXPECT_EQ(other.gripper->state().opening, cell.gripper->state().opening);
-  EXPECT_EQ(other.gripper->force(), cell.gripper->force());
-}
-
 }  // namespace

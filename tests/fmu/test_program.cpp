@@ -1,4 +1,4 @@
-// Programs: path, speed override, limits, errors, restored states.
+// Programs: path, speed override, limits, errors.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -157,21 +157,6 @@ TEST(Program, NewStartStopsRunningSegmentOnItsPathFirst) {
   drive.run(2);
   EXPECT_LE(watch.acceleration, 1);
   EXPECT_EQ(drive.controller.report(drive.now).error, ControllerError::kElsewhere);
-}
-
-TEST(Program, ContinuesFromRestoredState) {
-  Drive drive;
-  start(drive, waves(3.2));
-  drive.run(50);
-  Drive other;
-  other.command = drive.command;
-  other.command.segment = nullptr;
-  other.now = drive.now;
-  other.controller.restore(drive.controller.state());
-  drive.run_to_rest();
-  other.run_to_rest();
-  EXPECT_EQ(drive.now, other.now);
-  EXPECT_EQ(drive.position(), other.position());
 }
 
 TEST(PathAhead, IsWhereProgramMoveAndLineWillBe) {

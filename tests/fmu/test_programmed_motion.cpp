@@ -130,46 +130,6 @@ TEST(JointMove, MonitorSpeedScalesMotionOnPath) {
   EXPECT_LE(watch.acceleration, 1);
 }
 
-TEST(JointMove, HalfMonitorSpeedDoublesDuration) {
-  double seconds[2];
-  for (int i = 0; i < 2; ++i) {
-    Drive drive;
-    drive.command.monitor_speed = i == 0 ? 1 : 0.5;
-    drive.start_joints(moved(home(), kChange));
-    seconds[i] = drive.run_to_rest();
-  }
-  EXPECT_NEAR(seconds[1], 2 * seconds[0], 2 * kCycleSeconds);
-}
-
-TEST(JointMove, PausesAtZeroMonitorSpeedAndResumes) {
-  Drive drive;
-  drive.start_joints(moved(home(), kChange));
-  drive.run(10);
-  drive.command.monitor_speed = 0;
-  drive.run(30);
-  const Axes waiting = drive.position();
-  drive.run(30);
-  EXPECT_EQ(drive.position(), waiting);
-  EXPECT_GT(drive.controller.report(drive.now).progress, 0);
-  drive.command.monitor_speed = 1;
-  drive.run_to_rest();
-  EXPECT_EQ(drive.position(), moved(home(), kChange));
-}
-
-TEST(JointMove, BeyondLimitIsRejectedWithAxis) {
-  Drive drive;
-  Axes target = home();
-  target[2] = 4.5;
-  drive.start_joints(target);
-  drive.run(20);
-  EXPECT_EQ(drive.position(), home());
-  EXPECT_EQ(drive.controller.report(drive.now).error, ControllerError::kTargetOutOfLimits);
-  EXPECT_EQ(drive.controller.report(drive.now).limit, 3);
-  drive.start_joints(moved(home(), kChange));
-  drive.run(1);
-  EXPECT_EQ(drive.controller.report(drive.now).error, ControllerError::kNone);
-}
-
 TEST(JointMove, ToPresentPositionIsDoneImmediately) {
   Drive drive;
   drive.start_joints(home());
@@ -342,26 +302,6 @@ TEST(ProgrammedMove, ArrivesWithinAccelerationLimitsAfterAnOverride) {
     }
   }
   EXPECT_LE(largest, 1.001);
-}
-
-TEST(ProgrammedMove, ContinuesFromRestoredState) {
-  for (const bool line : {false, true}) {
-    Drive drive;
-    if (line) {
-      drive.start_line(target_of_line(drive));
-    } else {
-      drive.start_joints(moved(home(), kChange));
-    }
-    drive.run(10);
-    Drive other;
-    other.command = drive.command;
-    other.now = drive.now;
-    other.controller.restore(drive.controller.state());
-    drive.run_to_rest();
-    other.run_to_rest();
-    EXPECT_EQ(drive.now, other.now);
-    EXPECT_EQ(drive.position(), other.position());
-  }
 }
 
 }  // namespace

@@ -444,19 +444,4 @@ TEST(MessageAge, ProgrammedMoveNeedsNoHeartbeat) {
   EXPECT_EQ(drive.position(), target);
 }
 
-TEST(RobotController, RestoredStateContinuesJog) {
-  Drive drive;
-  drive.command.operation = Operation::kManual;
-  drive.command.mode = Mode::kCartesianJog;
-  drive.command.jog = {0.3, -0.5, 0.2, 0.4, 0, 0.1, 1};
-  drive.run(15);
-  Drive other;
-  other.command = drive.command;
-  other.now = drive.now;
-  other.controller.restore(drive.controller.state());
-  drive.run(20);
-  other.run(20);
-  EXPECT_EQ(drive.position(), other.position());
-}
-
 }  // namespace

@@ -43,53 +43,44 @@ std::vector<Choice> choices() {
   constexpr auto kLastError =
       static_cast<control::ControllerError>(enumeration_of<control::ControllerError>.count - 1);
   return {
-      choice(
-          "phase", Phase::kEvent, [](S & s) -> auto& { return s.phase; }),
-      choice(
-          "mode command", control::Mode::kProgram, [](S & s) -> auto& { return s.inputs.motion.mode; }),
-      choice(
-          "operation command", control::Operation::kAutomatic,
-          [](S & s) -> auto& { return s.inputs.motion.operation; }),
-      choice(
-          "jog frame command", control::JogFrame::kTool,
-          [](S & s) -> auto& { return s.inputs.motion.jog_frame; }),
-      choice(
-          "trigger command", TriggerMode::kRequest, [](S & s) -> auto& { return s.inputs.trigger.mode; }),
-      choice(
-          "gripper command", GripperMode::kForce, [](S & s) -> auto& { return s.inputs.gripper.mode; }),
-      choice(
-          "trigger", TriggerMode::kRequest, [](S & s) -> auto& { return s.cell->trigger.command.mode; }),
-      choice(
-          "trigger gate", TriggerGate::kPassed, [](S & s) -> auto& { return s.cell->trigger.gate; }),
-      choice(
-          "pending motion", control::Mode::kProgram,
-          [](S & s) -> auto& { return s.cell->controller.pending_move.mode; }),
-      choice(
-          "gripper mode", GripperMode::kForce,
-          [](S & s) -> auto& { return s.cell->world.grasp.gripper.command.mode; }),
-      choice(
-          "supporting body before", SupportingBody::kFlange,
-          [](S & s) -> auto& { return s.cell->from.parts[0].supporting_body; }),
-      choice(
-          "supporting body after", SupportingBody::kFlange,
-          [](S & s) -> auto& { return s.cell->to.parts[0].supporting_body; }),
-      choice(
-          "mode", control::Mode::kProgram, [](S & s) -> auto& { return s.cell->controller.mode; }),
-      choice(
-          "phase of the controller", control::Phase::kEmergencyStop,
-          [](S & s) -> auto& { return s.cell->controller.phase; }),
-      choice(
-          "error", kLastError, [](S & s) -> auto& { return s.cell->controller.error; }),
-      choice(
-          "error of the path", kLastError, [](S & s) -> auto& { return s.cell->controller.path_error; }),
-      choice(
-          "error of the jog", kLastError, [](S & s) -> auto& { return s.cell->controller.jog.error; }),
-      choice(
-          "limit of the jog", kAxes, [](S & s) -> auto& { return s.cell->controller.jog.limit; }),
-      choice(
-          "limit of the path", kAxes, [](S & s) -> auto& { return s.cell->controller.path_limit; }),
-      choice(
-          "limit of the set-point", kAxes, [](S & s) -> auto& { return s.cell->controller.servo.limit; }),
+      choice("phase", Phase::kEvent, [](S& s) -> decltype(auto) { return (s.phase); }),
+      choice("mode command", control::Mode::kProgram,
+             [](S& s) -> decltype(auto) { return (s.inputs.motion.mode); }),
+      choice("operation command", control::Operation::kAutomatic,
+             [](S& s) -> decltype(auto) { return (s.inputs.motion.operation); }),
+      choice("jog frame command", control::JogFrame::kTool,
+             [](S& s) -> decltype(auto) { return (s.inputs.motion.jog_frame); }),
+      choice("trigger command", TriggerMode::kRequest,
+             [](S& s) -> decltype(auto) { return (s.inputs.trigger.mode); }),
+      choice("gripper command", GripperMode::kForce,
+             [](S& s) -> decltype(auto) { return (s.inputs.gripper.mode); }),
+      choice("trigger", TriggerMode::kRequest,
+             [](S& s) -> decltype(auto) { return (s.cell->trigger.command.mode); }),
+      choice("trigger gate", TriggerGate::kPassed,
+             [](S& s) -> decltype(auto) { return (s.cell->trigger.gate); }),
+      choice("pending motion", control::Mode::kProgram,
+             [](S& s) -> decltype(auto) { return (s.cell->controller.pending_move.mode); }),
+      choice("gripper mode", GripperMode::kForce,
+             [](S& s) -> decltype(auto) { return (s.cell->world.grasp.gripper.command.mode); }),
+      choice("supporting body before", SupportingBody::kFlange,
+             [](S& s) -> decltype(auto) { return (s.cell->from.parts[0].supporting_body); }),
+      choice("supporting body after", SupportingBody::kFlange,
+             [](S& s) -> decltype(auto) { return (s.cell->to.parts[0].supporting_body); }),
+      choice("mode", control::Mode::kProgram,
+             [](S& s) -> decltype(auto) { return (s.cell->controller.mode); }),
+      choice("phase of the controller", control::Phase::kEmergencyStop,
+             [](S& s) -> decltype(auto) { return (s.cell->controller.phase); }),
+      choice("error", kLastError, [](S& s) -> decltype(auto) { return (s.cell->controller.error); }),
+      choice("error of the path", kLastError,
+             [](S& s) -> decltype(auto) { return (s.cell->controller.path_error); }),
+      choice("error of the jog", kLastError,
+             [](S& s) -> decltype(auto) { return (s.cell->controller.jog.error); }),
+      choice("limit of the jog", kAxes,
+             [](S& s) -> decltype(auto) { return (s.cell->controller.jog.limit); }),
+      choice("limit of the path", kAxes,
+             [](S& s) -> decltype(auto) { return (s.cell->controller.path_limit); }),
+      choice("limit of the set-point", kAxes,
+             [](S& s) -> decltype(auto) { return (s.cell->controller.servo.limit); }),
   };
 }
 

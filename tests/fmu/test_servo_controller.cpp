@@ -150,17 +150,4 @@ TEST(ServoController, ReportsFirstLimitedAxis) {
   EXPECT_TRUE(servo.moving(0));
 }
 
-TEST(ServoController, RestoredStateRepeatsMotion) {
-  ServoController servo(limits(), kCycle, {});
-  ServoCommand command{true, {}};
-  command.position.fill(0.02);
-  servo.cycle(0, command);
-  ServoController other(limits(), kCycle, {});
-  other.restore(servo.state());
-  for (ServoController* each : {&servo, &other}) each->cycle(kCycle, command);
-  for (std::size_t i = 0; i < kAxes; ++i) {
-    EXPECT_EQ(servo.sample(kCycle + 5000)[i].position, other.sample(kCycle + 5000)[i].position);
-  }
-}
-
 }  // namespace

@@ -1,4 +1,4 @@
-// Vibration: the sine in closed form, power and band of the random part.
+// Vibration: power and band of the random part.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -10,7 +10,6 @@
 
 namespace {
 
-using robotcell::Displacement;
 using robotcell::Vibration;
 using robotcell::VibrationParameters;
 
@@ -20,16 +19,6 @@ VibrationParameters random_only() {
   parameters.random_low = 20;
   parameters.random_width = 100;
   return parameters;
-}
-
-TEST(Vibration, SineMatchesClosedForm) {
-  const Vibration vibration({{1e-5, -2e-5, 3e-5}, 37, 0.4}, "base", 1);
-  for (std::int64_t t = 0; t < 200'000; t += 777) {
-    const double angle = 2 * M_PI * 37 * 1e-6 * static_cast<double>(t) + 0.4;
-    const Displacement at = vibration.at(t);
-    EXPECT_NEAR(at.position.z(), 3e-5 * std::sin(angle), 1e-17);
-    EXPECT_NEAR(at.velocity.y(), -2e-5 * 2 * M_PI * 37 * std::cos(angle), 1e-15);
-  }
 }
 
 TEST(Vibration, RandomPartHasRmsAlongEveryAxis) {
