@@ -239,15 +239,15 @@ Written by `PYTHONPATH=tests python -m bench.planning run --page docs/planning_b
 processor times.
 
 `assets/benchmarks/planning/cases.toml` holds {len(cases)} cases in the default cell ({counts}): straight legs and arcs
-of a spiral over the sample parts at random places, with up to three boxes in the way. `bench.planning make` draws them
-anew from their seeds.
+of a spiral over the sample parts at random poses, with up to three boxes as obstacles. `bench.planning make` generates
+them again from their seeds.
 
-- ordinary: a motion exists, and a table at rest at some angle would do
-- moving: a motion exists, but none with the table at rest: what sweeps and passes cannot do
-- blocked: none exists, by construction: out of reach, or a plate over the path
+- ordinary: a motion exists, also with the table at rest at some angle
+- moving: a motion exists, but none with the table at rest, so that sweeps and passes fail
+- blocked: no motion exists, by construction: out of reach, or a plate over the path
 
-The optimum is that of dynamic programming on the same lattice; the gap is the cost of Ray Shooting's motion over it.
-The share of the map is that of the branch in which Ray Shooting found its motion.
+The optimum is that of dynamic programming on the same lattice; the gap is the relative excess of the cost of the motion
+by Ray Shooting. The evaluated share of the map refers to the branch in which Ray Shooting found its motion.
 
 {chr(10).join(table_of(rows, cases))}
 """

@@ -166,10 +166,10 @@ def page(rows: Sequence[tuple[Task, Measured]], repeats: int, wide: bool) -> str
         "# Run time of whole commands",
         "",
         f"Median of {repeats} runs on {cpu_model()} ({width}), load {os.getloadavg()[0]:.1f} at the end. "
-        "Written by `PYTHONPATH=tests python -m bench.run_time`. Seconds are wall time from command to prompt; the "
-        "one-time cost of the measurable surface of a part is not in them (see [coverage.md](coverage.md)).",
+        "Written by `PYTHONPATH=tests python -m bench.run_time`. Seconds are wall time from command to prompt, without "
+        "the one-time computation of the measurable surface of a part ([coverage.md](coverage.md)).",
         "",
-        "| what | seconds | processor s | peak MB | limit s | version 0.1.0 (AVX2 / AVX-512) |",
+        "| command or call | seconds | processor s | peak MB | limit s | version 0.1.0 (AVX2 / AVX-512) |",
         "| --- | --- | --- | --- | --- | --- |",
     ]
     for task, found in rows:
