@@ -200,7 +200,7 @@ def belief_requirements() -> Iterator[tuple[str, str, str]]:
 
 def requirement_table() -> Iterator[str]:
     """One line per figure that is asked for."""
-    yield "| what | measured | wanted |"
+    yield "| quantity | measured | required |"
     yield "|---|---|---|"
     for part in (stripe_requirements, shape_requirements, ghost_requirements, edge_requirements, belief_requirements):
         for what, measured, wanted in part():
@@ -213,7 +213,7 @@ def main() -> None:
     parser.add_argument("--page", type=Path, default=TESTS.parent / "docs" / "extraction.md")
     page = parser.parse_args().page
     written = f"Written by `PYTHONPATH=tests python -m bench.extraction`. CPU: {cpu_model()}."
-    tables = {"| detector |": list(detector_table()), "| what |": list(requirement_table())}
+    tables = {"| detector |": list(detector_table()), "| quantity |": list(requirement_table())}
     replace_paragraphs(page, {"Written by": [written], **tables})
     print("\n".join(line for table in tables.values() for line in table))
 

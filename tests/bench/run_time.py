@@ -163,7 +163,7 @@ def write_page(file: Path, rows: Sequence[tuple[Task, Measured]], repeats: int, 
     """Replace the figures of docs/run_time.md."""
     width = "AVX-512" if wide else "AVX2, no AVX-512"
     table = [
-        "| what | seconds | processor s | peak MB | limit s | version 0.1.0 (AVX2 / AVX-512) |",
+        "| command or call | seconds | processor s | peak MB | limit s | version 0.1.0 (AVX2 / AVX-512) |",
         "| --- | --- | --- | --- | --- | --- |",
     ]
     for task, found in rows:
@@ -173,7 +173,7 @@ def write_page(file: Path, rows: Sequence[tuple[Task, Measured]], repeats: int, 
             f" {task.version_0_1_0} |"
         )
     machine = f"Median of {repeats} runs on {cpu_model()} ({width}), load {os.getloadavg()[0]:.1f} at the end."
-    replace_paragraphs(file, {"Median of": [machine], "| what |": table})
+    replace_paragraphs(file, {"Median of": [machine], "| command or call |": table})
 
 
 def main() -> None:

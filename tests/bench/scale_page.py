@@ -36,7 +36,7 @@ PYTHONPATH=tests python -m bench.studies {count} --no-ops {runs["nothing"].tasks
 ```
 
 on {cpu_model()}. Load of the machine by other processes at the start of the four runs: {loads}.
-Processor time depends little on the load, except for Dask's periodic work; wall time is that of a machine with this
+Processor time depends little on the load, except for the periodic work of Dask; wall time includes the effect of this
 load."""
 
 
@@ -65,7 +65,7 @@ def _study(runs: Mapping[str, Measured]) -> str:
 Geometric + ray-traced scans of at most {two.profiles} profiles of the sphere on its foot, three factors, one trial per
 task.
 
-| workers | trials | processor time of a trial (median) | of everything | not in trials | wall | tasks/s | idle |
+| workers | trials | processor time of a trial (median) | total | outside trials | wall time | tasks/s | idle |
 |---|---|---|---|---|---|---|---|
 {rows}
 
