@@ -171,7 +171,8 @@ def write_page(file: Path, attempts: Sequence[Attempt], length_s: float) -> None
     command = f"`PYTHONPATH=tests python -m bench.study_kills --kills {len(attempts)}`"
     written = [
         f"Written by {command} on {cpu_model()},",
-        f"load {os.getloadavg()[0]:.0f}; a study of {TRIALS} scans on two workers takes {length_s:.0f} s without kills.",
+        f"load {os.getloadavg()[0]:.0f}; a study of {TRIALS} scans on two workers takes {length_s:.0f} s"
+        " without kills.",
     ]
     table = [
         "| killed | after s | finished trials | exit code | incomplete folders | identical after resume |",
