@@ -10,7 +10,7 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import nominal_cell
 from scancell.planning.model import PlanningCell, SensorRange
-from scancell.reconstruction import Cloud
+from scancell.reconstruction.cloud import Cloud
 
 CYCLE = 0.016
 GRIPPER = [

@@ -13,8 +13,8 @@ import trimesh
 
 from scancell.errors import DescriptionError, MeshError, OutputError
 from scancell.files import atomic_write
-from scancell.reconstruction import Cloud, read_ply, write_ply
-from scancell.reconstruction.cloud_files import FORMATS, parse_formats, write_cloud
+from scancell.reconstruction.cloud import Cloud
+from scancell.reconstruction.cloud_files import FORMATS, parse_formats, read_ply, write_cloud, write_ply
 
 SAME = ("intensity", "quality", "camera", "column", "segment", "profile")
 

@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 import inspect
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from itertools import combinations
-from typing import get_args
 
 import pytest
 
 from scancell.live.cell import LiveCell
-from scancell.live.commands import Cancel, Command, name_of
+from scancell.live.commands import Cancel, Command
 from scancell.live.state import LiveState
 from scancell.programs.robot import Robot
 from scancell.scanning.session import ScanSession
 
 FACES = (ScanSession, Robot, LiveCell)
-COMMANDS = [command for command in get_args(Command) if command is not Cancel]  # cancels jobs, which a session has not
+
+
+def concrete(command: type) -> set[type]:
+    """The commands below a class."""
+    own = set() if inspect.isabstract(command) or not is_dataclass(command) else {command}
+    return own.union(*map(concrete, command.__subclasses__()))
+
+
+# Without `Cancel`, which cancels jobs; a session has none.
+COMMANDS = sorted(concrete(Command) - {Cancel}, key=lambda command: command.__name__)
 
 
 def public(owner: type) -> dict[str, object]:
@@ -55,7 +63,7 @@ def test_every_command_of_a_program_is_a_command_of_the_session() -> None:
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_command_of_operator_is_named_like_that_of_session(command: type) -> None:
-    method = public(ScanSession)[name_of(object.__new__(command))]
+    method = public(ScanSession)[object.__new__(command).name]
     expected = [each.name for each in parameters(method)]
     names = [field.name for field in fields(command)]
     assert [name for name in expected if name in names] == names

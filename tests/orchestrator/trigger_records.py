@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scancell.reconstruction import ProfilePoints
+from scancell.reconstruction.reconstruct import ProfilePoints
 
 
 @dataclass(frozen=True)
