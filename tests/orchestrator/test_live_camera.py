@@ -83,7 +83,7 @@ def test_frames_are_made_when_wanted_and_something_changed(rig: Rig) -> None:
     rig.cycles(40)
     assert rig.feed.frame is first
     rig.live.submit(MoveLine(rig.above @ pose.translation((10 * mm, 0, 0))))
-    moved = rig.frame(lambda frame: frame.number > 2)
+    moved = rig.frame(lambda frame: frame.number > first.number)
     assert moved.time > first.time
     run_until(rig.live, lambda: not rig.live.state.moving)
     rig.feed.engine = "geometric"
