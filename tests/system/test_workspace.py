@@ -298,9 +298,13 @@ def test_malformed_messages_do_nothing(opened: Opened) -> None:
     opened.until(lambda state: abs(state.joints[0] - 20 * deg) < 1e-6, "a motion after malformed messages")
 
 
-def test_mutated_messages_leave_the_cell_to_its_browsers(opened: Opened, capfd: pytest.CaptureFixture[str]) -> None:
+def test_mutated_messages_leave_the_cell_to_its_browsers(
+    scanner: Scanner, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """In a workspace of its own: some mutants are valid, and change the switches that all browsers share."""
     counts: Counter[str] = Counter()
-    run(opened.host, opened.server, 600, seed=1, counts=counts, length=200)
+    with hosted(scanner, None, WorkspaceSettings(tmp_path)) as (host, server):
+        run(host, server, 600, seed=1, counts=counts, length=200)
     assert counts["mutants sent"] == 600
     assert "Traceback" not in capfd.readouterr().err
 
