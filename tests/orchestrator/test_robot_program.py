@@ -217,7 +217,9 @@ def test_guard_does_not_know_parts_that_a_gripper_can_move(fixture: str, run: Ru
 def test_argument_that_is_no_pose_is_named(ideal_scanner: Scanner) -> None:
     with (
         ideal_scanner.session() as session,
-        pytest.raises(DescriptionError, match=r"world_from_tool = .*the shape is \(3, 3\); expected finite numbers of shape \(4, 4\)"),
+        pytest.raises(
+            DescriptionError, match=r"world_from_tool = .*shape is \(3, 3\); expected finite numbers of shape"
+        ),
     ):
         Robot(session).approach(np.eye(3), 0.1)
 
