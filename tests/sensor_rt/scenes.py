@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 from stripe_images import make_sensor
 
-from scancell.sensor import Exposures, Scene, Sensor, expected_electrons
+from scancell.sensor import Exposures, Material, Scene, Sensor, expected_electrons
 
 Array = NDArray[np.float64]
 
@@ -74,13 +74,25 @@ def stripe_centres(image: NDArray[np.float32]) -> tuple[Array, Array]:
         return np.where(total > 0.0, (light * rows).sum(axis=0) / total, np.nan), total
 
 
-def one_plane(
-    sensor: Sensor, world_from_plane: Array, reflectance: float = 0.5, size: float = 1.0
-) -> NDArray[np.float32]:
-    """Expected electrons (cameras, height, width) on a single rectangle."""
+def plane(material: Material | float = 0.5, size: float = 1.0) -> Scene:
+    """A square, with its middle in the origin of the body "plane"."""
     scene = Scene()
-    scene.add_plane("plane", np.eye(4), [size, size], reflectance)
-    return expected_electrons(scene, sensor, still(world_from_plane))[0]
+    scene.add_plane("plane", np.eye(4), [size, size], material)
+    return scene
+
+
+def ball(radius: float, material: Material | float = 0.5) -> Scene:
+    """A sphere about the origin of the body "ball"."""
+    scene = Scene()
+    scene.add_sphere("ball", [0.0, 0.0, 0.0], radius, material)
+    return scene
+
+
+def one_plane(
+    sensor: Sensor, world_from_plane: Array, material: Material | float = 0.5, size: float = 1.0
+) -> NDArray[np.float32]:
+    """Expected electrons (cameras, height, width) on a single square."""
+    return expected_electrons(plane(material, size), sensor, still(world_from_plane))[0]
 
 
 def cluttered() -> tuple[Scene, list[Array]]:

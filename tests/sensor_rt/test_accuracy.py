@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import pose, probe, still
+from scenes import ball, plane, pose, probe, still
 
-from scancell.sensor import PEAK_REJECTED, Scene, extract, render, triangulate
+from scancell.sensor import PEAK_REJECTED, extract, render, triangulate
 
 DETECTOR = {"bit_depth": 12, "gain_dn_per_e": 0.36, "black_level_dn": 64.0}
 RANGE = {"near": 0.0751, "far": 0.165}
@@ -27,8 +27,7 @@ WAYS = [{}, {"peak": "agreement", "fusion": "weighted"}]
 def test_sphere_error_without_noise(z, extraction):
     """Sphere of 25 mm near both ends and in the middle of the range, the sheet slightly off its centre."""
     centre, radius = np.array([0.0005, 0.0003, z]), 0.0125
-    scene = Scene()
-    scene.add_sphere("sphere", [0.0, 0.0, 0.0], radius, 0.5)
+    scene = ball(radius)
     points, flagged = measure(scene, pose(centre), **extraction)
     deviation = np.linalg.norm(points - centre, axis=1) - radius
     assert len(points) > 400
@@ -42,8 +41,7 @@ def test_sphere_error_without_noise(z, extraction):
 def test_tilted_plane_error_without_noise(z, extraction):
     """Plane tilted about two axes."""
     place = pose([0.0, 0.0, z], [0.08, 0.1, 0.0])
-    scene = Scene()
-    scene.add_plane("plane", np.eye(4), [0.2, 0.2], 0.5)
+    scene = plane(size=0.2)
     points, flagged = measure(scene, place, **extraction)
     deviation = (points - place[:3, 3]) @ place[:3, 2]
     assert len(points) > 1000

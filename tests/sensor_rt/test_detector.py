@@ -6,11 +6,11 @@ import pickle
 
 import numpy as np
 import pytest
-from scenes import one_plane, pose, still
+from scenes import one_plane, plane, pose, still
 from scipy import stats
 from stripe_images import make_sensor
 
-from scancell.sensor import Scene, expose, extract, render
+from scancell.sensor import expose, extract, render
 
 QUIET = {"read_noise_e": 0.0, "black_level_dn": 0.0, "gain_dn_per_e": 1.0, "full_well_e": 1e5, "bit_depth": 12}
 
@@ -77,33 +77,6 @@ def test_lit_pixels_without_light_match_dark_pixels():
     dark, lit = flat(sensor, 0.0).astype(float), flat(sensor, 1e-6).astype(float)
     assert dark.mean() == pytest.approx(lit.mean(), abs=5 * 5.0 * np.sqrt(2 / dark.size))
     assert dark.var() == pytest.approx(lit.var(), rel=5 * np.sqrt(4 / dark.size))
-
-
-def test_photon_transfer_returns_gain_read_noise_and_full_well():
-    gain, read, full_well, black = 0.35, 8.0, 10_000.0, 40.0
-    sensor = make_sensor(
-        320,
-        256,
-        detector={
-            "gain_dn_per_e": gain,
-            "read_noise_e": read,
-            "full_well_e": full_well,
-            "black_level_dn": black,
-            "bit_depth": 12,
-            "prnu": 0.01,
-            "dsnu_e": 3.0,
-        },
-    )
-    means, variances = [], []
-    for k, level in enumerate([0.0, *np.linspace(200.0, 8000.0, 14)]):
-        pair = flat(sensor, level, frames=2, index=10 * k).astype(float)
-        means.append(pair.mean())
-        variances.append(np.var(pair[0] - pair[1]) / 2)  # the difference cancels the fixed patterns
-    slope, _ = np.polyfit(means, variances, 1)
-    saturated = flat(sensor, 3 * full_well).mean()
-    assert slope == pytest.approx(gain, rel=0.02)
-    assert np.sqrt(variances[0] - 1 / 12) / gain == pytest.approx(read, rel=0.02)
-    assert (saturated - black) / gain == pytest.approx(full_well, rel=0.02)
 
 
 def test_prnu_and_dsnu_have_given_size_and_are_fixed():
@@ -191,8 +164,7 @@ def test_sparse_and_dense_input_give_same_bytes():
     sensor = make_sensor(cameras=2, detector={"prnu": 0.01, "dsnu_e": 2.0, "dark_current_e_per_s": 500.0})
     place = pose([0.0, 0.0, 0.12], [0.1, 0.2, 0.0])
     light = one_plane(sensor, place)
-    scene = Scene()
-    scene.add_plane("plane", np.eye(4), [1.0, 1.0], 0.5)
+    scene = plane()
     assert 0 < (light > 0.0).mean() < 0.1
     images = render(scene, sensor, still(place, first=3))
     np.testing.assert_array_equal(images, expose(light[None], sensor, np.array([5e-4]), np.array([3])))

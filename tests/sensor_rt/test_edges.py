@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scenes import Array, pose, still
+from scenes import Array, ball, plane, pose, still
 from stripe_images import make_sensor
 
 from scancell.sensor import PEAK_REJECTED, Exposures, Scene, Sensor, extract, render, scan
@@ -42,8 +42,7 @@ def box_errors(peak: str, noise: bool) -> Array:
 
 def kept_with_sheet_off(offset: float) -> float:
     """Fraction of a plane's points kept by the agreement when the true sheet is off the nominal one by `offset`, m."""
-    scene = Scene()
-    scene.add_plane("plane", np.eye(4), [0.3, 0.3], 0.5)
+    scene = plane(size=0.3)
     places = still(pose((0.0, 0.0, 0.12), (0.1, 0.05, 0.0)))
     as_built = sensor("agreement", True, offset_x=offset)
     single, both = (scan(scene, sensor(p, True), places, as_built=as_built) for p in ("brightest", "agreement"))
@@ -62,8 +61,7 @@ def test_agreement_rejects_distorted_points_at_edges() -> None:
 
 def test_points_occluded_from_one_camera_are_kept() -> None:
     """A sphere occludes part of a table from one camera only."""
-    scene = Scene()
-    scene.add_sphere("ball", [0, 0, 0], 0.02, 0.5)
+    scene = ball(0.02)
     scene.add_plane("table", np.eye(4), [0.2, 0.2], 0.5)
     places = still(pose((-0.01, 0.0, 0.125)), pose((-0.01, 0.0, 0.1575)))
     images = render(scene, sensor("brightest", False), places)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
-from scenes import Array, moving, pose, probe, still
+from scenes import Array, ball, moving, plane, pose, probe, still
 
 from scancell.sensor import Material, Profiles, Scene, closest_points, scan, triangulate_pixels
 
@@ -42,8 +42,7 @@ def test_sphere_points_are_exact_and_complete() -> None:
 
 
 def test_pixels_are_projections_sorted_by_column() -> None:
-    scene = Scene()
-    scene.add_plane("plane", np.eye(4), [1, 1], 0.5)
+    scene = plane()
     profiles = geometric(scene, pose((0, 0, 0.13), (0.3, 0.2, 0.0)), camera={"distortion": [-0.1, 0.05, 1e-3, 1e-3, 0]})
     sensor = probe(camera={"distortion": [-0.1, 0.05, 1e-3, 1e-3, 0]})
     for number, camera in enumerate(sensor.cameras):
@@ -55,8 +54,7 @@ def test_pixels_are_projections_sorted_by_column() -> None:
 
 
 def test_intensity_equals_reflectance_times_cosine() -> None:
-    scene = Scene()
-    scene.add_plane("plane", np.eye(4), [1, 1], 0.4)
+    scene = plane(0.4)
     profiles = geometric(scene, pose((0, 0, 0.13), (0.0, 0.3, 0.0)))
     points = profiles.points_in_sensor
     normal = pose(angles=(0.0, 0.3, 0.0))[:3, 2]
@@ -65,8 +63,7 @@ def test_intensity_equals_reflectance_times_cosine() -> None:
 
 
 def test_shadow_occlusion_and_range_limits() -> None:
-    scene = Scene()
-    scene.add_plane("plane", np.eye(4), [1, 1], 0.5)
+    scene = plane()
     scene.add_box("bar", np.eye(4), [0.002, 0.004, 0.002], 0.5)
     profiles = geometric(scene, pose((0, 0, 0.14)), pose((0, 0.003, 0.07)))
     y, z = profiles.points_in_sensor[:, 1:].T
@@ -75,8 +72,7 @@ def test_shadow_occlusion_and_range_limits() -> None:
     shadow = (y > 0.001 * 0.14 / 0.071) & (y < 0.005 * 0.14 / 0.069)
     assert not (on_plane & shadow).any()
     assert (on_plane & ~shadow).sum() > 500
-    scene = Scene()
-    scene.add_plane("plane", np.eye(4), [1, 1], 0.5)
+    scene = plane()
     scene.add_box("screen", np.eye(4), [0.01, 0.2, 0.01], 0.5)
     hidden = geometric(scene, pose((0, 0, 0.13)), pose((0.03, 0.0, 0.065)))
     assert set(hidden.camera) == {1}
@@ -173,8 +169,7 @@ def test_enclosing_room_causes_no_occlusion() -> None:
 
 
 def test_moving_profile_is_sampled_at_mid_exposure() -> None:
-    scene = Scene()
-    scene.add_sphere("ball", [0, 0, 0], 0.02, 0.7)
+    scene = ball(0.02, 0.7)
     sensor = probe()
     start, end = pose((0, 0.0, 0.13)), pose((0.0, 0.001, 0.132))
     moved = scan(scene, sensor, moving([[start], [end]], [np.eye(4)] * 2), engine="geometric").profiles
@@ -184,15 +179,13 @@ def test_moving_profile_is_sampled_at_mid_exposure() -> None:
 
 @pytest.mark.parametrize("rays", [1, 15, 16, 17, 1000])
 def test_number_of_rays_need_not_fill_packets(rays: int) -> None:
-    scene = Scene()
-    scene.add_plane("plane", np.eye(4), [1, 1], 0.5)
+    scene = plane()
     profiles = geometric(scene, pose((0, 0, 0.16)), geometric={"rays": rays}, laser={"fan_half_angle": 0.1})
     assert len(profiles) == 2 * rays
 
 
 def test_ideal_mirrors_show_no_stripe_but_occlude() -> None:
-    scene = Scene()
-    scene.add_plane("white", np.eye(4), [1, 1], 0.5)
+    scene = plane()
     scene.add_plane("mirror", np.eye(4), [0.1, 0.01], Material(0.9, "mirror", 0.0, 1.5))
     poses = (pose((0, 0, 0.14)), pose((0, 0, 0.12)))
     points = geometric(scene, *poses).points_in_sensor
@@ -203,8 +196,7 @@ def test_ideal_mirrors_show_no_stripe_but_occlude() -> None:
 
 
 def test_eq4_and_range_apply_to_measured_points() -> None:
-    scene = Scene()
-    scene.add_plane("plane", np.eye(4), [1, 1], 0.5)
+    scene = plane()
     at = pose((0, 0, 0.13), (0.3, 0.2, 0.0))
     exact, printed = (geometric(scene, at, extraction={"triangulation": form}) for form in ("exact", "eq4_as_printed"))
     sensor = probe()

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scenes import Array, cluttered_exposures, moving, pose, probe, still, stripe_centres
+from scenes import Array, cluttered_exposures, moving, plane, pose, probe, still, stripe_centres
 
 from scancell.sensor import Exposures, Material, Scene, Sensor, expected_electrons
 
@@ -58,8 +58,7 @@ def assert_matches_dense_sampling(scene: Scene, exposures: Exposures, **render: 
 @pytest.mark.parametrize("angles", [(0.25, -0.2, 0.4), (-0.5, 0.4, 0.0)])
 @pytest.mark.parametrize("z", [0.08, 0.155])
 def test_plane_matches_dense_sampling(z: float, angles: tuple[float, float, float], moves: bool) -> None:
-    scene = Scene()
-    scene.add_plane("plane", np.eye(4), [0.1, 0.1], 0.5)
+    scene = plane(size=0.1)
     assert_matches_dense_sampling(scene, exposures_of(pose((0, 0, z), angles), moves))
 
 
@@ -81,8 +80,7 @@ def test_materials_match_dense_sampling(model: str) -> None:
 
 
 def test_ambient_light_is_included() -> None:
-    scene = Scene()
-    scene.add_plane("plane", np.eye(4), [0.1, 0.1], 0.5)
+    scene = plane(size=0.1)
     exposures = still(pose((0, 0, 0.13), (0.1, 0.2, 0.3)))
     sensor = probe(1, ambient={"irradiance": 2.0})
     light = expected_electrons(scene, sensor, exposures)[0, 0]
@@ -106,8 +104,7 @@ def test_cluttered_scene_is_within_one_digital_number() -> None:
 @pytest.mark.parametrize("case", ["speckle", "accelerated"])
 def test_samples_stay_where_closed_form_does_not_hold(case: str) -> None:
     """Speckle varies within a pixel; accelerated motion is not linear in time."""
-    scene = Scene()
-    scene.add_plane("plane", np.eye(4), [0.1, 0.1], 0.5)
+    scene = plane(size=0.1)
     place = pose((0, 0, 0.13), (0.1, 0.2, 0.3))
     exposures, sensor = still(place), probe(1)
     if case == "speckle":

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scenes import Array, pose, still
+from scenes import Array, ball, plane, pose, still
 from stripe_images import make_sensor
 
 from scancell.sensor import Camera, Material, Scene, Sensor, expected_electrons
@@ -25,8 +25,7 @@ def sensor(mode: str = "fast", samples: int = 16, **overrides: Any) -> Sensor:
 
 def lit_plane(tracing: Sensor, kind: str, place: Array, power: float = 2.0, **lamp: Any) -> Array:
     """Electrons (cameras, h, w) of a plane at range Z under one lamp."""
-    scene = Scene()
-    scene.add_plane("plane", np.eye(4), [1.0, 1.0], REFLECTANCE)
+    scene = plane(REFLECTANCE)
     size = lamp.pop("size", [0.0, 0.0])
     scene.add_light("lamp", kind, np.eye(4), size, power, **(lamp or {"in_band": 1.0}))
     return np.asarray(expected_electrons(scene, tracing, still(pose((0, 0, Z)), place))[0], float)
@@ -123,8 +122,7 @@ def test_defocused_surface_under_lamp_stays_in_place(samples: int) -> None:
 @pytest.mark.parametrize("mode", ["fast", "path"])
 def test_bodies_cast_lamp_shadows(mode: str) -> None:
     lamp, ball, radius = np.array([0.05, 0.0, -0.05]), np.array([0.01, 0.002, 0.07]), 0.004
-    scene = Scene()
-    scene.add_plane("plane", np.eye(4), [1.0, 1.0], REFLECTANCE)
+    scene = plane(REFLECTANCE)
     scene.add_sphere("ball", [0, 0, 0], radius, 0.0)
     scene.add_light("lamp", "point", np.eye(4), [0, 0], 2.0, in_band=1.0)
     tracing = sensor(mode)
@@ -148,8 +146,7 @@ def distance_to_ball(points: Array, start: Array, ball: Array) -> Array:
 
 
 def test_lamp_moves_with_body() -> None:
-    scene = Scene()
-    scene.add_plane("plane", np.eye(4), [1.0, 1.0], REFLECTANCE)
+    scene = plane(REFLECTANCE)
     on_arm = pose((0.01, 0.02, -0.03), (0.1, 0.2, 0.3))
     scene.add_light("arm", "rectangle", on_arm, [0.02, 0.03], 2.0, in_band=1.0)
     arm = pose((0.02, 0.01, -0.01), (-0.2, 0.1, 0.0))
@@ -253,8 +250,7 @@ def test_large_mesh_casts_no_shadow_on_itself(edge: float, mode: str) -> None:
 @pytest.mark.parametrize("distance", [100.0, 1000.0])
 def test_cell_far_from_world_origin_looks_the_same(distance: float) -> None:
     """The laser's light, lamps and reflected light depend on relative poses alone."""
-    scene = Scene()
-    scene.add_sphere("ball", [0, 0, 0], 0.01, 0.6)
+    scene = ball(0.01, 0.6)
     scene.add_box("box", np.eye(4), [0.05, 0.05, 0.01], 0.5)
     scene.add_light("lamp", "point", np.eye(4), [0.0, 0.0], 2.0, in_band=1.0)
     tracing = make_sensor(160, 128, cameras=2, render={"noise": False, "bounces": 1, "photons": 4096})

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import Array, cluttered, moving, pose, still
-from stripe_images import make_sensor
+from numpy.typing import NDArray
+from scenes import Array, cluttered, moving, plane, pose, still
+from stripe_images import accepted, make_sensor
 
 from scancell.sensor import (
     PEAK_FLAGS,
-    PEAK_REJECTED,
     Exposures,
     Peaks,
     Scene,
@@ -22,6 +22,7 @@ from scancell.sensor import (
     triangulate,
 )
 
+Images = NDArray[np.uint16]
 DEEP = {"bit_depth": 12, "gain_dn_per_e": 0.36, "black_level_dn": 64.0}
 Z = 0.12
 
@@ -30,12 +31,6 @@ def sensor(noise: bool = True, off: bool = True, **overrides: Any) -> Sensor:
     detector = {"laser_off_frame": off} | overrides.pop("detector", {})
     options = {"laser": {"power": 1e-3}, "range": {"near": 0.06, "far": 0.2}, "render": {"noise": noise}}
     return make_sensor(cameras=2, detector=detector, **(options | overrides))
-
-
-def plane() -> Scene:
-    scene = Scene()
-    scene.add_plane("plane", np.eye(4), [0.4, 0.4], 0.5)
-    return scene
 
 
 def beside_a_rod(lamp_power: float) -> tuple[Scene, Exposures]:
@@ -49,30 +44,32 @@ def beside_a_rod(lamp_power: float) -> tuple[Scene, Exposures]:
     return scene, still(*places)
 
 
-def sound(peaks: Peaks, camera: int) -> tuple[Array, Array, Array]:
-    keep = (peaks.camera == camera) & ((peaks.flags & PEAK_REJECTED) == 0)
-    return peaks.column[keep], peaks.row[keep], peaks.row_sigma[keep]
+def with_background(scene: Scene, sensor: Sensor, places: Exposures) -> tuple[Images, Images]:
+    """Images with the laser on, and the frames with the laser off to subtract."""
+    return render(scene, sensor, places), render(scene, sensor, places, laser_on=False)
+
+
+def row_errors(peaks: Peaks, truth: Peaks) -> tuple[Array, Array]:
+    """Rows (n,) of accepted peaks minus those of accepted peaks of one other exposure, and their stated sigma."""
+    true_rows = np.full((2, 1280), np.nan)
+    sound = accepted(truth)
+    true_rows[truth.camera[sound], truth.column[sound]] = truth.row[sound]
+    error = peaks.row - true_rows[peaks.camera, peaks.column]
+    compared = accepted(peaks) & np.isfinite(error)
+    return error[compared], peaks.row_sigma[compared]
 
 
 def test_background_subtraction_removes_lamp_gradient() -> None:
     quiet = sensor(noise=False, detector=DEEP)
     scene, places = beside_a_rod(2.0)
-    lit, background = render(scene, quiet, places), render(scene, quiet, places, laser_on=False)
+    lit, background = with_background(scene, quiet, places)
     assert 500 < background.max() < 3000  # DN: as strong as the stripe
     dark_scene, dark_places = beside_a_rod(0.0)
     in_the_dark = extract(render(dark_scene, quiet, dark_places), quiet)
     off, kept = {}, {}
     for name, peaks in (("with", extract(lit, quiet, background=background)), ("without", extract(lit, quiet))):
-        changes = []
-        for k in (0, 1):
-            true_rows = np.full(1280, np.nan)
-            column, row, _ = sound(in_the_dark, k)
-            true_rows[column] = row
-            column, row, _ = sound(peaks, k)
-            changes.append(row - true_rows[column])
-        change = np.concatenate(changes)
-        off[name] = np.abs(change[np.isfinite(change)])
-        kept[name] = len(off[name]) / int(((in_the_dark.flags & PEAK_REJECTED) == 0).sum())
+        off[name] = np.abs(row_errors(peaks, in_the_dark)[0])
+        kept[name] = len(off[name]) / accepted(in_the_dark).sum()
     print({name: (kept[name], np.sqrt(np.mean(off[name] ** 2)), off[name].max()) for name in off})
     assert kept["with"] > 0.99
     # The stated sigma includes the lamp's shot noise, so that fewer distorted peaks are rejected than displaced.
@@ -90,17 +87,11 @@ def test_row_sigma_includes_noise_of_both_images(irradiance: float, detector: st
     tilted = pose((0.0, 0.0, Z), (0.1, 0.0, 0.0))
     places = still(tilted, count=6)
     exact = sensor(noise=False, off=False, extraction={"detector": detector}, detector=DEEP)
-    peaks = extract(render(plane(), real, places), real, background=render(plane(), real, places, laser_on=False))
-    truth = extract(render(plane(), exact, still(tilted)), exact)
-    scaled = []
-    for k in (0, 1):
-        true_rows = np.full(1280, np.nan)
-        column, row, _ = sound(truth, k)
-        true_rows[column] = row
-        column, row, sigma = sound(peaks, k)
-        scaled.append((row - true_rows[column]) / sigma)
-    z = np.concatenate(scaled)
-    z = z[np.isfinite(z)]
+    lit, background = with_background(plane(), real, places)
+    error, sigma = row_errors(
+        extract(lit, real, background=background), extract(render(plane(), exact, still(tilted)), exact)
+    )
+    z = error / sigma
     assert len(z) > 5000
     assert abs(z.mean()) < 0.1
     assert z.std() == pytest.approx(1.0, abs=0.12)
@@ -112,9 +103,9 @@ def test_background_light_adds_shot_noise_twice() -> None:
     for irradiance in (0.0, 100.0):
         real = sensor(ambient={"irradiance": irradiance}, detector=DEEP)
         places = still(pose((0.0, 0.0, Z)))
-        lit, background = render(plane(), real, places), render(plane(), real, places, laser_on=False)
+        lit, background = with_background(plane(), real, places)
         peaks = extract(lit, real, background=background)
-        sigmas[irradiance] = float(np.median(sound(peaks, 0)[2]))
+        sigmas[irradiance] = float(np.median(peaks.row_sigma[accepted(peaks) & (peaks.camera == 0)]))
         light_e = float(np.median(background) - DEEP["black_level_dn"]) / DEEP["gain_dn_per_e"]
     rows = np.arange(-12, 13)
     amplitude_e, width = float(np.median(peaks.amplitude)) / DEEP["gain_dn_per_e"], float(np.median(peaks.width))
@@ -176,7 +167,7 @@ def test_saturated_pixels_are_detected_after_subtraction() -> None:
     """Stripe far above the full well: measured by its flanks only, as without background subtraction."""
     quiet = sensor(noise=False, detector=DEEP | {"full_well_e": 6000.0}, laser={"power": 4e-3})
     places = still(pose((0.0, 0.0, Z), (0.1, 0.0, 0.0)))
-    lit, background = render(plane(), quiet, places), render(plane(), quiet, places, laser_on=False)
+    lit, background = with_background(plane(), quiet, places)
     alone, both = extract(lit, quiet), extract(lit, quiet, background=background)
     np.testing.assert_array_equal(alone.flags & 1, both.flags & 1)
     assert (both.flags & 1).mean() > 0.9
@@ -190,7 +181,7 @@ def test_whole_range_of_digital_numbers_is_measured(bits: int, black: float) -> 
     detector = {"bit_depth": bits, "gain_dn_per_e": 2.0**bits / 12_000, "black_level_dn": round(black * 2**bits)}
     quiet = sensor(noise=False, detector=detector, laser={"power": 5.4e-3})
     places = still(pose((0.0, 0.0, Z), (0.1, 0.0, 0.0)))
-    lit, background = render(plane(), quiet, places), render(plane(), quiet, places, laser_on=False)
+    lit, background = with_background(plane(), quiet, places)
     assert 0.88 < lit.max() / 2**bits < 0.95
     alone, both = extract(lit, quiet), extract(lit, quiet, background=background)
     assert len(both) == len(alone) > 2000

@@ -13,13 +13,14 @@ from scenes import (
     assert_same_light,
     cluttered_exposures,
     one_plane,
+    plane,
     pose,
     probe,
     still,
     stripe_centres,
 )
 
-from scancell.sensor import Scene, expected_electrons, scan
+from scancell.sensor import expected_electrons, scan
 
 HALF = 0.28  # of the fan, rad
 GAUSSIAN = {
@@ -102,8 +103,7 @@ def test_stripe_lies_on_intersection_of_true_sheet_and_plane(shape: dict[str, An
 
 @pytest.mark.parametrize("shape", [BENT, TURNED], ids=["bent", "turned"])
 def test_geometric_engine_uses_true_sheet(shape: dict[str, Any]) -> None:
-    scene = Scene()
-    scene.add_plane("plane", np.eye(4), [1, 1], 0.5)
+    scene = plane()
     world_from_plane = pose((0, 0, 0.12), (0.2, 0.1, 0.0))
     sensor = probe(laser=shape)
     profiles = scan(scene, sensor, still(world_from_plane), engine="geometric").profiles
@@ -121,8 +121,7 @@ def test_geometric_engine_uses_true_sheet(shape: dict[str, Any]) -> None:
 def test_edge_shadow_has_penumbra_of_similar_triangles(source_length: float) -> None:
     """Edge at a third of the range: the light rises linearly over source_length * (z - z_edge) / z_edge."""
     z, edge = 0.15, 0.05
-    scene = Scene()
-    scene.add_plane("plane", np.eye(4), [1, 1], 0.5)
+    scene = plane()
     scene.add_box("screen", np.eye(4), [0.002, 0.02, 1e-4], 0.0)
     sensor = probe(laser={"source_length": source_length}, render={"noise": False, "samples_per_pixel": 256})
     exposures = still(pose((0, 0, z)), pose((0, -0.01, edge)))  # covers y < 0
@@ -163,8 +162,7 @@ def test_marked_pixels_contain_all_light_of_true_sheet(laser: dict[str, Any], mo
 def test_path_tracing_matches_for_non_ideal_sheet() -> None:
     """Both renderers on the same non-uniform, bent, rotated sheet from an extended source."""
     laser = BENT | TURNED | LONG | GAUSSIAN
-    scene = Scene()
-    scene.add_plane("plane", np.eye(4), [1, 1], 0.5)
+    scene = plane()
     scene.add_box("screen", np.eye(4), [0.002, 0.01, 0.001], 0.0)
     exposures = still(pose((0, 0, 0.14), (0.1, 0.2, 0.0)), pose((0, -0.006, 0.06)))
     render = {"noise": False, "samples_per_pixel": 64}

@@ -12,8 +12,10 @@ from scenes import (
     COARSE,
     Array,
     assert_same_light,
+    ball,
     cluttered_exposures,
     one_plane,
+    plane,
     pose,
     probe,
     still,
@@ -48,8 +50,8 @@ def depth_of(z: float) -> float:
     return float(A * np.sin(TILT) + z * np.cos(TILT))
 
 
-@pytest.mark.parametrize("camera", [TILTED, TILTED | DISTORTED, TILTED | DISTORTED | MISPLACED])
-def test_project_inverts_ray_for_tilted_sensor(camera: dict[str, Any]) -> None:
+@pytest.mark.parametrize("camera", [{}, DISTORTED, TILTED, TILTED | DISTORTED, TILTED | DISTORTED | MISPLACED])
+def test_projection_inverts_view_rays(camera: dict[str, Any]) -> None:
     for made in probe(camera=camera).cameras:
         u, v = np.meshgrid(np.linspace(-0.5, 1279.5, 13), np.linspace(-0.5, 1023.5, 11))
         pixels = np.stack([u.ravel(), v.ravel()], axis=1)
@@ -57,17 +59,19 @@ def test_project_inverts_ray_for_tilted_sensor(camera: dict[str, Any]) -> None:
         np.testing.assert_allclose(made.project(points), pixels, atol=1e-9)
 
 
-def test_tilted_sensor_matches_opencv() -> None:
-    camera = probe(camera=TILTED | DISTORTED).cameras[0]
+@pytest.mark.parametrize("tilt", [{}, TILTED])
+def test_projection_matches_opencv(tilt: dict[str, float]) -> None:
+    camera = probe(camera=tilt | DISTORTED).cameras[0]
     in_camera = np.random.default_rng(5).uniform([-0.03, -0.02, 0.1], [0.03, 0.02, 0.2], (200, 3))
     matrix = np.array([[camera.focal_px, 0, 639.5], [0, camera.focal_px, 511.5], [0, 0, 1]])
-    lens = np.array([*DISTORTED["distortion"], *[0.0] * 7, TILTED["scheimpflug_x"], TILTED["scheimpflug_y"]])
+    tilts = [tilt.get(key, 0.0) for key in ("scheimpflug_x", "scheimpflug_y")]
+    lens = np.array([*DISTORTED["distortion"], *[0.0] * 7, *tilts])
     expected, _ = cv2.projectPoints(in_camera, np.zeros(3), np.zeros(3), matrix, lens)
     at = camera.sensor_from_camera
     np.testing.assert_allclose(camera.project(in_camera @ at[:3, :3].T + at[:3, 3]), expected[:, 0], atol=1e-9)
 
 
-@pytest.mark.parametrize("camera", [TILTED, TILTED | DISTORTED, MISPLACED, TILTED | DISTORTED | MISPLACED])
+@pytest.mark.parametrize("camera", [DISTORTED, TILTED, TILTED | DISTORTED, MISPLACED, TILTED | DISTORTED | MISPLACED])
 @pytest.mark.parametrize("number", [0, 1])
 def test_triangulation_is_exact_for_all_cameras(camera: dict[str, Any], number: int) -> None:
     sensor = probe(camera=camera)
@@ -81,8 +85,7 @@ def test_triangulation_is_exact_for_all_cameras(camera: dict[str, Any], number: 
 @pytest.mark.parametrize("camera", [TILTED | DISTORTED, MISPLACED])
 def test_both_engines_measure_plane_with_all_cameras(camera: dict[str, Any]) -> None:
     """Vectorised projection, pixel rays, triangulation and its uncertainty are consistent."""
-    scene = Scene()
-    scene.add_plane("plane", np.eye(4), [1, 1], 0.5)
+    scene = plane()
     world_from_plane = pose((0, 0, 0.12), (0.2, 0.1, 0.0))
     sensor = probe(camera=camera)
     exposures = still(world_from_plane)
@@ -190,8 +193,7 @@ def test_tilted_sensor_conserves_light() -> None:
 
 @pytest.mark.parametrize("lens", ["on sheet", "all"])
 def test_path_tracing_matches_for_all_lenses(lens: str) -> None:
-    scene = Scene()
-    scene.add_sphere("ball", [0, 0, 0], 0.02, 0.6)
+    scene = ball(0.02, 0.6)
     exposures = still(pose((0, 0.003, 0.135)))
     fast, path = (
         expected_electrons(scene, probe(camera=COARSE | LENSES[lens], render=SHARP | {"mode": mode}), exposures)

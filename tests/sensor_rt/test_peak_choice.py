@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from stripe_images import make_sensor, stripe
+from stripe_images import accepted, images_of, make_sensor, stripe
 
-from scancell.sensor import PEAK_FLAGS, PEAK_REJECTED, expose, extract
+from scancell.sensor import PEAK_FLAGS, extract
 
 WIDTH, HEIGHT = 1280, 160
 COLUMNS = np.arange(WIDTH)
@@ -16,15 +16,7 @@ FLAT = np.full(WIDTH, 120.0)
 
 def peaks_of(light, all_peaks=False, noise=True, **extraction):
     sensor = make_sensor(WIDTH, HEIGHT, extraction=extraction, render={"noise": noise})
-    return extract(
-        expose(light[None, None].astype(np.float32), sensor, np.array([5e-4]), np.array([7])),
-        sensor,
-        all_peaks=all_peaks,
-    )
-
-
-def trusted(peaks):
-    return (peaks.flags & PEAK_REJECTED) == 0
+    return extract(images_of(sensor, light, first=7), sensor, all_peaks=all_peaks)
 
 
 def test_continuity_follows_stripe_past_brighter_blobs():
@@ -37,7 +29,7 @@ def test_continuity_follows_stripe_past_brighter_blobs():
     peaks = peaks_of(light, peak="continuity")
     assert len(peaks) == WIDTH
     assert np.abs(peaks.row - ARC[peaks.column]).max() < 0.2
-    assert trusted(peaks).mean() > 0.98
+    assert accepted(peaks).mean() > 0.98
 
 
 def test_continuity_selects_brighter_stripe_and_follows_jumps():

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from stripe_images import make_sensor, stripe
+from stripe_images import accepted, images_of, make_sensor, stripe
 
-from scancell.sensor import PEAK_FLAGS, PEAK_REJECTED, expose, extract
+from scancell.sensor import PEAK_FLAGS, extract
 
 WIDTH, HEIGHT, FINE = 1280, 128, 32
 TOLERABLE_PX = 0.37  # 60 µm at the far end of the range
@@ -14,12 +14,7 @@ TOLERABLE_PX = 0.37  # 60 µm at the far end of the range
 
 def peaks_of(light, noise=True, frames=1, **extraction):
     sensor = make_sensor(WIDTH, HEIGHT, render={"noise": noise}, extraction=extraction)
-    planes = np.broadcast_to(light, (frames, 1, HEIGHT, WIDTH)).astype(np.float32)
-    return extract(expose(planes, sensor, np.full(frames, 5e-4), np.arange(frames)), sensor)
-
-
-def trusted(peaks):
-    return (peaks.flags & PEAK_REJECTED) == 0
+    return extract(images_of(sensor, light, frames), sensor)
 
 
 def flagged(peaks, name):
@@ -40,7 +35,7 @@ def test_valid_stripes_are_kept(noise, sigma, peak):
     columns = np.arange(WIDTH)
     arc = 20.0 + 90.0 * (columns / WIDTH - 0.5) ** 2 * 4.0  # cylinder: slopes up to 0.28, constant curvature
     peaks = peaks_of(stripe(arc, sigma, peak, HEIGHT), noise, frames=3)
-    assert trusted(peaks).mean() > 0.98
+    assert accepted(peaks).mean() > 0.98
     assert len(peaks) == 3 * WIDTH
 
 
@@ -53,7 +48,7 @@ def test_stripe_cut_by_oblique_edge_is_rejected(noise, sigma, slope):
     light = masked_stripe(rows, sigma, 8000.0, lambda y, x: y < rows + slope * (x - 640.0))
     peaks = peaks_of(light, noise)
     error = np.abs(peaks.row - rows[peaks.column])
-    keep = trusted(peaks)
+    keep = accepted(peaks)
     assert np.isfinite(error).all()
     assert error.max() > TOLERABLE_PX  # without flags the error is large ...
     assert error[keep].max() < TOLERABLE_PX / 2  # ... with them it is small
@@ -70,7 +65,7 @@ def test_stripe_split_over_two_levels_is_rejected(noise, shift):
     light = masked_stripe(rows, 1.3, 8000.0, lambda y, x: y < rows + edge)
     light += masked_stripe(rows + shift, 1.3, 8000.0, lambda y, x: y > rows + shift + edge)
     peaks = peaks_of(light, noise)
-    keep = trusted(peaks)
+    keep = accepted(peaks)
     level = np.minimum(np.abs(peaks.row - rows[peaks.column]), np.abs(peaks.row - rows[peaks.column] - shift))
     assert level[keep].max() < TOLERABLE_PX
     assert keep.mean() > 0.95
@@ -83,9 +78,9 @@ def test_run_ends_at_jump_between_columns_are_rejected(jump):
     light[:, 640] = 0.5 * (light[:, 639] + light[:, 641])  # mixed column
     peaks = peaks_of(light)
     error = np.minimum(np.abs(peaks.row - 50.0), np.abs(peaks.row - 50.0 - jump))
-    assert not trusted(peaks)[[639, 640, 641]].any()
-    assert error[trusted(peaks)].max() < 0.1
-    assert trusted(peaks).mean() > 0.98
+    assert not accepted(peaks)[[639, 640, 641]].any()
+    assert error[accepted(peaks)].max() < 0.1
+    assert accepted(peaks).mean() > 0.98
 
 
 def test_run_ends_and_short_runs_are_flagged():
@@ -101,7 +96,7 @@ def test_reflectance_step_between_columns_is_flagged():
     reflectance = np.where(np.arange(WIDTH) < 640, 1.0, 0.4)
     peaks = peaks_of(stripe(np.full(WIDTH, 64.2), 1.3, 8000.0 * reflectance, HEIGHT))
     np.testing.assert_array_equal(peaks.column[flagged(peaks, "step")], [639, 640])
-    np.testing.assert_array_equal(peaks.column[~trusted(peaks)], [0, 638, 639, 640, 641, WIDTH - 1])
+    np.testing.assert_array_equal(peaks.column[~accepted(peaks)], [0, 638, 639, 640, 641, WIDTH - 1])
 
 
 @pytest.mark.parametrize(
@@ -120,4 +115,4 @@ def test_shape_limits_set_flags(sigma, peak, option, flag):
 
 def test_two_touching_stripes_are_flagged():
     light = stripe(np.full(WIDTH, 60.0), 1.3, 8000.0, HEIGHT) + stripe(np.full(WIDTH, 64.0), 1.3, 5000.0, HEIGHT)
-    assert not trusted(peaks_of(light)).any()
+    assert not accepted(peaks_of(light)).any()

@@ -8,7 +8,7 @@ import threading
 import numpy as np
 import pytest
 import trimesh
-from scenes import Array, moving, pose, probe, random_pose, still
+from scenes import Array, pose, probe, random_pose, still
 from stripe_images import sensor_description
 
 from scancell.sensor import Exposures, Scene, Sensor, cast_rays, extract, render, scan, tree_builds, triangulate
@@ -74,19 +74,6 @@ def test_only_changed_shapes_are_rebuilt() -> None:
         scene.remove_shapes("lid")
 
 
-def test_both_engines_measure_same_surface() -> None:
-    scene, world_from_part = wedge()
-    sensor = probe()
-    traced = scan(scene, sensor, still(world_from_part)).profiles
-    exact = scan(scene, sensor, still(world_from_part), engine="geometric").profiles
-    for camera in (0, 1):
-        a = traced.points_in_sensor[traced.camera == camera]
-        b = exact.points_in_sensor[exact.camera == camera]
-        order = np.argsort(b[:, 1])
-        z = np.interp(a[:, 1], b[order, 1], b[order, 2])
-        assert np.median(np.abs(a[:, 2] - z)) < 1e-6
-
-
 def noisy() -> Sensor:
     return probe(render={"noise": True, "seed": 3})
 
@@ -126,21 +113,6 @@ def test_output_depends_on_seed_not_on_threads(engine: str) -> None:
     assert (np.diff(one.profiles.frame) >= 0).all()
     if one.images is not None and two.images is not None:
         assert one.images.tobytes() == two.images.tobytes()
-
-
-def test_noise_depends_on_frame_number_not_batch_position() -> None:
-    scene, world_from_part = wedge()
-    batch = render(scene, noisy(), still(world_from_part, count=3))
-    alone = render(scene, noisy(), still(world_from_part, first=2))
-    np.testing.assert_array_equal(batch[2], alone[0])
-    assert (batch[1] != batch[2]).any()
-
-
-def test_zero_velocity_gives_same_bytes_as_static_pose() -> None:
-    scene, world_from_part = wedge()
-    at_rest = render(scene, noisy(), still(world_from_part))
-    sampled = render(scene, noisy(), moving([[world_from_part]] * 4, [np.eye(4)] * 4))
-    assert at_rest.tobytes() == sampled.tobytes()
 
 
 def test_scan_releases_gil() -> None:

@@ -1,8 +1,7 @@
-// Geometry and cameras: transforms, random numbers, projection and its inverse.
+// Geometry and cameras: transforms, random numbers, derivatives and packets of projections.
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <vector>
 
 #include "sensor_rt/geometry/random.h"
 #include "sensor_rt/geometry/rigid3.h"
@@ -62,18 +61,6 @@ class Cameras : public testing::TestWithParam<std::pair<bool, bool>> {
  protected:
   Camera camera = make_camera(GetParam().first, GetParam().second);
 };
-
-TEST_P(Cameras, RayThroughPixelProjectsOntoIt) {
-  for (const double column : {0.0, 300.0, 639.5, 1279.0}) {
-    for (const double row : {0.0, 511.5, 900.0}) {
-      const Vector ray = camera.ray({column, row});
-      EXPECT_EQ(ray.z(), 1.0);
-      const Eigen::Vector2d pixel = camera.project(0.13 * ray);
-      EXPECT_NEAR(pixel.x(), column, 1e-6);
-      EXPECT_NEAR(pixel.y(), row, 1e-6);
-    }
-  }
-}
 
 TEST_P(Cameras, JacobianIsDerivativeOfRay) {
   constexpr double kStep = 1e-2;

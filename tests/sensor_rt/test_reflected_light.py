@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scenes import Array, moving, pose, probe, still
+from scenes import Array, ball, moving, pose, probe, still
 from stripe_images import make_sensor
 
 from scancell.config.material import PRESETS, Preset
@@ -201,30 +201,54 @@ def mirrored(points: Array, through: Array, normal: Array) -> Array:
     return points - 2 * ((points - through) @ normal)[:, None] * normal
 
 
+def line_on_b(half_fan: float = HALF_FAN) -> tuple[Array, Array]:
+    """Points (n, 3) of the line that the laser lights on wall b via mirror a, and the power (n,) at each, W."""
+    length = Z + 2 * EDGE
+    ends = length * np.tan(np.linspace(-half_fan, half_fan, 4001))
+    y = (ends[1:] + ends[:-1]) / 2
+    watts = POWER / (2 * half_fan) * length / (y**2 + length**2) * np.diff(ends)
+    return np.stack([0 * y + 2 * EDGE, y, 0 * y + Z], axis=1), watts
+
+
+def electrons_of(camera: Camera, points: Array, normal: Array, watts: Array) -> Array:
+    """Electrons (n,) that a camera collects from Lambertian points with one normal, which reflect `watts` (n,)."""
+    viewpoint, forward = camera.sensor_from_camera[:3, 3], camera.sensor_from_camera[:3, 2]
+    view_ray = points - viewpoint
+    distance = np.linalg.norm(view_ray, axis=1)
+    solid = watts / np.pi * -(view_ray @ normal) / distance / distance**2  # W/sr per m² of aperture
+    aperture = np.pi / 4 * (camera.focal_px * 5e-6 / 11.0) ** 2 * (view_ray @ forward) / distance
+    return np.asarray(solid * aperture * 0.8 * 0.55 * 5e-4 * 660e-9 / PLANCK_C)
+
+
+def assert_strip(strip: Array, top: int, rows: Array, expected: Array, tolerance: float = 0.02) -> None:
+    """Light and mean row of a strip of an image, from the row `top` on, are those of points with these rows."""
+    assert strip.sum() == pytest.approx(expected.sum(), rel=tolerance)
+    row = (strip.sum(axis=1) * np.arange(top, top + len(strip))).sum() / strip.sum()
+    assert row == pytest.approx(np.average(rows, weights=expected), abs=0.1)
+
+
+def assert_stripe(image: Array, camera: Camera, points: Array, expected: Array, reach: int = 12) -> None:
+    """Strips of 40 columns show points (n, 3) with the expected electrons (n,), within `reach` rows."""
+    pixel = camera.project(points)
+    top = max(0, int(pixel[:, 1].mean()) - reach)
+    for first in range(40, 280, 40):
+        inside = (pixel[:, 0] > first - 0.5) & (pixel[:, 0] < first + 39.5)
+        assert_strip(image[top : top + 2 * reach + 1, first : first + 40], top, pixel[inside, 1], expected[inside])
+
+
+BOTTOM = np.array([EDGE, 0.0, Z + EDGE])
+B_IN_MIRROR_A = mirrored(TO_WALL_B[None] + BOTTOM, BOTTOM, TO_WALL_A)[0] - BOTTOM
+
+
 def test_mirror_projects_second_stripe() -> None:
     """Laser, mirror, wall, camera: the sheet is deflected by 90 degrees and hits wall b at x = 2 EDGE."""
     _, poses = groove(MIRROR, 0.6)
     images = bounced(MIRROR, 0.6, still(*poses, count=2), render={"photons": 262_144}).mean(axis=0)
     # The walls exceed the fields of view; the stripe ends with the fan, at range Z + 2 EDGE.
-    length = Z + 2 * EDGE
-    ends = length * np.tan(np.linspace(-HALF_FAN, HALF_FAN, 4001))
-    y = (ends[1:] + ends[:-1]) / 2
-    watts = POWER / (2 * HALF_FAN) * length / (y**2 + length**2) * np.diff(ends)
-    stripe = np.stack([0 * y + 2 * EDGE, y, 0 * y + Z], axis=1)
+    stripe, watts = line_on_b()
     for camera, image in zip(small_probe().cameras, images, strict=True):
-        pixel = camera.project(stripe)
-        viewpoint, forward = camera.sensor_from_camera[:3, 3], camera.sensor_from_camera[:3, 2]
-        view_ray = stripe - viewpoint
-        distance = np.linalg.norm(view_ray, axis=1)
-        solid = watts * 0.9 * 0.6 / np.pi * -(view_ray @ TO_WALL_B) / distance / distance**2  # W/sr per m2 of aperture
-        aperture = np.pi / 4 * (camera.focal_px * 5e-6 / 11.0) ** 2 * (view_ray @ forward) / distance
-        expected = solid * aperture * 0.8 * 0.55 * 5e-4 * 660e-9 / PLANCK_C
-        for first in range(40, 280, 40):
-            inside = (pixel[:, 0] > first - 0.5) & (pixel[:, 0] < first + 39.5)
-            strip = image[:, first : first + 40]
-            assert strip.sum() == pytest.approx(expected[inside].sum(), rel=0.02)
-            row = (strip.sum(axis=1) * np.arange(256)).sum() / strip.sum()
-            assert row == pytest.approx(np.average(pixel[inside, 1], weights=expected[inside]), abs=0.1)
+        expected = electrons_of(camera, stripe, TO_WALL_B, 0.9 * 0.6 * watts)
+        assert_stripe(image, camera, stripe, expected, reach=len(image))
 
 
 @pytest.mark.parametrize("mode", ["fast", "path"])
@@ -235,7 +259,7 @@ def test_stripe_is_visible_in_mirror(mode: str) -> None:
     images = expected_electrons(scene, sensor, still(*poses))[0].astype(float)
     y = np.linspace(-0.01, 0.01, 21)
     lit = np.stack([0 * y, y, 0 * y + Z], axis=1)
-    ghost = mirrored(lit, np.array([EDGE, 0.0, Z + EDGE]), TO_WALL_B)
+    ghost = mirrored(lit, BOTTOM, TO_WALL_B)
     for camera, image in zip(sensor.cameras[1:], images[1:], strict=True):  # the other camera does not see the mirror
         for point in camera.project(ghost):
             column, row = np.round(point).astype(int)
@@ -253,30 +277,11 @@ def test_mirror_shows_wall_that_it_lights(mode: str) -> None:
     wide = {"sheet_sigma": 2e-4, "divergence": 0.0}  # several pixels wide, or the row rounding dominates
     sensor = small_probe(render={"mode": mode, "bounces": 2, "photons": 262_144}, laser=wide)
     images = expected_electrons(scene, sensor, still(*poses)).mean(axis=0)
-    length = Z + 2 * EDGE
-    ends = length * np.tan(np.linspace(-HALF_FAN, HALF_FAN, 4001))
-    y = (ends[1:] + ends[:-1]) / 2
-    watts = POWER / (2 * HALF_FAN) * length / (y**2 + length**2) * np.diff(ends)
-    stripe = np.stack([0 * y + 2 * EDGE, y, 0 * y + Z], axis=1)
-    bottom = np.array([EDGE, 0.0, Z + EDGE])
-    seen = mirrored(stripe, bottom, TO_WALL_A)
-    np.testing.assert_allclose(seen, np.stack([0 * y, y, 0 * y + length], axis=1), atol=1e-12)
-    facing = mirrored(TO_WALL_B[None] + bottom, bottom, TO_WALL_A)[0] - bottom
+    stripe, watts = line_on_b()
+    seen = mirrored(stripe, BOTTOM, TO_WALL_A)
+    np.testing.assert_allclose(seen, stripe * [0, 1, 0] + [0, 0, Z + 2 * EDGE], atol=1e-12)
     for camera, image in zip(sensor.cameras, images, strict=True):
-        pixel = camera.project(seen)
-        viewpoint, forward = camera.sensor_from_camera[:3, 3], camera.sensor_from_camera[:3, 2]
-        view_ray = seen - viewpoint
-        distance = np.linalg.norm(view_ray, axis=1)
-        solid = watts * 0.9 * 0.6 / np.pi * 0.9 * -(view_ray @ facing) / distance / distance**2
-        aperture = np.pi / 4 * (camera.focal_px * 5e-6 / 11.0) ** 2 * (view_ray @ forward) / distance
-        expected = solid * aperture * 0.8 * 0.55 * 5e-4 * 660e-9 / PLANCK_C
-        top = int(pixel[:, 1].mean()) - 12
-        for first in range(40, 280, 40):
-            inside = (pixel[:, 0] > first - 0.5) & (pixel[:, 0] < first + 39.5)
-            strip = image[top : top + 25, first : first + 40]
-            assert strip.sum() == pytest.approx(expected[inside].sum(), rel=0.02)
-            row = (strip.sum(axis=1) * np.arange(top, top + 25)).sum() / strip.sum()
-            assert row == pytest.approx(np.average(pixel[inside, 1], weights=expected[inside]), abs=0.1)
+        assert_stripe(image, camera, seen, electrons_of(camera, seen, B_IN_MIRROR_A, 0.9**2 * 0.6 * watts))
 
 
 def sheet_of_triangles(*flipped: bool) -> tuple[Array, NDArray[np.uint32]]:
@@ -347,32 +352,19 @@ def test_chain_of_two_mirrors_matches_image_method(mode: str) -> None:
     wide = {"sheet_sigma": 2e-4, "divergence": 0.0, "fan_half_angle": fan}
     sensor = small_probe(render={"mode": mode, "bounces": 3, "photons": 262_144}, laser=wide)
     images = expected_electrons(scene, sensor, still(*poses)).mean(axis=0)
-    length = Z + 2 * EDGE
-    ends = length * np.tan(np.linspace(-fan, fan, 4001))
-    y = (ends[1:] + ends[:-1]) / 2
-    watts = POWER / (2 * fan) * length / (y**2 + length**2) * np.diff(ends)
-    bottom = np.array([EDGE, 0.0, Z + EDGE])
-    in_a = mirrored(np.stack([0 * y + 2 * EDGE, y, 0 * y + Z], axis=1), bottom, TO_WALL_A)
+    stripe, watts = line_on_b(fan)
+    in_a = mirrored(stripe, BOTTOM, TO_WALL_A)
     seen = mirrored(in_a, np.array([0.0, side, 0.0]), np.array([0.0, 1.0, 0.0]))
-    facing = mirrored(TO_WALL_B[None] + bottom, bottom, TO_WALL_A)[0] - bottom
     for camera, image in zip(sensor.cameras, images, strict=True):
         pixel = camera.project(seen)
-        viewpoint, forward = camera.sensor_from_camera[:3, 3], camera.sensor_from_camera[:3, 2]
-        view_ray = seen - viewpoint
-        distance = np.linalg.norm(view_ray, axis=1)
-        solid = watts * 0.9 * 0.6 / np.pi * 0.9**2 * -(view_ray @ facing) / distance / distance**2
-        aperture = np.pi / 4 * (camera.focal_px * 5e-6 / 11.0) ** 2 * (view_ray @ forward) / distance
-        expected = solid * aperture * 0.8 * 0.55 * 5e-4 * 660e-9 / PLANCK_C
+        expected = electrons_of(camera, seen, B_IN_MIRROR_A, 0.9**3 * 0.6 * watts)
         inside = (pixel[:, 0] > -0.5) & (pixel[:, 0] < image.shape[1] - 0.5)
         edge = round(float(np.abs(pixel[inside, 0] - (image.shape[1] - 1) / 2).min())) - 4
         beyond = np.abs(np.arange(image.shape[1]) - (image.shape[1] - 1) / 2) > edge
         beyond &= np.sign(np.arange(image.shape[1]) - image.shape[1] / 2) == np.sign(pixel[inside, 0].mean() - 160)
-        top = int(pixel[:, 1].mean()) - 12
-        strip = image[top : top + 25, beyond]
         assert inside.sum() > 100
-        assert strip.sum() == pytest.approx(expected[inside].sum(), rel=0.03)
-        row = (strip.sum(axis=1) * np.arange(top, top + 25)).sum() / strip.sum()
-        assert row == pytest.approx(np.average(pixel[inside, 1], weights=expected[inside]), abs=0.1)
+        top = int(pixel[:, 1].mean()) - 12
+        assert_strip(image[top : top + 25, beyond], top, pixel[inside, 1], expected[inside], 0.03)
 
 
 @pytest.mark.parametrize("thickness", [0.0, 0.01])
@@ -439,8 +431,7 @@ def test_reflected_light_depends_on_frame_not_on_threads() -> None:
 
 def test_bounces_do_not_change_direct_light_of_convex_body() -> None:
     """A single convex body: bounces do not change a bit."""
-    scene = Scene()
-    scene.add_sphere("ball", [0, 0, 0], 0.015, 0.8)
+    scene = ball(0.015, 0.8)
     images = [expected_electrons(scene, small_probe(render={"bounces": n}), still(pose((0, 0, 0.13)))) for n in (0, 2)]
     np.testing.assert_array_equal(*images)
 

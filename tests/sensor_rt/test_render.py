@@ -10,10 +10,12 @@ from scenes import (
     COARSE,
     Array,
     assert_same_light,
+    ball,
     cluttered,
     cluttered_exposures,
     moving,
     one_plane,
+    plane,
     pose,
     probe,
     still,
@@ -101,8 +103,7 @@ def test_light_is_proportional_to_cosine_reflectance_and_time() -> None:
     base = stripe_centres(one_plane(sensor, pose((0, 0, 0.12)), 0.4)[0])[1]
     twice = stripe_centres(one_plane(sensor, pose((0, 0, 0.12)), 0.8)[0])[1]
     np.testing.assert_allclose(twice, 2 * base, rtol=1e-6)
-    scene = Scene()
-    scene.add_plane("plane", np.eye(4), [1, 1], 0.4)
+    scene = plane(0.4)
     longer = expected_electrons(scene, sensor, still(pose((0, 0, 0.12)), duration=15e-4))[0, 0]
     np.testing.assert_allclose(stripe_centres(longer)[1], 3 * base, rtol=1e-6)
 
@@ -229,8 +230,7 @@ def test_closed_mesh_casts_shadow_of_its_triangles(inside_out: bool) -> None:
 
 def test_body_in_sheet_casts_sharp_shadow() -> None:
     """A bar across the fan at half the range shadows twice its own width; the cameras see past it."""
-    scene = Scene()
-    scene.add_plane("plane", np.eye(4), [1, 1], 0.5)
+    scene = plane()
     scene.add_box("bar", np.eye(4), [0.002, 0.004, 0.002], 0.0)
     sensor = probe()
     z, bar = 0.14, 0.07
@@ -249,8 +249,7 @@ def test_body_in_sheet_casts_sharp_shadow() -> None:
 
 
 def test_occlusion_affects_only_one_camera() -> None:
-    scene = Scene()
-    scene.add_plane("plane", np.eye(4), [1, 1], 0.5)
+    scene = plane()
     scene.add_box("screen", np.eye(4), [0.01, 0.05, 0.01], 0.5)
     sensor = probe()
     seen = one_plane(sensor, pose((0, 0, 0.13)))
@@ -276,8 +275,7 @@ def test_only_side_facing_laser_and_camera_is_lit() -> None:
 
 
 def test_moving_exposure_is_average_of_static_ones() -> None:
-    scene = Scene()
-    scene.add_sphere("ball", [0, 0, 0], 0.02, 0.6)
+    scene = ball(0.02, 0.6)
     sensor = probe()
     start, end = pose((0, 0.002, 0.13)), pose((0.0001, 0.0023, 0.1302), (0.01, 0.02, -0.01))
     blurred = expected_electrons(scene, sensor, moving([[start], [end]], [np.eye(4)] * 2))[0].astype(float)
@@ -326,8 +324,7 @@ def test_ambient_light_of_plane_matches_closed_form() -> None:
 
 
 def test_ambient_light_matches_tracing_of_every_pixel() -> None:
-    scene = Scene()
-    scene.add_sphere("ball", [0, 0, 0], 0.015, 0.8)
+    scene = ball(0.015, 0.8)
     scene.add_box("box", np.eye(4), [0.02, 0.01, 0.01], 0.3)
     sensor = probe(ambient={"irradiance": 2.0})
     exposures = still(pose((0, 0, 0.13)), pose((0.0, -0.02, 0.12), (0.3, 0.4, 0.5)))
@@ -352,7 +349,6 @@ def test_light_converges_with_samples(samples: int) -> None:
 def test_empty_view_gives_dark_images() -> None:
     sensor = probe()
     assert expected_electrons(Scene(), sensor, still()).max() == 0.0
-    scene = Scene()
-    scene.add_sphere("ball", [0, 0, 0], 0.01, 0.5)
+    scene = ball(0.01)
     for place in ((0, 0, -0.1), (0.3, 0, 0.1), (0, 0, 3.0)):
         assert expected_electrons(scene, sensor, still(pose(place))).max() == 0.0

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-from scenes import Array, pose, probe, still
+from scenes import Array, plane, pose, probe, still
 
 from scancell.sensor import Exposures, Scene, Sensor, extract, render, scan, triangulate
 
@@ -14,8 +14,7 @@ Z = 0.12
 
 
 def plane_at(z: float) -> tuple[Scene, Exposures]:
-    scene = Scene()
-    scene.add_plane("plane", np.eye(4), [1, 1], 0.5)
+    scene = plane()
     return scene, still(pose((0, 0, z)))
 
 

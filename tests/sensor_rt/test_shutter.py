@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import BARE, Array, assert_same_light, cluttered, moving, pose, probe, still
+from scenes import BARE, Array, assert_same_light, cluttered, moving, plane, pose, probe, still
 from scipy.spatial.transform import Rotation, Slerp
 
 from scancell.sensor import Exposures, Scene, Sensor, expected_electrons, render, scan
@@ -42,8 +42,7 @@ def at(first: Array, last: Array, share: float) -> Array:
 @pytest.mark.parametrize("velocity", [(0.0, 0.0, 0.05), (0.0, 0.08, 0.0), (0.06, 0.0, -0.03)], ids=["z", "y", "xz"])
 def test_moving_plane_is_sheared(velocity: tuple[float, float, float]) -> None:
     """Points are displaced by the plane's normal speed times the row time."""
-    scene = Scene()
-    scene.add_plane("plane", np.eye(4), [0.4, 0.4], 0.5)
+    scene = plane(size=0.4)
     middle, angles = np.array([0.0, 0.0, 0.118]), (0.75, 0.12, 0.0)  # steep: the stripe covers most of the rows
     path = np.array(velocity) * SPAN
     places = moving([[pose(middle - path / 2, angles)], [pose(middle + path / 2, angles)]], [np.eye(4)] * 2)
@@ -163,8 +162,7 @@ def test_zero_readout_time_is_global_shutter() -> None:
 
 
 def test_path_tracing_supports_rolling_shutter() -> None:
-    scene = Scene()
-    scene.add_plane("plane", np.eye(4), [0.4, 0.4], 0.5)
+    scene = plane(size=0.4)
     ends = [[pose((0.0, 0.0, z), (0.5, 0.1, 0.0))] for z in (0.118, 0.120)]
     exposures: Exposures = moving(ends, [np.eye(4)] * 2)
     small = {"width": 160, "height": 128}
