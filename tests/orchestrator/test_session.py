@@ -12,6 +12,7 @@ import pytest
 from cells import GRIPPER, ball, block, export_mm
 from fmu_cells import CYCLE_US, moves_with_stops, turn_of_table
 
+from scancell import Scanner
 from scancell.cell.controller import GripperMode, JogFrame, Mode, Operation
 from scancell.cell.fmu_file import cell_json, make_temporary_fmu
 from scancell.cell.fmu_package.contents import FmiVersion
@@ -103,9 +104,12 @@ def test_move_joints_reaches_target(start: Start, version: int) -> None:
             lambda session: session.jog_joints([0.1] * 8, 0.1),
             "jog_joints: deflections = .*: expected at most 7 numbers",
         ),
+        (lambda session: session.run_conveyor(2, 0.1), "run_conveyor: conveyor = 2: expected 1 to 1"),
     ],
 )
-def test_wrong_number_of_axes_is_rejected(start: Start, command: Callable[[CellSession], None], expected: str) -> None:
+def test_wrong_number_of_axes_or_of_a_conveyor_is_rejected(
+    start: Start, command: Callable[[CellSession], None], expected: str
+) -> None:
     with pytest.raises(CommandError, match=expected):
         command(start())
 
@@ -308,6 +312,13 @@ def test_second_program_records_own_exposures(start: Start, kind) -> None:
     assert second.time.min() > first.time.max()
     np.testing.assert_allclose(second.q, first.q, atol=1e-12)
     np.testing.assert_allclose(second.table, first.table, atol=1e-9)
+
+
+def test_gripper_commands_need_a_gripper(ideal_scanner: Scanner) -> None:
+    with ideal_scanner.session() as session:
+        for command in (lambda: session.open_gripper(0.02), lambda: session.close_gripper(5.0)):
+            with pytest.raises(CommandError, match="the cell has no gripper"):
+                command()
 
 
 def test_session_rejects_true_values(start: Start) -> None:

@@ -369,18 +369,29 @@ class CellSession:
 
     @checked_arguments
     def run_conveyor(self, conveyor: Count, speed: BeltSpeed) -> None:
-        """Give conveyor number `conveyor` (from 1) the `speed`, m/s; its belt accelerates while the cell steps."""
+        """Give conveyor number `conveyor` (from 1) the `speed`, m/s; its belt accelerates while the cell steps.
+
+        Raises
+        ------
+        CommandError
+            If the cell has no such conveyor.
+        """
+        count = sum(name.startswith("command.conveyor[") for name in self._cell.names)
+        if conveyor > count:
+            raise CommandError(f"run_conveyor: conveyor = {conveyor}: expected 1 to {count}")
         self._set_real(f"command.conveyor[{conveyor}].speed", speed)
 
     @checked_arguments
     def start_open_gripper(self, width: Width) -> None:
-        """Start to bring the pads `width` apart, m."""
+        """Start to bring the pads `width` apart, m; raises `CommandError` if the cell has no gripper."""
+        self.flange_from_tool("gripper")
         self._set_real("command.gripper.width", width)
         self._cell.set_integer("command.gripper.mode", GripperMode.WIDTH)
 
     @checked_arguments
     def start_close_gripper(self, force: Force) -> None:
-        """Start to close the gripper with `force`, N each finger."""
+        """Start to close the gripper with `force`, N each finger; raises `CommandError` if the cell has no gripper."""
+        self.flange_from_tool("gripper")
         self._set_real("command.gripper.force", force)
         self._cell.set_integer("command.gripper.mode", GripperMode.FORCE)
 

@@ -26,7 +26,6 @@ from scancell.cell.controller import (
     WorldFromTool,
 )
 from scancell.cell.session import CellSession
-from scancell.errors import CommandError
 
 
 class Command(ABC):
@@ -317,7 +316,6 @@ class OpenGripper(Command):
 
     def start(self, session: CellSession) -> None:
         """Call `CellSession.start_open_gripper` of `session`."""
-        session.flange_from_tool("gripper")  # raises without a gripper
         session.start_open_gripper(self.width)
 
 
@@ -333,7 +331,6 @@ class CloseGripper(Command):
 
     def start(self, session: CellSession) -> None:
         """Call `CellSession.start_close_gripper` of `session`."""
-        session.flange_from_tool("gripper")  # raises without a gripper
         session.start_close_gripper(self.force)
 
 
@@ -365,7 +362,4 @@ class RunConveyor(Command):
 
     def start(self, session: CellSession) -> None:
         """Call `CellSession.run_conveyor` of `session`."""
-        count = sum(name.startswith("command.conveyor[") for name in session.cell.names)
-        if self.conveyor > count:
-            raise CommandError(f"run_conveyor: conveyor = {self.conveyor}: expected 1 to {count}")
         session.run_conveyor(self.conveyor, self.speed)
