@@ -85,7 +85,7 @@ test: dev native-tests
 
 # Without the tests marked slow.
 test-fast: dev
-	@$(PYTEST) -m "not slow"
+	@$(PYTEST) -m "not slow and not campaign"
 
 # The build folder that the installation made is used again, so that only the tests themselves are compiled.
 native-tests: dev
@@ -93,8 +93,10 @@ native-tests: dev
 	  && cmake --build $$folder >>build/native-tests.log || { tail -n 30 build/native-tests.log; exit 1; }
 	@ctest --test-dir $$(ls -d build/cp3*) -j $$(nproc) --output-on-failure --no-tests=error | tail -n 4
 
-# What takes hours: the guard's campaign, searches with deliberate errors, attacks, and coverage of intervals. Each prints a table.
+# What takes hours: tests of more cases, the guard's campaign, searches with deliberate errors, attacks, and coverage of
+# intervals. Each prints a table.
 campaign: dev
+	@$(PYTEST) -m campaign
 	@$(BIN)/scancell guard check $(PART) --runs $(RUNS) --out out/campaign
 	@for study in "guard_search $(PART) --error all --runs 2000" guard_retreat guard_packets workspace_messages interrupts \
 	  api_fuzzer calibration_figures study_intervals; do \

@@ -273,6 +273,11 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         with self.scanner.session(**arguments):
             pass
 
+    def _temporary_fmu(self, **arguments: Any) -> None:
+        made = scancell.make_temporary_fmu(**arguments)
+        if made.resolve() != Path.cwd():  # which holds the inputs of all calls
+            shutil.rmtree(made, ignore_errors=True)
+
     def _running_cell(self) -> list[Target]:
         """Names that read and build things, and those of the running cell and its guard."""
         setup, part = self.scanner.setup, self.part
@@ -313,7 +318,7 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
             Target("build_fmu", scancell.build_fmu, {"description": described, "path": Path("cell.fmu"), "version": 2}),
             Target(
                 "make_temporary_fmu",
-                lambda description, folder: shutil.rmtree(scancell.make_temporary_fmu(description, folder), True),
+                self._temporary_fmu,
                 {"description": described, "folder": Path("unpacked")},
             ),
             Target("guard_of", scancell.guard_of, {"cell": setup.cell, "part": part, "scan": None, **files}),

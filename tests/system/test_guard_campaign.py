@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict, replace
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,6 @@ from commands import PARTS, scancell_here
 
 from bench.guard_search.mutations import MUTATIONS
 from bench.guard_search.outcomes import IGNORED, search
-from scancell.cell.controller import Operation
 from scancell.errors import DescriptionError
 from scancell.geometry.mesh import load_mesh
 from scancell.geometry.reduction import protrusion_bound
@@ -24,7 +22,7 @@ from scancell.studies.guard.run import CampaignOptions, RowFile, run_campaign, s
 from scancell.studies.guard.strata import BLOCK, DECADES, FAULTS, THIRDS, stratum_of
 from scancell.studies.guard.worlds import KnownWorld, described_cells, known_world, standing_parts, true_world
 
-QUICK = ("stale-answers", "no-clearance", "slow-is-rest")  # errors that take few runs to find
+QUICK = ("stale-answers", "begun-is-permitted")  # errors that take few runs to find
 OPTIONS = CampaignOptions(None, str(PARTS / "free_form.stl"))
 
 
@@ -43,11 +41,12 @@ def known() -> KnownWorld:
 @pytest.mark.slow
 @pytest.mark.parametrize("block", range(len(FAULTS)))
 def test_guarded_robots_do_not_collide(campaign: Campaign, block: int) -> None:
-    """A fault of the network: a run by hand and an automatic one in each decade of speed."""
-    runs = product(range(len(DECADES)), Operation)
+    """A fault of the network: a run in each decade of speed, by hand or automatic, in turn from fault to fault."""
+    runs = [(decade, (block + decade) % 2) for decade in range(len(DECADES))]
     numbers = [BLOCK * block + 6 * decade + 3 * kind + (block + decade + kind) % 3 for decade, kind in runs]
     rows = [campaign.run(number) for number in numbers]
-    assert {(row.decade, row.operation) for row in rows} == set(product(DECADES, ("manual", "automatic")))
+    assert {row.decade for row in rows} == set(DECADES)
+    assert {row.operation for row in rows} == {"manual", "automatic"}
     assert {row.fault for row in rows} == {list(FAULTS)[block]}
     assert [row for row in rows if row.collided] == []
     assert [row for row in rows if row.false_stop] == []

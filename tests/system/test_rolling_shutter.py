@@ -14,7 +14,7 @@ from scancell.errors import SensorError
 from scancell.scanning.exposures import readout_time
 from scancell.scanning.sense import Sensors, make_sensor
 
-FEWER = "scan.max_profiles=90"
+FEWER = "scan.max_profiles=50"
 ROLLING = ('sensor.detector.shutter="rolling"', "sensor.detector.row_readout_us=20")
 
 
@@ -31,7 +31,7 @@ def rolling():
 def figures(line, recording: Recording, nominal, true, engine: str = "ray-traced") -> dict[str, float]:
     points = line.sense(recording, engine, sensors=Sensors(nominal, true))
     cloud = line.cloud(recording, points, normals=False)
-    assert len(cloud) > 30_000
+    assert len(cloud) > 15_000
     return figures_um(line.signed(cloud))
 
 

@@ -17,7 +17,7 @@ class _PlacedDescription(Description):
     name: Name = Field(description="unique name of the shape")
     pose: PoseDescription = Field(default=PoseDescription(), description="part_from_shape: pose in the part frame")
     role: Literal["measured", "support"] = Field(
-        default="measured", description="measured: calibrated surface; support: stem, base or other holder of those"
+        default="measured", description="measured: calibrated surface; support: stem, base or other holder"
     )
 
 

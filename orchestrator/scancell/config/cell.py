@@ -90,7 +90,7 @@ class TableDescription(Description):
         default=7200.0, description="jerk limit of programmed motion at monitor speed 1, deg/s³"
     )
     friction: NonNegative = Field(
-        default=0.6, description="Coulomb friction coefficient of the platter; the smaller one of a contact counts"
+        default=0.6, description="Coulomb friction coefficient of the platter; the smaller one of two bodies applies"
     )
     encoder_resolution_deg: EncoderResolution = 0.0
     encoder_noise_deg: EncoderNoise = 0.0
@@ -151,7 +151,7 @@ class PartDescription(Description):
     reflectance: PartReflectance = 0.5
     material: PartMaterial = None
     material_region: tuple[MaterialRegionDescription, ...] = Field(
-        default=(), description="regions with other materials; the last one counts where boxes overlap"
+        default=(), description="regions with other materials; where boxes overlap the last one applies"
     )
     face_materials: str | None = Field(
         default=None,
@@ -234,14 +234,14 @@ class CellDescription(FileDescription):
     )
     conveyor: tuple[ConveyorDescription, ...] = Field(default=(), description="conveyor belts")
     obstacle: tuple[ObstacleDescription, ...] = Field(
-        default=(), description="rigid bodies that stand in the world or on the table"
+        default=(), description="rigid bodies fixed in the world or on the table"
     )
     gripper: GripperDescription | None = Field(default=None, description="gripper on the flange; default: none")
     contact: ContactDescription = Field(
         default=ContactDescription(), description="contact solver and number of contact points"
     )
     light: Annotated[tuple[LightDescription, ...], Field(max_length=64)] = Field(
-        default=(), description="external lights that the cameras see"
+        default=(), description="external lamps that light the scene"
     )
     presence_sensor: tuple[PresenceSensorDescription, ...] = Field(
         default=(), description="presence sensors (light barriers)"

@@ -13,7 +13,7 @@ class ChannelDescription(Description):
     See the example of `faulty_link`.
     """
 
-    delay_ms: NonNegative = Field(default=0.0, description="least delay of a packet, ms")
+    delay_ms: NonNegative = Field(default=0.0, description="minimum delay of a packet, ms")
     jitter_ms: NonNegative = Field(
         default=0.0, description="mean of the exponentially distributed delay beyond, ms; packets overtake each other"
     )
@@ -24,14 +24,14 @@ class ChannelDescription(Description):
     )
     burst_loss: Fraction = Field(default=1.0, description="probability that a packet is lost in a burst")
     duplication: Fraction = Field(
-        default=0.0, description="probability that a packet is delivered twice, each with a delay of its own"
+        default=0.0, description="probability that a packet is delivered twice, with independent delays"
     )
     replay: Fraction = Field(default=0.0, description="probability that a packet is delivered again after replay_ms")
     replay_ms: NonNegative = Field(default=1000.0, description="time after which packets are delivered again, ms")
     dead_from_s: NonNegative | None = Field(
         default=None, description="time from which on nothing is sent or delivered, s"
     )
-    dead_until_s: NonNegative | None = Field(default=None, description="time at which the dead link works again, s")
+    dead_until_s: NonNegative | None = Field(default=None, description="time at which the link recovers, s")
 
 
 class LinkDescription(Description):
@@ -46,5 +46,5 @@ class LinkDescription(Description):
     clock_drift_ppm: Finite = Field(
         default=0.0, gt=-1e6, description="relative error of the rate of the controller's clock, ppm"
     )
-    stale: Fraction = Field(default=0.0, description="probability that an old state is sent in place of the new one")
-    stale_polls: int = Field(default=1, ge=1, le=1000, description="how many polls ago an old state was measured")
+    stale: Fraction = Field(default=0.0, description="probability that an old state is sent instead of the new one")
+    stale_polls: int = Field(default=1, ge=1, le=1000, description="age of an old state, in polls")

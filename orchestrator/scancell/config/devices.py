@@ -36,7 +36,7 @@ def check_soft(soft: SoftDescription | None, fixture: str) -> None:
 # Keys of every part, the scanned one and further ones.
 PartDensity = Annotated[Positive, Field(description="density of the part, for mass and inertia")]
 PartFriction = Annotated[
-    NonNegative, Field(description="Coulomb friction coefficient of the part; the smaller one of a contact counts")
+    NonNegative, Field(description="Coulomb friction coefficient of the part; the smaller one of two bodies applies")
 ]
 PartSprings = Annotated[SoftDescription | None, Field(description="springs of a soft part; default: rigid")]
 PartReflectance = Annotated[
@@ -97,7 +97,7 @@ class ConveyorDescription(Description):
     max_speed_mm_s: Positive = Field(default=500.0, description="speed limit of the belt, mm/s")
     max_acceleration_mm_s2: Positive = Field(default=1000.0, description="acceleration limit of the belt, mm/s²")
     friction: NonNegative = Field(
-        default=0.6, description="Coulomb friction coefficient of the belt; the smaller one of a contact counts"
+        default=0.6, description="Coulomb friction coefficient of the belt; the smaller one of two bodies applies"
     )
     reflectance: Fraction = Field(
         default=0.05, description="Lambertian reflectance of the belt at the laser's wavelength, 0..1"
@@ -125,7 +125,7 @@ class ObstacleDescription(Description):
     )
     known: bool = Field(
         default=True,
-        description="false: stands in the simulated cell, but planning and reconstruction do not know of it",
+        description="false: only in the simulated cell, unknown to planning and reconstruction",
     )
     clearance_mm: NonNegative | None = Field(
         default=None, description="smallest distance of arm and sensor from it, mm; default: scan.clearance_mm"

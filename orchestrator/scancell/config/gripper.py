@@ -30,7 +30,7 @@ class GripperDescription(Description):
     max_force_n: Positive = Field(default=60.0, description="force limit of each finger, N")
     max_speed_mm_s: Positive = Field(default=100.0, description="speed limit of each finger, mm/s")
     friction: NonNegative = Field(
-        default=0.8, description="Coulomb friction coefficient of the pads; the smaller one of a contact counts"
+        default=0.8, description="Coulomb friction coefficient of the pads; the smaller one of two bodies applies"
     )
     centring_stiffness_n_mm: Positive = Field(
         default=20.0, description="stiffness of the coupling that keeps both fingers symmetric to the centre, N/mm"

@@ -126,7 +126,7 @@ class HeldJointDescription(Description):
 
     joint: Annotated[int, Field(ge=1, le=MAX_JOINTS)] = Field(description="number of the joint, from 1 at the base")
     values_deg: Annotated[tuple[Finite, ...], Field(max_length=32)] = Field(
-        default=(), description="joint angles to hold it at, deg; each has branches of its own; default: the home angle"
+        default=(), description="held joint angles, deg; each has its own branches; default: the home angle"
     )
 
 

@@ -30,9 +30,9 @@ class OccupiedDescription(Description):
         description="frame of the points of a cloud, as --frame of the scan that made it; points in the frames of part"
         " and table turn with the table",
     )
-    voxel_mm: Positive = Field(default=5.0, description="edge of the voxels that a cloud becomes, mm")
+    voxel_mm: Positive = Field(default=5.0, description="edge length of the voxels of a cloud, mm")
     inflate_mm: NonNegative = Field(
-        default=0.0, description="distance from points or voxels up to which space counts as occupied, mm"
+        default=0.0, description="space within this distance of points or voxels counts as occupied, mm"
     )
 
 
@@ -73,7 +73,7 @@ class PairClearanceDescription(Description):
     """Clearance of one pair of bodies, in place of all other values for it."""
 
     bodies: tuple[str, str] = Field(description="names of the bodies: sensor, link4, table, part, an obstacle's …")
-    clearance_mm: NonNegative = Field(description="smallest distance allowed between them, mm")
+    clearance_mm: NonNegative = Field(description="minimum distance between the two bodies, mm")
 
 
 class CoverageDescription(Description):
@@ -83,9 +83,9 @@ class CoverageDescription(Description):
     speeds, spacing and stand-off are theirs.
     """
 
-    enabled: bool = Field(default=False, description="whether views are chosen by what they see")
+    enabled: bool = Field(default=False, description="whether views are chosen by coverage")
     share: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
-        default=0.99, description="share of the measurable surface that is to be seen, 0..1"
+        default=0.99, description="share of the measurable surface to see, 0..1"
     )
     max_views: Annotated[int, Field(ge=1, le=1000)] = Field(default=100, description="largest number of views")
     max_time_s: Positive = Field(default=600.0, description="largest estimated duration of all views, s")
@@ -113,9 +113,9 @@ class ScanDescription(FileDescription):
     settle_ms: NonNegative = Field(
         default=100.0, description="waiting time at rest before each exposure in stop-and-look mode, ms"
     )
-    clearance_mm: NonNegative = Field(default=5.0, description="smallest distance allowed between bodies, mm")
+    clearance_mm: NonNegative = Field(default=5.0, description="minimum distance between bodies, mm")
     pair_clearance: tuple[PairClearanceDescription, ...] = Field(
-        default=(), description="pairs of bodies with a clearance of their own"
+        default=(), description="pairs of bodies with another clearance"
     )
     max_planning_work: Positive = Field(
         default=300.0,
@@ -127,10 +127,10 @@ class ScanDescription(FileDescription):
     )
     verify: bool = Field(
         default=True,
-        description="whether python-fcl, an independent library, looks for collisions in the finished plan",
+        description="whether python-fcl, an independent library, checks the finished plan for collisions",
     )
     occupied: tuple[OccupiedDescription, ...] = Field(
-        default=(), description="measured space that planning keeps clear of, beside the bodies of the cell"
+        default=(), description="measured space that planning avoids in addition to the bodies of the cell"
     )
     table_margin_mm: Finite = Field(
         default=0.5,
@@ -140,7 +140,7 @@ class ScanDescription(FileDescription):
     sweep: SweepDescription = Field(default=SweepDescription(), description="turns of the table under a fixed sensor")
     raster: RasterDescription = Field(default=RasterDescription(), description="straight passes over the part's top")
     coverage: CoverageDescription = Field(
-        default=CoverageDescription(), description="choice of views by what they see of the measurable surface"
+        default=CoverageDescription(), description="choice of views by coverage of the measurable surface"
     )
     pose: tuple[PoseDescription, ...] = Field(
         default=(), description="part_from_sensor of single exposures; replaces sweeps and passes"

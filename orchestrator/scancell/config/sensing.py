@@ -56,7 +56,7 @@ class LightCurtainDescription(CellSensorDescription):
     """Parallel beams between two posts. The first beam runs along z from the origin, the others beside it along x."""
 
     width_mm: Positive = Field(description="distance between the posts along z, mm")
-    height_mm: Positive = Field(description="distance from the first beam along x up to which there are beams, mm")
+    height_mm: Positive = Field(description="extent of the beams along x from the first beam, mm")
     beam_spacing_mm: Positive = Field(description="distance between two beams, mm; at most 1000 beams")
 
     @model_validator(mode="after")

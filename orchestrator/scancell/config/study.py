@@ -32,8 +32,8 @@ class CalibrateDescription(Description):
     artefact: str | None = Field(
         default=None, description="file of the artefact (TOML) or of the mesh of any part; default: a shipped one"
     )
-    also: tuple[str, ...] = Field(default=(), description="further deviations to find, such as dh[3].theta")
-    wobble: bool = Field(default=False, description="whether the wobble of the table axis is found, too")
+    also: tuple[str, ...] = Field(default=(), description="further deviations to estimate, such as dh[3].theta")
+    wobble: bool = Field(default=False, description="whether the wobble of the table axis is also estimated")
     poses: Annotated[int, Field(ge=0, le=10_000)] | None = Field(
         default=None, description="exposures at rest; default 24, none for latency"
     )
@@ -41,7 +41,8 @@ class CalibrateDescription(Description):
         default=None, description="passes in motion; default 8 for latency and all, else none"
     )
     pose: Literal["described", "unknown"] | None = Field(
-        default=None, description="whether the artefact is exactly where the cell puts it; default as of the command"
+        default=None,
+        description="whether the pose of the artefact is taken from the cell or estimated; default as in the command",
     )
 
 
@@ -69,7 +70,7 @@ class StudyDescription(VaryingScansDescription):
         default=0.95, description="coverage probability of all intervals"
     )
     calibrate: CalibrateDescription | None = Field(
-        default=None, description="calibration in every trial, so that figures are those after calibration"
+        default=None, description="calibration of the cell in every trial, before the scan"
     )
     sphere: tuple[FittedSphereDescription, ...] = Field(default=(), description="spheres to fit")
 
