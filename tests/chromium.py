@@ -19,7 +19,7 @@ HANGS_MS = 300_000  # a busy machine takes long; only a hang takes longer
 # A page that redraws as often as it can leaves the processor no time for anything else.
 _FEWER_FRAMES = """
   const asked = window.requestAnimationFrame.bind(window);
-  window.requestAnimationFrame = (draw) => setTimeout(() => asked(draw), 150);
+  window.requestAnimationFrame = (draw) => setTimeout(() => asked(draw), 250);
   window.cancelAnimationFrame = clearTimeout;
 """
 EXECUTABLE = shutil.which("chromium") or shutil.which("google-chrome")

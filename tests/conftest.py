@@ -14,6 +14,7 @@ from xdist.remote import Producer
 from xdist.scheduler import LoadScopeScheduling
 
 _SECONDS: Counter[str] = Counter()
+_COLLECTED: set[str] = set()
 _ROOT = Path(__file__).parents[1]
 
 # Left out by `make test-fast`: whole scans, FMUs or path tracing for more than a few seconds.
@@ -24,6 +25,7 @@ SLOW_FILES = {
     *("test_rendered_ghosts", "test_shutter", "test_speckle", "test_visibility", "test_geometric_options"),
 }
 FAST_FILES = {"test_scanner"}
+CAMPAIGN = {line for line in (_ROOT / "tests" / "campaign.txt").read_text().splitlines() if line.startswith("tests/")}
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -47,6 +49,9 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
+    _COLLECTED.add(item.nodeid)
+    if item.nodeid in CAMPAIGN:
+        item.add_marker(pytest.mark.campaign)
     slow = item.path.parent.name in SLOW_FOLDERS or item.path.stem in SLOW_FILES
     if slow and item.path.stem not in FAST_FILES:
         item.add_marker(pytest.mark.slow)
@@ -64,6 +69,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
     Those with a browser, one group, come before all.
     """
+    if not any("::" in argument for argument in config.args):
+        files = {_file(name) for name in _COLLECTED}
+        if missing := sorted(name for name in CAMPAIGN - _COLLECTED if _file(name) in files):
+            raise pytest.UsageError(f"tests/campaign.txt: no such tests: {', '.join(missing)}")
     if hasattr(config, "workerinput"):
         items.sort(key=lambda item: (_group(_file(item.nodeid)) != "browser", item.path.parent.name != "system"))
 

@@ -97,7 +97,7 @@ def waits(page: Any, condition: Callable[[], object], what: str) -> None:
     raise AssertionError(f"{what} never came")
 
 
-def draws(page: Any, frames: int = 10) -> None:
+def draws(page: Any, frames: int = 6) -> None:
     """Wait until the page has drawn so many frames: then it shows, and can be pointed at, what it was sent before."""
     page.evaluate(_FRAMES, frames)
 

@@ -568,7 +568,8 @@ def batch(
 
     Examples
     --------
-    >>> result = scancell.batch(["part.stl"], "clouds", engine="geometric", formats=["npz"], workers=1)
+    >>> scancell.ScanDescription(max_profiles=40).to_toml("coarse.toml")
+    >>> result = scancell.batch(["part.stl"], "clouds", scan="coarse.toml", engine="geometric", workers=1)
     >>> result.figures["scans"]
     1
     """

@@ -79,7 +79,7 @@ class Scanner(Closing):
 
     Examples
     --------
-    >>> with scancell.Scanner() as scanner:
+    >>> with scancell.Scanner(settings={"scan.max_profiles": 100}) as scanner:
     ...     ideal = scanner.scan("part.stl", engine="geometric")
     ...     tilted = scanner.scan("part.stl", engine="geometric", as_built={"tool.rx_deg": 0.1})
     >>> tilted.deviation.rms > 10 * ideal.deviation.rms
@@ -435,7 +435,7 @@ class Scanner(Closing):
 
         Examples
         --------
-        >>> with scancell.Scanner() as scanner:
+        >>> with scancell.Scanner(settings={"scan.max_profiles": 100}) as scanner:
         ...     report = scanner.calibrate("tool", as_built={"tool.x_mm": 1.0})
         ...     result = scanner.scan(
         ...         "part.stl", engine="geometric", as_built={"tool.x_mm": 1.0}, estimated=report.estimated
@@ -477,7 +477,7 @@ class Scanner(Closing):
         Examples
         --------
         >>> bent = {"sensor.camera[1].tilt_deg": 29.4}
-        >>> with scancell.Scanner() as scanner:
+        >>> with scancell.Scanner(settings={"scan.max_profiles": 100}) as scanner:
         ...     report = scanner.calibrate_sensor("ball", as_built=bent)
         ...     result = scanner.scan("part.stl", engine="geometric", as_built=bent, estimated_sensor=report.sensor)
         >>> result.deviation.rms < 5e-6

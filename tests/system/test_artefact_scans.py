@@ -119,9 +119,9 @@ def test_study_and_batch_take_an_artefact(tmp_path: Path) -> None:
         f'[design]\nkind = "monte_carlo"\ntrials = 2\n{factor}'
     )
     try:
-        done = scancell_here("study", "run", "study.toml", "--out", "study", "--json", cwd=tmp_path)
+        done = scancell_here("study", "run", "study.toml", "--shard", "1/1", "--out", "study", "--json", cwd=tmp_path)
         assert done.code == 0, done.err
-        words = ("--engine", "geometric", "--set", "scan.max_profiles=24", "--out", "batch", "--json")
+        words = ("--engine", "geometric", "--set", "scan.max_profiles=24", "--out", "batch", "--json", "--shard", "1/1")
         done = scancell_here("batch", SPHERE, *words, cwd=tmp_path)
         assert done.code == 0, done.err
     finally:

@@ -269,7 +269,7 @@ def undisturbed(tmp_path_factory) -> tuple[tuple[str | Path, ...], dict[str, byt
     return words, contents(folder / "out")
 
 
-@pytest.mark.parametrize("shot", [signal.SIGKILL, pytest.param(signal.SIGINT, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("shot", [signal.SIGKILL, signal.SIGINT])
 def test_killed_batch_resumes_identically(tmp_path, undisturbed, shot) -> None:
     words, expected = undisturbed
     command = [*COMMAND, *words, "--out", "out", "--workers", "2"]

@@ -182,9 +182,7 @@ def altered_plate(folder, *replacements: tuple[str, str]):
     return path
 
 
-@pytest.mark.parametrize(
-    ("described", "difference"), [pytest.param(14.98, "+0.020", marks=pytest.mark.campaign), (15.06, "-0.060")]
-)
+@pytest.mark.parametrize(("described", "difference"), [(14.98, "+0.020"), (15.06, "-0.060")])
 def test_wrong_diameter_is_named(scanner, plate_points, tmp_path, described, difference) -> None:
     """Some errors of the size pass as pose errors of the robot, others determine nothing: both must name the size."""
     artefact = altered_plate(tmp_path, ("diameter_mm = 15.0", f"diameter_mm = {described}"))

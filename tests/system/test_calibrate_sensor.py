@@ -57,7 +57,7 @@ def test_command_finds_the_sensor_as_built(folder) -> None:
 
 @pytest.mark.slow
 def test_scan_with_the_calibrated_sensor_is_nearly_the_ideal_one(folder) -> None:
-    common = ["--engine", "ray-traced", "--set", "scan.max_profiles=60", "--seed", "2", "--json"]
+    common = ["--engine", "ray-traced", "--set", "scan.max_profiles=30", "--seed", "2", "--json"]
     built = [word for one in MISALIGNED for word in ("--as-built", one)]
     calibrated = ["--estimated-sensor", "out/calibrated_sensor.toml"]
     rms = {}

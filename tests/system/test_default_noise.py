@@ -10,7 +10,7 @@ from line import figures_um
 FEWER = "scan.max_profiles=300"
 
 
-@pytest.mark.parametrize("part", [pytest.param("sphere_on_foot", marks=pytest.mark.campaign), "free_form"])
+@pytest.mark.parametrize("part", ["sphere_on_foot", "free_form"])
 def test_default_noise_is_unbiased_and_equal_in_both_engines(planned, part) -> None:
     line = planned(part, FEWER, ideal=False)
     assert line.setup.sensor.render.noise

@@ -307,7 +307,6 @@ above_mm = 25
 """
 
 
-@pytest.mark.campaign
 def test_sobol_indices_match_linear_model(tmp_path) -> None:
     """Seen from above, the height of a ball is raised by the table and lowered by the sensor: 9 and 16 parts of 25."""
     # Clearances, which every step of the cell would work out, do not matter.

@@ -14,9 +14,7 @@ def campaign(tmp_path_factory):
     return Campaign(tmp_path_factory.mktemp("kills"))
 
 
-@pytest.mark.parametrize(
-    "victim", [pytest.param(one, marks=() if one == "command" else pytest.mark.campaign) for one in VICTIMS]
-)
+@pytest.mark.parametrize("victim", VICTIMS)
 def test_killed_study_resumes_identically(campaign, victim) -> None:
     # By what is finished, for a neighbour's load changes how long that takes.
     trials = random.Random(VICTIMS.index(victim)).randint(TRIALS // 4, 3 * TRIALS // 4)

@@ -91,37 +91,38 @@ def reduced(mesh: Mesh, max_faces: int, max_error: float) -> ReducedMesh:
         light = decimated(mesh, max_faces)
         if light is mesh:
             return ReducedMesh(mesh, len(mesh.faces))
-        error = protrusion_bound(mesh, light)
+        error = protrusion_bound(mesh, light, limit=max_error)
         if error <= max_error:
             return ReducedMesh(light, len(mesh.faces), error)
         max_faces *= 4
 
 
-def protrusion_bound(mesh: Mesh, solid: Mesh, tolerance: float = _TOLERANCE) -> float:
+def protrusion_bound(mesh: Mesh, solid: Mesh, tolerance: float = _TOLERANCE, limit: float = np.inf) -> float:
     """Bound (m) on the distance by which any point of a mesh lies outside a solid, or off an open surface.
 
     The signed distance s of a triangle's centre gives s + r for the whole triangle, where r is its radius about the
     centre (a distance changes by no more than the way). The distance from one face of the solid is a convex function,
     whose largest value is at a corner. Triangles for which neither is below the largest distance found so far plus
-    `tolerance` are divided in four.
+    `tolerance` are divided in four. Beyond `limit` the bound is not sought: the result is a distance above it.
     """
     surface = sensor_rt.MeshSurface(solid.vertices, solid.faces.astype(np.uint32))
     faces = solid.vertices[solid.faces]
     triangles = mesh.vertices[mesh.faces]
     largest = max(0.0, float(_distances(surface, solid, mesh.vertices[np.unique(mesh.faces)])[0].max()))
-    while True:
+    while largest <= limit:
         centre = triangles.mean(1)
         radius = np.linalg.norm(triangles - centre[:, None], axis=-1).max(1)
         distance, nearest = _distances(surface, solid, centre)
         largest = max(largest, float(distance.max(initial=0.0)))
         bound = distance + radius
         rest = np.flatnonzero(bound > largest + tolerance)
-        from_face = np.stack([_from_triangles(triangles[rest, k], faces[nearest[rest]]) for k in range(3)]).max(0)
-        bound[rest] = np.minimum(bound[rest], from_face)
+        from_face = _from_triangles(triangles[rest].reshape(-1, 3), np.repeat(faces[nearest[rest]], 3, axis=0))
+        bound[rest] = np.minimum(bound[rest], from_face.reshape(-1, 3).max(1))
         rest = rest[bound[rest] > largest + tolerance]
         if not len(rest) or 4 * len(rest) > _MAX_TRIANGLES:
             return max(largest + tolerance, float(bound[rest].max(initial=0.0)))
         triangles = _divided(triangles[rest])
+    return largest
 
 
 def _distances(surface: sensor_rt.MeshSurface, solid: Mesh, points: Array) -> tuple[Array, NDArray[np.uint32]]:

@@ -72,7 +72,8 @@ class CalibrationReport(SavedCalibration):
     ...     print(row.name, round(row.value, 2), row.unit)
     trigger.latency 0.5 ms
     >>> files = report.save("calibration")
-    >>> result = scancell.scan("part.stl", cell="calibration/calibrated.toml", engine="geometric")
+    >>> coarse = {"scan.max_profiles": 100}
+    >>> result = scancell.scan("part.stl", cell="calibration/calibrated.toml", settings=coarse, engine="geometric")
     """
 
     calibration: Calibration
