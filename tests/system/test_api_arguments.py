@@ -28,8 +28,9 @@ def fuzzer() -> Iterator[Fuzzer]:
 def test_random_arguments_return_or_raise_a_scancell_error(fuzzer: Fuzzer) -> None:
     outcomes = [fuzzer.run(target, CALLS, seed=1) for target in fuzzer.targets]
     assert [defect for outcome in outcomes for defect in outcome.defects] == []
-    assert sum(outcome.returned for outcome in outcomes) > len(outcomes)
-    assert sum(outcome.refused for outcome in outcomes) > len(outcomes)
+    made = CALLS * len(outcomes)
+    assert sum(outcome.returned for outcome in outcomes) > made / 6
+    assert sum(outcome.refused for outcome in outcomes) > made / 6
 
 
 # Made by calls, not by users; their constructors take what they are given. Enumerations, constants and modules.

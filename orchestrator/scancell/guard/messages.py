@@ -281,7 +281,7 @@ def _check_number(message: Message, name: str, low: float, high: float, kind: An
 def _numbers(name: str, values: ArrayLike) -> Array:
     try:
         return np.array(values, np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise MessageError(key=name, value=values, expected="angles") from None
 
 
