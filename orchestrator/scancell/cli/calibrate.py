@@ -10,7 +10,7 @@ import typer
 
 from scancell.cli.common import Outcome, command, show_progress
 from scancell.cli.options import AsBuiltOption, EngineOption, SeedOption, SensorOption, SetOption, ThreadsOption
-from scancell.config.choices import CalibrationTarget, SensorTarget
+from scancell.config.choices import CalibrationTarget, FlangeConvention, SensorTarget
 from scancell.errors import DescriptionError
 
 if TYPE_CHECKING:
@@ -19,7 +19,18 @@ if TYPE_CHECKING:
     from scancell.progress import Progress
 
 # Parameters of the calibration of a cell alone, and of simulated targets alone.
-_OF_CELL = ("artefact", "wobble", "poses", "passes", "random_poses", "robot_noise", "engine", "sensor")
+_OF_CELL = (
+    "artefact",
+    "flange",
+    "convention",
+    "wobble",
+    "poses",
+    "passes",
+    "random_poses",
+    "robot_noise",
+    "engine",
+    "sensor",
+)
 _OF_SIMULATION = ("target", "pose", "as_built")
 
 
@@ -52,8 +63,16 @@ def calibrate(
         Path | None,
         typer.Option(
             "--from-points",
-            help="points and joints of a real cell, or peaks of a real sensor (CSV, Parquet)",
+            help="points and joints or flange poses of a real cell, or peaks of a real sensor (CSV, Parquet, YAML)",
         ),
+    ] = None,
+    flange: Annotated[
+        Path | None,
+        typer.Option("--flange", help="flange poses of the exposures of --from-points, if its table holds none"),
+    ] = None,
+    convention: Annotated[
+        FlangeConvention | None,
+        typer.Option("--convention", help="convention of the columns flange_orientation_1 … of flange poses"),
     ] = None,
     out: Annotated[
         Path, typer.Option("--out", help="folder for the calibrated description, figures and points")
@@ -123,6 +142,8 @@ def calibrate(
                 as_built=as_built or (),
                 seed=seed,
                 from_points=from_points,
+                flange=flange,
+                convention=convention,
                 progress=progress,
             )
 
