@@ -24,7 +24,7 @@ _START = np.array([0.3, 0.3, 0.3, 1.0, 1.0])  # px, px, mm, mrad, px
 _LEAST = np.array([0.01, 0.01, 1e-3, 1e-3, 1e-3])
 _ROUNDS = 5  # of linearisation, between estimates of the errors' sizes
 _ESTIMATES = 300
-_SETTLED = 1e-4
+_SETTLED = 3e-4
 _STEPS, _EVALUATIONS = 3, 15
 _MOVED = 1e-2  # of unknowns in their scales
 _SPREAD = np.log(1e6)
@@ -248,7 +248,8 @@ def _adjusted(problem: BoardProblem, rig: Rig, errors: Array, sizes: Array) -> t
 
     for _ in range(_STEPS):
         start = np.r_[np.zeros(COUNT), errors.ravel()]
-        found = least_squares(function, start, jacobian, x_scale="jac", max_nfev=_EVALUATIONS, xtol=1e-10, ftol=1e-9)
+        # MINPACK: its own factorization waits for no other threads.
+        found = least_squares(function, start, jacobian, method="lm", x_scale="jac", max_nfev=_EVALUATIONS, ftol=1e-9)
         rig, errors = split(found.x)
         if np.abs(found.x - start).max() < _MOVED:
             break
@@ -281,11 +282,11 @@ def _variance_components(problem: BoardProblem, rig: Rig, errors: Array, sizes: 
         _require_determined(information)
         covariance = np.linalg.inv(information)
         x = -covariance @ (gradients[0] / sizes[0] ** 2 + gradients[1] / sizes[1] ** 2)
-        rest = constant + jacobian @ x
         new = []
-        for group, square, size in zip(groups, squares, sizes, strict=False):
+        for group, square, gradient, size in zip(groups, squares, gradients, sizes, strict=False):
+            rest = constant[group] @ constant[group] + 2 * gradient @ x + x @ square @ x
             spent = float(np.sum(square * covariance)) / size**2
-            new.append(np.sqrt(rest[group] @ rest[group] / max(len(rest[group]) - spent, 1.0)))
+            new.append(np.sqrt(max(rest, 0.0) / max(group.stop - group.start - spent, 1.0)))
         spread = x[COUNT:] ** 2 + np.diag(covariance)[COUNT:]
         new += [np.sqrt(spread[told & (kinds == kind)].mean()) for kind in range(3)]
         before, sizes = sizes, np.maximum(new, _LEAST)
