@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 
 import scancell
 from board_recordings import BASE_FROM_BOARD, BOARD, FLANGE_FROM_SENSOR, BoardRecording, record, recorded_sensor
+from scancell import sensor as sensor_rt
 from scancell.calibration.board.problem import BoardProblem
 from scancell.calibration.board.solve import displacement, hand_eye, predict, seen_pose, solve, start_rig
 from scancell.calibration.board.views import Board, read_views
@@ -83,16 +84,27 @@ def test_described_sensor_triangulates_as_the_rig(report) -> None:
     rng = np.random.default_rng(2)
     recorded = np.column_stack([rng.uniform(150, 500, 50), rng.uniform(20, 490, 50)])
     turned = np.column_stack([recorded[:, 1], report.size[0] - 1 - recorded[:, 0]])
-    points = scancell_points(native, turned)
+    points = sensor_rt.triangulate_pixels(turned, native, 0, "ray")
     expected = report.result.rig.on_sheet(recorded)
     camera_from_sensor = pose.inverse(report.flange_from_camera) @ report.flange_from_sensor
     assert pose.transform_points(camera_from_sensor, points) == pytest.approx(expected, abs=1e-7)
 
 
-def scancell_points(native, pixels: np.ndarray) -> np.ndarray:
-    from scancell import sensor as sensor_rt  # noqa: PLC0415
-
-    return sensor_rt.triangulate_pixels(pixels, native, 0, "ray")
+def test_strongly_rolled_camera_measures_a_plane() -> None:
+    """Real cameras are mounted as there is room: a roll of 15 deg is rendered, extracted and triangulated."""
+    sensor = recorded_sensor().replace({"camera[1].roll_deg": -15.0, "laser.power_mw": 60.0})
+    native = make_sensor(sensor, 1)
+    scene = sensor_rt.Scene()
+    scene.add_plane("plate", np.eye(4), [0.4, 0.4], 0.6)
+    board = pose.from_rotation(pose.rotation_about(0, np.pi + 0.1), (0.0, 0.0, 0.24))
+    exposure = sensor_rt.Exposures(
+        np.eye(4)[None, None], board[None, None, None], np.array([native.exposure]), np.array([1], np.int64)
+    )
+    peaks = sensor_rt.extract(sensor_rt.render(scene, native, exposure, 1), native, 1)
+    points = np.asarray(sensor_rt.triangulate(peaks, native).points_in_sensor)
+    assert len(points) > 300
+    height = pose.transform_points(pose.inverse(board), points)[:, 2]
+    assert np.sqrt(np.mean(height**2)) < 0.02e-3
 
 
 def test_board_of_a_left_out_image_is_predicted_within_its_interval(views) -> None:
