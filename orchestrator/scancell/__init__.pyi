@@ -4,6 +4,7 @@
 from .api import acceptance as acceptance
 from .api import batch as batch
 from .api import calibrate as calibrate
+from .api import calibrate_from_images as calibrate_from_images
 from .api import calibrate_sensor as calibrate_sensor
 from .api import evaluate as evaluate
 from .api import extract as extract
@@ -62,6 +63,7 @@ from .evaluation.coverage import Coverage as Coverage
 from .evaluation.mesh_evaluation import MeshEvaluation as MeshEvaluation
 from .evaluation.artefact import ArtefactEvaluation as ArtefactEvaluation
 from .calibration.cell.report import CalibrationReport as CalibrationReport
+from .calibration.board.report import BoardCalibrationReport as BoardCalibrationReport
 from .calibration.sensor.report import SensorCalibrationReport as SensorCalibrationReport
 from .output.run_folder import RunReport as RunReport
 from .studies.acceptance.report import AcceptanceReport as AcceptanceReport

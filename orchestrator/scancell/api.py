@@ -22,13 +22,17 @@ from scancell.arguments import (
     checked_arguments,
     checked_value,
 )
+from scancell.calibration.board.report import BoardCalibrationReport
+from scancell.calibration.board.request import calibrate_board
+from scancell.calibration.board.views import Board
 from scancell.calibration.cell.report import CalibrationReport
 from scancell.calibration.cell.request import CalibrationRequest
 from scancell.calibration.sensor.report import SensorCalibrationReport
 from scancell.calibration.sensor.request import SensorCalibrationRequest
 from scancell.config.cell import CellDescription
-from scancell.config.choices import Align, CalibrationTarget, Engine, Reconstruction, SensorTarget
+from scancell.config.choices import Align, CalibrationTarget, Engine, FlangeConvention, Reconstruction, SensorTarget
 from scancell.config.keys import Assignments, assignments
+from scancell.config.loading import load_setup
 from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
 from scancell.errors import DescriptionError
@@ -233,6 +237,51 @@ def calibrate_sensor(
     """
     with Scanner(sensor=sensor, settings=settings, ideal=ideal, threads=threads) as scanner:
         return scanner.calibrate_sensor(request, **options)
+
+
+@checked_arguments
+def calibrate_from_images(
+    folder: str | Path,
+    board: str,
+    *,
+    sensor: Sensor = None,
+    settings: Assignments = (),
+    convention: FlangeConvention | None = None,
+    threads: Threads = 0,
+    progress: Progress | ProgressCallback | None = None,
+) -> BoardCalibrationReport:
+    """Calibrate a camera with a laser line on a robot, from images of a chessboard with the stripe on it.
+
+    Intrinsics, laser sheet, pose of the camera on the flange and pose of the board are found together. The other
+    parameters are those of `Scanner` and `Scanner.scan`.
+
+    Parameters
+    ----------
+    folder
+        Images, and a table of the flange's poses with a row for each (docs/calibration_sensor.md).
+    board
+        Inner corners in a row and in a column of the chessboard, and the side of a square in mm: ``7x6x10``.
+    sensor
+        Description whose detector, laser and extraction are kept; the first camera is the one to calibrate.
+    convention
+        Of orientations whose columns do not state it.
+
+    Raises
+    ------
+    ScancellError
+        Naming what is wrong and what was expected; `CalibrationError` where the images do not determine the unknowns,
+        or flange poses disagree with them.
+
+    Examples
+    --------
+    >>> try:
+    ...     scancell.calibrate_from_images("recorded", "7x7x10")
+    ... except scancell.DescriptionError as error:
+    ...     print(error.expected)
+    an odd and an even number of corners
+    """
+    setup = load_setup(None, sensor, None, assignments(settings))
+    return calibrate_board(setup, Path(folder), Board.parse(board), convention, threads, as_progress(progress))
 
 
 @checked_arguments

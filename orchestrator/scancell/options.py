@@ -7,7 +7,7 @@ from typing import TypedDict
 
 from scancell.arguments import Length, Seed
 from scancell.config.batch import CloudFormat
-from scancell.config.choices import Engine
+from scancell.config.choices import Engine, FlangeConvention
 from scancell.config.estimated import EstimatedDescription
 from scancell.config.keys import Assignments
 from scancell.config.sensor import SensorDescription
@@ -64,6 +64,8 @@ class CalibrateOptions(ShotOptions, total=False):
     """Of `Scanner.calibrate`."""
 
     from_points: str | Path | None
+    flange: str | Path | None
+    convention: FlangeConvention | None
     progress: Progress | ProgressCallback | None
 
 

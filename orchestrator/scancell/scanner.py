@@ -23,7 +23,7 @@ from scancell.calibration.sensor.request import SensorCalibrationRequest, calibr
 from scancell.cell.recording import Recording, read_recording
 from scancell.closing import Closing
 from scancell.config.cell import CellDescription
-from scancell.config.choices import CalibrationTarget, Engine, SensorTarget
+from scancell.config.choices import CalibrationTarget, Engine, FlangeConvention, SensorTarget
 from scancell.config.estimated import EstimatedDescription
 from scancell.config.files import assets_dir
 from scancell.config.keys import Assignments, assignments
@@ -411,6 +411,8 @@ class Scanner(Closing):
         seed: Seed = 0,
         setup: Setup | None = None,
         from_points: str | Path | None = None,
+        flange: str | Path | None = None,
+        convention: FlangeConvention | None = None,
         progress: Progress | ProgressCallback | None = None,
     ) -> CalibrationReport:
         """Scan an artefact and find the deviations of the cell from its description.
@@ -426,7 +428,12 @@ class Scanner(Closing):
         setup
             Descriptions of this calibration in place of the scanner's.
         from_points
-            Table of measured points and joints of a real cell (docs/calibration.md), in place of a simulated scan.
+            Table of measured points and joints, or flange poses, of a real cell (docs/calibration.md), in place of a
+            simulated scan.
+        flange
+            Table of the flange poses of its exposures, if they are not in that of the points.
+        convention
+            Of orientations whose columns do not state it.
 
         Raises
         ------
@@ -448,7 +455,10 @@ class Scanner(Closing):
         job = self._job(part, unit, as_built, seed, setup)
         scan = self._calibration_scan(self._job(part, unit, setup=setup), wanted)
         if from_points is not None:
-            return calibrate_from_points(scan, job, wanted, Path(from_points))
+            poses = None if flange is None else Path(flange)
+            return calibrate_from_points(scan, job, wanted, Path(from_points), poses, convention)
+        if flange is not None or convention is not None:
+            raise DescriptionError("applies to `from_points` alone", key="convention" if flange is None else "flange")
         return calibrate_in_cell(scan, job, wanted, engine, as_progress(progress))
 
     @checked_arguments

@@ -245,7 +245,7 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         survey = {"part": part, "unit": "mm", "radius": 0.05, "height": 0.05, "voxel": 0.02, "pitch": 0.02}
         survey |= {"inflation": 0.002, **built, "progress": cancels}
         calibrate = {"request": "tool", "artefact": None, "unit": "mm", "engine": "geometric", **built}
-        calibrate |= {"setup": None, "from_points": None, "progress": cancels}
+        calibrate |= {"setup": None, "from_points": None, "flange": None, "convention": None, "progress": cancels}
         of_part: Arguments = {"part": part, "unit": "mm", "engine": "geometric", **of_sensor}
         render = {"recording": "inputs/run/recording.parquet", **of_part, **estimated}
         plan = {"part": part, "unit": "mm", "setup": None, "quality_factors": (), "progress": None}
@@ -421,6 +421,8 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         of_batch = {"parts": ["inputs/part.obj"], "out": "batch", "config": None}
         of_batch |= {"variants": 1, "workers": 1, "seed": 1}
         of_sensor = {"request": "ball", "sensor": sensor, "settings": {}}
+        images = {"folder": "inputs/shot", "board": "7x6x10", "sensor": sensor, "settings": {}, "convention": None}
+        images |= {"threads": 1, "progress": None}
         evaluate = {"cloud": self.result.cloud, "mesh": part, "artefact": None, "align": "none", "datum": ()}
         extract = {"images": ["inputs/shot"], "out": "extracted", "sensor": sensor, "settings": {}, "laser_off": ()}
         geometric: Arguments = {"engine": "geometric"}
@@ -439,6 +441,7 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
             Target("render", scancell.render, render),
             Target("scan", scancell.scan, {**of_part, **cell, **run, **built, **geometric, "plan": self.plan}),
             Target("shot", scancell.shot, shot),
+            Target("calibrate_from_images", scancell.calibrate_from_images, images, is_refused=True),
         ]
         long = [
             Target("acceptance", scancell.acceptance, {**cell, **built, **geometric, **of_acceptance}),

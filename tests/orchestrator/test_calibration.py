@@ -25,7 +25,7 @@ from scancell.calibration.cell.kinematics import LATENCY, PLATTER, TABLE, TOOL, 
 from scancell.calibration.cell.problem import Artefact, CalibrationProblem, Observations
 from scancell.calibration.cell.scan import readings_of
 from scancell.calibration.cell.solve import solve
-from scancell.calibration.cell.sphere_start import sphere_start
+from scancell.calibration.cell.sphere_start import circles_of, sphere_start
 from scancell.calibration.cell.views import design_poses
 from scancell.cell.recording import TriggerRecords
 from scancell.config.estimated import EstimatedDescription
@@ -140,7 +140,8 @@ def test_circles_of_a_sphere_start_a_calibration_far_from_nominal() -> None:
     points = np.concatenate([observed.points_in_sensor, line])
     frame = np.concatenate([observed.frame, np.repeat(np.arange(frames), count)])
     cluttered = Observations.along_z(observed.readings, points, np.full(len(points), 10e-6), frame)
-    start = sphere_start(default_kinematics(), cluttered, RADIUS, np.asarray(CENTRE) + 5e-3)
+    circles = circles_of(cluttered, RADIUS)
+    start = sphere_start(default_kinematics(), cluttered.readings, circles, np.asarray(CENTRE) + 5e-3)
     assert start is not None and start.exposures >= 12
     errors = np.array([start.deviations[name] - true[name] for name in TOOL])
     assert np.abs(errors[:3]).max() < 0.1e-3 and np.degrees(np.abs(errors[3:]).max()) < 0.1
@@ -153,7 +154,7 @@ def test_profiles_without_circles_give_no_start() -> None:
     y = np.tile(np.linspace(-0.03, 0.03, 100), 5)
     points = np.column_stack([np.zeros_like(y), y, 0.12 + 5e-6 * rng.normal(size=len(y))])
     flat = Observations.along_z(readings, points, np.full(len(y), 5e-6), np.repeat(np.arange(5), 100))
-    assert sphere_start(default_kinematics(), flat, RADIUS, np.asarray(CENTRE)) is None
+    assert sphere_start(default_kinematics(), readings, circles_of(flat, RADIUS), np.asarray(CENTRE)) is None
 
 
 def test_joint_zeros_lengths_and_wobble() -> None:

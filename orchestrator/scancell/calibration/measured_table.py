@@ -1,4 +1,4 @@
-"""Tables of measurements (CSV, Parquet) whose errors name file, column and row."""
+"""Tables of measurements (CSV, Parquet, YAML) whose errors name file, column and row."""
 
 from __future__ import annotations
 
@@ -13,9 +13,12 @@ from numpy.typing import NDArray
 
 from scancell.cell.recording import read_table
 from scancell.errors import DescriptionError
+from scancell.extras import require
 from scancell.files import atomic_write
 
 Array = NDArray[np.float64]
+
+_YAML = (".yaml", ".yml")
 
 
 class MeasuredTable:
@@ -27,12 +30,18 @@ class MeasuredTable:
     def __init__(self, path: Path) -> None:
         self.path = path
         # Only an empty field is none: ``nan`` is a value, which messages show.
-        self._table = read_table(path, pyarrow.csv.ConvertOptions(null_values=[""], strings_can_be_null=False))
+        options = pyarrow.csv.ConvertOptions(null_values=[""], strings_can_be_null=False)
+        self._table = _read_yaml(path) if path.suffix.lower() in _YAML else read_table(path, options)
         if not len(self):
             raise DescriptionError("holds no rows below its header", file=path, expected="at least one")
 
     def __len__(self) -> int:
         return int(self._table.num_rows)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the columns."""
+        return list(self._table.column_names)
 
     def numbers(self, name: str, default: float | None = None, where: NDArray[np.bool_] | None = None) -> Array:
         """A column (n,) of numbers, NaN where empty; those of the rows `where` (n,), by default all, must be finite.
@@ -84,6 +93,37 @@ class MeasuredTable:
             return float(value)
         except (ValueError, TypeError):
             self.refuse(row, name, "a number")
+
+
+def _read_yaml(path: Path) -> pa.Table:
+    """Table of a YAML list of mappings from columns to values; a list of values makes as many rows of its entry."""
+    yaml = require("yaml", "studies")
+    if not path.is_file():
+        raise DescriptionError("no such file", file=path)
+    try:
+        entries = yaml.load(path.read_text(encoding="utf-8"), getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    except (yaml.YAMLError, UnicodeDecodeError, OSError) as error:
+        raise DescriptionError(" ".join(str(error).split()), file=path, expected="YAML") from None
+    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+        raise DescriptionError("is no list of entries", file=path, expected="a list of mappings from columns to values")
+    rows: list[dict[str, Any]] = []
+    for number, entry in enumerate(entries, 1):
+        counts = {str(name): len(values) for name, values in entry.items() if isinstance(values, list)}
+        if len(set(counts.values())) > 1:
+            raise DescriptionError(
+                key=f"entry {number}", file=path, value=counts, expected="lists of equal length in an entry"
+            )
+        for row in range(next(iter(counts.values()), 1)):
+            rows.append({str(k): v[row] if isinstance(v, list) else v for k, v in entry.items()})
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    return pa.table({name: _column([row.get(name) for row in rows]) for name in names})
+
+
+def _column(values: list[Any]) -> pa.Array:
+    """Numbers, or where one of them is none, words."""
+    if all(value is None or (isinstance(value, int | float) and not isinstance(value, bool)) for value in values):
+        return pa.array([None if value is None else float(value) for value in values], pa.float64())
+    return pa.array([None if value is None else str(value) for value in values])
 
 
 def write_measured_table(path: Path, columns: dict[str, Any]) -> None:

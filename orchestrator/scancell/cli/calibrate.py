@@ -10,16 +10,29 @@ import typer
 
 from scancell.cli.common import Outcome, command, show_progress
 from scancell.cli.options import AsBuiltOption, EngineOption, SeedOption, SensorOption, SetOption, ThreadsOption
-from scancell.config.choices import CalibrationTarget, SensorTarget
+from scancell.config.choices import CalibrationTarget, FlangeConvention, SensorTarget
 from scancell.errors import DescriptionError
 
 if TYPE_CHECKING:
+    from scancell.calibration.board.report import BoardCalibrationReport
     from scancell.calibration.cell.report import CalibrationReport
     from scancell.calibration.sensor.report import SensorCalibrationReport
     from scancell.progress import Progress
 
 # Parameters of the calibration of a cell alone, and of simulated targets alone.
-_OF_CELL = ("artefact", "wobble", "poses", "passes", "random_poses", "robot_noise", "engine", "sensor")
+_OF_CELL = (
+    "artefact",
+    "flange",
+    "convention",
+    "wobble",
+    "poses",
+    "passes",
+    "random_poses",
+    "robot_noise",
+    "engine",
+    "sensor",
+)
+_NOT_OF_IMAGES = (*(name for name in _OF_CELL if name != "convention"), "from_points", "also", "unknown_size", "seed")
 _OF_SIMULATION = ("target", "pose", "as_built")
 
 
@@ -52,8 +65,27 @@ def calibrate(
         Path | None,
         typer.Option(
             "--from-points",
-            help="points and joints of a real cell, or peaks of a real sensor (CSV, Parquet)",
+            help="points and joints or flange poses of a real cell, or peaks of a real sensor (CSV, Parquet, YAML)",
         ),
+    ] = None,
+    flange: Annotated[
+        Path | None,
+        typer.Option("--flange", help="flange poses of the exposures of --from-points, if its table holds none"),
+    ] = None,
+    convention: Annotated[
+        FlangeConvention | None,
+        typer.Option("--convention", help="convention of the columns flange_orientation_1 … of flange poses"),
+    ] = None,
+    from_images: Annotated[
+        Path | None,
+        typer.Option(
+            "--from-images",
+            help="images of a chessboard with the stripe on it, by one camera on a robot, with a table of flange poses",
+        ),
+    ] = None,
+    board: Annotated[
+        str | None,
+        typer.Option("--board", metavar="COLUMNSxROWSxMM", help="inner corners and side of its squares: 7x6x10"),
     ] = None,
     out: Annotated[
         Path, typer.Option("--out", help="folder for the calibrated description, figures and points")
@@ -99,10 +131,10 @@ def calibrate(
     from scancell.config.loading import load_setup  # noqa: PLC0415
     from scancell.scanner import Scanner  # noqa: PLC0415
 
-    def cell_report(progress: Progress) -> CalibrationReport | SensorCalibrationReport:
+    def cell_report(progress: Progress) -> CalibrationReport:
         from scancell.calibration.cell.request import CalibrationRequest  # noqa: PLC0415
 
-        _refuse(context, what, ("target",))
+        _refuse(context, what, ("target", "from_images", "board"))
         request = CalibrationRequest(
             what=cast(CalibrationTarget, what),
             also=tuple(also or ()),
@@ -123,13 +155,33 @@ def calibrate(
                 as_built=as_built or (),
                 seed=seed,
                 from_points=from_points,
+                flange=flange,
+                convention=convention,
                 progress=progress,
             )
 
-    def sensor_report(progress: Progress) -> CalibrationReport | SensorCalibrationReport:
+    def image_report(folder: Path, progress: Progress) -> BoardCalibrationReport:
+        from scancell.api import calibrate_from_images  # noqa: PLC0415
+
+        _refuse(context, "sensor --from-images", (*_NOT_OF_IMAGES, *_OF_SIMULATION))
+        if board is None:
+            raise DescriptionError(
+                "is missing", key="board", expected="inner corners and side in mm, for example 7x6x10"
+            )
+        return calibrate_from_images(
+            folder,
+            board,
+            sensor=description,
+            settings=set_ or [],
+            convention=convention,
+            threads=threads,
+            progress=progress,
+        )
+
+    def sensor_report(progress: Progress) -> SensorCalibrationReport:
         from scancell.calibration.sensor.request import SensorCalibrationRequest  # noqa: PLC0415
 
-        _refuse(context, what, _OF_CELL)
+        _refuse(context, what, (*_OF_CELL, "board"))
         if from_points is not None:
             _refuse(context, "sensor --from-points", _OF_SIMULATION)
         request = SensorCalibrationRequest(
@@ -143,9 +195,15 @@ def calibrate(
             return scanner.calibrate_sensor(request, as_built=as_built or (), seed=seed, progress=progress)
 
     with show_progress(as_json) as progress:
-        report = sensor_report(progress) if what == "sensor" else cell_report(progress)
+        report: CalibrationReport | SensorCalibrationReport | BoardCalibrationReport
+        if what != "sensor":
+            report = cell_report(progress)
+        elif from_images is not None:
+            report = image_report(from_images, progress)
+        else:
+            report = sensor_report(progress)
     files = report.save(out)
-    written = next(file for file in files if file.name.startswith("calibrated"))
+    written = next((file for file in files if file.name.startswith("calibrated")), out / "calibration.json")
     lines = [report.summary(), f"  calibrated {'sensor' if what == 'sensor' else 'cell  '}  {written}"]
     return Outcome(lines, report.figures, [str(file) for file in files], report.warnings)
 

@@ -6,6 +6,7 @@ from typing import Literal
 
 Engine = Literal["ray-traced", "geometric"]
 CalibrationTarget = Literal["tool", "table", "latency", "all"]
+FlangeConvention = Literal["matrix", "wxyz", "xyzw", "xyz", "zyz", "xyzwpr", "rotvec"]
 SensorTarget = Literal["ball", "step", "checkered"]
 ScanMode = Literal["dynamic", "stop-and-look"]
 CloudFrame = Literal["part", "table", "base", "world"]

@@ -155,7 +155,7 @@ class CameraDescription(Description):
     )
     offset_y_mm: _Small = Field(default=0.0, description="displacement of the optical centre along sensor Y, mm")
     pan_deg: _Small = Field(default=0.0, description="rotation of the camera about its y, deg")
-    roll_deg: _Small = Field(default=0.0, description="rotation of the camera about its z, before pan_deg, deg")
+    roll_deg: _Lean = Field(default=0.0, description="rotation of the camera about its z, before pan_deg, deg")
 
     @model_validator(mode="after")
     def _sees_a_bounded_range(self) -> Self:

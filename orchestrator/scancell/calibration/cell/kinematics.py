@@ -9,7 +9,7 @@ general tilt of an axis that repeats with every revolution.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,10 @@ def joint_names(count: int, *quantities: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class AxisReadings:
-    """Measured joints (n, joints) and table angles (n,), rad, of n exposures, their rates and accelerations."""
+    """Measured joints (n, joints) and table angles (n,), rad, of n exposures, their rates and accelerations.
+
+    With `flange`, measured poses (n, 4, 4) of the flange in the robot's base, there are no joints: (n, 0).
+    """
 
     q: Array
     table: Array
@@ -44,19 +47,27 @@ class AxisReadings:
     table_rate: Array
     qdd: Array
     table_acceleration: Array
+    flange: Array | None = None
 
     def __len__(self) -> int:
         return len(self.table)
 
     def rows(self, chosen: NDArray[np.intp]) -> AxisReadings:
         """Those of some exposures, by row."""
-        return AxisReadings(**{one.name: getattr(self, one.name)[chosen] for one in fields(self)})
+        flange = None if self.flange is None else self.flange[chosen]
+        names = [one.name for one in fields(self) if one.name != "flange"]
+        return AxisReadings(**{name: getattr(self, name)[chosen] for name in names}, flange=flange)
 
     @classmethod
     def at_rest(cls, q: Array, table: Array) -> AxisReadings:
         """Readings of axes that do not move."""
         still, still_table = np.zeros_like(q), np.zeros_like(table)
         return cls(q, table, still, still_table, still, still_table)
+
+    @classmethod
+    def of_flange(cls, flange: Array, table: Array) -> AxisReadings:
+        """Measured poses (n, 4, 4) of the flange at rest."""
+        return replace(cls.at_rest(np.zeros((len(flange), 0)), table), flange=flange)
 
 
 @dataclass(frozen=True)
@@ -129,7 +140,11 @@ class CellKinematics:
         latency = value[LATENCY]
         qd = readings.qd + latency * readings.qdd
         table_rate = readings.table_rate + latency * readings.table_acceleration
-        arm = self._sensor(readings.q + latency * (readings.qd + qd) / 2, value)
+        if readings.flange is None:
+            arm = self._flange(readings.q + latency * (readings.qd + qd) / 2, value)
+        else:
+            arm = _Walk(self.arm.world_from_base @ readings.flange)
+        self._sensor(arm, value)
         angle = readings.table + latency * (readings.table_rate + table_rate) / 2
         table = self._platter(angle, value)
         world_from_platter = table.world_from_frame
@@ -137,7 +152,8 @@ class CellKinematics:
         # A platter that moves one way moves what is fixed to the world the other way.
         screws = {**arm.screws, **{name: -screw for name, screw in table.screws.items()}}
         named = {name: _in_frame(world_from_platter, screw) for name, screw in screws.items()}
-        joints = np.stack([named[name] for name in joint_names(len(self.arm.joints), "theta")], -1)
+        thetas = joint_names(readings.q.shape[1], "theta")
+        joints = np.stack([named[name] for name in thetas], -1) if thetas else np.zeros((len(readings), 6, 0))
         tilts, turn = {name: named.pop(name) for name in _TILTS}, named.pop("table")
         for name, tilt in tilts.items():
             cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
@@ -153,7 +169,7 @@ class CellKinematics:
             flange=np.stack([_in_frame(world_from_platter, screw) for screw in flange], -1),
         )
 
-    def _sensor(self, q: Array, value: Mapping[str, float]) -> _Walk:
+    def _flange(self, q: Array, value: Mapping[str, float]) -> _Walk:
         walk = _Walk(np.broadcast_to(self.arm.world_from_base, (len(q), 4, 4)))
         for i, joint in enumerate(self.arm.joints):
             row = f"dh[{i + 1}]."
@@ -162,13 +178,16 @@ class CellKinematics:
             walk.translate(2, joint.d + value[row + "d"], row + "d")
             walk.rotate(0, joint.alpha + value[row + "alpha"], row + "alpha")
             walk.rotate(1, joint.beta + value[row + "beta"], row + "beta")
+        return walk
+
+    def _sensor(self, walk: _Walk, value: Mapping[str, float]) -> None:
+        """Go on from the flange to the sensor."""
         walk.screws["flange"] = walk.world_from_frame
         walk.move(self.flange_from_sensor)
         for axis, name in enumerate(TOOL[:3]):
             walk.translate(axis, value[name], name)
         for axis, name in enumerate(TOOL[3:]):
             walk.rotate(axis, value[name], name)
-        return walk
 
     def _platter(self, angle: Array, value: Mapping[str, float]) -> _Walk:
         walk = _Walk(np.broadcast_to(self.world_from_table, (len(angle), 4, 4)))

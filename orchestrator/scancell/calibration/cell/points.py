@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +10,16 @@ from numpy.typing import NDArray
 
 from scancell.calibration.cell.kinematics import AxisReadings
 from scancell.calibration.cell.problem import Observations
+from scancell.calibration.flange_poses import flange_columns, has_flange, read_flange
 from scancell.calibration.measured_table import MeasuredTable, write_measured_table
 from scancell.errors import DescriptionError
+from scancell.geometry.pose_conventions import StatedPoses
 
 Array = NDArray[np.float64]
 
 _DEFAULT_SIGMA_UM = 10.0
 _SAME = 1e-9  # deg: readings of one exposure must agree
+_MOST_NAMED = 3
 
 
 def write_points(data: Observations, path: Path) -> None:
@@ -25,6 +29,8 @@ def write_points(data: Observations, path: Path) -> None:
     """
     readings, frame = data.readings, data.frame
     columns: dict[str, NDArray[np.generic]] = {"exposure": frame + 1}
+    if readings.flange is not None:
+        columns |= {name: values[frame] for name, values in flange_columns(readings.flange).items()}
     for name, values, unit in (
         ("q", readings.q, "deg"),
         ("qd", readings.qd, "deg_s"),
@@ -44,50 +50,135 @@ def write_points(data: Observations, path: Path) -> None:
     write_measured_table(path, columns)
 
 
-def read_points(path: Path, joints: int) -> Observations:
-    """Observations from CSV or Parquet.
+@dataclass(frozen=True)
+class MeasuredPoints:
+    """Observations from files.
 
-    Raises `DescriptionError` if the file is missing, lacks a column, holds values that are not finite numbers, or the
-    readings of an exposure differ.
+    Attributes
+    ----------
+    path, flange_path
+        The tables of points and of flange poses, which may be the same.
+    exposures
+        (n,) number of each exposure in the table.
+    flange
+        Flange poses (n) as stated; None where joints are given.
+    """
+
+    path: Path
+    observations: Observations
+    exposures: Array
+    flange: StatedPoses | None = None
+    flange_path: Path | None = None
+
+
+def read_points(
+    path: Path, joints: int, flange_path: Path | None = None, convention: str | None = None
+) -> MeasuredPoints:
+    """Observations from CSV, Parquet or YAML.
+
+    Raises `DescriptionError` if a file is missing, lacks a column or a pose, holds values that are not finite numbers,
+    or the readings of an exposure differ.
 
     Parameters
     ----------
     joints
         Number of joints of the arm.
+    flange_path
+        Table of flange poses by exposure; by default they, or joints, are in the table of points.
+    convention
+        Of flange poses, see `read_flange`.
     """
     table = MeasuredTable(path)
-    number, first, frame = np.unique(table.numbers("exposure"), return_index=True, return_inverse=True)
-    per_point = {
-        "q": np.column_stack([table.numbers(f"q{joint}_deg") for joint in range(1, joints + 1)]),
-        "qd": np.column_stack([table.numbers(f"qd{joint}_deg_s", 0.0) for joint in range(1, joints + 1)]),
-        "qdd": np.column_stack([table.numbers(f"qdd{joint}_deg_s2", 0.0) for joint in range(1, joints + 1)]),
-        "table": table.numbers("table_deg"),
-        "table_rate": table.numbers("table_rate_deg_s", 0.0),
-        "table_acceleration": table.numbers("table_acceleration_deg_s2", 0.0),
-    }
-    readings = {}
-    for name, values in per_point.items():
-        away = np.abs(values - values[first][frame]).reshape(len(values), -1).max(1)
-        if len(away) and away.max() > _SAME:
-            row = int(away.argmax())
-            raise DescriptionError(
-                f"{name} differs from that in the first row of exposure {number[frame[row]]:g}",
-                file=path,
-                key=f"row {row + 1}",
-                expected="equal readings in all rows of an exposure",
-            )
-        readings[name] = np.radians(values[first])
+    numbers, first, frame = np.unique(table.numbers("exposure"), return_index=True, return_inverse=True)
+    frame = np.asarray(frame, np.intp).reshape(-1)
+    stated = None
+    if flange_path is not None:
+        stated = _poses_of(MeasuredTable(flange_path), numbers, path, convention)
+    elif has_flange(table):
+        every = read_flange(table, convention)
+        stated = every.rows(first)
+        per_point = {"flange position": every.position, "flange orientation": every.orientation}
+        _require_equal(per_point, first, frame, numbers, path)
+    elif convention is not None:
+        raise DescriptionError("has no flange poses", file=path, key="convention", value=convention)
+    readings = _readings(table, joints if stated is None else 0, first, frame, numbers)
+    if stated is not None:
+        readings = AxisReadings.of_flange(stated.matrices(), readings.table)
     direction = np.column_stack([table.numbers(f"error_{axis}", float(axis == "z")) for axis in "xyz"])
     length = np.linalg.norm(direction, axis=1, keepdims=True)
     sigma = table.numbers("sigma_um", _DEFAULT_SIGMA_UM)
     if (sigma <= 0).any() or (length == 0).any():
         raise DescriptionError("sigma_um and the length of error_x, error_y, error_z must be above 0", file=path)
-    points = [table.numbers("x_mm", 0.0), table.numbers("y_mm"), table.numbers("z_mm")]
-    return Observations(
-        AxisReadings(**readings),
-        1e-3 * np.column_stack(points),
+    time_offset = table.numbers("time_offset_ms", 0.0)
+    if stated is not None and time_offset.any():
+        table.refuse(int(np.flatnonzero(time_offset)[0]), "time_offset_ms", "0 with flange poses, which state no rates")
+    observations = Observations(
+        readings,
+        1e-3 * _coordinates(table, stated is not None),
         1e-6 * sigma,
         direction / length,
-        np.asarray(frame, np.intp).reshape(-1),
-        1e-3 * table.numbers("time_offset_ms", 0.0),
+        frame,
+        1e-3 * time_offset,
     )
+    return MeasuredPoints(path, observations, numbers, stated, flange_path or path)
+
+
+def _coordinates(table: MeasuredTable, with_flange: bool) -> Array:
+    """Points (m, 3), mm; in a table of flange poses without y_mm, x_mm is along the line of the sensor."""
+    if with_flange and "x_mm" in table.names and "y_mm" not in table.names:
+        return np.column_stack([np.zeros(len(table)), table.numbers("x_mm"), table.numbers("z_mm")])
+    return np.column_stack([table.numbers("x_mm", 0.0), table.numbers("y_mm"), table.numbers("z_mm")])
+
+
+def _poses_of(table: MeasuredTable, numbers: Array, points: Path, convention: str | None) -> StatedPoses:
+    """Flange poses of the exposures `numbers` (n,)."""
+    stated, own = read_flange(table, convention), table.numbers("exposure")
+    unique, row, count = np.unique(own, return_index=True, return_counts=True)
+    if (count > 1).any():
+        twice = float(unique[count > 1][0])
+        table.refuse(int(np.flatnonzero(own == twice)[1]), "exposure", "one pose of each exposure")
+    missing = np.setdiff1d(numbers, unique)
+    if len(missing):
+        raise DescriptionError(
+            f"holds no flange pose of {len(missing)} of the {len(numbers)} exposures of {points.name}",
+            file=table.path,
+            key="column 'exposure'",
+            expected="a row with exposure " + ", ".join(f"{number:g}" for number in missing[:_MOST_NAMED]),
+        )
+    return stated.rows(row[np.searchsorted(unique, numbers)])
+
+
+def _readings(
+    table: MeasuredTable, joints: int, first: NDArray[np.intp], frame: NDArray[np.intp], numbers: Array
+) -> AxisReadings:
+    """Readings of joints and table; with no joints the table may be missing."""
+
+    def of_joints(name: str, unit: str, default: float | None = None) -> Array:
+        columns = [table.numbers(f"{name}{joint}_{unit}", default) for joint in range(1, joints + 1)]
+        return np.column_stack([np.zeros((len(table), 0)), *columns])
+
+    per_point = {
+        "q": of_joints("q", "deg"),
+        "qd": of_joints("qd", "deg_s", 0.0),
+        "qdd": of_joints("qdd", "deg_s2", 0.0),
+        "table": table.numbers("table_deg", None if joints else 0.0),
+        "table_rate": table.numbers("table_rate_deg_s", 0.0),
+        "table_acceleration": table.numbers("table_acceleration_deg_s2", 0.0),
+    }
+    _require_equal(per_point, first, frame, numbers, table.path)
+    return AxisReadings(**{name: np.radians(values[first]) for name, values in per_point.items()})
+
+
+def _require_equal(
+    per_point: dict[str, Array], first: NDArray[np.intp], frame: NDArray[np.intp], numbers: Array, path: Path
+) -> None:
+    for name, values in per_point.items():
+        away = np.abs(values - values[first][frame]).reshape(len(values), -1).max(1, initial=0.0)
+        if away.max() > _SAME:
+            row = int(away.argmax())
+            raise DescriptionError(
+                f"{name} differs from that in the first row of exposure {numbers[frame[row]]:g}",
+                file=path,
+                key=f"row {row + 1}",
+                expected="equal readings in all rows of an exposure",
+            )

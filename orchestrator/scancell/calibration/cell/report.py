@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.calibration.cell.checks import implausible, shift_text, wrong_sizes
-from scancell.calibration.cell.kinematics import written_unit
+from scancell.calibration.cell.kinematics import TOOL, written_unit
 from scancell.calibration.cell.points import write_points
 from scancell.calibration.cell.problem import CalibrationResult
 from scancell.calibration.cell.scan import Calibration
@@ -20,6 +20,7 @@ from scancell.calibration.report import SavedCalibration, comparison_text
 from scancell.config.cell import CellDescription
 from scancell.config.estimated import EstimatedDescription
 from scancell.config.loading import Setup
+from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.output.manifest import resolved_toml
 from scancell.output.residual_picture import residual_picture
@@ -100,6 +101,14 @@ class CalibrationReport(SavedCalibration):
         return self.setup.cell.model_copy(update={"estimated": self.estimated})
 
     @property
+    def flange_from_sensor(self) -> NDArray[np.float64]:
+        """Calibrated pose (4, 4) of the sensor on the flange, m."""
+        found = self.result.deviations
+        values = np.array([found.get(name, 0.0) for name in TOOL])
+        nominal = self.calibration.problem.kinematics.flange_from_sensor
+        return np.asarray(nominal @ pose.from_euler_xyz(values[:3], values[3:]))
+
+    @property
     def rows(self) -> list[Row]:
         """The deviations that were found."""
         found = zip(self.result.names, self.result.values, self.result.half_widths(self.probability), strict=True)
@@ -155,6 +164,7 @@ class CalibrationReport(SavedCalibration):
             "rms_um": 1e6 * result.rms,
             "noise_of_points": result.noise_of_points,
             "noise_of_robot_si": list(result.noise_of_robot),
+            "flange_from_sensor_m": self.flange_from_sensor.tolist(),
             "artefact_position_mm": (1e3 * result.platter_from_artefact[:3, 3]).tolist(),
             "artefact_shift_mm": (1e3 * self.calibration.shift).tolist(),
             "size_errors_um": (1e6 * result.sizes).tolist(),

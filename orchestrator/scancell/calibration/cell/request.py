@@ -118,14 +118,20 @@ def calibrate_in_cell(
 
 
 def calibrate_from_points(
-    scan: CalibrationScan, job: Job, request: CalibrationRequest, points: Path
+    scan: CalibrationScan,
+    job: Job,
+    request: CalibrationRequest,
+    points: Path,
+    flange: Path | None = None,
+    convention: str | None = None,
 ) -> CalibrationReport:
     """Calibrate from measured points of the artefact of a job, see `read_points`.
 
     Raises `ScancellError` naming what is wrong and what was expected.
     """
-    report = _report(scan.solve(read_points(points, len(job.setup.cell.robot.joint))), job, request, None)
-    return replace(report, inputs=(*report.inputs, points))
+    measured = read_points(points, len(job.setup.cell.robot.joint), flange, convention)
+    report = _report(scan.solve_measured(measured), job, request, None)
+    return replace(report, inputs=(*report.inputs, points, *([] if flange is None else [flange])))
 
 
 def _report(

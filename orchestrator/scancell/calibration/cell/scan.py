@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.calibration.cell.checks import ABOVE_TABLE, mirrored, shift_of, shift_text, where_points_lie, wrong_sizes
+from scancell.calibration.cell.flange_check import AGREED, check_flange
 from scancell.calibration.cell.kinematics import TOOL, AxisReadings, CellKinematics
+from scancell.calibration.cell.points import MeasuredPoints
 from scancell.calibration.cell.problem import (
     Artefact,
     CalibrationProblem,
@@ -22,7 +24,7 @@ from scancell.calibration.cell.problem import (
     surface_of,
 )
 from scancell.calibration.cell.solve import solve
-from scancell.calibration.cell.sphere_start import sphere_start
+from scancell.calibration.cell.sphere_start import circles_of, sphere_start
 from scancell.calibration.cell.views import Candidates, candidates, design_poses, passes, plan_views
 from scancell.cell.recording import TriggerRecords
 from scancell.config.choices import Engine
@@ -45,7 +47,6 @@ Array = NDArray[np.float64]
 
 _PER_POSE = 20  # candidates per wanted pose
 _LEAST_CANDIDATES = 400
-_AGREED = 1e-3  # m: rms distance of a sphere's centres up to which they are taken as a start
 _LEAST_POINTS = 30  # of a candidate, on the artefact
 # Expected pose errors of the robot: position (m) and orientation (rad) of the flange.
 _EXPECTED = np.log([1.0, 20e-6**2, np.radians(0.003) ** 2])
@@ -108,7 +109,8 @@ def kinematics_of(nominal: NominalCell) -> CellKinematics:
 
 def readings_of(measured: TriggerRecords) -> AxisReadings:
     """What the controller measured at every trigger, with the accelerations between triggers."""
-    return AxisReadings(**{one.name: getattr(measured, one.name) for one in fields(AxisReadings)})
+    names = [one.name for one in fields(AxisReadings) if one.name != "flange"]
+    return AxisReadings(**{name: getattr(measured, name) for name in names})
 
 
 def observations_of(profiles: ProfilePoints, readings: AxisReadings, sensor: sensor_rt.Sensor) -> Observations:
@@ -214,6 +216,17 @@ class CalibrationScan:
         except CalibrationError as error:
             raise CalibrationError("; ".join([str(error), *filter(None, self._causes(measured, problem))])) from None
 
+    def solve_measured(self, measured: MeasuredPoints) -> Calibration:
+        """Calibrate by points of a file.
+
+        Raises `CalibrationError` as `solve`, or if flange poses disagree with profiles of a sphere.
+        """
+        problem = self._problem(measured.observations)
+        sphere = single_sphere(problem, self._part)
+        if sphere is not None and measured.flange is not None:
+            check_flange(measured, problem.kinematics, circles_of(problem.observations, sphere[0]), sphere[1])
+        return self.solve(measured.observations)
+
     def _causes(self, measured: Observations, problem: CalibrationProblem) -> Iterator[str]:
         """What is likely to make the points unusable; the first cause that explains all is the only one."""
         cause = wrong_sizes(problem, self._part) or mirrored(self.problem, measured)
@@ -277,15 +290,12 @@ class CalibrationScan:
 
 def with_sphere_start(problem: CalibrationProblem, part: Mesh) -> CalibrationProblem:
     """The problem started from circles in its profiles, where the artefact is one sphere and the tool is unknown."""
-    measured = part.shapes.measured if isinstance(part, ShapeMesh) else ()
-    if len(measured) != 1 or not set(TOOL) <= set(problem.free):
+    sphere, artefact, data = single_sphere(problem, part), problem.artefact, problem.observations
+    if sphere is None:
         return problem
-    artefact, shape, in_artefact = problem.artefact, measured[0].shape, measured[0].frame_from_shape[:3, 3]
-    if not isinstance(shape, Sphere):
-        return problem
-    centre = pose.transform_points(artefact.platter_from_artefact, in_artefact[None])[0]
-    found = sphere_start(problem.kinematics, problem.observations, shape.radius, centre)
-    if found is None or found.rms > _AGREED:
+    radius, centre = sphere
+    found = sphere_start(problem.kinematics, data.readings, circles_of(data, radius), centre)
+    if found is None or found.rms > AGREED:
         return problem
     if not artefact.is_pose_known:
         shift = pose.translation(found.centre - centre)
@@ -293,13 +303,26 @@ def with_sphere_start(problem: CalibrationProblem, part: Mesh) -> CalibrationPro
     return replace(problem, start={**problem.start, **found.deviations}, artefact=artefact)
 
 
+def single_sphere(problem: CalibrationProblem, part: Mesh) -> tuple[float, Array] | None:
+    """Radius, and nominal centre (3,) on the platter, of an artefact that is one sphere; None if the tool is known."""
+    measured = part.shapes.measured if isinstance(part, ShapeMesh) else ()
+    if len(measured) != 1 or not set(TOOL) <= set(problem.free) or not isinstance(measured[0].shape, Sphere):
+        return None
+    in_artefact = measured[0].frame_from_shape[None, :3, 3]
+    return measured[0].shape.radius, pose.transform_points(problem.artefact.platter_from_artefact, in_artefact)[0]
+
+
 def on_artefact(problem: CalibrationProblem) -> NDArray[np.bool_]:
-    """Which points (m,) lie on the artefact within its reach and above the table, by the start of the problem."""
+    """Which points (m,) lie on the artefact within its reach and above the table, by the start of the problem.
+
+    Points by flange poses need not be above the table: a cell that is described for its poses alone may have none.
+    """
     data, artefact = problem.observations, problem.artefact
     poses = problem.kinematics.poses(data.readings, problem.start)
     points = points_on_platter(data, poses)
     local = pose.transform_points(pose.inverse(artefact.platter_from_artefact), points)
-    return np.asarray((artefact.surface.assign(local) >= 0) & (points[:, 2] > ABOVE_TABLE))
+    above = points[:, 2] > ABOVE_TABLE if data.readings.flange is None else True
+    return np.asarray((artefact.surface.assign(local) >= 0) & above)
 
 
 def _of_exposures(problem: CalibrationProblem, rows: NDArray[np.intp]) -> CalibrationProblem:

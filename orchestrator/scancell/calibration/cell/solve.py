@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.calibration.cell.kinematics import UNIT, SensorPoses
+from scancell.calibration.cell.kinematics import LATENCY, UNIT, SensorPoses
 from scancell.calibration.cell.noise import Estimate, Moments, estimate, normal_equations, pose_errors
 from scancell.calibration.cell.observability import determined_basis, require_determined
 from scancell.calibration.cell.problem import MOST_OBLIQUE, CalibrationProblem, CalibrationResult, points_on_platter
@@ -138,6 +138,12 @@ def _check(problem: CalibrationProblem) -> None:
         raise CalibrationError(
             "is no deviation of the cell", key="also", value=unknown[0], expected=f"one of {', '.join(names)}"
         )
+    if problem.observations.readings.flange is not None:
+        of_joints = [name for name in problem.free if name == LATENCY or name.startswith("dh[")]
+        if of_joints or problem.robot_noise == "joints":
+            raise CalibrationError(
+                "flange poses do not determine " + (", ".join(of_joints) or "the noise of joints"), expected="joints"
+            )
     used = np.bincount(problem.observations.frame, minlength=len(problem.observations.readings))
     exposures = int((used >= _LEAST_POINTS).sum())
     wanted = -(-len(problem.free) // 3) + (0 if problem.artefact.is_pose_known else 1)

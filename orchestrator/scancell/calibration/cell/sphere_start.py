@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.calibration.cell.kinematics import TOOL, CellKinematics
+from scancell.calibration.cell.kinematics import TOOL, AxisReadings, CellKinematics
 from scancell.calibration.cell.problem import Observations
 from scancell.geometry import pose
 
@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 
 _TRIALS = 200  # circles through three points of a profile
 _LEAST_POINTS = 20  # on a circle
+_LEAST_CIRCLES = 4
 _NEAR = 30e-6  # m from a circle, at least; or five standard deviations of the points
 _LARGEST = 1.01  # radius of a circle relative to that of the sphere
 _STEPS = 50
@@ -29,13 +30,15 @@ _DAMPING = 1e-4
 class SphereStart:
     """Deviations of the tool (SI), the centre (3,) of the sphere on the platter, m, and the exposures that agree.
 
-    `rms` is the distance between the centres that the exposures give and this one, m.
+    `away` (n,) are the distances between the centres that the circles give and this one, m, and `rms` those of the
+    exposures that agree.
     """
 
     deviations: dict[str, float]
     centre: Array
     exposures: int
     rms: float
+    away: Array
 
 
 def circle_in(points: Array, sigma: float, largest: float, rng: np.random.Generator) -> tuple[Array, float] | None:
@@ -71,18 +74,37 @@ def circle_in(points: Array, sigma: float, largest: float, rng: np.random.Genera
     return middle + np.array([u, v]), float(np.sqrt(max(w + u**2 + v**2, 0.0)))
 
 
-def sphere_start(
-    kinematics: CellKinematics, data: Observations, radius: float, centre: Array, seed: int = 0
-) -> SphereStart | None:
-    """Deviations of the tool from the circles in profiles of a sphere of known radius; None with fewer than four.
+@dataclass(frozen=True)
+class Circles:
+    """Circles in the profiles of a sphere.
+
+    Attributes
+    ----------
+    frame
+        (n,) exposure of each.
+    centre
+        (n, 2) in the plane of the laser, m.
+    across
+        (n,) distance of the sphere's centre from that plane, m.
+    """
+
+    frame: NDArray[np.intp]
+    centre: Array
+    across: Array
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    def in_sensor(self, side: Array | float) -> Array:
+        """Centres (n, 3) of the sphere, on `side` 1 or -1 of the plane."""
+        return np.column_stack([side * self.across, self.centre])
+
+
+def circles_of(data: Observations, radius: float, seed: int = 0) -> Circles:
+    """Circles in the profiles of a sphere of known radius.
 
     The plane of the laser cuts the sphere in a circle of radius r at a distance of ``sqrt(radius² - r²)`` from its
-    centre, on one side or the other. The side is chosen anew in every step of the fit, by what agrees better.
-
-    Parameters
-    ----------
-    centre
-        (3,) about where the sphere is on the platter, m.
+    centre, on one side or the other.
     """
     rng = np.random.default_rng(seed)
     frames, circles, sides = [], [], []
@@ -94,19 +116,76 @@ def sphere_start(
             frames.append(frame)
             circles.append(found[0])
             sides.append(np.sqrt(max(radius**2 - found[1] ** 2, 0.0)))
-    if len(frames) < 4:
+    return Circles(np.array(frames, np.intp), np.array(circles).reshape(-1, 2), np.array(sides))
+
+
+def sphere_start(
+    kinematics: CellKinematics, readings: AxisReadings, circles: Circles, centre: Array
+) -> SphereStart | None:
+    """Deviations of the tool from the circles in profiles of a sphere; None with fewer than four.
+
+    The side of the sphere's centre is chosen anew in every step of the fit, by what agrees better. With flange poses,
+    the fit also starts from a pose of the sensor that needs no description of it.
+
+    Parameters
+    ----------
+    readings
+        Of all exposures.
+    centre
+        (3,) about where the sphere is on the platter, m.
+    """
+    if len(circles) < _LEAST_CIRCLES:
         return None
-    readings = data.readings.rows(np.array(frames, np.intp))
-    across, in_plane = np.array(sides), np.array(circles)
-    deviations, centre = dict.fromkeys(TOOL, 0.0), centre.copy()
-    weights = np.ones(len(frames))
-    away = np.zeros((len(frames), 3))
+    own = readings.rows(circles.frame)
+    found = _refined(kinematics, own, circles, dict.fromkeys(TOOL, 0.0), centre)
+    if readings.flange is not None:
+        far = _refined(kinematics, own, circles, *_linear_start(kinematics, own, circles))
+        found = min(found, far, key=lambda one: float(np.median(one.away)))
+    return found
+
+
+def _linear_start(
+    kinematics: CellKinematics, readings: AxisReadings, circles: Circles
+) -> tuple[dict[str, float], Array]:
+    """Deviations of the tool and centre of the sphere on the platter, from no knowledge of either.
+
+    ``R_i (X p_i + x) + t_i = c`` is linear in the columns of the rotation X, in x and c. The column that multiplies the
+    unknown side is the cross product of the other two, by the solution before.
+    """
+    nominal = kinematics.flange_from_sensor
+    platter_from_flange = kinematics.poses(readings, {}).platter_from_sensor @ pose.inverse(nominal)
+    rotation, offset = platter_from_flange[:, :3, :3], platter_from_flange[:, :3, 3]
+    identity = np.broadcast_to(-np.eye(3), rotation.shape)
+    y, z = (rotation * circles.centre[:, i, None, None] for i in (0, 1))
+    design = np.concatenate([y, z, rotation, identity], -1)
+    across, weights = np.zeros_like(offset), np.ones(len(circles))
+    found, centre = np.eye(4), np.zeros(3)
+    for _ in range(_STEPS):
+        w = np.sqrt(weights)[:, None]
+        left, right = (w[..., None] * design).reshape(-1, 12), (-w * (offset + across)).ravel()
+        y_axis, z_axis, position, centre = np.linalg.lstsq(left, right, rcond=None)[0].reshape(4, 3)
+        u, _, vt = np.linalg.svd(np.column_stack([np.cross(y_axis, z_axis), y_axis, z_axis]))
+        axes = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+        found = pose.from_rotation(axes, position)
+        sensor_from_platter = pose.inverse(platter_from_flange @ found)
+        side = np.sign(pose.transform_each(sensor_from_platter, np.broadcast_to(centre, offset.shape))[:, 0])
+        across = rotation @ axes[:, 0] * (side * circles.across)[:, None]
+        away = pose.transform_each(platter_from_flange @ found, circles.in_sensor(side)) - centre
+        length = np.linalg.norm(away, axis=1)
+        weights = 1.0 / (1.0 + (length / (3.0 * max(float(np.median(length)), 1e-6))) ** 2)
+    deviation = pose.inverse(nominal) @ found
+    values = [*deviation[:3, 3], *pose.euler_xyz_from_rotation(deviation[:3, :3])]
+    return dict(zip(TOOL, map(float, values), strict=True)), centre
+
+
+def _refined(
+    kinematics: CellKinematics, readings: AxisReadings, circles: Circles, deviations: dict[str, float], centre: Array
+) -> SphereStart:
+    deviations = dict(deviations)
+    away = np.zeros((len(circles), 3))
     for _ in range(_STEPS):
         poses = kinematics.poses(readings, deviations)
-        both = [
-            pose.transform_each(poses.platter_from_sensor, np.column_stack([side * across, in_plane]))
-            for side in (1, -1)
-        ]
+        both = [pose.transform_each(poses.platter_from_sensor, circles.in_sensor(side)) for side in (1, -1)]
         nearer = np.linalg.norm(both[0] - centre, axis=1) < np.linalg.norm(both[1] - centre, axis=1)
         at = np.where(nearer[:, None], both[0], both[1])
         away = at - centre
@@ -124,5 +203,7 @@ def sphere_start(
         centre = centre + _UNIT * x[6:]
         if np.abs(x).max() < 1e-3:
             break
-    agree = np.linalg.norm(away, axis=1) < 5.0 * max(float(np.median(np.linalg.norm(away, axis=1))), 1e-6)
-    return SphereStart(deviations, centre, int(agree.sum()), float(np.sqrt(np.mean((away[agree] ** 2).sum(1)))))
+    distance = np.linalg.norm(away, axis=1)
+    agree = distance < 5.0 * max(float(np.median(distance)), 1e-6)
+    rms = float(np.sqrt(np.mean(distance[agree] ** 2)))
+    return SphereStart(deviations, centre, int(agree.sum()), rms, distance)

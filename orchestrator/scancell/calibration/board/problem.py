@@ -1,0 +1,236 @@
+"""Calibration by a board with the stripe on it: views, unknowns, and the residuals that they explain.
+
+The camera is that of the image as recorded: x grows with the column, y with the row, z forwards. Unknown are its
+intrinsics, the plane of the laser, the pose of the camera on the flange, the pose of the board in the robot's base; and
+of every view the displacement of the board from where the flange's pose has it, and offset and tilt of the stripe in
+the image. Displacements hold errors of the robot, and those that all corners share: a turn of a small board by 6 mrad
+moves its corners in the image by a tenth of a pixel. Points of a stripe share errors of the surface on which it lies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.geometry import pose
+
+Array = NDArray[np.float64]
+
+INTRINSICS = ("focal_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2")
+_WRITTEN = ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")
+_POSE = ("x_mm", "y_mm", "z_mm", "rx_mrad", "ry_mrad", "rz_mrad")
+SHEET = ("sheet_distance_mm", "sheet_turn_1_mrad", "sheet_turn_2_mrad")
+VALUES = (
+    *INTRINSICS,
+    *(f"{frame}.{key}" for frame in ("flange_from_camera", "base_from_board") for key in _WRITTEN),
+    *(f"sheet.{key}" for key in ("normal_x", "normal_y", "normal_z", "distance_mm")),
+)
+NAMES = (*INTRINSICS, *(f"camera_{key}" for key in _POSE), *(f"board_{key}" for key in _POSE), *SHEET)
+# Of an unknown in the solution: it is about one of them that the residuals are linear.
+"""The unknowns, as messages name them."""
+COUNT, ERRORS = len(NAMES), 8
+_STEP = 1e-3
+_SCALES = np.array([10.0, 10.0, 10.0, 0.1, 0.5, 0.01, 0.01, *[1e-3] * 15])
+_ROUNDS_OF_UNDISTORTION = 6
+
+
+@dataclass(frozen=True)
+class BoardView:
+    """An image of the board.
+
+    Attributes
+    ----------
+    name
+        Of the image.
+    flange
+        (4, 4) measured pose of the flange in the robot's base.
+    corners, corner_pixels
+        (n, 3) in the board, m, and (n, 2) column and row in the image.
+    stripe
+        (m, 2) column and row of points of the stripe on the board's plane.
+    across
+        (m, 2) unit vectors across the stripe in the image.
+    """
+
+    name: str
+    flange: Array
+    corners: Array
+    corner_pixels: Array
+    stripe: Array
+    across: Array
+
+    @property
+    def counts(self) -> tuple[int, int]:
+        """Number of corners and of stripe points."""
+        return len(self.corners), len(self.stripe)
+
+
+@dataclass(frozen=True)
+class Rig:
+    """Camera, laser and board.
+
+    Attributes
+    ----------
+    intrinsics
+        (7,) see `INTRINSICS`.
+    flange_from_camera, base_from_board
+        (4, 4) poses, m.
+    sheet
+        (4, 4) pose of a frame in the camera whose x-y plane is the laser's sheet.
+    """
+
+    intrinsics: Array
+    flange_from_camera: Array
+    base_from_board: Array
+    sheet: Array
+
+    def moved(self, x: Array) -> Rig:
+        """After a step (22,) of the unknowns, in the units of the solution."""
+        x = x * _SCALES
+        turned = pose.from_rotation(pose.exp_rotation([x[20], x[21], 0.0]), [0.0, 0.0, x[19]])
+        return Rig(
+            self.intrinsics + x[:7],
+            self.flange_from_camera @ _small(x[7:13]),
+            self.base_from_board @ _small(x[13:19]),
+            self.sheet @ turned,
+        )
+
+    def rays(self, pixels: Array) -> Array:
+        """Directions (n, 3) in the camera, z = 1, that it sees at pixels (n, 2)."""
+        f, cx, cy, k1, k2, p1, p2 = self.intrinsics
+        distorted = (pixels - [cx, cy]) / f
+        point = distorted
+        for _ in range(_ROUNDS_OF_UNDISTORTION):
+            point = distorted - (_distorted(point, k1, k2, p1, p2) - point)
+        return np.column_stack([point, np.ones(len(point))])
+
+    def project(self, points: Array) -> Array:
+        """Pixels (n, 2) of points (n, 3) in the camera, m."""
+        f, cx, cy, *distortion = self.intrinsics
+        return np.asarray(f * _distorted(points[:, :2] / points[:, 2:], *distortion) + [cx, cy])
+
+    def camera_from_board(self, flange: Array) -> Array:
+        """Poses (..., 4, 4) of the board in the camera at poses of the flange (..., 4, 4)."""
+        return np.asarray(pose.inverse(flange @ self.flange_from_camera) @ self.base_from_board)
+
+    def on_sheet(self, pixels: Array) -> Array:
+        """Points (n, 3) in the camera where the rays of pixels (n, 2) meet the laser's sheet."""
+        return _met(self.rays(pixels), self.sheet)
+
+    @property
+    def values(self) -> Array:
+        """Values (23,) as `VALUES` names them: poses by position and rotation vector, the sheet by its plane."""
+        poses = [
+            np.r_[1e3 * one[:3, 3], np.degrees(pose.log_rotation(one[:3, :3]))]
+            for one in (self.flange_from_camera, self.base_from_board)
+        ]
+        normal = self.sheet[:3, 2] * np.sign(self.sheet[:3, 2] @ self.sheet[:3, 3])
+        return np.concatenate([self.intrinsics, *poses, normal, [1e3 * normal @ self.sheet[:3, 3]]])
+
+
+def _small(x: Array) -> Array:
+    return pose.from_rotation(pose.exp_rotation(x[..., 3:]), x[..., :3])
+
+
+def _distorted(point: Array, k1: float, k2: float, p1: float, p2: float) -> Array:
+    x, y = point[:, 0], point[:, 1]
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * k2)
+    return np.column_stack(
+        [x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y]
+    )
+
+
+def _met(rays: Array, plane: Array) -> Array:
+    """Where rays (n, 3) from the origin meet the x-y plane of frames (n, 4, 4) or (4, 4)."""
+    normal, origin = plane[..., :3, 2], plane[..., :3, 3]
+    return np.asarray(rays * (np.sum(normal * origin, -1) / np.sum(normal * rays, -1))[..., None])
+
+
+def _along(view: BoardView) -> Array:
+    """Position (m,) of each stripe point along the stripe, -1 to 1."""
+    if not len(view.stripe):
+        return np.zeros(0)
+    away = view.stripe - (view.stripe.max(0) + view.stripe.min(0)) / 2
+    position = away @ [view.across[0, 1], -view.across[0, 0]]
+    return np.asarray(position / np.abs(position).max())
+
+
+class BoardProblem:
+    """Residuals of views as a function of the unknowns: a step of the rig (22,), and errors of every view (n, 8).
+
+    Errors of a view are the displacement of the board in its frame (translation in mm, rotation vector in mrad), and
+    the stripe's offset in the middle and at its ends (px).
+    """
+
+    def __init__(self, views: Sequence[BoardView]) -> None:
+        self.views = list(views)
+        self.flange = np.stack([view.flange for view in views])
+        self._corner_view = np.concatenate([np.full(len(view.corners), i) for i, view in enumerate(views)])
+        self._stripe_view = np.concatenate([np.full(len(view.stripe), i) for i, view in enumerate(views)])
+        self._corners = np.concatenate([view.corners for view in views])
+        self._corner_pixels = np.concatenate([view.corner_pixels for view in views])
+        self._stripe = np.concatenate([view.stripe for view in views])
+        self._across = np.concatenate([view.across for view in views])
+        self._along = np.concatenate([_along(view) for view in views])
+
+    @cached_property
+    def corner_view(self) -> NDArray[np.intp]:
+        """View of each residual of corners, two a corner."""
+        return np.repeat(self._corner_view, 2)
+
+    @property
+    def groups(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """View of each residual of corners and of the stripe."""
+        return self.corner_view, self.stripe_view
+
+    @property
+    def stripe_view(self) -> NDArray[np.intp]:
+        """View of each residual of the stripe."""
+        return self._stripe_view
+
+    def residuals(self, rig: Rig, errors: Array) -> tuple[Array, Array]:
+        """Residuals of corners (2 c,) and of the stripe (s,), px, by a rig and the errors (n, 8) of the views."""
+        boards = rig.camera_from_board(self.flange) @ _small(1e-3 * errors[:, :6])
+        in_camera = pose.transform_each(boards[self._corner_view], self._corners)
+        corners = rig.project(in_camera) - self._corner_pixels
+        own = errors[self._stripe_view, 6:]
+        return corners.ravel(), self._stripe_residuals(rig, boards) - own[:, 0] - own[:, 1] * self._along
+
+    def jacobian(self, rig: Rig, errors: Array) -> Array:
+        """Derivatives (residuals, 22 + 8 n) by the unknowns; a view's errors act on its own residuals alone."""
+
+        def at(x: Array, shift: Array) -> Array:
+            return np.concatenate(self.residuals(rig.moved(x), errors + shift))
+
+        none, still = np.zeros(COUNT), np.zeros(ERRORS)
+        by_rig = [(at(_STEP * e, still) - at(-_STEP * e, still)) / (2 * _STEP) for e in np.eye(COUNT)]
+        by_error = [(at(none, _STEP * e) - at(none, -_STEP * e)) / (2 * _STEP) for e in np.eye(ERRORS)]
+        view = np.concatenate([self.corner_view, self.stripe_view])
+        result = np.zeros((len(view), COUNT + errors.size))
+        result[:, :COUNT] = np.transpose(by_rig)
+        for k, column in enumerate(by_error):
+            result[np.arange(len(view)), COUNT + ERRORS * view + k] = column
+        return result
+
+    def _stripe_residuals(self, rig: Rig, boards: Array) -> Array:
+        """Distances (s,) of the stripe in the image from where the sheet meets the board, px, to first order."""
+        planes = boards[self._stripe_view]
+        distance = self._from_sheet(rig, self._stripe, planes)
+        beside = self._from_sheet(rig, self._stripe + self._across, planes)
+        return np.asarray(distance / (beside - distance))
+
+    @staticmethod
+    def _from_sheet(rig: Rig, pixels: Array, planes: Array) -> Array:
+        points = _met(rig.rays(pixels), planes)
+        return np.asarray((points - rig.sheet[:3, 3]) @ rig.sheet[:3, 2])
+
+    def stripe_on_board(self, rig: Rig) -> Array:
+        """Points (s, 3) of the stripe on the board, in the board's frame, m."""
+        boards = rig.camera_from_board(self.flange)[self._stripe_view]
+        points = _met(rig.rays(self._stripe), boards)
+        return pose.transform_each(pose.inverse(boards), points)

@@ -1,0 +1,190 @@
+"""Report of a calibration by a board: values with intervals, errors by image, the described sensor, files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.calibration.board.description import DescribedSensor, describe
+from scancell.calibration.board.problem import COUNT, VALUES
+from scancell.calibration.board.solve import BoardCalibration
+from scancell.calibration.report import SavedCalibration
+from scancell.config.loading import Setup
+from scancell.config.sensor import SensorDescription
+from scancell.geometry import pose
+from scancell.output.residual_picture import residual_picture
+from scancell.output.run_files import write_json
+from scancell.output.run_folder import RunFolder
+
+Array = NDArray[np.float64]
+
+_STEP = 1e-4
+
+
+@dataclass(frozen=True)
+class BoardRow:
+    """A calibrated value, in the unit that its name states, and the half width of its interval."""
+
+    name: str
+    value: float
+    half_width: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BoardCalibrationReport(SavedCalibration):
+    """A camera and its laser on a robot, calibrated by images of a board with the stripe on it.
+
+    `save` writes ``calibration.json`` and, where the description of a sensor can state it, ``calibrated_sensor.toml``.
+
+    Attributes
+    ----------
+    result
+        The solution.
+    size
+        Width and height of the images, px.
+    setup
+        With the sensor's description whose other values are kept.
+    inputs, run
+        Files and settings for the manifest.
+    found_warnings
+        What was left out of the images.
+    probability
+        Of the intervals.
+
+    Examples
+    --------
+    >>> try:
+    ...     report = scancell.calibrate_from_images("recorded", "7x6x10")
+    ...     print(report.flange_from_sensor)
+    ... except scancell.DescriptionError as error:
+    ...     print(error)
+    recorded: no such folder
+    """
+
+    result: BoardCalibration
+    size: tuple[int, int]
+    setup: Setup
+    inputs: Sequence[Path]
+    run: Mapping[str, Any]
+    found_warnings: tuple[str, ...] = ()
+    probability: float = 0.95
+
+    @cached_property
+    def _described(self) -> DescribedSensor:
+        rig, views = self.result.rig, self.result.problem.views
+        stripe = rig.on_sheet(np.concatenate([view.stripe for view in views]))
+        return describe(rig, self.size, stripe, self.setup.sensor)
+
+    @property
+    def sensor(self) -> SensorDescription | None:
+        """The described sensor; None if a description cannot state it, see `warnings`."""
+        return self._described.sensor
+
+    @property
+    def quarter_turns(self) -> int:
+        """Quarter turns (``numpy.rot90``) from a recorded image to one of the described camera."""
+        return self._described.quarter_turns
+
+    @property
+    def flange_from_camera(self) -> Array:
+        """Pose (4, 4) of the camera on the flange, m: x along the columns of recorded images, y along their rows."""
+        return self.result.rig.flange_from_camera
+
+    @property
+    def flange_from_sensor(self) -> Array:
+        """Pose (4, 4) of the described sensor on the flange, m."""
+        return np.asarray(self.flange_from_camera @ self._described.camera_from_sensor)
+
+    @property
+    def base_from_board(self) -> Array:
+        """Pose (4, 4) of the board in the robot's base, m."""
+        return self.result.rig.base_from_board
+
+    @cached_property
+    def covariance(self) -> Array:
+        """(23, 23) of the values, in the order of `rows`."""
+        rig = self.result.rig
+        steps = [(rig.moved(_STEP * e).values - rig.moved(-_STEP * e).values) / (2 * _STEP) for e in np.eye(COUNT)]
+        derivative = np.stack(steps, 1)
+        return np.asarray(derivative @ self.result.covariance @ derivative.T)
+
+    @property
+    def rows(self) -> list[BoardRow]:
+        """The calibrated values."""
+        half = self.result.factor(self.probability) * np.sqrt(np.diag(self.covariance))
+        return [
+            BoardRow(name, float(value), float(width))
+            for name, value, width in zip(VALUES, self.result.rig.values, half, strict=True)
+        ]
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is doubtful."""
+        found = list(self.found_warnings)
+        if self._described.sensor is None:
+            found.append(f"the description of a sensor cannot state this one: {self._described.problem}")
+        return found
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """Plain figures, in the units that their names state."""
+        result = self.result
+        corner, stripe, position, orientation, offset = result.sizes.tolist()
+        return {
+            "values": [asdict(row) for row in self.rows],
+            "probability": self.probability,
+            "covariance": self.covariance.tolist(),
+            "degrees_of_freedom": result.degrees_of_freedom,
+            "images": len(result.problem.views),
+            "stripe_points": len(result.stripe),
+            "stripe_points_discarded": result.discarded,
+            "standard_deviation_of_corners_px": corner,
+            "standard_deviation_of_stripe_points_px": stripe,
+            "standard_deviation_of_stripes_px": offset,
+            "standard_deviation_of_positions_mm": position,
+            "standard_deviation_of_orientations_deg": float(np.degrees(1e-3 * orientation)),
+            "rms_of_stripe_to_board_mm": 1e3 * float(np.sqrt(np.mean(self._distances[0] ** 2))),
+            "errors_of_images": [
+                {
+                    "image": view.name,
+                    "position_mm": float(np.linalg.norm(error[:3])),
+                    "orientation_deg": float(np.degrees(1e-3 * np.linalg.norm(error[3:6]))),
+                }
+                for view, error in zip(result.problem.views, result.errors, strict=True)
+            ],
+            "flange_from_camera_m": self.flange_from_camera.tolist(),
+            "flange_from_sensor_m": self.flange_from_sensor.tolist(),
+            "base_from_board_m": self.base_from_board.tolist(),
+            "quarter_turns": self.quarter_turns,
+        }
+
+    def summary(self) -> str:
+        """The figures as lines of text."""
+        figures = self.figures
+        lines = [
+            f"{figures['images']} images: corners {figures['standard_deviation_of_corners_px']:.3f} px,"
+            f" board {figures['standard_deviation_of_positions_mm']:.3f} mm and"
+            f" {figures['standard_deviation_of_orientations_deg']:.3f} deg from image to image,"
+            f" stripe {figures['rms_of_stripe_to_board_mm']:.3f} mm RMS from the board",
+            f"  {'value':26} {'estimate':>12}    {100 * self.probability:g} % interval",
+        ]
+        return "\n".join([*lines, *(f"  {row.name:26} {row.value:12.5f} +- {row.half_width:.5f}" for row in self.rows)])
+
+    @property
+    def _distances(self) -> tuple[Array, NDArray[np.intp]]:
+        rig, problem = self.result.rig, self.result.problem
+        stripe = rig.on_sheet(np.concatenate([view.stripe for view in problem.views]))
+        boards = rig.camera_from_board(problem.flange)[problem.stripe_view]
+        return pose.transform_each(pose.inverse(boards), stripe)[:, 2], problem.stripe_view
+
+    def _write(self, folder: RunFolder) -> None:
+        if self.sensor is not None:
+            self.sensor.to_toml(folder.path("calibrated_sensor.toml"))
+        write_json(folder.path("calibration.json"), self.figures)
+        residual_picture(folder.path("residuals.png"), *self._distances)

@@ -1,0 +1,143 @@
+"""Conventions in which robot controllers state poses, and which of them agrees with a set of measurements.
+
+A reading of a table of poses is a convention of the orientation, the units of its angles and lengths, and whether the
+poses are those of the flange in the base, or their inverses. A wrong reading gives poses that no rigid arrangement of
+robot, sensor and target explains, while the right one does: `better_reading` compares them by a misfit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import permutations, product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from scancell.geometry import pose
+
+Array = NDArray[np.float64]
+
+_LENGTHS = {"mm": 1e-3, "m": 1.0}
+_ANGLES = {"deg": np.pi / 180, "rad": 1.0}
+_UNIT_TOLERANCE = 1e-3  # of the length of a quaternion, and of the elements of RᵀR
+_MUCH_BETTER = 1 / 3  # of the misfit of the stated reading
+
+
+@dataclass(frozen=True)
+class Convention:
+    """How numbers state an orientation.
+
+    Attributes
+    ----------
+    count
+        How many numbers.
+    text
+        The convention for people.
+    rotations
+        Rotations (n,) of numbers (n, count), angles in rad.
+    is_angle
+        Whether the numbers are angles.
+    """
+
+    count: int
+    text: str
+    rotations: Callable[[Array], Rotation]
+    is_angle: bool = False
+
+
+CONVENTIONS = {
+    "matrix": Convention(9, "rotation matrix, row by row", lambda v: Rotation.from_matrix(v.reshape(-1, 3, 3))),
+    "wxyz": Convention(4, "quaternion w, x, y, z", lambda v: Rotation.from_quat(v[:, [1, 2, 3, 0]])),
+    "xyzw": Convention(4, "quaternion x, y, z, w", Rotation.from_quat),
+    "xyz": Convention(3, "Euler angles XYZ': Rx(1) Ry(2) Rz(3)", lambda v: Rotation.from_euler("XYZ", v), True),
+    "zyz": Convention(3, "Euler angles ZYZ': Rz(1) Ry(2) Rz(3)", lambda v: Rotation.from_euler("ZYZ", v), True),
+    "xyzwpr": Convention(
+        3, "W, P, R of XYZWPR: Rz(3) Ry(2) Rx(1)", lambda v: Rotation.from_euler("ZYX", v[:, ::-1]), True
+    ),
+    "rotvec": Convention(3, "rotation vector", Rotation.from_rotvec, True),
+}
+
+
+@dataclass(frozen=True)
+class PoseReading:
+    """A reading of the numbers of poses; `axes` are the columns of the position that are x, y and z."""
+
+    convention: str
+    length: str = "mm"
+    angle: str = "deg"
+    is_inverse: bool = False
+    axes: tuple[int, ...] = (0, 1, 2)
+
+    def text(self) -> str:
+        """The reading for people."""
+        convention = CONVENTIONS[self.convention]
+        words = [f"{self.convention} ({convention.text})", f"position in {self.length}"]
+        if convention.is_angle:
+            words.insert(1, f"angles in {self.angle}")
+        if self.axes != (0, 1, 2):
+            words.append("position in the order " + ", ".join("xyz"[axis] for axis in self.axes))
+        return ", ".join(words) + (", of the base in the flange (inverted)" if self.is_inverse else "")
+
+
+@dataclass(frozen=True)
+class StatedPoses:
+    """Poses as a controller states them: numbers of position (n, 3) and orientation (n, k), and their reading."""
+
+    position: Array
+    orientation: Array
+    reading: PoseReading
+
+    def matrices(self, reading: PoseReading | None = None) -> Array:
+        """Poses (n, 4, 4) of the flange in the robot's base, m, by their reading or by another one."""
+        reading = reading or self.reading
+        convention, values = CONVENTIONS[reading.convention], self.orientation
+        scale = _ANGLES[reading.angle] if convention.is_angle else 1.0
+        rotation = convention.rotations(scale * values).as_matrix()
+        found = pose.from_rotation(rotation, _LENGTHS[reading.length] * self.position[:, list(reading.axes)])
+        return pose.inverse(found) if reading.is_inverse else found
+
+    def wrong_row(self) -> tuple[int, str] | None:
+        """The first row whose orientation is no rotation, and what was expected."""
+        values, name = self.orientation, self.reading.convention
+        if CONVENTIONS[name].is_angle:
+            return None
+        if name == "matrix":
+            matrices = values.reshape(-1, 3, 3)
+            error = np.abs(np.swapaxes(matrices, 1, 2) @ matrices - np.eye(3)).max((1, 2))
+            error = np.maximum(error, 1.0 - np.linalg.det(matrices))
+            expected = "a right-handed orthonormal matrix"
+        else:
+            error, expected = np.abs(np.linalg.norm(values, axis=1) - 1.0), "a quaternion of length 1"
+        wrong = np.flatnonzero(error > _UNIT_TOLERANCE)
+        return (int(wrong[0]), expected) if len(wrong) else None
+
+    def rows(self, chosen: NDArray[np.intp]) -> StatedPoses:
+        """Those of some rows."""
+        return replace(self, position=self.position[chosen], orientation=self.orientation[chosen])
+
+    def alternatives(self) -> Iterator[PoseReading]:
+        """Other readings of the same numbers: another convention, unit, or direction; or position axes swapped."""
+        own, count = self.reading, self.orientation.shape[1]
+        for name, length, inverse in product(CONVENTIONS, _LENGTHS, (False, True)):
+            if CONVENTIONS[name].count == count:
+                for angle in _ANGLES if CONVENTIONS[name].is_angle else (own.angle,):
+                    yield PoseReading(name, length, angle, inverse)
+        for axes in permutations(range(3)):
+            yield replace(own, axes=axes)
+
+
+def better_reading(stated: StatedPoses, misfit: Callable[[Array], float]) -> tuple[PoseReading, float, float] | None:
+    """The reading that fits best, its misfit and that of the stated one; None if none is much better.
+
+    Parameters
+    ----------
+    misfit
+        Of poses (n, 4, 4) of the flange, m; infinite where they cannot be evaluated.
+    """
+    own = misfit(stated.matrices())
+    others = [reading for reading in stated.alternatives() if reading != stated.reading]
+    misfits = [misfit(stated.matrices(reading)) for reading in others]
+    best, reading = min(zip(misfits, others, strict=True), key=lambda pair: pair[0])
+    return (reading, best, own) if best < _MUCH_BETTER * own else None

@@ -1,0 +1,342 @@
+"""Public recordings of real sensors: ``PYTHONPATH=tests python -m bench.reality --data FOLDER``.
+
+FOLDER holds checkouts of the public repositories, whatever their names: that with ``etna_calib/data`` and that with
+``data/Standard_sphere_seg_dataset_v1``. The tables go to docs/reality.md, between its marks.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import re
+import tempfile
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from scipy.stats import binomtest, t
+
+from scancell.calibration.board.problem import BoardView, Rig
+from scancell.calibration.board.solve import (
+    calibrate_cameras,
+    displacement,
+    plane_frame,
+    predict,
+    seen_pose,
+    solve,
+    start_rig,
+    stripes_in_camera,
+)
+from scancell.calibration.board.views import Board, BoardViews, read_views
+from scancell.calibration.cell.sphere_start import circle_in
+from scancell.calibration.flange_poses import flange_columns
+from scancell.calibration.measured_table import write_measured_table
+from scancell.config.loading import load_setup
+from scancell.geometry import pose
+from scancell.progress import NullProgress
+
+Array = NDArray[np.float64]
+
+REPORT = Path(__file__).resolve().parents[2] / "docs" / "reality.md"
+BOARD = Board(7, 6, 0.010)
+# Of the folders with images; those of calib5 are those of calib4.
+FOLDERS = (".", "calib1", "calib2", "calib3", "calib4", "calib6")
+BALL_RADIUS = 19.05e-3
+_NEAR = 40e-6  # m, of points of the ball in the first fit of its circle
+_LEAST_POINTS = 30
+_MOST_LAG = 50
+
+
+@dataclass(frozen=True)
+class Held:
+    """Errors of a left-out image: corners (px, RMS), board (mm, deg), stripe to board (mm, RMS; NaN without one)."""
+
+    corners: float
+    position: float
+    orientation: float
+    stripe: float
+
+
+def etna_views(data: Path, folder: str) -> BoardViews:
+    """The images of a folder of etna, with its poses as a table; those whose names begin with ``frame`` count."""
+    with tempfile.TemporaryDirectory() as made:
+        names, poses = [], []
+        for image in sorted((data / folder).glob("frame0*.png")):
+            stated = image.with_name(image.name.replace("frame", "pose")).with_suffix(".txt")
+            if stated.exists():
+                position, quaternion = ast.literal_eval(stated.read_text())
+                names.append(image.name)
+                poses.append(pose.from_rotation(Rotation.from_quat(quaternion).as_matrix(), position))
+                (Path(made) / image.name).symlink_to(image.resolve())
+        write_measured_table(Path(made) / "poses.csv", {"image": names, **flange_columns(np.array(poses))})
+        return read_views(Path(made), BOARD, load_setup().sensor, None, 1, NullProgress())
+
+
+def opencv_chain(views: Sequence[BoardView], size: tuple[int, int]) -> Rig:
+    """One after the other: intrinsics, hand-eye, mean of the boards, plane through the stripes."""
+    intrinsics, boards = calibrate_cameras(views, size)
+    flange = np.stack([view.flange for view in views])
+    rotation, offset = cv2.calibrateHandEye(
+        list(flange[:, :3, :3]),
+        list(flange[:, :3, 3]),
+        list(boards[:, :3, :3]),
+        list(boards[:, :3, 3]),
+        method=cv2.CALIB_HAND_EYE_PARK,
+    )
+    camera = pose.from_rotation(rotation, np.ravel(offset))
+    in_base = flange @ camera @ boards
+    u, _, vt = np.linalg.svd(in_base[:, :3, :3].mean(0))
+    rig = Rig(intrinsics, camera, pose.from_rotation(u @ vt, in_base[:, :3, 3].mean(0)), np.eye(4))
+    return replace(rig, sheet=plane_frame(stripes_in_camera(rig, views, boards)))
+
+
+def held_errors(rig: Rig, view: BoardView, sizes: Array) -> Held:
+    """Errors of a rig at an image that it was not calibrated by."""
+    board = rig.camera_from_board(view.flange)
+    pixels = rig.project(pose.transform_points(board, view.corners)) - view.corner_pixels
+    away = displacement(board, seen_pose(rig, view, sizes)[0])
+    stripe = pose.transform_points(pose.inverse(board), rig.on_sheet(view.stripe))[:, 2]
+    return Held(
+        float(np.sqrt(np.mean(np.sum(pixels**2, 1)))),
+        float(np.linalg.norm(away[:3])),
+        float(np.degrees(1e-3 * np.linalg.norm(away[3:]))),
+        1e3 * float(np.sqrt(np.mean(stripe**2))) if len(stripe) else float("nan"),
+    )
+
+
+@dataclass
+class FolderResult:
+    """Calibration of a folder, and errors of every image by what the others give; `inside` (n, 6) of the intervals."""
+
+    name: str
+    images: int
+    sizes: Array
+    focal: tuple[float, float]
+    ours: list[Held]
+    chain: list[Held]
+    inside: NDArray[np.bool_]
+
+
+def etna_folder(data: Path, folder: str) -> FolderResult:
+    """Leave one image out at a time."""
+    found = etna_views(data, folder)
+    views, size = found.views, found.size
+    whole = solve(views, start_rig(views, size))
+    focal = (float(whole.rig.intrinsics[0]), float(whole.factor() * 10.0 * np.sqrt(whole.covariance[0, 0])))
+    result = FolderResult(folder.replace(".", "data"), len(views), whole.sizes, focal, [], [], np.zeros((0, 6), bool))
+    for i, held in enumerate(views):
+        others = [view for k, view in enumerate(views) if k != i]
+        one = solve(others, start_rig(others, size))
+        result.ours.append(held_errors(one.rig, held, one.sizes))
+        result.chain.append(held_errors(opencv_chain(others, size), held, one.sizes))
+        seen, noise = seen_pose(one.rig, held, one.sizes)
+        prediction = predict(one, held.flange)
+        away = displacement(prediction.camera_from_board, seen)
+        half = one.factor() * np.sqrt(np.diag(prediction.covariance + noise))
+        result.inside = np.vstack([result.inside, np.abs(away) < half])
+    return result
+
+
+def rms(held: Sequence[Held], name: str) -> float:
+    """Root mean square over images of one of their errors."""
+    return float(np.sqrt(np.nanmean([getattr(one, name) ** 2 for one in held])))
+
+
+def share(inside: int, count: int) -> str:
+    """A share with its 95 % interval (Clopper and Pearson)."""
+    interval = binomtest(inside, count).proportion_ci(0.95)
+    return f"{inside} of {count}, {100 * inside / count:.1f} % [{100 * interval.low:.1f}, {100 * interval.high:.1f}]"
+
+
+def etna_lines(data: Path) -> Iterator[str]:
+    """Tables of the board's images."""
+    results = []
+    for folder in FOLDERS:
+        results.append(etna_folder(data, folder))
+        print("etna", results[-1].name, "done", flush=True)
+    yield "| folder | images | focal length, px | corners, px | board from image to image | stripe offset, px |"
+    yield "|---|---|---|---|---|---|"
+    for one in results:
+        corners, _, position, orientation, offset = one.sizes
+        yield (
+            f"| `{one.name}` | {one.images} | {one.focal[0]:.1f} ± {one.focal[1]:.1f} | {corners:.2f} |"
+            f" {position:.2f} mm, {np.degrees(1e-3 * orientation):.2f}° | {offset:.1f} |"
+        )
+    yield ""
+    yield "| folder | corners, px | board, mm | board, deg | stripe to board, mm | inside 95 % intervals |"
+    yield "|---|---|---|---|---|---|"
+    every = FolderResult("all", 0, np.zeros(5), (0.0, 0.0), [], [], np.zeros((0, 6), bool))
+    for one in results:
+        every.ours, every.chain = every.ours + one.ours, every.chain + one.chain
+        every.inside = np.vstack([every.inside, one.inside])
+    for one in (*results, every):
+        cells = [
+            f"{rms(one.ours, name):.2f} / {rms(one.chain, name):.2f}"
+            for name in ("corners", "position", "orientation", "stripe")
+        ]
+        inside = share(int(one.inside.sum()), one.inside.size)
+        yield f"| {one.name if one is every else f'`{one.name}`'} | {' | '.join(cells)} | {inside} |"
+
+
+@dataclass(frozen=True)
+class Circle:
+    """Circle of a profile of the ball: centre and radius (3,), m, their covariance (3, 3), and its n points.
+
+    `distance` is the standard deviation of the points from the circle, `noise` that from point to point, m; the errors
+    of `lag` points count as one.
+    """
+
+    values: Array
+    covariance: Array
+    distance: float
+    noise: float
+    points: int
+    lag: float
+
+
+def circle_of(profile: Array) -> Circle | None:
+    """The circle of a ball in a profile (n, 2), m, without labels; None without one.
+
+    Neighbouring points share errors: the covariance is that of independent ones times the sum of the autocorrelation.
+    """
+    found = circle_in(profile, 10e-6, 1.01 * BALL_RADIUS, np.random.default_rng(0))
+    if found is None:
+        return None
+    values = np.array([*found[0], found[1]])
+    kept = np.zeros(len(profile), bool)
+    for limit in (3 * _NEAR, _NEAR, _NEAR):
+        for _ in range(5):
+            away = profile - values[:2]
+            length = np.linalg.norm(away, axis=1)
+            rest = length - values[2]
+            kept = np.abs(rest) < limit
+            if kept.sum() < _LEAST_POINTS:
+                return None
+            design = np.column_stack([away / length[:, None], np.ones(len(away))])[kept]
+            values = values + np.linalg.lstsq(design, rest[kept], rcond=None)[0]
+    rest = rest[kept]
+    distance = float(np.sqrt(rest @ rest / (len(rest) - 3)))
+    noise = float(np.std(np.diff(rest)) / np.sqrt(2))
+    lag = 1.0
+    for k in range(1, min(_MOST_LAG, len(rest) // 4)):
+        correlation = float(np.mean(rest[k:] * rest[:-k])) / float(np.mean(rest**2))
+        if correlation < 0:
+            break
+        lag += 2 * correlation
+    covariance = distance**2 * lag * np.linalg.inv(design.T @ design)
+    return Circle(values, covariance, distance, noise, int(kept.sum()), lag)
+
+
+def ball_lines(data: Path) -> Iterator[str]:
+    """Tables of the profiles of the ball."""
+    groups: dict[tuple[str, str], list[Circle]] = defaultdict(list)
+    profiles, agree = 0, []
+    for file in sorted(data.rglob("*.csv")):
+        table = np.loadtxt(file, delimiter=",", ndmin=2)
+        found = circle_of(1e-3 * table[:, :2])
+        profiles += 1
+        if found is None:
+            continue
+        labelled = circle_of(1e-3 * table[table[:, 2] == 1, :2]) if (table[:, 2] == 1).sum() > _LEAST_POINTS else None
+        if labelled is not None:
+            agree.append(np.linalg.norm((labelled.values - found.values)[:2]))
+        match = re.fullmatch(r"(.*)_\d+", file.stem)
+        if match:
+            groups[file.parent.name, match[1]].append(found)
+    circles = [one for group in groups.values() for one in group]
+    repeated = {name: group for name, group in groups.items() if len(group) >= 3 and _is_same(group)}
+    agreed = np.array(agree)
+    yield "| | |"
+    yield "|---|---|"
+    yield f"| profiles; with a circle of the ball, found without the labels | {profiles}; {len(circles)} |"
+    yield (
+        f"| centre by the labelled points within 0.1 mm of it |"
+        f" {100 * np.mean(agreed < 0.1e-3):.1f} %, median distance {1e6 * np.median(agreed):.1f} µm |"
+    )
+    distance, noise = (1e6 * np.median([getattr(one, name) for one in circles]) for name in ("distance", "noise"))
+    yield f"| deviation of points from the circle; from point to point; median | {distance:.1f}; {noise:.1f} µm |"
+    yield f"| points whose errors count as one, median | {np.median([one.lag for one in circles]):.1f} |"
+    scatter = [np.std([one.values for one in group], axis=0, ddof=1) for group in repeated.values()]
+    stated = [np.sqrt(np.mean([np.diag(one.covariance) for one in group], axis=0)) for group in repeated.values()]
+    for i, name in enumerate(("x of the centre", "z of the centre", "radius")):
+        yield (
+            f"| repeatability of the {name}: median (5 % to 95 %) of {len(scatter)} poses; stated, median |"
+            f" {_quantiles([one[i] for one in scatter])}; {1e6 * np.median([one[i] for one in stated]):.1f} µm |"
+        )
+    for title, effect in (("by the points of the profile alone", False), ("with an effect of the repeat", True)):
+        inside, count = _left_out(list(repeated.values()), effect)
+        yield f"| left-out repeats inside the 95 % interval of x, z, radius, {title} | {share(inside, count)} |"
+
+
+def _is_same(group: Sequence[Circle]) -> bool:
+    """Whether repeats show the ball at one pose: some recordings share numbers."""
+    values = np.array([one.values for one in group])
+    return bool(np.abs(values - np.median(values, axis=0)).max() < 0.2e-3)
+
+
+def _quantiles(values: Sequence[float]) -> str:
+    low, middle, high = 1e6 * np.quantile(values, [0.05, 0.5, 0.95])
+    return f"{middle:.1f} ({low:.1f} to {high:.1f}) µm"
+
+
+def _left_out(groups: Sequence[Sequence[Circle]], effect: bool) -> tuple[int, int]:
+    """Values of left-out repeats inside the interval that the others of their pose give, and their number.
+
+    The variance of a repeat is that of its circle, or with `effect` that of the other repeats about their mean.
+    """
+    inside = count = 0
+    for group in groups:
+        values = np.array([one.values for one in group])
+        variances = np.array([np.diag(one.covariance) for one in group])
+        for i in range(len(group)):
+            others = np.arange(len(group)) != i
+            n = int(others.sum())
+            variance, degrees = variances[others].mean(0), float(sum(group[k].points for k in np.flatnonzero(others)))
+            if effect:
+                variance, degrees = values[others].var(0, ddof=1), float(n - 1)
+            half = t.ppf(0.975, degrees) * np.sqrt(variance * (1 + 1 / n))
+            inside += int((np.abs(values[i] - values[others].mean(0)) < half).sum())
+            count += 3
+    return inside, count
+
+
+def _below(folder: Path, inner: str) -> Path | None:
+    """The folder `inner` of a checkout in a folder."""
+    found = [path / inner for path in (folder, *sorted(folder.iterdir())) if (path / inner).is_dir()]
+    return found[0] if found else None
+
+
+def _written(text: str, mark: str, lines: Sequence[str]) -> str:
+    """The text with lines between the marks."""
+    begin, end = f"<!-- {mark} -->\n", f"<!-- end of {mark} -->"
+    head, rest = text.split(begin)
+    return head + begin + "\n" + "\n".join(lines) + "\n\n" + end + rest.split(end, 1)[1]
+
+
+def main() -> None:
+    """Write the tables of the sets that the folder holds."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data", type=Path, required=True, help="folder with checkouts of the public repositories")
+    parser.add_argument("--out", type=Path, default=REPORT, help="page with the marks")
+    given = parser.parse_args()
+    sets = {
+        "etna": ("etna_calib/data", etna_lines),
+        "ball": ("data/Standard_sphere_seg_dataset_v1", ball_lines),
+    }
+    for mark, (inner, lines) in sets.items():
+        data = _below(given.data, inner)
+        if data is None:
+            print(f"no checkout with {inner} in {given.data}")
+            continue
+        made = list(lines(data))
+        print("\n".join(made))
+        given.out.write_text(_written(given.out.read_text(encoding="utf-8"), mark, made), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

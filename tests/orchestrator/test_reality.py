@@ -1,0 +1,76 @@
+"""The figures of public recordings, by small synthetic recordings of the same formats."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from bench import reality
+from board_recordings import record
+
+
+def write_etna(folder: Path) -> Path:
+    """Images and poses as ``openlmd/etna`` keeps them: text files of position (m) and quaternion x, y, z, w."""
+    data = folder / "etna" / "etna_calib" / "data"
+    data.mkdir(parents=True)
+    made = record(1, 6)
+    for number, (image, flange) in enumerate(zip(made.images, made.flange, strict=True), 1):
+        cv2.imwrite(str(data / f"frame{number:04d}.png"), image)
+        quaternion = Rotation.from_matrix(flange[:3, :3]).as_quat()
+        text = repr((tuple(flange[:3, 3].tolist()), tuple(quaternion.tolist())))
+        (data / f"pose{number:04d}.txt").write_text(text)
+    cv2.imwrite(str(data / "board1.png"), made.images[0])
+    return data
+
+
+def write_ball(folder: Path, poses: int = 3, repeats: int = 5) -> Path:
+    """Profiles of a ball before a plane: x, z, label in mm, rounded to 5 µm."""
+    data = folder / "ball" / "data" / "Standard_sphere_seg_dataset_v1"
+    (data / "label_out_1").mkdir(parents=True)
+    rng = np.random.default_rng(4)
+    for number in range(1, poses + 1):
+        centre, radius = np.array([rng.uniform(-10, 10), rng.uniform(120, 200)]), rng.uniform(15, 18.5)
+        for repeat in range(1, repeats + 1):
+            x = np.linspace(-45, 45, 700)
+            on_ball = np.abs(x - centre[0]) < 0.85 * radius
+            z = np.where(on_ball, centre[1] - np.sqrt(np.maximum(radius**2 - (x - centre[0]) ** 2, 0.0)), 260.0)
+            z = np.round((z + rng.normal(scale=8e-3, size=len(z))) / 5e-3) * 5e-3
+            np.savetxt(data / "label_out_1" / f"{number}_{repeat}.csv", np.column_stack([x, z, on_ball]), delimiter=",")
+    return data
+
+
+def test_profiles_of_a_ball(tmp_path) -> None:
+    """Without a systematic shape of the profiles, both intervals hold."""
+    lines = list(reality.ball_lines(write_ball(tmp_path)))
+    assert "| 15; 15 |" in lines[2]
+    assert "100.0 %" in lines[3]
+    inside = [int(line.split("|")[2].split()[0]) for line in lines[-2:]]
+    assert all(36 <= number <= 45 for number in inside)  # of 45
+
+
+@pytest.mark.slow
+def test_command_writes_the_tables_between_the_marks(tmp_path, monkeypatch, capsys) -> None:
+    write_etna(tmp_path)
+    write_ball(tmp_path, poses=1)
+    page = tmp_path / "page.md"
+    page.write_text(
+        "Before\n<!-- etna -->\nstale\n<!-- end of etna -->\nBetween\n<!-- ball -->\n<!-- end of ball -->\nAfter\n"
+    )
+    monkeypatch.setattr(reality, "FOLDERS", (".",))
+    monkeypatch.setattr("sys.argv", ["reality", "--data", str(tmp_path), "--out", str(page)])
+    reality.main()
+    text = page.read_text()
+    assert "stale" not in text and "Between" in text and text.endswith("After\n")
+    (row,) = [line for line in text.splitlines() if line.startswith("| all |")]
+    ours, chain = (float(value) for value in row.split("|")[3].split("/"))
+    assert ours < 1.0 and chain < 3.0  # mm, of the board at a left-out image
+    assert "of 30" in row  # six components of the board in five images
+    capsys.readouterr()
+    monkeypatch.setattr("sys.argv", ["reality", "--data", str(tmp_path / "etna"), "--out", str(page)])
+    monkeypatch.setattr(reality, "etna_lines", lambda data: [f"| {data.name} |"])
+    reality.main()
+    assert "no checkout with data/Standard_sphere_seg_dataset_v1" in capsys.readouterr().out
