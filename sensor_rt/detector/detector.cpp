@@ -67,15 +67,10 @@ void Detector::expose_dark(const PixelModel& model, int camera, ImageView<std::u
     return;
   }
   const std::shared_ptr<const QuantileTable> table = dark_table(dark);
-  const auto width = static_cast<std::size_t>(out.width);
-  const auto size = width * static_cast<std::size_t>(out.height);
+  const auto size = static_cast<std::size_t>(out.width) * static_cast<std::size_t>(out.height);
   const std::shared_ptr<const std::vector<float>> pattern =
       model.is_patterned() ? dark_pattern(model, camera, size) : nullptr;
-  for (int y = 0; y < out.height; ++y) {
-    const std::size_t first = static_cast<std::size_t>(y) * width;
-    model.dark_pixels(*table, pattern ? pattern->data() + first : nullptr, static_cast<std::uint32_t>(first),
-                      out.width, out.row(y));
-  }
+  model.dark_pixels(*table, pattern ? pattern->data() : nullptr, out);
 }
 
 std::shared_ptr<const QuantileTable> Detector::dark_table(double dark) const {

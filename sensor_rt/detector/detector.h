@@ -42,7 +42,8 @@ struct FrameId {
 /// seed and FrameId give the same bytes in any order of calls.
 ///
 /// Dark pixels are sampled from the exact distribution of dark current plus read noise by one inverse-CDF
-/// look-up per pixel. Lit pixels get a Poisson number of electrons (exact inversion below a mean of 16; above
+/// look-up per pixel; where quantisation gives nearly all of them one number, by one for each of the few that
+/// may have another. Lit pixels get a Poisson number of electrons (exact inversion below a mean of 16; above
 /// it the asymptotic inverse of M. B. Giles, "Algorithm 955", ACM TOMS 42 (2016), which reproduces the
 /// skewness with an error below 1e-4 in probability), clipped at the full well, then read noise. Fixed
 /// patterns depend on seed, camera and pixel only.

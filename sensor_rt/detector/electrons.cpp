@@ -74,6 +74,37 @@ void look_up(const QuantileTable& table, Draw& draw) {
   for (int i = 0; i < kBlock; ++i) draw.segments[i] = table.segment(draw.segment[i]);
 }
 
+/// Random bits that may give another digital number than the most frequent one: those with a tail probability
+/// below these limits.
+struct RareBits {
+  std::uint32_t lower;
+  std::uint32_t upper;
+
+  double probability() const { return 0x1p-32 * (static_cast<double>(lower) + static_cast<double>(upper)); }
+  /// Returns the rare bits that belong to uniformly distributed bits.
+  std::uint32_t draw(std::uint32_t bits) const {
+    const auto at = static_cast<std::uint32_t>(bits * (std::uint64_t{lower} + upper) >> 32);
+    return at < lower ? at : (1u << 31) | (at - lower);
+  }
+};
+
+/// Returns the rare bits of pixels whose fixed offset is at most `farthest` electrons.
+RareBits rare_bits(const DarkScale& s, const QuantileTable& table, float farthest, std::uint16_t usual) {
+  constexpr float kRounding = 1e-3f;  // electrons: samples depend on the tail monotonically but for rounding
+  farthest += kRounding;
+  const auto limit = [&](std::uint32_t tail) {
+    std::uint32_t rare = 0;
+    for (std::uint32_t step = 1u << 30; step > 0; step >>= 1) {
+      const float electrons = table.sample(tail | (rare + step));
+      const bool is_usual =
+          quantise_dark(s, electrons - farthest) == usual && quantise_dark(s, electrons + farthest) == usual;
+      if (!is_usual) rare += step;
+    }
+    return rare + 1;
+  };
+  return {limit(0), limit(1u << 31)};
+}
+
 SENSOR_RT_MULTIVERSION void write_uniform(const DarkScale& s, const Draw& __restrict draw, int count,
                                           std::uint16_t* __restrict out) {
   for (int i = 0; i < count; ++i) {
@@ -154,18 +185,42 @@ std::uint16_t PixelModel::lit(std::uint32_t pixel, float electrons) const {
   return quantise(std::min(charge, full_well_e_) + read_noise_e_ * normal.sample(random[1]));
 }
 
-void PixelModel::dark_pixels(const QuantileTable& table, const float* pattern, std::uint32_t first, int count,
-                             std::uint16_t* out) const {
+void PixelModel::dark_pixels(const QuantileTable& table, const float* pattern,
+                             ImageView<std::uint16_t> out) const {
+  constexpr double kRare = 0.02;
   const DarkScale scale{static_cast<float>(gain_), static_cast<float>(black_), static_cast<float>(max_dn_)};
+  const std::uint16_t usual = quantise_dark(scale, table.sample(0x7FFFFFFFu));
+  const float farthest = dsnu_e_ * standard_normal().sample(1u << 31);
+  const RareBits rare = rare_bits(scale, table, farthest, usual);
+  if (rare.probability() < kRare) {
+    // The gaps between independent rare pixels are distributed geometrically.
+    const double pixels_per_log = 1.0 / std::log1p(-rare.probability());
+    const double size = static_cast<double>(out.width) * out.height;
+    for (int y = 0; y < out.height; ++y) std::fill_n(out.row(y), out.width, usual);
+    double next = 0.0;
+    for (std::uint32_t k = 0;; ++k) {
+      const auto random = philox4x32({k, 0, 0, 0}, dark_key_);
+      next += std::floor(pixels_per_log * std::log((random[0] + 0.5) * 0x1p-32));
+      if (!(next < size)) return;
+      const auto pixel = static_cast<int>(next);
+      const float offset = pattern == nullptr ? 0.0f : pattern[pixel];
+      out.at(pixel / out.width, pixel % out.width) =
+          quantise_dark(scale, table.sample(rare.draw(random[1])) + offset);
+      next += 1.0;
+    }
+  }
   Draw draw;
-  for (int i = 0; i < count; i += kBlock) {
-    const int block = std::min(kBlock, count - i);
-    find_positions(first + static_cast<std::uint32_t>(i), dark_key_[0], dark_key_[1], draw);
-    look_up(table, draw);
-    if (pattern != nullptr) {
-      write_patterned(scale, draw, pattern + i, block, out + i);
-    } else {
-      write_uniform(scale, draw, block, out + i);
+  for (int y = 0; y < out.height; ++y) {
+    for (int x = 0; x < out.width; x += kBlock) {
+      const int block = std::min(kBlock, out.width - x);
+      const auto first = static_cast<std::uint32_t>(y * out.width + x);
+      find_positions(first, dark_key_[0], dark_key_[1], draw);
+      look_up(table, draw);
+      if (pattern != nullptr) {
+        write_patterned(scale, draw, pattern + first, block, out.row(y) + x);
+      } else {
+        write_uniform(scale, draw, block, out.row(y) + x);
+      }
     }
   }
 }

@@ -26,10 +26,9 @@ class PixelModel {
   /// Returns the digital number of a pixel (index row * width + column) that collects `electrons` on average.
   std::uint16_t lit(std::uint32_t pixel, float electrons) const;
 
-  /// Writes the digital numbers of `count` dark pixels, starting at index `first`, sampled from the table of
-  /// the dark signal. `pattern`: their fixed offsets (electrons), or null.
-  void dark_pixels(const QuantileTable& table, const float* pattern, std::uint32_t first, int count,
-                   std::uint16_t* out) const;
+  /// Fills an image with dark pixels, sampled from the table of the dark signal. `pattern`: their fixed
+  /// offsets (electrons), or null.
+  void dark_pixels(const QuantileTable& table, const float* pattern, ImageView<std::uint16_t> out) const;
 
   /// Whether there is a fixed pattern (DSNU), and its values (electrons) for an image of `pixels`.
   bool is_patterned() const { return dsnu_e_ > 0.0f; }

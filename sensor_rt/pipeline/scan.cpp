@@ -114,12 +114,12 @@ ScanResult scan(const Scene& scene, const Sensor& as_built, const Sensor& sensor
         });
     result.seconds = sum_seconds(workers);
   } else {
-    const RenderPlan plan(render_settings(as_built));
+    const RenderPlan plan(render_settings(as_built, scene));
     const Detector detector(as_built.detector, as_built.noise, as_built.seed);
     const std::size_t stride = options.keep_images ? sensor.cameras.size() * common_size(sensor).pixels() : 0;
     std::unique_ptr<RenderPlan> background;
     if (sensor.laser_off_frame) {
-      background = std::make_unique<RenderPlan>(render_settings(as_built, false));
+      background = std::make_unique<RenderPlan>(render_settings(as_built, scene, false));
       result.background.resize(exposures.count * stride);
     }
     result.images.resize(exposures.count * stride);
@@ -148,7 +148,7 @@ std::vector<std::uint16_t> render_images(const Scene& scene, const Sensor& senso
   validate(scene, exposures);
   const ImageSize size = common_size(sensor);
   const std::size_t cameras = sensor.cameras.size();
-  const RenderPlan plan(render_settings(sensor, laser_on));
+  const RenderPlan plan(render_settings(sensor, scene, laser_on));
   const Detector detector(sensor.detector, sensor.noise, sensor.seed);
   std::vector<std::uint16_t> images(exposures.count * cameras * size.pixels());
   run_workers<ImageWorker>(
@@ -169,7 +169,7 @@ std::vector<float> expected_electrons(const Scene& scene, const Sensor& sensor, 
   const ImageSize size = common_size(sensor);
   const std::size_t cameras = sensor.cameras.size();
   std::vector<float> images(exposures.count * cameras * size.pixels(), 0.0f);
-  RenderSettings settings = render_settings(sensor);
+  RenderSettings settings = render_settings(sensor, scene);
   static_cast<Accelerators&>(settings) = accelerators;
   const RenderPlan plan(settings);
   run_workers<RenderBuffers>(

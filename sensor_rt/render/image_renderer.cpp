@@ -304,6 +304,7 @@ void render_light(const RenderPlan& plan, const Scene& scene, const Exposures& e
     } else {
       image.trace_direct(buffers.lit[c], buffers.corners, has_mirrors && settings.bounces > 0, buffers.dense);
     }
+    if (!plan.lens_blurs.empty()) plan.lens_blurs[c].apply(images[c], buffers.blur);
     if (photons) image.add_reflected(buffers.reflected[c], buffers.dense);
   }
 }

@@ -10,14 +10,9 @@
 #include "sensor_rt/render/pixels/pixel_cover.h"
 #include "sensor_rt/render/pixels/pixel_mask.h"
 #include "sensor_rt/render/row_views.h"
+#include "sensor_rt/render/sparse_image.h"
 
 namespace sensor_rt {
-
-/// Pixels that receive light, each once; index = row * width + column.
-struct SparseImage {
-  std::vector<std::uint32_t> pixels;
-  std::vector<float> electrons;
-};
 
 /// Memory that a thread reuses from exposure to exposure, of any plan. Images do not depend on its content.
 struct RenderBuffers {
@@ -29,6 +24,7 @@ struct RenderBuffers {
   std::vector<PixelMask> lit;         ///< per camera: pixels to trace
   std::vector<SplatImage> reflected;  ///< per camera: laser light reflected between surfaces
   std::vector<float> dense;
+  LensBlur::Buffers blur;
 };
 
 /// Renders one image per camera. Direct light depends on the poses of the exposure alone; an exposure without

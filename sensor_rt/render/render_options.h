@@ -22,6 +22,7 @@ struct Accelerators {
   bool lit_pixels = true;   ///< trace only the pixels that the laser can light, see LitPixelMarker
   bool pixel_cover = true;  ///< find the patch that fills a pixel by rays through its corners, see PixelCover
   bool closed_form = true;  ///< integrate planar patches without samples, see FilledPixels; needs the cover
+  bool lens_blur = true;    ///< blur images of pinholes in place of sampling the lens, see LensBlur
 };
 
 }  // namespace sensor_rt

@@ -42,6 +42,16 @@ RenderSettings in_frame_of_sheet(RenderSettings settings) {
   return settings;
 }
 
+/// Returns true when the lenses blur sharp images. That holds for light straight from the laser in images
+/// whose rows are exposed simultaneously.
+bool blurs_images(const RenderSettings& settings) {
+  const std::vector<Camera>& cameras = settings.model.cameras;
+  return settings.lens_blur && !settings.ground_truth && settings.bounces == 0 &&
+         settings.row_readout == 0.0 && settings.model.ambient_irradiance == 0.0 && !settings.has_lamps &&
+         std::any_of(cameras.begin(), cameras.end(), LensBlur::is_needed) &&
+         std::all_of(cameras.begin(), cameras.end(), LensBlur::is_wide);
+}
+
 std::vector<Eigen::Vector3d> spread_sources(const LaserSheet& laser, const SamplingPattern& pattern) {
   const Eigen::Vector3d middle(0.0, 0.0, laser.source_z);
   if (laser.source_length == 0.0) return {middle};
@@ -102,6 +112,12 @@ RenderPlan::RenderPlan(const RenderSettings& given)
       sensor_from_reference(given.model.laser.sensor_from_sheet),
       lane_sources(spread_sources(given.model.laser, pattern)) {
   const SensorModel& model = settings.model;
+  if (blurs_images(settings)) {
+    for (Camera& camera : settings.model.cameras) {
+      lens_blurs.emplace_back(camera);
+      camera = lens_blurs.back().sharp_camera();
+    }
+  }
   if (settings.speckle_contrast > 0.0) speckle_tile = SpeckleTile::shared(settings.speckle_contrast);
   sources =
       in_packets(pattern.padded_size(), [this](std::size_t packet, int l) { return source(packet, l); });

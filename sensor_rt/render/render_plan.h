@@ -10,6 +10,7 @@
 #include "sensor_rt/optics/projector.h"
 #include "sensor_rt/optics/sensor_model.h"
 #include "sensor_rt/render/emitter/speckle_tile.h"
+#include "sensor_rt/render/pixels/lens_blur.h"
 #include "sensor_rt/render/render_options.h"
 #include "sensor_rt/render/sampling_pattern.h"
 
@@ -19,6 +20,7 @@ namespace sensor_rt {
 struct RenderSettings : RenderOptions, Accelerators {
   SensorModel model;
   double quantum_efficiency = 0.0;
+  bool has_lamps = false;
   bool laser_on = true;  ///< false: a background frame, taken directly after the one with the laser on
 };
 
@@ -38,8 +40,11 @@ struct CameraSamples {
 struct RenderPlan {
   explicit RenderPlan(const RenderSettings& settings);
 
-  RenderSettings settings;  ///< with camera poses in the reference frame
-  LaserEmitter laser;       ///< without power in a background frame
+  /// With camera poses in the reference frame, and pinholes in place of the lenses of lens_blurs.
+  RenderSettings settings;
+  /// Per camera: blur of its image; empty where the lens is sampled, or there are only pinholes.
+  std::vector<LensBlur> lens_blurs;
+  LaserEmitter laser;  ///< without power in a background frame
   SamplingPattern pattern;
   /// The reference frame is the frame of the sheet, so that a misaligned sheet costs no more than an aligned
   /// one.

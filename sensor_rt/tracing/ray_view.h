@@ -11,7 +11,7 @@ namespace sensor_rt {
 
 /// SceneQuery for rays that stay inside a convex region and whose origins are fixed per lane: the same
 /// answers. Shapes outside the region are culled once per exposure; the others are intersected front to back,
-/// only by rays that reach their bounding boxes. With few bodies this replaces a top-level tree, which would
+/// only where rays meet their bounding boxes. With few bodies this replaces a top-level tree, which would
 /// have to be rebuilt when bodies move.
 class RayView {
  public:
@@ -43,7 +43,6 @@ class RayView {
   std::size_t packets_ = 0;
   std::vector<std::size_t> shapes_;
   std::vector<LaneTransform> transforms_;  ///< [shape in view][packet]
-  std::vector<double> nearest_;            ///< lower bound of the hit distance, m, of [shape in view][packet]
   std::vector<std::size_t> order_;         ///< shapes in view, nearest first
 };
 

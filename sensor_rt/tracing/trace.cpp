@@ -1,5 +1,8 @@
 #include "sensor_rt/tracing/trace.h"
 
+#include <algorithm>
+#include <cmath>
+
 #include "sensor_rt/geometry/multiversion.h"
 #include "sensor_rt/tracing/lane_planes.h"
 #include "sensor_rt/tracing/primitive.h"
@@ -25,6 +28,47 @@ void fill_rays(const Lanes3& origin, const Lanes3& direction, RTCRay16& ray) {
     ray.id[l] = 0;
     ray.flags[l] = 0;
   }
+}
+
+/// Returns false when no active ray meets the bounding box of a shape before t = `farthest`.
+SENSOR_RT_MULTIVERSION
+bool meet_box(const Shape& shape, const Lanes3& __restrict origin, const Lanes3& __restrict direction,
+              const int* __restrict valid, const double* __restrict farthest) {
+  constexpr float kSlack = 1e-6f;  // far above the rounding of single precision
+  const auto half_x = static_cast<float>(shape.half_size.x());
+  const auto half_y = static_cast<float>(shape.half_size.y());
+  const auto half_z = static_cast<float>(shape.half_size.z());
+  const auto inverse = [](double d) {
+    const auto single = static_cast<float>(d);
+    return 1.0f / (single + std::copysign(1e-30f, single));
+  };
+  alignas(64) int meets[kLanes];
+  for (int l = 0; l < kLanes; ++l) {
+    const auto x = static_cast<float>(origin.x[l]);
+    const auto y = static_cast<float>(origin.y[l]);
+    const auto z = static_cast<float>(origin.z[l]);
+    const float in_x = inverse(direction.x[l]);
+    const float in_y = inverse(direction.y[l]);
+    const float in_z = inverse(direction.z[l]);
+    const float to_x = std::copysign(half_x + kSlack * (1.0f + half_x + std::abs(x)), in_x);
+    const float to_y = std::copysign(half_y + kSlack * (1.0f + half_y + std::abs(y)), in_y);
+    const float to_z = std::copysign(half_z + kSlack * (1.0f + half_z + std::abs(z)), in_z);
+    const float enter_x = (-to_x - x) * in_x;
+    const float enter_y = (-to_y - y) * in_y;
+    const float enter_z = (-to_z - z) * in_z;
+    const float leave_x = (to_x - x) * in_x;
+    const float leave_y = (to_y - y) * in_y;
+    const float leave_z = (to_z - z) * in_z;
+    const float enter_xy = enter_x > enter_y ? enter_x : enter_y;
+    const float leave_xy = leave_x < leave_y ? leave_x : leave_y;
+    const float enter = enter_xy > enter_z ? enter_xy : enter_z;
+    const float leave = leave_xy < leave_z ? leave_xy : leave_z;
+    const float last = static_cast<float>(farthest[l]) * (1.0f + kSlack);
+    meets[l] = (enter <= leave) & (leave >= 0.0f) & (enter <= last) ? valid[l] : 0;
+  }
+  int any = 0;
+  for (int l = 0; l < kLanes; ++l) any |= meets[l];
+  return any != 0;
 }
 
 /// Returns false when no ray hits the mesh.
@@ -80,6 +124,7 @@ void intersect_shape(const Shape& shape, std::int32_t index, const LaneTransform
                      const Lanes3& direction, const int* valid, PacketHits& hits) {
   Lanes3 local;
   to_shape_frame(transform.rotation, direction, local);
+  if (!meet_box(shape, transform.origin, local, valid, hits.t)) return;
   Candidates found;
   if (shape.kind == ShapeKind::kMesh) {
     if (!find_faces(shape, transform.origin, local, valid, hits, found)) return;
@@ -97,6 +142,9 @@ void occlude_by_shape(const Shape& shape, const LaneTransform& transform, const 
                       double farthest, int* unoccluded) {
   Lanes3 local;
   to_shape_frame(transform.rotation, direction, local);
+  alignas(64) double end[kLanes];
+  std::fill(end, end + kLanes, farthest);
+  if (!meet_box(shape, transform.origin, local, unoccluded, end)) return;
   if (shape.kind == ShapeKind::kMesh) {
     RTCRay16 rays;
     fill_rays(transform.origin, local, rays);

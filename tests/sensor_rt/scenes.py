@@ -52,7 +52,7 @@ def probe(cameras: int = 2, **overrides: Any) -> Sensor:
 
 
 # Renders without accelerators.
-BARE = {"lit_pixels": False, "pixel_cover": False, "closed_form": False}
+BARE = {"lit_pixels": False, "pixel_cover": False, "closed_form": False, "lens_blur": False}
 
 # The probe's cameras with pixels twice as large: field of view and blur are the same in mm.
 COARSE = {

@@ -71,6 +71,21 @@ def test_dark_pixels_follow_poisson_plus_normal(dark, read):
     assert chi_square_p(image, cdf, int(black - reach), int(black + dark + reach)) > 1e-3
 
 
+@pytest.mark.parametrize(("gain", "dsnu"), [(0.04, 0.0), (0.03, 0.0), (0.025, 1.0)])
+def test_coarsely_quantised_dark_pixels_follow_the_same_distribution(gain, dsnu):
+    """Only 1 %, 0.1 % and 0.01 % of the pixels have another digital number than the black level."""
+    detector = QUIET | {"read_noise_e": 5.0, "black_level_dn": 10.0, "gain_dn_per_e": gain, "dsnu_e": dsnu}
+    image = flat(make_sensor(640, 512, detector=detector), 0.0, frames=8)
+    assert (
+        chi_square_p(image, lambda level: stats.norm.cdf((level + 0.5 - 10.0) / (gain * np.hypot(5.0, dsnu))), 8, 12)
+        > 1e-3
+    )
+    other = (image != 10).astype(float)
+    columns, rows = other.sum((0, 1, 2)), other.sum((0, 1, 3))
+    for counts in (columns, rows):  # spread evenly over the image
+        assert stats.chisquare(counts.reshape(64, -1).sum(1)).pvalue > 1e-3
+
+
 def test_lit_pixels_without_light_match_dark_pixels():
     """Dark and lit pixels use different code; in the limit of no light both have the same mean and variance."""
     sensor = make_sensor(640, 512, detector=QUIET | {"read_noise_e": 5.0, "black_level_dn": 100.0})

@@ -371,13 +371,14 @@ def expected_electrons(
     lit_pixels: bool = True,
     pixel_cover: bool = True,
     closed_form: bool = True,
+    lens_blur: bool = True,
     threads: int = 0,
 ) -> NDArray[np.float32]:
     """Return the expected photo-electrons (n, cameras, height, width) without noise.
 
     The switches are accelerators of the fast mode: `lit_pixels` traces only pixels that the laser can light,
-    `pixel_cover` finds the face that fills a pixel by rays through its corners, and `closed_form`, which needs it,
-    integrates such pixels without samples.
+    `pixel_cover` finds the face that fills a pixel by rays through its corners, `closed_form`, which needs it,
+    integrates such pixels without samples, and `lens_blur` blurs sharp images in place of sampling the lens.
     """
 
 def tree_builds() -> int:

@@ -137,7 +137,9 @@ bool PixelCover::applies() const {
 
 Patch PixelCover::patch(int column, int row) {
   column_ = column;
-  next_edge_ = std::max(next_edge_, column);
+  // An even edge ends each group, so that the odd ones lie between traced edges.
+  if (next_edge_ < column)
+    next_edge_ = (column + kEdgesAtOnce - 1) / kEdgesAtOnce * kEdgesAtOnce - kEdgesAtOnce + 1;
   while (next_edge_ <= column + 1) {
     trace_edges(next_edge_);
     next_edge_ += kEdgesAtOnce;
@@ -225,16 +227,58 @@ bool PixelCover::flatten(const Shape& shape, int row, Patch& patch) const {
   return true;
 }
 
+/// Finds the corners of kEdgesAtOnce edges.
 void PixelCover::trace_edges(int first_edge) {
   CornerIndex indices[kLanes];
   int count = 0;
-  mask_.for_each_corner<kEdgesAtOnce>(first_edge, [&](int edge, int row) {
+  const auto trace = [&](int edge, int row) {
     indices[count++] = {edge, row};
     if (count < kLanes) return;
     trace_corners(indices, count);
     count = 0;
+  };
+  const auto is_even = [](int edge, int row) { return edge % 2 == 0 && row % 2 == 0; };
+  mask_.for_each_corner<kEdgesAtOnce>(first_edge, [&](int edge, int row) {
+    if (is_even(edge, row)) trace(edge, row);
   });
   if (count > 0) trace_corners(indices, count);
+  count = 0;
+  mask_.for_each_corner<kEdgesAtOnce>(first_edge, [&](int edge, int row) {
+    if (!is_even(edge, row) && !interpolate(edge, row)) trace(edge, row);
+  });
+  if (count > 0) trace_corners(indices, count);
+}
+
+/// Sets a corner between traced corners of even edge and row. Returns false where these do not hit one lit
+/// face, or are unknown.
+bool PixelCover::interpolate(int edge, int row) {
+  const int across = edge % 2;
+  const int along = row % 2;
+  const CornerIndex around[] = {{edge - across, row - along},
+                                {edge + across, row + along},
+                                {edge - across, row + along},
+                                {edge + across, row - along}};
+  const int count = across != 0 && along != 0 ? 4 : 2;
+  for (std::size_t instant = 0; instant < instants(); ++instant) {
+    const Corner* first = nullptr;
+    for (int k = 0; k < count; ++k) {
+      const CornerIndex& at = around[k];
+      if (at.edge < 0 || static_cast<std::size_t>(at.row + 1) * instants() > corners_per_edge_) return false;
+      const Corner& corner = corners_of(at.edge)[static_cast<std::size_t>(at.row) * instants() + instant];
+      if (k == 0) first = &corner;
+      if (corner.edge != at.edge || !corner.in_light || !(corner.id == first->id)) return false;
+    }
+  }
+  for (std::size_t instant = 0; instant < instants(); ++instant) {
+    const auto at = [&](const CornerIndex& index) -> Corner& {
+      return corners_of(index.edge)[static_cast<std::size_t>(index.row) * instants() + instant];
+    };
+    Corner& corner = at({edge, row});
+    corner = at(around[0]);
+    corner.edge = edge;
+    corner.point = 0.5 * (corner.point + at(around[1]).point);
+  }
+  return true;
 }
 
 void PixelCover::trace_corners(const CornerIndex* indices, int count) {
@@ -270,7 +314,8 @@ void PixelCover::trace_corners(const CornerIndex* indices, int count) {
           {hits.shape[l], hits.face[l]},
           plan_.source(0, 0) + lane(to_point, l),
           to_viewpoint > 0.0,
-          steep && unoccluded[l] != 0};
+          steep && unoccluded[l] != 0,
+          edges[l]};
     }
   }
 }

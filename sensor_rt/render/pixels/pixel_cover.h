@@ -16,11 +16,14 @@ namespace sensor_rt {
 /// rays from the laser to their hits. Where all four corners of a pixel hit one face, or faces around one
 /// vertex, the samples of the pixel skip the traversal; where the laser reaches all four, they skip the
 /// shadow rays. Neighbouring pixels share corners, so that a pixel needs little more than one ray of each
-/// kind instead of one per sample. On a mesh finer than the pixels the corners hit too many faces; where the
-/// surface is continuous around the pixel and the faces are coplanar, a planar proxy replaces them.
+/// kind instead of one per sample. Corners of even column and row are traced first; between corners that hit
+/// one lit face, which is convex, the others need no rays. On a mesh finer than the pixels the corners hit
+/// too many faces; where the surface is continuous around the pixel and the faces are coplanar, a planar
+/// proxy replaces them.
 ///
-/// A feature entirely between the corners of a pixel is missed, and so is one that crosses the pixel during
-/// the exposure; the cover is not used for large motion.
+/// A feature entirely between the corners of a pixel is missed, in front of a single face one between corners
+/// two pixels apart, and so is one that crosses the pixel during the exposure; the cover is not used for
+/// large motion.
 class PixelCover {
  public:
   /// Hit at the corner of a pixel at one instant.
@@ -29,6 +32,7 @@ class PixelCover {
     Eigen::Vector3d point = Eigen::Vector3d::Zero();  ///< in the reference frame
     bool from_front = false;                          ///< the front side (by winding) is visible
     bool in_light = false;
+    int edge = -1;  ///< of the corner that is stored here
   };
   using Corners = std::vector<Corner>;
 
@@ -57,6 +61,7 @@ class PixelCover {
   bool flatten(const Shape& shape, int row, Patch& patch) const;
   void trace_edges(int first_edge);
   void trace_corners(const CornerIndex* indices, int count);
+  bool interpolate(int edge, int row);
   std::size_t instants() const { return lane_instants_.size() / kLanes; }
   /// Returns the corners of an edge; index [row * instants + instant].
   Corner* corners_of(int edge) {
@@ -71,11 +76,11 @@ class PixelCover {
   std::vector<std::size_t> lane_instants_;  ///< packet 0: the first of the exposure, packet 1: the last
   RayView view_;
   RayView laser_;
-  /// Packets are four corners wide, for coherent rays.
+  /// Packets are a few corners wide, for coherent rays.
   static constexpr int kEdgesAtOnce = 4;
   static constexpr int kEdgesKept = 2 * kEdgesAtOnce;
-  int column_ = 0;     ///< of the last requested pixel
-  int next_edge_ = 0;  ///< corners of the columns column_ .. next_edge_ - 1 are known
+  int column_ = 0;                    ///< of the last requested pixel
+  int next_edge_ = 1 - kEdgesAtOnce;  ///< corners of the columns column_ .. next_edge_ - 1 are known
   std::size_t corners_per_edge_ = 0;
   Corners& corners_;
 };

@@ -1,0 +1,286 @@
+#include "sensor_rt/render/pixels/lens_blur.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+
+#include "sensor_rt/geometry/multiversion.h"
+#include "sensor_rt/optics/region.h"
+
+namespace sensor_rt {
+namespace {
+
+constexpr int kGrid = 16;                 // px between nodes of the defocus
+constexpr double kRadiusStep = 1.0 / 64;  // px between tabulated discs, or
+constexpr int kDiscs = 512;               // so many up to the largest radius in the image
+constexpr double kLargestRadius = 500.0;
+constexpr float kFaint = 1e-3f;  // electrons: fainter pixels are omitted
+
+/// Returns the area of a disc of radius 1 between x = -1 and x.
+double area_below(double x) {
+  const double within = std::clamp(x, -1.0, 1.0);
+  return within * std::sqrt(1.0 - within * within) + std::asin(within) + 0.5 * M_PI;
+}
+
+/// Returns half of a symmetric kernel that has the moments of a Gaussian, from the centre outwards.
+std::vector<float> gaussian_kernel(double sigma) {
+  if (sigma == 0.0) return {1.0f};
+  constexpr double kWellSampled = 0.8;
+  const double variance = sigma * sigma;
+  if (sigma < kWellSampled) {  // second and fourth moments
+    const double outer = (3.0 * variance * variance - variance) / 24.0;
+    const double inner = 0.5 * variance - 4.0 * outer;
+    return {static_cast<float>(1.0 - 2.0 * (inner + outer)), static_cast<float>(inner),
+            static_cast<float>(outer)};
+  }
+  std::vector<double> values;
+  double sum = 0.0;
+  for (int k = 0; k <= std::ceil(4.5 * sigma); ++k) {
+    values.push_back(std::exp(-0.5 * k * k / variance));
+    sum += (k == 0 ? 1.0 : 2.0) * values.back();
+  }
+  std::vector<float> kernel;
+  for (const double value : values) kernel.push_back(static_cast<float>(value / sum));
+  return kernel;
+}
+
+/// Returns the variance of a uniformly lit run, from -half to half, sampled by pixels.
+double variance_of_run(double half) {
+  double sum = 0.0;
+  for (int row = 1; row - 0.5 < half; ++row) {
+    sum += 2.0 * row * row * (std::min(half, row + 0.5) - (row - 0.5));
+  }
+  return half > 0.0 ? sum / (2.0 * half) : 0.0;
+}
+
+/// Returns where `is_low` changes from true to false.
+template <typename IsLow>
+double solve(double low, double high, const IsLow& is_low) {
+  constexpr int kBisections = 16;
+  for (int i = 0; i < kBisections; ++i) {
+    const double middle = 0.5 * (low + high);
+    (is_low(middle) ? low : high) = middle;
+  }
+  return 0.5 * (low + high);
+}
+
+/// Adds share * light to `sum`.
+SENSOR_RT_MULTIVERSION
+void add_share(float share, const float* __restrict light, int count, float* __restrict sum) {
+  for (int i = 0; i < count; ++i) sum[i] += share * light[i];
+}
+
+}  // namespace
+
+void LensBlur::Columns::resize(int columns, int new_rows) {
+  if (first.size() == static_cast<std::size_t>(columns) && rows == new_rows) return;
+  rows = new_rows;
+  light.assign(static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows), 0.0f);
+  first.assign(static_cast<std::size_t>(columns), std::numeric_limits<int>::max());
+  last.assign(static_cast<std::size_t>(columns), -1);
+}
+
+void LensBlur::Columns::touch(int number, int from, int to) {
+  const auto at = static_cast<std::size_t>(number);
+  first[at] = std::min(first[at], from);
+  last[at] = std::max(last[at], to);
+}
+
+void LensBlur::Columns::clear(int number) {
+  const auto at = static_cast<std::size_t>(number);
+  if (last[at] >= 0) std::fill(column(number) + first[at], column(number) + last[at] + 1, 0.0f);
+  first[at] = std::numeric_limits<int>::max();
+  last[at] = -1;
+}
+
+LensBlur::LensBlur(const Camera& camera) : camera_(camera), gaussian_(gaussian_kernel(camera.psf_sigma_px)) {
+  const int spread = static_cast<int>(gaussian_.size()) - 1;
+  double largest = 0.0;
+  if (camera.has_depth_of_field()) {
+    for (const double column : {-0.5, camera.width_px - 0.5}) {
+      for (const double row : {-0.5, camera.height_px - 0.5}) {
+        largest = std::max(largest, std::abs(defocus(column, row)));
+      }
+    }
+    largest = std::min(largest, kLargestRadius);
+    radius_step_ = std::max(kRadiusStep, largest / kDiscs);
+    for (int k = 0; k * radius_step_ <= 1.25 * largest + 1.0; ++k)
+      discs_.push_back(make_disc(k * radius_step_));
+  }
+  margin_ = spread + static_cast<int>(std::ceil(largest)) + 1;
+  padding_ = spread + (discs_.empty() ? 0 : discs_.back().reach) + 2;
+  if (discs_.empty()) return;
+  const Camera sharp = sharp_camera();
+  grid_columns_ = sharp.width_px / kGrid + 2;
+  for (int j = 0; j < sharp.height_px / kGrid + 2; ++j) {
+    for (int i = 0; i < grid_columns_; ++i)
+      defocus_.push_back(defocus(i * kGrid - margin_, j * kGrid - margin_));
+  }
+}
+
+Camera LensBlur::sharp_camera() const {
+  Camera sharp = camera_;
+  sharp.focus = 0.0;
+  sharp.psf_sigma_px = 0.0;
+  sharp.width_px += 2 * margin_;
+  sharp.height_px += 2 * margin_;
+  sharp.cx_px += margin_;
+  sharp.cy_px += margin_;
+  return sharp;
+}
+
+/// Returns the radius of defocus, px, of light from the sheet in a pixel of the image; signed.
+double LensBlur::defocus(double column, double row) const {
+  const Eigen::Vector3d direction = camera_.ray({column, row});
+  const double towards_sheet = (camera_.sensor_from_camera.rotation * direction).x();
+  const double inverse_depth =
+      std::max(-towards_sheet / camera_.sensor_from_camera.translation.x(), 1.0 / kFarthest);
+  const double per_slope = std::sqrt(1.0 / std::abs(camera_.ray_jacobian(direction).determinant()));
+  return per_slope * camera_.aperture_radius() *
+         (camera_.vergence(direction.x(), direction.y()) - inverse_depth);
+}
+
+/// Returns a disc, sampled by pixels, whose variances by row and column are those of a disc of `radius`.
+LensBlur::Disc LensBlur::make_disc(double radius) {
+  const double wanted = 0.25 * radius * radius;
+  const auto shares = [](double r) {  // of the columns from the middle one outwards
+    std::vector<double> found;
+    for (int k = 0; k == 0 || k - 0.5 < r; ++k) {
+      found.push_back((area_below((k + 0.5) / r) - area_below((k - 0.5) / r)) / M_PI);
+    }
+    return found;
+  };
+  const auto by_column = [](const std::vector<double>& share) {
+    double sum = 0.0;
+    for (std::size_t k = 1; k < share.size(); ++k) sum += 2.0 * share[k] * static_cast<double>(k * k);
+    return sum;
+  };
+  const std::vector<double> share =
+      shares(solve(0.5, radius + 1.0, [&](double r) { return by_column(shares(r)) < wanted; }));
+  // Half lengths of the chords are in proportion to the shares.
+  const auto by_row = [&](double longest) {
+    double sum = 0.0;
+    for (std::size_t k = 0; k < share.size(); ++k) {
+      sum += (k == 0 ? 1.0 : 2.0) * share[k] * variance_of_run(longest * share[k] / share[0]);
+    }
+    return sum;
+  };
+  const double longest = solve(0.5, radius + 1.0, [&](double half) { return by_row(half) < wanted; });
+  Disc disc;
+  disc.reach = static_cast<int>(share.size()) - 1;
+  for (int k = -disc.reach; k <= disc.reach; ++k) {
+    const double part = share[static_cast<std::size_t>(std::abs(k))];
+    const double half = std::max(longest * part / share[0], 1e-6);
+    const double start = std::floor(0.5 - half);
+    const double end = std::floor(0.5 + half);
+    disc.chords.push_back({static_cast<int>(start), static_cast<float>(0.5 - half - start),
+                           static_cast<int>(end), static_cast<float>(0.5 + half - end),
+                           static_cast<float>(0.5 * part / half)});
+  }
+  return disc;
+}
+
+const LensBlur::Disc& LensBlur::disc(int column, int row) const {
+  const double x = static_cast<double>(column) / kGrid;
+  const double y = static_cast<double>(row) / kGrid;
+  const auto i = static_cast<std::size_t>(x);
+  const auto j = static_cast<std::size_t>(y);
+  const double* node = &defocus_[j * static_cast<std::size_t>(grid_columns_) + i];
+  const double u = x - static_cast<double>(i);
+  const double v = y - static_cast<double>(j);
+  const double radius = std::abs((1.0 - v) * ((1.0 - u) * node[0] + u * node[1]) +
+                                 v * ((1.0 - u) * node[grid_columns_] + u * node[grid_columns_ + 1]));
+  return discs_[std::min(static_cast<std::size_t>(radius / radius_step_ + 0.5), discs_.size() - 1)];
+}
+
+/// Adds each pixel's light to the columns of the image, spread over its disc.
+void LensBlur::spread(const SparseImage& image, Columns& out) const {
+  const int width = camera_.width_px + 2 * margin_;
+  for (std::size_t p = 0; p < image.pixels.size(); ++p) {
+    const int column = static_cast<int>(image.pixels[p]) % width;
+    const int row = static_cast<int>(image.pixels[p]) / width;
+    const float light = image.electrons[p];
+    if (discs_.empty()) {
+      out.column(column)[row + padding_] += light;
+      out.touch(column, row + padding_, row + padding_);
+      continue;
+    }
+    // The chords as differences from row to row, which are summed below.
+    const Disc& disc = this->disc(column, row);
+    const int from = std::max(-disc.reach, -column);
+    const int to = std::min(disc.reach, width - 1 - column);
+    for (int k = from; k <= to; ++k) {
+      const Chord& chord = disc.chords[static_cast<std::size_t>(k + disc.reach)];
+      const float density = light * chord.density;
+      float* start = out.column(column + k) + row + padding_ + chord.start;
+      float* end = out.column(column + k) + row + padding_ + chord.end;
+      start[0] += (1.0f - chord.start_share) * density;
+      start[1] += chord.start_share * density;
+      end[0] -= (1.0f - chord.end_share) * density;
+      end[1] -= chord.end_share * density;
+      out.touch(column + k, row + padding_ + chord.start, row + padding_ + chord.end + 1);
+    }
+  }
+  if (discs_.empty()) return;
+  for (int column = 0; column < width; ++column) {
+    float* light = out.column(column);
+    float sum = 0.0f;
+    const auto at = static_cast<std::size_t>(column);
+    for (int row = out.first[at]; row <= out.last[at]; ++row) light[row] = sum += light[row];
+  }
+}
+
+/// Convolves with the point spread function by columns, then by rows; clears `in`.
+void LensBlur::convolve(Columns& in, Columns& out, std::vector<float>& column) const {
+  const int reach = static_cast<int>(gaussian_.size()) - 1;
+  const int width = camera_.width_px + 2 * margin_;
+  const auto weight = [&](int k) { return gaussian_[static_cast<std::size_t>(std::abs(k))]; };
+  for (int c = 0; c < width; ++c) {
+    const auto at = static_cast<std::size_t>(c);
+    if (in.last[at] < 0) continue;
+    const int first = in.first[at] - reach;
+    const int count = in.last[at] + reach - first + 1;
+    column.assign(static_cast<std::size_t>(count), 0.0f);
+    const float* light = in.column(c) + in.first[at];
+    for (int k = 0; k <= 2 * reach; ++k) {
+      add_share(weight(k - reach), light, count - 2 * reach, &column[static_cast<std::size_t>(k)]);
+    }
+    for (int to = std::max(0, c - reach); to <= std::min(width - 1, c + reach); ++to) {
+      add_share(weight(to - c), column.data(), count, out.column(to) + first);
+      out.touch(to, first, first + count - 1);
+    }
+    in.clear(c);
+  }
+}
+
+void LensBlur::apply(SparseImage& image, Buffers& buffers) const {
+  const int width = camera_.width_px + 2 * margin_;
+  const int rows = camera_.height_px + 2 * (margin_ + padding_);
+  buffers.sharp.resize(width, rows);
+  spread(image, buffers.sharp);
+  Columns* light = &buffers.sharp;
+  if (gaussian_.size() > 1) {
+    buffers.blurred.resize(width, rows);
+    convolve(buffers.sharp, buffers.blurred, buffers.column);
+    light = &buffers.blurred;
+  }
+  image.pixels.clear();
+  image.electrons.clear();
+  const int above = margin_ + padding_;
+  for (int column = 0; column < width; ++column) {
+    const auto at = static_cast<std::size_t>(column);
+    const int to_left = column - margin_;
+    const bool in_image = to_left >= 0 && to_left < camera_.width_px;
+    const int last = std::min(light->last[at], above + camera_.height_px - 1);
+    for (int row = std::max(light->first[at], above); in_image && row <= last; ++row) {
+      const float electrons = light->column(column)[row];
+      if (electrons < kFaint) continue;
+      image.pixels.push_back(static_cast<std::uint32_t>((row - above) * camera_.width_px + to_left));
+      image.electrons.push_back(electrons);
+    }
+    light->clear(column);
+  }
+}
+
+}  // namespace sensor_rt

@@ -1,0 +1,92 @@
+// Blur of laser light by the lens, applied to sharp images.
+#pragma once
+
+#include <vector>
+
+#include "sensor_rt/optics/camera.h"
+#include "sensor_rt/render/sparse_image.h"
+
+namespace sensor_rt {
+
+/// Defocus and point spread function of one camera as a convolution, so that images are rendered by a
+/// pinhole.
+///
+/// Light that comes straight from the laser lies in the sheet, hence a pixel determines its depth, and with
+/// it the radius of the disc of defocus. The disc is that of a point: surfaces that occlude a part of the
+/// lens are neglected, and so are differences of the image scale within the disc. Kernels have the exact
+/// second moments; being symmetric, they keep the centre of a stripe.
+class LensBlur {
+ public:
+  /// Light by columns, zero between uses.
+  struct Columns {
+    int rows = 0;
+    std::vector<float> light;
+    std::vector<int> first;  ///< rows that hold light, per column
+    std::vector<int> last;
+
+    void resize(int columns, int rows);
+    float* column(int number) {
+      return &light[static_cast<std::size_t>(number) * static_cast<std::size_t>(rows)];
+    }
+    void touch(int number, int from, int to);
+    void clear(int number);
+  };
+  struct Buffers {
+    Columns sharp;
+    Columns blurred;
+    std::vector<float> column;
+  };
+
+  /// The camera's pose is in the frame of the sheet.
+  explicit LensBlur(const Camera& camera);
+
+  /// Whether the lens blurs the image of a camera.
+  static bool is_needed(const Camera& camera) {
+    return camera.has_depth_of_field() || camera.psf_sigma_px > 0.0;
+  }
+
+  /// Whether a pinhole image holds all that the image of the lens needs: a narrower point spread would show
+  /// details between the pixels.
+  static bool is_wide(const Camera& camera) {
+    constexpr double kNarrowest = 0.5;  // px
+    return camera.psf_sigma_px == 0.0 || camera.psf_sigma_px >= kNarrowest;
+  }
+
+  /// Returns the pinhole camera that renders the sharp image, with a margin from which light spreads into the
+  /// image.
+  Camera sharp_camera() const;
+
+  /// Replaces the image of the pinhole camera by that of the lens.
+  void apply(SparseImage& image, Buffers& buffers) const;
+
+ private:
+  /// Rows of one column of a disc: from row + start to row + end (edges of pixels), uniformly lit.
+  struct Chord {
+    int start;
+    float start_share;
+    int end;
+    float end_share;
+    float density;
+  };
+  struct Disc {
+    int reach = 0;              ///< columns -reach .. reach
+    std::vector<Chord> chords;  ///< by column
+  };
+
+  static Disc make_disc(double radius);
+  double defocus(double column, double row) const;
+  const Disc& disc(int column, int row) const;
+  void spread(const SparseImage& image, Columns& out) const;
+  void convolve(Columns& in, Columns& out, std::vector<float>& column) const;
+
+  Camera camera_;
+  int margin_ = 0;               ///< px around the image
+  int padding_ = 0;              ///< rows above and below the sharp image
+  std::vector<double> defocus_;  ///< px, signed radius at the nodes of a grid over the sharp image
+  int grid_columns_ = 0;
+  double radius_step_ = 0.0;
+  std::vector<Disc> discs_;      ///< by radius
+  std::vector<float> gaussian_;  ///< from the centre outwards; a single 1 without point spread
+};
+
+}  // namespace sensor_rt
