@@ -49,7 +49,7 @@ bool blurs_images(const RenderSettings& settings) {
   return settings.lens_blur && !settings.ground_truth && settings.bounces == 0 &&
          settings.row_readout == 0.0 && settings.model.ambient_irradiance == 0.0 && !settings.has_lamps &&
          std::any_of(cameras.begin(), cameras.end(), LensBlur::is_needed) &&
-         std::all_of(cameras.begin(), cameras.end(), LensBlur::is_wide);
+         std::all_of(cameras.begin(), cameras.end(), LensBlur::is_accurate);
 }
 
 std::vector<Eigen::Vector3d> spread_sources(const LaserSheet& laser, const SamplingPattern& pattern) {

@@ -175,14 +175,13 @@ BLURS = {
     "focus far": {"focus": 0.16},
     "wide aperture": {"focus": 0.12, "f_number": 4.0},
     "on sheet": ON_SHEET | {"psf_sigma_px": 0.6},
-    "all": TILTED | DISTORTED | MISPLACED | {"focus": 0.14, "psf_sigma_px": 0.6},
 }
 
 
 @pytest.mark.parametrize("lens", BLURS)
 @pytest.mark.parametrize("z", [0.09, 0.15])
 def test_blurred_sharp_images_match_samples_of_the_lens(lens: str, z: float) -> None:
-    """Centres within 0.02 px, also where only the defocus of a tilted sensor moves them (there on average)."""
+    """Centres within 0.02 px."""
     sensor = probe(1, camera=BLURS[lens], render={"noise": False, "samples_per_pixel": 256})
     exposures = still(pose((0, 0, z), (0.15, -0.2, 0.3)))
     blurred, sampled = (
@@ -190,8 +189,7 @@ def test_blurred_sharp_images_match_samples_of_the_lens(lens: str, z: float) -> 
     )
     assert (blurred != sampled).any()
     (centre, total), (true_centre, true_total) = stripe_centres(blurred), stripe_centres(sampled)
-    error = np.abs(centre - true_centre)
-    assert (error.mean() if lens == "all" else error.max()) < 0.02
+    assert np.abs(centre - true_centre).max() < 0.02
     np.testing.assert_allclose(total, true_total, rtol=5e-3)
     assert width2(blurred) == pytest.approx(width2(sampled), rel=0.03)
 
@@ -200,6 +198,7 @@ def test_blurred_sharp_images_match_samples_of_the_lens(lens: str, z: float) -> 
     "cause",
     [
         {"camera": {"psf_sigma_px": 0.3}},
+        {"camera": TILTED | {"focus": 0.14}},
         {"render": {"bounces": 1, "photons": 1024}},
         {"detector": {"row_readout": 1e-5}},
         {"ambient": {"irradiance": 0.1}},

@@ -71,7 +71,36 @@ void add_share(float share, const float* __restrict light, int count, float* __r
   for (int i = 0; i < count; ++i) sum[i] += share * light[i];
 }
 
+/// Returns the radius of the disc of defocus at a pixel, px; negative for points beyond the focus.
+double defocus(const Camera& camera, double column, double row) {
+  const Eigen::Vector3d direction = camera.ray({column, row});
+  const double towards_sheet = (camera.sensor_from_camera.rotation * direction).x();
+  const double inverse_depth =
+      std::max(-towards_sheet / camera.sensor_from_camera.translation.x(), 1.0 / kFarthest);
+  const double per_slope = std::sqrt(1.0 / std::abs(camera.ray_jacobian(direction).determinant()));
+  return per_slope * camera.aperture_radius() *
+         (camera.vergence(direction.x(), direction.y()) - inverse_depth);
+}
+
+/// Returns the largest radius of the disc of defocus in the image, px.
+double largest_defocus(const Camera& camera) {
+  double largest = 0.0;
+  for (const double column : {-0.5, camera.width_px - 0.5}) {
+    for (const double row : {-0.5, camera.height_px - 0.5}) {
+      largest = std::max(largest, std::abs(defocus(camera, column, row)));
+    }
+  }
+  return largest;
+}
+
 }  // namespace
+
+bool LensBlur::is_accurate(const Camera& camera) {
+  constexpr double kNarrowest = 0.5;      // px
+  constexpr double kTiltedDefocus = 1.0;  // px
+  if (camera.psf_sigma_px > 0.0 && camera.psf_sigma_px < kNarrowest) return false;
+  return !camera.has_depth_of_field() || !camera.is_tilted() || largest_defocus(camera) < kTiltedDefocus;
+}
 
 void LensBlur::Columns::resize(int columns, int new_rows) {
   if (first.size() == static_cast<std::size_t>(columns) && rows == new_rows) return;
@@ -98,12 +127,7 @@ LensBlur::LensBlur(const Camera& camera) : camera_(camera), gaussian_(gaussian_k
   const int spread = static_cast<int>(gaussian_.size()) - 1;
   double largest = 0.0;
   if (camera.has_depth_of_field()) {
-    for (const double column : {-0.5, camera.width_px - 0.5}) {
-      for (const double row : {-0.5, camera.height_px - 0.5}) {
-        largest = std::max(largest, std::abs(defocus(column, row)));
-      }
-    }
-    largest = std::min(largest, kLargestRadius);
+    largest = std::min(largest_defocus(camera), kLargestRadius);
     radius_step_ = std::max(kRadiusStep, largest / kDiscs);
     for (int k = 0; k * radius_step_ <= 1.25 * largest + 1.0; ++k)
       discs_.push_back(make_disc(k * radius_step_));
@@ -115,7 +139,7 @@ LensBlur::LensBlur(const Camera& camera) : camera_(camera), gaussian_(gaussian_k
   grid_columns_ = sharp.width_px / kGrid + 2;
   for (int j = 0; j < sharp.height_px / kGrid + 2; ++j) {
     for (int i = 0; i < grid_columns_; ++i)
-      defocus_.push_back(defocus(i * kGrid - margin_, j * kGrid - margin_));
+      defocus_.push_back(defocus(camera_, i * kGrid - margin_, j * kGrid - margin_));
   }
 }
 
@@ -131,16 +155,6 @@ Camera LensBlur::sharp_camera() const {
 }
 
 /// Returns the radius of defocus, px, of light from the sheet in a pixel of the image; signed.
-double LensBlur::defocus(double column, double row) const {
-  const Eigen::Vector3d direction = camera_.ray({column, row});
-  const double towards_sheet = (camera_.sensor_from_camera.rotation * direction).x();
-  const double inverse_depth =
-      std::max(-towards_sheet / camera_.sensor_from_camera.translation.x(), 1.0 / kFarthest);
-  const double per_slope = std::sqrt(1.0 / std::abs(camera_.ray_jacobian(direction).determinant()));
-  return per_slope * camera_.aperture_radius() *
-         (camera_.vergence(direction.x(), direction.y()) - inverse_depth);
-}
-
 /// Returns a disc, sampled by pixels, whose variances by row and column are those of a disc of `radius`.
 LensBlur::Disc LensBlur::make_disc(double radius) {
   const double wanted = 0.25 * radius * radius;

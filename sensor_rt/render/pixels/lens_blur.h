@@ -45,12 +45,10 @@ class LensBlur {
     return camera.has_depth_of_field() || camera.psf_sigma_px > 0.0;
   }
 
-  /// Whether a pinhole image holds all that the image of the lens needs: a narrower point spread would show
-  /// details between the pixels.
-  static bool is_wide(const Camera& camera) {
-    constexpr double kNarrowest = 0.5;  // px
-    return camera.psf_sigma_px == 0.0 || camera.psf_sigma_px >= kNarrowest;
-  }
+  /// Whether the convolution is accurate: a narrower point spread would show details between the pixels of a
+  /// pinhole image, and on a tilted sensor out of focus discs are displaced. The camera's pose is in the
+  /// frame of the sheet.
+  static bool is_accurate(const Camera& camera);
 
   /// Returns the pinhole camera that renders the sharp image, with a margin from which light spreads into the
   /// image.
@@ -74,7 +72,6 @@ class LensBlur {
   };
 
   static Disc make_disc(double radius);
-  double defocus(double column, double row) const;
   const Disc& disc(int column, int row) const;
   void spread(const SparseImage& image, Columns& out) const;
   void convolve(Columns& in, Columns& out, std::vector<float>& column) const;
