@@ -154,7 +154,6 @@ Camera LensBlur::sharp_camera() const {
   return sharp;
 }
 
-/// Returns the radius of defocus, px, of light from the sheet in a pixel of the image; signed.
 /// Returns a disc, sampled by pixels, whose variances by row and column are those of a disc of `radius`.
 LensBlur::Disc LensBlur::make_disc(double radius) {
   const double wanted = 0.25 * radius * radius;

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,11 +28,10 @@ VALUES = (
     *(f"{frame}.{key}" for frame in ("flange_from_camera", "base_from_board") for key in _WRITTEN),
     *(f"sheet.{key}" for key in ("normal_x", "normal_y", "normal_z", "distance_mm")),
 )
+# The unknowns, as messages name them, and the errors of a view.
 NAMES = (*INTRINSICS, *(f"camera_{key}" for key in _POSE), *(f"board_{key}" for key in _POSE), *SHEET)
-# Of an unknown in the solution: it is about one of them that the residuals are linear.
-"""The unknowns, as messages name them."""
 COUNT, ERRORS = len(NAMES), 8
-_STEP = 1e-3
+_STEP = 1e-3  # of an unknown in the solution: residuals are linear over about 1
 _SCALES = np.array([10.0, 10.0, 10.0, 0.1, 0.5, 0.01, 0.01, *[1e-3] * 15])
 _ROUNDS_OF_UNDISTORTION = 6
 
@@ -94,8 +92,8 @@ class Rig:
         turned = pose.from_rotation(pose.exp_rotation([x[20], x[21], 0.0]), [0.0, 0.0, x[19]])
         return Rig(
             self.intrinsics + x[:7],
-            self.flange_from_camera @ _small(x[7:13]),
-            self.base_from_board @ _small(x[13:19]),
+            self.flange_from_camera @ displaced(x[7:13]),
+            self.base_from_board @ displaced(x[13:19]),
             self.sheet @ turned,
         )
 
@@ -119,7 +117,7 @@ class Rig:
 
     def on_sheet(self, pixels: Array) -> Array:
         """Points (n, 3) in the camera where the rays of pixels (n, 2) meet the laser's sheet."""
-        return _met(self.rays(pixels), self.sheet)
+        return met(self.rays(pixels), self.sheet)
 
     @property
     def values(self) -> Array:
@@ -132,7 +130,8 @@ class Rig:
         return np.concatenate([self.intrinsics, *poses, normal, [1e3 * normal @ self.sheet[:3, 3]]])
 
 
-def _small(x: Array) -> Array:
+def displaced(x: Array) -> Array:
+    """Displacements (..., 4, 4) by translation (m) and rotation vector (rad), (..., 6)."""
     return pose.from_rotation(pose.exp_rotation(x[..., 3:]), x[..., :3])
 
 
@@ -145,7 +144,7 @@ def _distorted(point: Array, k1: float, k2: float, p1: float, p2: float) -> Arra
     )
 
 
-def _met(rays: Array, plane: Array) -> Array:
+def met(rays: Array, plane: Array) -> Array:
     """Where rays (n, 3) from the origin meet the x-y plane of frames (n, 4, 4) or (4, 4)."""
     normal, origin = plane[..., :3, 2], plane[..., :3, 3]
     return np.asarray(rays * (np.sum(normal * origin, -1) / np.sum(normal * rays, -1))[..., None])
@@ -171,34 +170,21 @@ class BoardProblem:
         self.views = list(views)
         self.flange = np.stack([view.flange for view in views])
         self._corner_view = np.concatenate([np.full(len(view.corners), i) for i, view in enumerate(views)])
-        self._stripe_view = np.concatenate([np.full(len(view.stripe), i) for i, view in enumerate(views)])
+        # View of each residual: of corners, two a corner, and of the stripe.
+        self.corner_view = np.repeat(self._corner_view, 2)
+        self.stripe_view = np.concatenate([np.full(len(view.stripe), i) for i, view in enumerate(views)])
         self._corners = np.concatenate([view.corners for view in views])
         self._corner_pixels = np.concatenate([view.corner_pixels for view in views])
         self._stripe = np.concatenate([view.stripe for view in views])
         self._across = np.concatenate([view.across for view in views])
         self._along = np.concatenate([_along(view) for view in views])
 
-    @cached_property
-    def corner_view(self) -> NDArray[np.intp]:
-        """View of each residual of corners, two a corner."""
-        return np.repeat(self._corner_view, 2)
-
-    @property
-    def groups(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """View of each residual of corners and of the stripe."""
-        return self.corner_view, self.stripe_view
-
-    @property
-    def stripe_view(self) -> NDArray[np.intp]:
-        """View of each residual of the stripe."""
-        return self._stripe_view
-
     def residuals(self, rig: Rig, errors: Array) -> tuple[Array, Array]:
         """Residuals of corners (2 c,) and of the stripe (s,), px, by a rig and the errors (n, 8) of the views."""
-        boards = rig.camera_from_board(self.flange) @ _small(1e-3 * errors[:, :6])
+        boards = rig.camera_from_board(self.flange) @ displaced(1e-3 * errors[:, :6])
         in_camera = pose.transform_each(boards[self._corner_view], self._corners)
         corners = rig.project(in_camera) - self._corner_pixels
-        own = errors[self._stripe_view, 6:]
+        own = errors[self.stripe_view, 6:]
         return corners.ravel(), self._stripe_residuals(rig, boards) - own[:, 0] - own[:, 1] * self._along
 
     def jacobian(self, rig: Rig, errors: Array) -> Array:
@@ -219,18 +205,18 @@ class BoardProblem:
 
     def _stripe_residuals(self, rig: Rig, boards: Array) -> Array:
         """Distances (s,) of the stripe in the image from where the sheet meets the board, px, to first order."""
-        planes = boards[self._stripe_view]
+        planes = boards[self.stripe_view]
         distance = self._from_sheet(rig, self._stripe, planes)
         beside = self._from_sheet(rig, self._stripe + self._across, planes)
         return np.asarray(distance / (beside - distance))
 
     @staticmethod
     def _from_sheet(rig: Rig, pixels: Array, planes: Array) -> Array:
-        points = _met(rig.rays(pixels), planes)
+        points = met(rig.rays(pixels), planes)
         return np.asarray((points - rig.sheet[:3, 3]) @ rig.sheet[:3, 2])
 
     def stripe_on_board(self, rig: Rig) -> Array:
         """Points (s, 3) of the stripe on the board, in the board's frame, m."""
-        boards = rig.camera_from_board(self.flange)[self._stripe_view]
-        points = _met(rig.rays(self._stripe), boards)
+        boards = rig.camera_from_board(self.flange)[self.stripe_view]
+        points = met(rig.rays(self._stripe), boards)
         return pose.transform_each(pose.inverse(boards), points)

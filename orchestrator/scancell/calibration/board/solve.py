@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.special import stdtrit
 
-from scancell.calibration.board.problem import COUNT, ERRORS, NAMES, BoardProblem, BoardView, Rig
+from scancell.calibration.board.problem import COUNT, ERRORS, NAMES, BoardProblem, BoardView, Rig, displaced, met
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
 
@@ -27,7 +27,7 @@ _ESTIMATES = 300
 _SETTLED = 3e-4
 _STEPS, _EVALUATIONS = 3, 15
 _MOVED = 1e-2  # of unknowns in their scales
-_SPREAD = np.log(1e6)
+_LEAST_EIGENVALUE = 1e-12  # of the scaled information, over the largest one
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,6 @@ class Prediction:
 
 def predict(found: BoardCalibration, flange: Array) -> Prediction:
     """The board as the camera will see it at a pose (4, 4) of the flange."""
-
     base, step = found.rig.camera_from_board(flange), 1e-3
     moved = [found.rig.moved(step * e).camera_from_board(flange) for e in np.eye(COUNT)]
     by_rig = np.stack([displacement(base, one) / step for one in moved], 1)
@@ -104,14 +103,10 @@ def seen_pose(rig: Rig, view: BoardView, sizes: Array) -> tuple[Array, Array]:
     found = pose.from_rotation(pose.exp_rotation(np.ravel(turn)), np.ravel(offset))
 
     def pixels(x: Array) -> Array:
-        return rig.project(pose.transform_points(found @ _displaced(x), view.corners)).ravel()
+        return rig.project(pose.transform_points(found @ displaced(1e-3 * x), view.corners)).ravel()
 
     jacobian = np.stack([(pixels(e) - pixels(-e)) / 2e-2 for e in 1e-2 * np.eye(6)], 1)
     return found, sizes[0] ** 2 * np.linalg.inv(jacobian.T @ jacobian)
-
-
-def _displaced(x: Array) -> Array:
-    return pose.from_rotation(pose.exp_rotation(1e-3 * x[3:]), 1e-3 * x[:3])
 
 
 def displacement(base: Array, moved: Array) -> Array:
@@ -199,11 +194,7 @@ def start_rig(views: Sequence[BoardView], size: tuple[int, int]) -> Rig:
 
 def stripes_in_camera(rig: Rig, views: Sequence[BoardView], boards: Array) -> Array:
     """Points (n, 3) of all stripes in the camera, on the boards at poses (views, 4, 4) in it."""
-    parts = []
-    for view, board in zip(views, boards, strict=True):
-        rays = rig.rays(view.stripe)
-        parts.append(rays * (board[:3, 2] @ board[:3, 3] / (rays @ board[:3, 2]))[:, None])
-    return np.concatenate(parts)
+    return np.concatenate([met(rig.rays(view.stripe), board) for view, board in zip(views, boards, strict=True)])
 
 
 def solve(views: Sequence[BoardView], start: Rig) -> BoardCalibration:
@@ -258,7 +249,10 @@ def _adjusted(problem: BoardProblem, rig: Rig, errors: Array, sizes: Array) -> t
 
 def _weights(problem: BoardProblem, sizes: Array) -> tuple[Array, Array]:
     """Of the residuals, and of the errors of all views."""
-    corners, stripe = (np.full(len(of), 1.0 / size) for of, size in zip(problem.groups, sizes, strict=False))
+    corners, stripe = (
+        np.full(len(of), 1.0 / size)
+        for of, size in zip((problem.corner_view, problem.stripe_view), sizes, strict=False)
+    )
     per_view = 1.0 / np.repeat(sizes[2:], (3, 3, 2))
     return np.r_[corners, stripe], np.tile(per_view, len(problem.views))
 
@@ -298,7 +292,7 @@ def _variance_components(problem: BoardProblem, rig: Rig, errors: Array, sizes: 
 def _require_determined(information: Array) -> None:
     scale = np.sqrt(np.diag(information))
     values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
-    if values[0] < np.exp(-_SPREAD) * values[-1] * 1e-6:
+    if values[0] < _LEAST_EIGENVALUE * values[-1]:
         worst = np.argsort(-np.abs(vectors[:COUNT, 0]))[:3]
         raise CalibrationError(
             "the images do not determine "
