@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scancell.calibration.measured_table import MeasuredTable
-from scancell.errors import DescriptionError
-from scancell.geometry.pose_conventions import CONVENTIONS, PoseReading, StatedPoses
+from scancell.errors import CalibrationError, DescriptionError
+from scancell.geometry.pose_conventions import CONVENTIONS, PoseReading, StatedPoses, better_reading
 
 Array = NDArray[np.float64]
 
 PREFIX = "flange_"
+_MOST_WRONG = 1 / 3  # of the poses: more are no exceptions
 _STATED = "orientation"  # in place of the convention in names of columns: an option states it
 
 
@@ -95,3 +98,43 @@ def flange_columns(flange: Array) -> dict[str, Array]:
     columns = {f"{PREFIX}{axis}_mm": 1e3 * flange[:, i, 3] for i, axis in enumerate("xyz")}
     numbers = flange[:, :3, :3].reshape(-1, 9).T
     return {**columns, **{f"{PREFIX}matrix_{i}": values for i, values in enumerate(numbers, 1)}}
+
+
+def refuse_misread(
+    stated: StatedPoses, misfit: Callable[[Array], float], measured: str, compared: str, file: Path | None
+) -> None:
+    """Raise `CalibrationError` if another reading of the poses fits what was measured much better.
+
+    `misfit` is the median distance, m, of what is `compared`, at poses (n, 4, 4) of the flange.
+    """
+    if (better := better_reading(stated, misfit)) is None:
+        return
+    reading, fits, own = better
+    raise CalibrationError(
+        f"the flange poses do not fit {measured} as {stated.reading.text()}: the median distance of {compared} is"
+        f" {1e3 * own:.3g} mm; they fit to {1e3 * fits:.3g} mm as {reading.text()}",
+        file=file,
+    )
+
+
+def refuse_wrong(
+    away: Array,
+    limit: float,
+    name: Callable[[int], str],
+    parts: tuple[str, str],
+    file: Path | None,
+    most_named: int | None = None,
+) -> None:
+    """Raise `CalibrationError` naming the few poses whose distances (n,), m, from the others exceed a limit.
+
+    `parts` are what has a pose, and what agrees: images and boards.
+    """
+    wrong = np.flatnonzero(away > limit)
+    if not len(wrong) or len(wrong) >= _MOST_WRONG * len(away):
+        return
+    named = ", ".join(f"{name(i)} by {1e3 * away[i]:.1f} mm" for i in wrong[:most_named])
+    raise CalibrationError(
+        f"{len(wrong)} of {len(away)} {parts[0]} disagree with the others, whose {parts[1]} agree to"
+        f" {1e3 * float(np.median(away)):.3f} mm (median): {named}; correct their flange poses, or leave them out",
+        file=file,
+    )

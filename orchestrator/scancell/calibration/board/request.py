@@ -11,16 +11,15 @@ from numpy.typing import NDArray
 from scancell.calibration.board.report import BoardCalibrationReport
 from scancell.calibration.board.solve import LEAST_VIEWS, calibrate_cameras, hand_eye, solve, start_rig
 from scancell.calibration.board.views import Board, BoardViews, read_views
+from scancell.calibration.flange_poses import refuse_misread, refuse_wrong
 from scancell.config.loading import Setup
 from scancell.errors import CalibrationError
-from scancell.geometry.pose_conventions import better_reading
 from scancell.progress import Progress
 
 Array = NDArray[np.float64]
 
 _AGREED = 8e-3  # m: median distance of the boards of all images up to which the poses are read rightly
 _WRONG = 8e-3  # m: and eight times the median, from which a pose is wrong
-_MOST_WRONG = 1 / 3  # of the images
 _LEAST_WITH_STRIPE = 3
 
 
@@ -65,20 +64,7 @@ def _check_flange(found: BoardViews) -> None:
 
     flange = np.stack([view.flange for view in found.views])
     if misfit(flange) > _AGREED:
-        better = better_reading(found.stated, misfit)
-        if better is not None:
-            reading, fits, own = better
-            raise CalibrationError(
-                f"the flange poses do not fit the images as {found.stated.reading.text()}: the median distance of the"
-                f" board is {1e3 * own:.3g} mm; they fit to {1e3 * fits:.3g} mm as {reading.text()}",
-                file=found.poses_file,
-            )
+        refuse_misread(found.stated, misfit, "the images", "the board", found.poses_file)
     away = hand_eye(flange, boards).away
-    wrong = np.flatnonzero(away > max(_WRONG, 8.0 * float(np.median(away))))
-    if len(wrong) and len(wrong) < _MOST_WRONG * len(away):
-        named = ", ".join(f"{found.views[i].name} by {1e3 * away[i]:.1f} mm" for i in wrong)
-        raise CalibrationError(
-            f"{len(wrong)} of {len(away)} images disagree with the others, whose boards agree to"
-            f" {1e3 * float(np.median(away)):.3f} mm (median): {named}; correct their flange poses, or leave them out",
-            file=found.poses_file,
-        )
+    limit = max(_WRONG, 8.0 * float(np.median(away)))
+    refuse_wrong(away, limit, lambda i: found.views[i].name, ("images", "boards"), found.poses_file)

@@ -10,15 +10,13 @@ from numpy.typing import NDArray
 from scancell.calibration.cell.kinematics import CellKinematics
 from scancell.calibration.cell.points import MeasuredPoints
 from scancell.calibration.cell.sphere_start import Circles, sphere_start
-from scancell.errors import CalibrationError
-from scancell.geometry.pose_conventions import better_reading
+from scancell.calibration.flange_poses import refuse_misread, refuse_wrong
 
 Array = NDArray[np.float64]
 
 AGREED = 1e-3  # m: rms distance of a sphere's centres up to which they agree
-_WRONG = 2e-3  # m: and ten times the median distance, from which a pose is wrong
-_MOST_WRONG = 1 / 3  # of the exposures
 _MOST_NAMED = 5
+_WRONG = 2e-3  # m: and ten times the median distance, from which a pose is wrong
 
 
 def check_flange(measured: MeasuredPoints, kinematics: CellKinematics, circles: Circles, centre: Array) -> None:
@@ -36,24 +34,8 @@ def check_flange(measured: MeasuredPoints, kinematics: CellKinematics, circles: 
         return float("inf") if found is None else float(np.median(found.away))
 
     if np.median(start.away) > AGREED:
-        better = better_reading(stated, misfit)
-        if better is None:
-            return
-        reading, fits, own = better
-        raise CalibrationError(
-            f"the flange poses do not fit the profiles of the sphere as {stated.reading.text()}: the median distance of"
-            f" its centres is {1e3 * own:.3g} mm; they fit to {1e3 * fits:.3g} mm as {reading.text()}",
-            file=measured.flange_path,
-        )
-    wrong = np.flatnonzero(start.away > max(_WRONG, 10.0 * float(np.median(start.away))))
-    if len(wrong) and len(wrong) < _MOST_WRONG * len(circles):
-        named = [
-            f"exposure {measured.exposures[circles.frame[i]]:g} by {1e3 * start.away[i]:.1f} mm"
-            for i in wrong[:_MOST_NAMED]
-        ]
-        raise CalibrationError(
-            f"{len(wrong)} of {len(circles)} exposures disagree with the others, whose centres of the sphere agree to"
-            f" {1e3 * float(np.median(start.away)):.3f} mm (median): {', '.join(named)}; correct their flange poses, or"
-            " leave them out",
-            file=measured.flange_path,
-        )
+        refuse_misread(stated, misfit, "the profiles of the sphere", "its centres", measured.flange_path)
+        return
+    limit = max(_WRONG, 10.0 * float(np.median(start.away)))
+    name = lambda i: f"exposure {measured.exposures[circles.frame[i]]:g}"  # noqa: E731
+    refuse_wrong(start.away, limit, name, ("exposures", "centres of the sphere"), measured.flange_path, _MOST_NAMED)
