@@ -60,10 +60,8 @@ py::array py_render(const Scene& scene, const Sensor& sensor, const Exposures& e
 }
 
 py::array py_expected_electrons(const Scene& scene, const Sensor& sensor, const Exposures& exposures,
-                                bool lit_pixels, bool pixel_cover, bool closed_form, bool lens_blur,
                                 unsigned threads) {
-  const Accelerators accelerators{lit_pixels, pixel_cover, closed_form, lens_blur};
-  const auto trace = [&] { return expected_electrons(scene, sensor, exposures, accelerators, threads); };
+  const auto trace = [&] { return expected_electrons(scene, sensor, exposures, threads); };
   return to_array(without_gil(trace), images_shape(sensor, exposures));
 }
 
@@ -85,8 +83,7 @@ void bind_pipeline(py::module_& module) {
   module.def("render", &py_render, py::arg("scene"), py::arg("sensor"), py::arg("exposures"),
              py::arg("threads") = 0, py::arg("laser_on") = true);
   module.def("expected_electrons", &py_expected_electrons, py::arg("scene"), py::arg("sensor"),
-             py::arg("exposures"), py::arg("lit_pixels") = true, py::arg("pixel_cover") = true,
-             py::arg("closed_form") = true, py::arg("lens_blur") = true, py::arg("threads") = 0);
+             py::arg("exposures"), py::arg("threads") = 0);
 }
 
 }  // namespace sensor_rt

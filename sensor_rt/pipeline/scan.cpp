@@ -114,12 +114,12 @@ ScanResult scan(const Scene& scene, const Sensor& as_built, const Sensor& sensor
         });
     result.seconds = sum_seconds(workers);
   } else {
-    const RenderPlan plan(render_settings(as_built, scene));
+    const RenderPlan plan(render_settings(as_built));
     const Detector detector(as_built.detector, as_built.noise, as_built.seed);
     const std::size_t stride = options.keep_images ? sensor.cameras.size() * common_size(sensor).pixels() : 0;
     std::unique_ptr<RenderPlan> background;
     if (sensor.laser_off_frame) {
-      background = std::make_unique<RenderPlan>(render_settings(as_built, scene, false));
+      background = std::make_unique<RenderPlan>(render_settings(as_built, false));
       result.background.resize(exposures.count * stride);
     }
     result.images.resize(exposures.count * stride);
@@ -148,7 +148,7 @@ std::vector<std::uint16_t> render_images(const Scene& scene, const Sensor& senso
   validate(scene, exposures);
   const ImageSize size = common_size(sensor);
   const std::size_t cameras = sensor.cameras.size();
-  const RenderPlan plan(render_settings(sensor, scene, laser_on));
+  const RenderPlan plan(render_settings(sensor, laser_on));
   const Detector detector(sensor.detector, sensor.noise, sensor.seed);
   std::vector<std::uint16_t> images(exposures.count * cameras * size.pixels());
   run_workers<ImageWorker>(
@@ -164,14 +164,12 @@ std::vector<std::uint16_t> render_images(const Scene& scene, const Sensor& senso
 }
 
 std::vector<float> expected_electrons(const Scene& scene, const Sensor& sensor, const Exposures& exposures,
-                                      const Accelerators& accelerators, unsigned threads) {
+                                      unsigned threads) {
   validate(scene, exposures);
   const ImageSize size = common_size(sensor);
   const std::size_t cameras = sensor.cameras.size();
   std::vector<float> images(exposures.count * cameras * size.pixels(), 0.0f);
-  RenderSettings settings = render_settings(sensor, scene);
-  static_cast<Accelerators&>(settings) = accelerators;
-  const RenderPlan plan(settings);
+  const RenderPlan plan(render_settings(sensor));
   run_workers<RenderBuffers>(
       exposures.count, threads, [] { return std::make_unique<RenderBuffers>(); },
       [&](RenderBuffers& buffers, std::size_t e) {

@@ -46,6 +46,6 @@ std::vector<std::uint16_t> render_images(const Scene& scene, const Sensor& senso
 
 /// Returns the expected electrons without noise, in the layout of render_images.
 std::vector<float> expected_electrons(const Scene& scene, const Sensor& sensor, const Exposures& exposures,
-                                      const Accelerators& accelerators, unsigned threads);
+                                      unsigned threads);
 
 }  // namespace sensor_rt

@@ -2,13 +2,12 @@
 
 namespace sensor_rt {
 
-RenderSettings render_settings(const Sensor& sensor, const Scene& scene, bool laser_on) {
+RenderSettings render_settings(const Sensor& sensor, bool laser_on) {
   RenderSettings settings;
   static_cast<RenderOptions&>(settings) = sensor;
   settings.model = sensor;
   settings.quantum_efficiency = sensor.detector.quantum_efficiency;
   settings.laser_on = laser_on;
-  settings.has_lamps = !scene.lights().empty();
   return settings;
 }
 

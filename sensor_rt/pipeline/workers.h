@@ -17,7 +17,7 @@ struct ImageSize {
   std::size_t pixels() const { return static_cast<std::size_t>(width) * static_cast<std::size_t>(height); }
 };
 
-RenderSettings render_settings(const Sensor& sensor, const Scene& scene, bool laser_on = true);
+RenderSettings render_settings(const Sensor& sensor, bool laser_on = true);
 
 /// Renders light and exposes the detector.
 class ImageWorker {

@@ -12,9 +12,8 @@ void ExposureViews::set(const RenderPlan& plan, const SceneQuery& new_query) {
   cameras.resize(plan.settings.model.cameras.size());
   middles.resize(cameras.size());
   const std::vector<std::size_t> middle(kLanes, middle_instant());
-  const bool lamps = !query.scene().lights().empty();
   for (std::size_t c = 0; c < cameras.size(); ++c) {
-    const std::vector<HalfSpace>& region = lamps ? plan.camera_fields[c] : plan.camera_regions[c];
+    const std::vector<HalfSpace>& region = plan.camera_fields[c];
     cameras[c].set(query, plan.lane_viewpoints[c], lane_instants, region);
     middles[c].set(query, {plan.settings.model.cameras[c].sensor_from_camera.translation}, middle, region);
   }

@@ -6,25 +6,24 @@
 
 #include "sensor_rt/render/exposure_views.h"
 #include "sensor_rt/render/photons/splat_image.h"
-#include "sensor_rt/render/pixels/lit_pixel_marker.h"
-#include "sensor_rt/render/pixels/pixel_cover.h"
-#include "sensor_rt/render/pixels/pixel_mask.h"
 #include "sensor_rt/render/row_views.h"
 #include "sensor_rt/render/sparse_image.h"
+#include "sensor_rt/render/stripe/laser_mesh.h"
 
 namespace sensor_rt {
 
 /// Memory that a thread reuses from exposure to exposure, of any plan. Images do not depend on its content.
 struct RenderBuffers {
+  StripeSamples samples;
+  LaserMesh mesh;
+  std::vector<ColumnImage> stripe;  ///< per camera
+  std::vector<float> row_shares;
+  LensBlur::Buffers blur;
   PoseTrack track;
   ExposureViews views;
   RowViews::Rows rows;
-  LitPixelMarker::Buffers marker;
-  PixelCover::Corners corners;
-  std::vector<PixelMask> lit;         ///< per camera: pixels to trace
   std::vector<SplatImage> reflected;  ///< per camera: laser light reflected between surfaces
   std::vector<float> dense;
-  LensBlur::Buffers blur;
 };
 
 /// Renders one image per camera. Direct light depends on the poses of the exposure alone; an exposure without

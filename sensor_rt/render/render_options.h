@@ -7,22 +7,13 @@ namespace sensor_rt {
 
 struct RenderOptions {
   int samples_per_pixel = 0;
-  int rays_across_fan = 0;        ///< laser rays that find the pixels to trace
+  int rays_across_fan = 0;        ///< laser rays that sample the sheet along the fan
   bool ground_truth = false;      ///< path tracing of every pixel
   int bounces = 0;                ///< largest number of reflections between surfaces on a light path
   int photons = 0;                ///< photons traced from the laser for that light
   std::uint64_t seed = 0;         ///< random seed of all paths and of speckle
   double speckle_contrast = 0.0;  ///< contrast of fully resolved speckle; 0: no speckle
   double row_readout = 0.0;       ///< s from one row's exposure to the next; 0: global shutter
-};
-
-/// Accelerators of the fast mode, each of which can be switched off. Images without them agree within the
-/// limits that the tests state.
-struct Accelerators {
-  bool lit_pixels = true;   ///< trace only the pixels that the laser can light, see LitPixelMarker
-  bool pixel_cover = true;  ///< find the patch that fills a pixel by rays through its corners, see PixelCover
-  bool closed_form = true;  ///< integrate planar patches without samples, see FilledPixels; needs the cover
-  bool lens_blur = true;    ///< blur images of pinholes in place of sampling the lens, see LensBlur
 };
 
 }  // namespace sensor_rt

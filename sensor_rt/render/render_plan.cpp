@@ -42,16 +42,6 @@ RenderSettings in_frame_of_sheet(RenderSettings settings) {
   return settings;
 }
 
-/// Returns true when the lenses blur sharp images. That holds for light straight from the laser in images
-/// whose rows are exposed simultaneously.
-bool blurs_images(const RenderSettings& settings) {
-  const std::vector<Camera>& cameras = settings.model.cameras;
-  return settings.lens_blur && !settings.ground_truth && settings.bounces == 0 &&
-         settings.row_readout == 0.0 && settings.model.ambient_irradiance == 0.0 && !settings.has_lamps &&
-         std::any_of(cameras.begin(), cameras.end(), LensBlur::is_needed) &&
-         std::all_of(cameras.begin(), cameras.end(), LensBlur::is_accurate);
-}
-
 std::vector<Eigen::Vector3d> spread_sources(const LaserSheet& laser, const SamplingPattern& pattern) {
   const Eigen::Vector3d middle(0.0, 0.0, laser.source_z);
   if (laser.source_length == 0.0) return {middle};
@@ -97,10 +87,23 @@ std::vector<Lanes3> in_packets(std::size_t lanes, const Point& point) {
   return packets;
 }
 
-/// Returns the distance of the outermost sample from the edge of its pixel, px.
-double reach_beyond_pixel(const Camera& camera, const SamplingPattern& pattern) {
-  const double last = 1.0 - 0.5 / static_cast<double>(pattern.size());
-  return std::max(0.0, blurred_pixel_quantile(last, camera.psf_sigma_px) - 0.5);
+StripeCamera stripe_camera(const Camera& camera, double beyond) {
+  std::optional<LensBlur> blur;
+  if (LensBlur::is_needed(camera) && LensBlur::is_accurate(camera)) blur.emplace(camera);
+  const Camera optics = blur ? blur->sharp_camera() : camera;
+  return {optics, Projector(optics), optics.sensor_from_camera.inverse(), camera_region(optics, beyond), blur};
+}
+
+LensPoint lens_point(const Camera& camera, const SamplingPattern& pattern, std::size_t sample) {
+  LensPoint point;
+  point.is_centre = !LensBlur::is_needed(camera);
+  if (camera.has_depth_of_field()) {
+    point.in_camera = camera.aperture_radius() * Eigen::Vector2d(pattern.lens_x[sample], pattern.lens_y[sample]);
+  }
+  point.blur_px = camera.psf_sigma_px * Eigen::Vector2d(normal_quantile(pattern.column[sample] + 0.5),
+                                                        normal_quantile(pattern.row[sample] + 0.5));
+  point.viewpoint = camera.sensor_from_camera * Eigen::Vector3d(point.in_camera.x(), point.in_camera.y(), 0.0);
+  return point;
 }
 
 }  // namespace
@@ -112,12 +115,6 @@ RenderPlan::RenderPlan(const RenderSettings& given)
       sensor_from_reference(given.model.laser.sensor_from_sheet),
       lane_sources(spread_sources(given.model.laser, pattern)) {
   const SensorModel& model = settings.model;
-  if (blurs_images(settings)) {
-    for (Camera& camera : settings.model.cameras) {
-      lens_blurs.emplace_back(camera);
-      camera = lens_blurs.back().sharp_camera();
-    }
-  }
   if (settings.speckle_contrast > 0.0) speckle_tile = SpeckleTile::shared(settings.speckle_contrast);
   sources =
       in_packets(pattern.padded_size(), [this](std::size_t packet, int l) { return source(packet, l); });
@@ -136,20 +133,27 @@ RenderPlan::RenderPlan(const RenderSettings& given)
                        kSheetReach * model.laser.sigma_at(far) + bend});
   }
   for (const Camera& camera : model.cameras) {
-    // Ambient and reflected light make everything in view visible, not only the region that the laser
-    // reaches.
-    const bool everything = model.ambient_irradiance > 0.0 || settings.ground_truth || settings.bounces > 0;
     lane_viewpoints.push_back(spread_viewpoints(camera, pattern));
     samples.push_back(spread_samples(camera, pattern));
     samples.back().viewpoints = in_packets(pattern.padded_size(), [&](std::size_t packet, int l) {
       return viewpoint(samples.size() - 1, packet, l);
     });
     projectors.emplace_back(camera);
-    pixel_reach.push_back(reach_beyond_pixel(camera, pattern));
+    stripe_cameras.push_back(stripe_camera(camera, 1.1 * beyond));
     camera_fields.push_back(camera_field(camera));
-    camera_regions.push_back(everything ? camera_fields.back() : camera_region(camera, 1.1 * beyond));
     electrons_per_irradiance.push_back(
         sensor_rt::electrons_per_irradiance(camera, model.laser.wavelength, settings.quantum_efficiency));
+  }
+  const bool is_sampled = model.laser.source_length > 0.0 ||
+                          std::any_of(stripe_cameras.begin(), stripe_cameras.end(), [](const StripeCamera& camera) {
+                            return LensBlur::is_needed(camera.optics);
+                          });
+  for (std::size_t sample = 0; sample < (is_sampled ? pattern.size() : 1); ++sample) {
+    LatticePoint point;
+    point.source = is_sampled ? source(sample / kLanes, static_cast<int>(sample % kLanes)) : lane_sources.front();
+    for (const StripeCamera& camera : stripe_cameras)
+      point.lenses.push_back(lens_point(camera.optics, pattern, sample));
+    stripe_lattice.push_back(point);
   }
 }
 

@@ -1,8 +1,8 @@
 // Precomputed data of a sensor for rendering, shared by all threads.
 #pragma once
 
-#include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "sensor_rt/geometry/half_space.h"
@@ -10,17 +10,16 @@
 #include "sensor_rt/optics/projector.h"
 #include "sensor_rt/optics/sensor_model.h"
 #include "sensor_rt/render/emitter/speckle_tile.h"
-#include "sensor_rt/render/pixels/lens_blur.h"
 #include "sensor_rt/render/render_options.h"
 #include "sensor_rt/render/sampling_pattern.h"
+#include "sensor_rt/render/stripe/lens_blur.h"
 
 namespace sensor_rt {
 
 /// Options of a sensor and the kind of image to render.
-struct RenderSettings : RenderOptions, Accelerators {
+struct RenderSettings : RenderOptions {
   SensorModel model;
   double quantum_efficiency = 0.0;
-  bool has_lamps = false;
   bool laser_on = true;  ///< false: a background frame, taken directly after the one with the laser on
 };
 
@@ -37,14 +36,34 @@ struct CameraSamples {
   std::vector<Lanes3> viewpoints;  ///< ray origins per packet
 };
 
+/// A point of the lens of one camera, and where its point spread function displaces the light.
+struct LensPoint {
+  bool is_centre = true;  ///< of the lens and of the point spread function
+  Eigen::Vector2d in_camera = Eigen::Vector2d::Zero();  ///< m from the lens centre
+  Eigen::Vector2d blur_px = Eigen::Vector2d::Zero();
+  Eigen::Vector3d viewpoint = Eigen::Vector3d::Zero();  ///< in the reference frame
+};
+
+/// A point of the laser source and of every lens.
+struct LatticePoint {
+  Eigen::Vector3d source = Eigen::Vector3d::Zero();
+  std::vector<LensPoint> lenses;
+};
+
+/// A camera as the stripe is rendered: a pinhole with a margin where `blur` follows, else the camera itself.
+struct StripeCamera {
+  Camera optics;
+  Projector projector;
+  Rigid3 camera_from_reference;
+  std::vector<HalfSpace> region;  ///< that contains everything visible before and on the laser sheet
+  std::optional<LensBlur> blur;
+};
+
 struct RenderPlan {
   explicit RenderPlan(const RenderSettings& settings);
 
-  /// With camera poses in the reference frame, and pinholes in place of the lenses of lens_blurs.
-  RenderSettings settings;
-  /// Per camera: blur of its image; empty where the lens is sampled, or there are only pinholes.
-  std::vector<LensBlur> lens_blurs;
-  LaserEmitter laser;  ///< without power in a background frame
+  RenderSettings settings;   ///< with camera poses in the reference frame
+  LaserEmitter laser;        ///< without power in a background frame
   SamplingPattern pattern;
   /// The reference frame is the frame of the sheet, so that a misaligned sheet costs no more than an aligned
   /// one.
@@ -57,13 +76,12 @@ struct RenderPlan {
   std::vector<CameraSamples> samples;               ///< per camera
   std::vector<Projector> projectors;                ///< per camera
   std::shared_ptr<const SpeckleTile> speckle_tile;  ///< null: no speckle
-  /// Per camera: distance beyond the pixel edge that its samples cover, px.
-  std::vector<double> pixel_reach;
+  std::vector<StripeCamera> stripe_cameras;
+  std::vector<LatticePoint> stripe_lattice;  ///< that the stripe averages over; a single one if there is no need
   double slope = 0.0;  ///< bound of |x| / distance from the source of all light within the cameras' fields
   double pixel_size = 0.0;  ///< smallest footprint of a pixel in the measuring field, m
   std::vector<HalfSpace> laser_region;
-  std::vector<std::vector<HalfSpace>> camera_regions;  ///< regions that the sensor's own light makes visible
-  std::vector<std::vector<HalfSpace>> camera_fields;   ///< entire fields of view
+  std::vector<std::vector<HalfSpace>> camera_fields;  ///< entire fields of view
   /// Per camera: electrons per second and per W/m² of diffusely reflected irradiance, for a pixel on the
   /// optical axis.
   std::vector<double> electrons_per_irradiance;

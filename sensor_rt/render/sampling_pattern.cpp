@@ -73,6 +73,10 @@ double blurred_pixel_quantile(double share, double sigma_px) {
   });
 }
 
+double normal_quantile(double share) {
+  return solve(-9.0, 9.0, share, [](double x) { return 0.5 * std::erfc(-x * M_SQRT1_2); });
+}
+
 SamplingPattern make_sampling_pattern(std::size_t samples) {
   const auto n = static_cast<long long>(samples);
   const long long to_column = best_generator(n, [&](long long g) { return shortest_hidden_wave(n, g); });

@@ -33,6 +33,9 @@ SamplingPattern make_sampling_pattern(std::size_t samples);
 /// whose edges are blurred by a Gaussian.
 double blurred_pixel_quantile(double share, double sigma_px);
 
+/// Returns the x below which the fraction `share` of the standard normal distribution lies.
+double normal_quantile(double share);
+
 /// Returns the centres of n equal strata of the exposure, as fractions.
 std::vector<double> instants_of_exposure(std::size_t samples);
 

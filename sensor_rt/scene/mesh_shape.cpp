@@ -6,7 +6,6 @@
 #include <stdexcept>
 #include <vector>
 
-#include "sensor_rt/scene/planar_radii.h"
 
 namespace sensor_rt {
 namespace {
@@ -56,12 +55,7 @@ Shape make_mesh_shape(const MeshView& mesh) {
   for (std::size_t i = 0; i < mesh.vertex_count; ++i) {
     shape.half_size = shape.half_size.cwiseMax((mesh.vertex(i) - centre).cwiseAbs());
   }
-  shape.planar_radii = planar_radii(mesh, shape.planes);
   shape.embree = build_triangle_scene(mesh, centre);
-  const RTCGeometry geometry = rtcGetGeometry(shape.embree.get(), 0);
-  shape.faces =
-      static_cast<const std::uint32_t*>(rtcGetGeometryBufferData(geometry, RTC_BUFFER_TYPE_INDEX, 0));
-  shape.vertices = static_cast<const float*>(rtcGetGeometryBufferData(geometry, RTC_BUFFER_TYPE_VERTEX, 0));
   return shape;
 }
 

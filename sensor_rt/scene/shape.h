@@ -37,15 +37,10 @@ struct Shape {
   Eigen::Vector3d half_size = Eigen::Vector3d::Zero();
   Frustum frustum;                  ///< frusta only
   std::vector<FacePlane> planes;    ///< meshes only, one per face
-  std::vector<float> planar_radii;  ///< meshes only, see planar_radii.h
   SceneHandle embree;               ///< meshes only
   /// Returns the distance, m, by which secondary rays start above the surface so as not to hit it again: 1
   /// µm, or some units in the last place of single precision at the rim of a large shape.
   double ray_offset() const { return std::max(1e-6, 1e-6 * half_size.norm()); }
-
-  /// Embree's buffers, in the frame of the shape: three indices per face, three coordinates per vertex.
-  const std::uint32_t* faces = nullptr;
-  const float* vertices = nullptr;
 };
 
 }  // namespace sensor_rt

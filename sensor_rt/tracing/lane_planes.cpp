@@ -62,60 +62,6 @@ void intersect_planes(const LanePlanes& __restrict p, const Lanes3& __restrict o
 }
 
 SENSOR_RT_MULTIVERSION
-void intersect_planes_ahead(const LanePlanes& __restrict p, const Lanes3& __restrict o,
-                            const Lanes3& __restrict d, double* __restrict t) {
-  for (int l = 0; l < kLanes; ++l) {
-    const double towards = p.normal_x[l] * d.x[l] + p.normal_y[l] * d.y[l] + p.normal_z[l] * d.z[l];
-    const double away = p.normal_x[l] * o.x[l] + p.normal_y[l] * o.y[l] + p.normal_z[l] * o.z[l];
-    const double met = (p.offset[l] - away) / (towards == 0.0 ? 1e-300 : towards);
-    t[l] = met > 0.0 ? met : kNoHit;
-  }
-}
-
-SENSOR_RT_MULTIVERSION
-void intersect_plane(const FacePlane& plane, const LaneTransform& __restrict transform,
-                     const Lanes3& __restrict d, PacketHits& __restrict hits) {
-  const double(*r)[kLanes] = transform.rotation;
-  const Lanes3& o = transform.origin;
-  const double nx = plane.normal[0];
-  const double ny = plane.normal[1];
-  const double nz = plane.normal[2];
-  for (int l = 0; l < kLanes; ++l) {
-    const double towards = nx * d.x[l] + ny * d.y[l] + nz * d.z[l];
-    const double away = nx * o.x[l] + ny * o.y[l] + nz * o.z[l];
-    hits.t[l] = (plane.offset - away) / (towards == 0.0 ? 1e-300 : towards);
-    hits.normal.x[l] = r[0][l] * nx + r[3][l] * ny + r[6][l] * nz;
-    hits.normal.y[l] = r[1][l] * nx + r[4][l] * ny + r[7][l] * nz;
-    hits.normal.z[l] = r[2][l] * nx + r[5][l] * ny + r[8][l] * nz;
-  }
-}
-
-SENSOR_RT_MULTIVERSION
-void pass_through(const double* __restrict c, double number, const Lanes3& __restrict o,
-                  const Lanes3& __restrict d, double* __restrict which) {
-  for (int l = 0; l < kLanes; ++l) {
-    const double ax = c[0] - o.x[l];
-    const double ay = c[1] - o.y[l];
-    const double az = c[2] - o.z[l];
-    const double bx = c[3] - o.x[l];
-    const double by = c[4] - o.y[l];
-    const double bz = c[5] - o.z[l];
-    const double cx = c[6] - o.x[l];
-    const double cy = c[7] - o.y[l];
-    const double cz = c[8] - o.z[l];
-    // Six times the signed volumes spanned by the ray and each edge: equal signs inside.
-    const double ab =
-        d.x[l] * (ay * bz - az * by) + d.y[l] * (az * bx - ax * bz) + d.z[l] * (ax * by - ay * bx);
-    const double bc =
-        d.x[l] * (by * cz - bz * cy) + d.y[l] * (bz * cx - bx * cz) + d.z[l] * (bx * cy - by * cx);
-    const double ca =
-        d.x[l] * (cy * az - cz * ay) + d.y[l] * (cz * ax - cx * az) + d.z[l] * (cx * ay - cy * ax);
-    const bool inside = ((ab >= 0.0) & (bc >= 0.0) & (ca >= 0.0)) | ((ab <= 0.0) & (bc <= 0.0) & (ca <= 0.0));
-    which[l] = inside ? number : which[l];
-  }
-}
-
-SENSOR_RT_MULTIVERSION
 void keep_nearer(const double (*r)[kLanes], const Candidates& __restrict found, PacketHits& __restrict hits,
                  double* __restrict nearer) {
   for (int l = 0; l < kLanes; ++l) {

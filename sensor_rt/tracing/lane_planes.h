@@ -37,18 +37,6 @@ void to_shape_frame(const double (*r)[kLanes], const Lanes3& d, Lanes3& out);
 void intersect_planes(const LanePlanes& __restrict p, const Lanes3& __restrict o, const Lanes3& __restrict d,
                       const float* __restrict coarse, double* __restrict t);
 
-/// Intersects rays with their planes; infinite behind the origin.
-void intersect_planes_ahead(const LanePlanes& __restrict p, const Lanes3& __restrict o,
-                            const Lanes3& __restrict d, double* __restrict t);
-
-/// Intersects rays with the plane of one face; the normal is given in the reference frame.
-void intersect_plane(const FacePlane& plane, const LaneTransform& __restrict transform,
-                     const Lanes3& __restrict d, PacketHits& __restrict hits);
-
-/// Sets which[lane] to `number` where the line of the ray passes through the triangle (corners as rows).
-void pass_through(const double* __restrict c, double number, const Lanes3& __restrict o,
-                  const Lanes3& __restrict d, double* __restrict which);
-
 /// Keeps the candidates that are nearer, with normals rotated to the reference frame; `nearer` is 1 there,
 /// else 0.
 void keep_nearer(const double (*r)[kLanes], const Candidates& __restrict found, PacketHits& __restrict hits,

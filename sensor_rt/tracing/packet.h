@@ -27,26 +27,4 @@ struct alignas(64) PacketHits {
   std::uint32_t face[kLanes];
 };
 
-/// A face of a shape; primitives have a single face.
-struct FaceId {
-  std::int32_t shape = -1;  ///< -1: none
-  std::uint32_t face = 0;
-
-  bool operator==(const FaceId& other) const { return shape == other.shape && face == other.face; }
-};
-
-/// A surface patch: a few faces of one shape, or a planar proxy of many coplanar facets or of the gap between
-/// a few faces.
-struct Patch {
-  static constexpr int kCapacity = 4;
-
-  std::int32_t shape = -1;  ///< -1: none
-  int count = 0;            ///< 0: the planar proxy replaces all faces, of which face[0] is one
-  std::uint32_t face[kCapacity] = {};
-  bool in_light = false;  ///< known to be entirely unshadowed
-  bool is_open = false;   ///< other faces of the shape may be visible too: rays must be traced
-  bool is_flat = false;   ///< `plane` is a valid proxy
-  FacePlane plane = {};
-};
-
 }  // namespace sensor_rt

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <numeric>
 
-#include "sensor_rt/tracing/patch_trace.h"
 #include "sensor_rt/tracing/trace.h"
 
 namespace sensor_rt {
@@ -79,15 +78,6 @@ void RayView::intersect(std::size_t packet, const Lanes3& direction, const int* 
     const auto number = static_cast<std::int32_t>(shapes_[k]);
     intersect_shape(scene_->shapes()[shapes_[k]], number, transforms_[at], direction, valid, hits);
   }
-}
-
-bool RayView::intersect_patch(std::size_t packet, const Patch& patch, const Lanes3& direction,
-                              const int* valid, PacketHits& hits) const {
-  if (patch.is_open) return false;
-  const auto number = static_cast<std::size_t>(patch.shape);
-  const auto in_view = std::lower_bound(shapes_.begin(), shapes_.end(), number) - shapes_.begin();
-  const LaneTransform& transform = transforms_[static_cast<std::size_t>(in_view) * packets_ + packet];
-  return sensor_rt::intersect_patch(scene_->shapes()[number], patch, transform, direction, valid, hits);
 }
 
 void RayView::occlude(std::size_t packet, const Lanes3& segment, int* unoccluded) const {

@@ -25,11 +25,6 @@ class RayView {
   void intersect(std::size_t packet, const Lanes3& direction, const int* valid, PacketHits& hits,
                  double farthest = kNoHit) const;
 
-  /// Computes the hits of rays that are known to hit nothing before `patch`, of a shape in view. Returns
-  /// false when a ray misses it or the patch is open.
-  bool intersect_patch(std::size_t packet, const Patch& patch, const Lanes3& direction, const int* valid,
-                       PacketHits& hits) const;
-
   /// Clears unoccluded[lane] for segments from the origins that a shape blocks before kSegmentEnd.
   void occlude(std::size_t packet, const Lanes3& segment, int* unoccluded) const;
 

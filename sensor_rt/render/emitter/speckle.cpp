@@ -16,7 +16,7 @@ constexpr double kCellShift[3] = {0.3819, 0.2361, 0.1459};
 
 }  // namespace
 
-Speckle::Speckle(const RenderPlan& plan, const ExposureViews& views, std::size_t number)
+Speckle::Speckle(const RenderPlan& plan, const Scene& scene, const PoseTrack& track, std::size_t number)
     : plan_(plan), camera_(number) {
   if (!enabled()) return;
   const Camera& camera = plan.settings.model.cameras[number];
@@ -24,8 +24,7 @@ Speckle::Speckle(const RenderPlan& plan, const ExposureViews& views, std::size_t
   const double grain_px = plan.settings.model.laser.wavelength * camera.f_number / camera.pixel_pitch;
   steps_per_pixel_ = SpeckleTile::kPerGrain / grain_px;
   cell_size_ = kGrainsPerCell * grain_px * plan.pixel_size;
-  const PoseTrack& track = views.query.track();
-  for (std::size_t s = 0; s < views.query.scene().shapes().size(); ++s) {
+  for (std::size_t s = 0; s < scene.shapes().size(); ++s) {
     reference_from_shape_.push_back(track.shape_from_reference(s, track.instants() / 2).inverse());
   }
 }
@@ -66,25 +65,15 @@ Eigen::Vector2d Speckle::motion(std::int32_t shape, const Eigen::Vector3d& point
   return focal * (now.head<2>() / now.z() - then.head<2>() / then.z());
 }
 
-void Speckle::modulate(const ExposureViews& views, int column, int row, std::size_t packet,
-                       const Lanes3& direction, const PacketHits& hits, const int* lit, double* light) const {
-  const PoseTrack& track = views.query.track();
-  const bool still = track.instants() == 1;
-  Cell cell;
-  for (int l = 0; l < kLanes; ++l) {
-    if (lit[l] == 0) continue;
-    const std::size_t number = packet * kLanes + static_cast<std::size_t>(l);
-    const std::size_t sample = plan_.pattern.sample_of(number);
-    const std::int32_t shape = hits.shape[l];
-    const Eigen::Vector3d point = plan_.viewpoint(camera_, packet, l) + hits.t[l] * lane(direction, l);
-    const Eigen::Vector3d point_in_shape =
-        track.shape_from_reference(static_cast<std::size_t>(shape), views.lane_instants[number]) * point;
-    enter(shape, point_in_shape, cell);
-    Eigen::Vector2d pixel(column + plan_.pattern.column[sample], row + plan_.pattern.row[sample]);
-    if (!still) pixel -= motion(shape, point, point_in_shape);
-    const Eigen::Vector2d step = steps_per_pixel_ * pixel + cell.from_pixel;
-    light[l] *= static_cast<double>(plan_.speckle_tile->at(std::lround(step.x()), std::lround(step.y())));
-  }
+double Speckle::factor(const PoseTrack& track, std::size_t instant, std::int32_t shape,
+                       const Eigen::Vector3d& point, const Eigen::Vector2d& pixel, Cell& cell) const {
+  const Eigen::Vector3d point_in_shape =
+      track.shape_from_reference(static_cast<std::size_t>(shape), instant) * point;
+  enter(shape, point_in_shape, cell);
+  Eigen::Vector2d at_middle = pixel;
+  if (track.instants() > 1) at_middle -= motion(shape, point, point_in_shape);
+  const Eigen::Vector2d step = steps_per_pixel_ * at_middle + cell.from_pixel;
+  return static_cast<double>(plan_.speckle_tile->at(std::lround(step.x()), std::lround(step.y())));
 }
 
 }  // namespace sensor_rt

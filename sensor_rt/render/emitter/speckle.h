@@ -7,7 +7,8 @@
 #include <vector>
 
 #include "sensor_rt/render/emitter/speckle_tile.h"
-#include "sensor_rt/render/exposure_views.h"
+#include "sensor_rt/render/render_plan.h"
+#include "sensor_rt/scene/pose_track.h"
 
 namespace sensor_rt {
 
@@ -20,17 +21,6 @@ namespace sensor_rt {
 /// does not change when the surface rotates; the patterns of different cameras are independent.
 class Speckle {
  public:
-  /// The pattern of an exposure as one camera sees it.
-  Speckle(const RenderPlan& plan, const ExposureViews& views, std::size_t camera);
-
-  bool enabled() const { return plan_.speckle_tile != nullptr; }
-
-  /// Multiplies `light` of the lanes with `lit` != 0, the `packet`-th sixteen samples of a pixel, with the
-  /// hits `hits` along `direction`. `views`: of the row of the pixel.
-  void modulate(const ExposureViews& views, int column, int row, std::size_t packet, const Lanes3& direction,
-                const PacketHits& hits, const int* lit, double* light) const;
-
- private:
   /// Cell of a shape: image position of its centre and offset in the tile.
   struct Cell {
     std::int32_t shape = -1;
@@ -38,6 +28,18 @@ class Speckle {
     /// Offset added to pixel coordinates, steps of the tile.
     Eigen::Vector2d from_pixel = Eigen::Vector2d::Zero();
   };
+
+  /// The pattern of an exposure as one camera sees it. The track must outlive it.
+  Speckle(const RenderPlan& plan, const Scene& scene, const PoseTrack& track, std::size_t camera);
+
+  bool enabled() const { return plan_.speckle_tile != nullptr; }
+
+  /// Returns the factor at a point of a shape (reference frame) that is seen at `pixel`. `track`: poses of the
+  /// exposure, of which the point has those of an instant. `cell`: memory from call to call.
+  double factor(const PoseTrack& track, std::size_t instant, std::int32_t shape, const Eigen::Vector3d& point,
+                const Eigen::Vector2d& pixel, Cell& cell) const;
+
+ private:
 
   void enter(std::int32_t shape, const Eigen::Vector3d& point_in_shape, Cell& cell) const;
   Eigen::Vector2d motion(std::int32_t shape, const Eigen::Vector3d& point,

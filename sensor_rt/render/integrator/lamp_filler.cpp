@@ -4,7 +4,7 @@
 #include <cmath>
 #include <cstddef>
 
-#include "sensor_rt/render/pixels/block_grid.h"
+#include "sensor_rt/render/integrator/block_grid.h"
 
 namespace sensor_rt {
 namespace {
@@ -57,7 +57,7 @@ bool interpolate(const Trace& trace, const Block& block, const LampView* const* 
 
 }  // namespace
 
-void fill_lamps(const PixelTracer& tracer, const ReflectedLamps* reflected, int width, int height,
+void fill_lamps(const CentreTracer& tracer, const ReflectedLamps* reflected, int width, int height,
                 float* out) {
   const auto trace = [&](int column, int row) {
     LampView view = tracer.lamp_light(column, row);

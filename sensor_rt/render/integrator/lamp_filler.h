@@ -1,7 +1,7 @@
 // Lamp light on entire images.
 #pragma once
 
-#include "sensor_rt/render/integrator/pixel_tracer.h"
+#include "sensor_rt/render/integrator/centre_tracer.h"
 #include "sensor_rt/render/integrator/reflected_lamps.h"
 
 namespace sensor_rt {
@@ -10,7 +10,7 @@ namespace sensor_rt {
 /// 8 pixels that show one flat face with smooth illumination at their corners and centre are interpolated
 /// with an error of half a per cent; a detail within one block is missed. `out`: electrons per second,
 /// row-major. `reflected`: adds light reflected between surfaces; may be null.
-void fill_lamps(const PixelTracer& tracer, const ReflectedLamps* reflected, int width, int height,
+void fill_lamps(const CentreTracer& tracer, const ReflectedLamps* reflected, int width, int height,
                 float* out);
 
 }  // namespace sensor_rt

@@ -44,7 +44,6 @@ PixelRays::PixelRays(const RenderPlan& plan, std::size_t camera)
       samples_(plan.samples[camera]),
       electrons_per_irradiance_(plan.electrons_per_irradiance[camera]) {
   for (int k = 0; k < 9; ++k) axes_[k] = camera_.sensor_from_camera.rotation(k % 3, k / 3);
-  for (int k = 0; k < 3; ++k) viewpoint_[k] = camera_.sensor_from_camera.translation[k];
   if (share_viewpoint()) return;
   focus_[0] = camera_.vergence(0.0, 0.0);
   focus_[1] = camera_.vergence(1.0, 0.0) - focus_[0];
@@ -74,29 +73,11 @@ void PixelRays::through_samples(int column, int row, std::size_t packet, Lanes3&
   }
 }
 
-void PixelRays::through_middle(int column, int row, Lanes3& direction) const {
+void PixelRays::through_centre(int column, int row, Lanes3& direction) const {
   constexpr double kCentre[kLanes] = {};
   const PixelRay ray = pixel_ray(column, row);
   const double values[6] = {ray.x, ray.y, ray.dx_du, ray.dx_dv, ray.dy_du, ray.dy_dv};
   spread_directions(axes_, values, kCentre, kCentre, direction);
-}
-
-void PixelRays::through_corners(const int* columns, const int* rows, Lanes3& direction) const {
-  const double scale = 1.0 / camera_.focal_px;
-  for (int l = 0; l < kLanes; ++l) {
-    const double column = columns[l] - 0.5;
-    const double row = rows[l] - 0.5;
-    double x = (column - camera_.cx_px) * scale;
-    double y = (row - camera_.cy_px) * scale;
-    if (!camera_.is_plain()) {
-      const Eigen::Vector3d in_camera = camera_.ray({column, row});
-      x = in_camera.x();
-      y = in_camera.y();
-    }
-    direction.x[l] = axes_[0] * x + axes_[3] * y + axes_[6];
-    direction.y[l] = axes_[1] * x + axes_[4] * y + axes_[7];
-    direction.z[l] = axes_[2] * x + axes_[5] * y + axes_[8];
-  }
 }
 
 double PixelRays::electrons(int column, int row, double irradiance) const {

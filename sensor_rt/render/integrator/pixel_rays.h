@@ -26,19 +26,13 @@ class PixelRays {
   void through_samples(int column, int row, std::size_t packet, Lanes3& direction) const;
 
   /// Sets all lanes to the direction from the centre of the lens through the pixel centre.
-  void through_middle(int column, int row, Lanes3& direction) const;
-
-  /// Computes the directions through pixel corners: the left and upper corners of the given columns and rows.
-  void through_corners(const int* columns, const int* rows, Lanes3& direction) const;
+  void through_centre(int column, int row, Lanes3& direction) const;
 
   /// Returns the electrons per second in a pixel from a surface that reflects `irradiance` diffusely.
   double electrons(int column, int row, double irradiance) const;
 
   /// Whether all rays start at the lens centre (no depth of field).
   bool share_viewpoint() const { return !camera_.has_depth_of_field(); }
-  const double* viewpoint() const { return viewpoint_; }
-  /// Returns the camera's x, y and z axes in the reference frame.
-  const double* axes() const { return axes_; }
   /// Returns the ray origins of the `packet`-th sixteen samples.
   const Lanes3& viewpoints(std::size_t packet) const { return samples_.viewpoints[packet]; }
 
@@ -48,7 +42,6 @@ class PixelRays {
   const CameraSamples& samples_;
   double electrons_per_irradiance_;
   double axes_[9];  ///< camera x, y, z in the sensor frame
-  double viewpoint_[3];
   double focus_[3] = {};  ///< inverse depth in focus: constant, per x, per y
 };
 

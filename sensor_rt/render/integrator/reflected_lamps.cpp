@@ -29,7 +29,7 @@ double ReflectedLamps::trace(int column, int row) const {
 }
 
 ReflectedLamps::ReflectedLamps(const RenderPlan& plan, const ExposureViews& views, std::size_t camera,
-                               std::int64_t frame, const PixelTracer& direct)
+                               std::int64_t frame, const CentreTracer& direct)
     : camera_(plan.settings.model.cameras[camera]),
       samples_(static_cast<int>(plan.pattern.size())),
       tracer_(plan, PathTracer::Mode::kReflectedLamps, views, nullptr, camera, frame),

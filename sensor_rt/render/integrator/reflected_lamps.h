@@ -3,8 +3,8 @@
 
 #include <cstdint>
 
-#include "sensor_rt/render/integrator/pixel_tracer.h"
-#include "sensor_rt/render/pixels/block_grid.h"
+#include "sensor_rt/render/integrator/centre_tracer.h"
+#include "sensor_rt/render/integrator/block_grid.h"
 #include "sensor_rt/render/reference/path_tracer.h"
 
 namespace sensor_rt {
@@ -16,7 +16,7 @@ class ReflectedLamps {
   /// Traces the nodes of a camera; `direct`: of the same camera. All must outlive it. `frame` selects the
   /// random numbers.
   ReflectedLamps(const RenderPlan& plan, const ExposureViews& views, std::size_t camera, std::int64_t frame,
-                 const PixelTracer& direct);
+                 const CentreTracer& direct);
 
   /// Returns the electrons per second in a pixel that shows `seen`.
   double at(int column, int row, const LampView& seen) const;

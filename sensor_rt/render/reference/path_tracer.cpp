@@ -27,7 +27,7 @@ PathTracer::PathTracer(const RenderPlan& plan, Mode mode, const ExposureViews& v
       rows_(rows),
       frame_(frame),
       rays_(plan, camera),
-      speckle_(plan, views, camera) {}
+      speckle_(plan, views.query.scene(), views.query.track(), camera) {}
 
 SurfacePoint PathTracer::surface(const Packet& packet, int l) const {
   return {packet.views.query.scene(), packet.origin, packet.direction, packet.hits, l};
@@ -54,10 +54,17 @@ double PathTracer::laser_light(const Packet& packet, int depth) const {
   if (!any) return 0.0;
   packet.views.laser.occlude(packet.number, from_source, unoccluded);
   if (depth == 0 && speckle_.enabled()) {
-    const int width = plan_.settings.model.cameras[rays_.camera()].width_px;
-    const auto pixel = static_cast<int>(packet.pixel);
-    speckle_.modulate(packet.views, pixel % width, pixel / width, packet.number, packet.direction,
-                      packet.hits, unoccluded, light);
+    const auto width = static_cast<std::uint32_t>(plan_.settings.model.cameras[rays_.camera()].width_px);
+    const Eigen::Vector2d pixel(packet.pixel % width, packet.pixel / width);
+    const std::size_t* instants = packet.views.instants(packet.number);
+    Speckle::Cell cell;
+    for (int l = 0; l < kLanes; ++l) {
+      if (unoccluded[l] == 0) continue;
+      const std::size_t sample = plan_.pattern.sample_of(packet.number * kLanes + static_cast<std::size_t>(l));
+      const Eigen::Vector2d offset(plan_.pattern.column[sample], plan_.pattern.row[sample]);
+      light[l] *= speckle_.factor(packet.views.query.track(), instants[l], packet.hits.shape[l],
+                                  surface(packet, l).position, pixel + offset, cell);
+    }
   }
   double sum = 0.0;
   for (int l = 0; l < kLanes; ++l) sum += unoccluded[l] != 0 ? light[l] : 0.0;
@@ -144,7 +151,8 @@ void PathTracer::trace_packet(Packet& packet) const {
     if (ambient) packet.sum += ambient_light(packet, depth);
     for (int l = 0; l < kLanes; ++l) packet.alive[l] = packet.hits.shape[l] < 0 ? 0 : packet.alive[l];
     if (depth > last) return;  // after the last reflection only environment light is left
-    if (!lamps_alone) packet.sum += laser_light(packet, depth);
+    // Of pixels that show mirrors, the light that they see directly is drawn from the mesh of the stripe.
+    if (!lamps_alone && (depth > 0 || mode_ == Mode::kAllBounces)) packet.sum += laser_light(packet, depth);
     if (depth > 0 || !lamps_alone) packet.sum += lamp_light(packet, depth);
     if (depth == last && !ambient) return;
     reflect(packet, depth);

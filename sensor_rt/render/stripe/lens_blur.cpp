@@ -1,4 +1,4 @@
-#include "sensor_rt/render/pixels/lens_blur.h"
+#include "sensor_rt/render/stripe/lens_blur.h"
 
 #include <algorithm>
 #include <cmath>
@@ -15,7 +15,6 @@ constexpr int kGrid = 16;                 // px between nodes of the defocus
 constexpr double kRadiusStep = 1.0 / 64;  // px between tabulated discs, or
 constexpr int kDiscs = 512;               // so many up to the largest radius in the image
 constexpr double kLargestRadius = 500.0;
-constexpr float kFaint = 1e-3f;  // electrons: fainter pixels are omitted
 
 /// Returns the area of a disc of radius 1 between x = -1 and x.
 double area_below(double x) {
@@ -102,27 +101,6 @@ bool LensBlur::is_accurate(const Camera& camera) {
   return !camera.has_depth_of_field() || !camera.is_tilted() || largest_defocus(camera) < kTiltedDefocus;
 }
 
-void LensBlur::Columns::resize(int columns, int new_rows) {
-  if (first.size() == static_cast<std::size_t>(columns) && rows == new_rows) return;
-  rows = new_rows;
-  light.assign(static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows), 0.0f);
-  first.assign(static_cast<std::size_t>(columns), std::numeric_limits<int>::max());
-  last.assign(static_cast<std::size_t>(columns), -1);
-}
-
-void LensBlur::Columns::touch(int number, int from, int to) {
-  const auto at = static_cast<std::size_t>(number);
-  first[at] = std::min(first[at], from);
-  last[at] = std::max(last[at], to);
-}
-
-void LensBlur::Columns::clear(int number) {
-  const auto at = static_cast<std::size_t>(number);
-  if (last[at] >= 0) std::fill(column(number) + first[at], column(number) + last[at] + 1, 0.0f);
-  first[at] = std::numeric_limits<int>::max();
-  last[at] = -1;
-}
-
 LensBlur::LensBlur(const Camera& camera) : camera_(camera), gaussian_(gaussian_kernel(camera.psf_sigma_px)) {
   const int spread = static_cast<int>(gaussian_.size()) - 1;
   double largest = 0.0;
@@ -207,55 +185,55 @@ const LensBlur::Disc& LensBlur::disc(int column, int row) const {
   return discs_[std::min(static_cast<std::size_t>(radius / radius_step_ + 0.5), discs_.size() - 1)];
 }
 
-/// Adds each pixel's light to the columns of the image, spread over its disc.
-void LensBlur::spread(const SparseImage& image, Columns& out) const {
-  const int width = camera_.width_px + 2 * margin_;
-  for (std::size_t p = 0; p < image.pixels.size(); ++p) {
-    const int column = static_cast<int>(image.pixels[p]) % width;
-    const int row = static_cast<int>(image.pixels[p]) / width;
-    const float light = image.electrons[p];
-    if (discs_.empty()) {
-      out.column(column)[row + padding_] += light;
-      out.touch(column, row + padding_, row + padding_);
-      continue;
+/// Adds each pixel's light to the columns of `out`, spread over its disc; clears `image`.
+void LensBlur::spread(ColumnImage& image, ColumnImage& out) const {
+  const int width = image.columns();
+  for (int column = 0; column < width; ++column) {
+    for (int row = image.first(column); row <= image.last(column); ++row) {
+      const float light = image.column(column)[row];
+      if (light == 0.0f) continue;
+      if (discs_.empty()) {
+        out.column(column)[row + padding_] = light;
+        out.touch(column, row + padding_, row + padding_);
+        continue;
+      }
+      // The chords as differences from row to row, which are summed below.
+      const Disc& disc = this->disc(column, row);
+      const int from = std::max(-disc.reach, -column);
+      const int to = std::min(disc.reach, width - 1 - column);
+      for (int k = from; k <= to; ++k) {
+        const Chord& chord = disc.chords[static_cast<std::size_t>(k + disc.reach)];
+        const float density = light * chord.density;
+        float* start = out.column(column + k) + row + padding_ + chord.start;
+        float* end = out.column(column + k) + row + padding_ + chord.end;
+        start[0] += (1.0f - chord.start_share) * density;
+        start[1] += chord.start_share * density;
+        end[0] -= (1.0f - chord.end_share) * density;
+        end[1] -= chord.end_share * density;
+        out.touch(column + k, row + padding_ + chord.start, row + padding_ + chord.end + 1);
+      }
     }
-    // The chords as differences from row to row, which are summed below.
-    const Disc& disc = this->disc(column, row);
-    const int from = std::max(-disc.reach, -column);
-    const int to = std::min(disc.reach, width - 1 - column);
-    for (int k = from; k <= to; ++k) {
-      const Chord& chord = disc.chords[static_cast<std::size_t>(k + disc.reach)];
-      const float density = light * chord.density;
-      float* start = out.column(column + k) + row + padding_ + chord.start;
-      float* end = out.column(column + k) + row + padding_ + chord.end;
-      start[0] += (1.0f - chord.start_share) * density;
-      start[1] += chord.start_share * density;
-      end[0] -= (1.0f - chord.end_share) * density;
-      end[1] -= chord.end_share * density;
-      out.touch(column + k, row + padding_ + chord.start, row + padding_ + chord.end + 1);
-    }
+    image.clear(column);
   }
   if (discs_.empty()) return;
   for (int column = 0; column < width; ++column) {
     float* light = out.column(column);
     float sum = 0.0f;
-    const auto at = static_cast<std::size_t>(column);
-    for (int row = out.first[at]; row <= out.last[at]; ++row) light[row] = sum += light[row];
+    for (int row = out.first(column); row <= out.last(column); ++row) light[row] = sum += light[row];
   }
 }
 
 /// Convolves with the point spread function by columns, then by rows; clears `in`.
-void LensBlur::convolve(Columns& in, Columns& out, std::vector<float>& column) const {
+void LensBlur::convolve(ColumnImage& in, ColumnImage& out, std::vector<float>& column) const {
   const int reach = static_cast<int>(gaussian_.size()) - 1;
-  const int width = camera_.width_px + 2 * margin_;
+  const int width = in.columns();
   const auto weight = [&](int k) { return gaussian_[static_cast<std::size_t>(std::abs(k))]; };
   for (int c = 0; c < width; ++c) {
-    const auto at = static_cast<std::size_t>(c);
-    if (in.last[at] < 0) continue;
-    const int first = in.first[at] - reach;
-    const int count = in.last[at] + reach - first + 1;
+    if (in.last(c) < 0) continue;
+    const int first = in.first(c) - reach;
+    const int count = in.last(c) + reach - first + 1;
     column.assign(static_cast<std::size_t>(count), 0.0f);
-    const float* light = in.column(c) + in.first[at];
+    const float* light = in.column(c) + in.first(c);
     for (int k = 0; k <= 2 * reach; ++k) {
       add_share(weight(k - reach), light, count - 2 * reach, &column[static_cast<std::size_t>(k)]);
     }
@@ -267,33 +245,17 @@ void LensBlur::convolve(Columns& in, Columns& out, std::vector<float>& column) c
   }
 }
 
-void LensBlur::apply(SparseImage& image, Buffers& buffers) const {
-  const int width = camera_.width_px + 2 * margin_;
-  const int rows = camera_.height_px + 2 * (margin_ + padding_);
-  buffers.sharp.resize(width, rows);
-  spread(image, buffers.sharp);
-  Columns* light = &buffers.sharp;
+void LensBlur::apply(ColumnImage& sharp, float scale, Buffers& buffers, SparseImage& out) const {
+  const int rows = sharp.rows() + 2 * padding_;
+  buffers.spread.resize(sharp.columns(), rows);
+  spread(sharp, buffers.spread);
+  ColumnImage* light = &buffers.spread;
   if (gaussian_.size() > 1) {
-    buffers.blurred.resize(width, rows);
-    convolve(buffers.sharp, buffers.blurred, buffers.column);
+    buffers.blurred.resize(sharp.columns(), rows);
+    convolve(buffers.spread, buffers.blurred, buffers.column);
     light = &buffers.blurred;
   }
-  image.pixels.clear();
-  image.electrons.clear();
-  const int above = margin_ + padding_;
-  for (int column = 0; column < width; ++column) {
-    const auto at = static_cast<std::size_t>(column);
-    const int to_left = column - margin_;
-    const bool in_image = to_left >= 0 && to_left < camera_.width_px;
-    const int last = std::min(light->last[at], above + camera_.height_px - 1);
-    for (int row = std::max(light->first[at], above); in_image && row <= last; ++row) {
-      const float electrons = light->column(column)[row];
-      if (electrons < kFaint) continue;
-      image.pixels.push_back(static_cast<std::uint32_t>((row - above) * camera_.width_px + to_left));
-      image.electrons.push_back(electrons);
-    }
-    light->clear(column);
-  }
+  light->move_to(out, margin_, margin_ + padding_, camera_.width_px, camera_.height_px, scale);
 }
 
 }  // namespace sensor_rt

@@ -5,6 +5,7 @@
 
 #include "sensor_rt/optics/camera.h"
 #include "sensor_rt/render/sparse_image.h"
+#include "sensor_rt/render/stripe/column_image.h"
 
 namespace sensor_rt {
 
@@ -17,23 +18,9 @@ namespace sensor_rt {
 /// second moments; being symmetric, they keep the centre of a stripe.
 class LensBlur {
  public:
-  /// Light by columns, zero between uses.
-  struct Columns {
-    int rows = 0;
-    std::vector<float> light;
-    std::vector<int> first;  ///< rows that hold light, per column
-    std::vector<int> last;
-
-    void resize(int columns, int rows);
-    float* column(int number) {
-      return &light[static_cast<std::size_t>(number) * static_cast<std::size_t>(rows)];
-    }
-    void touch(int number, int from, int to);
-    void clear(int number);
-  };
   struct Buffers {
-    Columns sharp;
-    Columns blurred;
+    ColumnImage spread;
+    ColumnImage blurred;
     std::vector<float> column;
   };
 
@@ -54,8 +41,8 @@ class LensBlur {
   /// image.
   Camera sharp_camera() const;
 
-  /// Replaces the image of the pinhole camera by that of the lens.
-  void apply(SparseImage& image, Buffers& buffers) const;
+  /// Appends the image of the lens, times `scale`, to `out`, and clears that of the pinhole camera.
+  void apply(ColumnImage& sharp, float scale, Buffers& buffers, SparseImage& out) const;
 
  private:
   /// Rows of one column of a disc: from row + start to row + end (edges of pixels), uniformly lit.
@@ -73,8 +60,8 @@ class LensBlur {
 
   static Disc make_disc(double radius);
   const Disc& disc(int column, int row) const;
-  void spread(const SparseImage& image, Columns& out) const;
-  void convolve(Columns& in, Columns& out, std::vector<float>& column) const;
+  void spread(ColumnImage& image, ColumnImage& out) const;
+  void convolve(ColumnImage& in, ColumnImage& out, std::vector<float>& column) const;
 
   Camera camera_;
   int margin_ = 0;               ///< px around the image

@@ -1,0 +1,319 @@
+#include "sensor_rt/render/stripe/laser_mesh.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace sensor_rt {
+namespace {
+
+constexpr int kSlopes = 5;            ///< grid rays through the thickness of the sheet
+constexpr double kFlat = 0.025;       ///< px: largest distance of the surface from a straight edge of the mesh
+constexpr double kClose = 0.5;        ///< px: largest distance of a vertex from the tangent plane of another
+constexpr double kLargest = 4.0;      ///< px: size up to which a quadrilateral is linear in the image
+constexpr double kSmallest = 0.5;     ///< px: size below which an edge is not bisected further
+constexpr double kMargin = 8.0;       ///< px around an image, beyond the largest quadrilateral
+constexpr int kMaxAlong = 5;          ///< bisections along the fan at an edge
+constexpr int kMaxAcross = 6;         ///< the same across the fan, where the grid is coarser
+constexpr int kMaxSteep = 20;         ///< bisections of a steep surface
+
+}  // namespace
+
+LaserMesh::Beam LaserMesh::middle(const Beam& a, const Beam& b) {
+  const double y = a.y + b.y;
+  const double z = a.z + b.z;
+  const double scale = 1.0 / std::sqrt(y * y + z * z);
+  return {scale * y, scale * z, 0.5 * (a.slope + b.slope)};
+}
+
+void LaserMesh::set(const RenderPlan& plan, const Scene& scene, const StripeSamples& samples) {
+  plan_ = &plan;
+  scene_ = &scene;
+  samples_ = &samples;
+  const SceneQuery query(scene, samples.track());
+  const std::size_t lanes = samples.size() * kLanes;
+  std::vector<std::size_t> instants(lanes);
+  std::vector<Eigen::Vector3d> origins(lanes);
+  const auto set_view = [&](const auto& origin, const std::vector<HalfSpace>& region, RayView& view) {
+    for (std::size_t i = 0; i < lanes; ++i) {
+      instants[i] = i / kLanes;
+      origins[i] = origin(plan.stripe_lattice[samples.lattice_point(i / kLanes)]);
+    }
+    view.set(query, origins, instants, region);
+  };
+  set_view([](const LatticePoint& point) { return point.source; }, plan.laser_region, laser_);
+  const std::size_t count = plan.stripe_cameras.size();
+  cameras_.resize(count);
+  images_.resize(count);
+  edges_.resize(count);
+  for (std::size_t c = 0; c < count; ++c) {
+    set_view([c](const LatticePoint& point) { return point.lenses[c].viewpoint; }, plan.stripe_cameras[c].region,
+             cameras_[c]);
+  }
+}
+
+void LaserMesh::build(std::size_t sample) {
+  sample_ = sample;
+  lattice_point_ = samples_->lattice_point(sample);
+  beams_.clear();
+  quads_.clear();
+  open_.clear();
+  for (std::size_t c = 0; c < edges_.size(); ++c) {
+    edges_[c].assign(static_cast<std::size_t>(plan_->stripe_cameras[c].optics.width_px), 0);
+  }
+  if (is_empty()) return;
+  const auto angles = static_cast<std::uint32_t>(plan_->settings.rays_across_fan);
+  const double half = plan_->settings.model.laser.fan_half_angle;
+  for (int j = 0; j < kSlopes; ++j) {
+    const double slope = plan_->slope * (2.0 * j / (kSlopes - 1) - 1.0);
+    for (std::uint32_t i = 0; i < angles; ++i) {
+      const double angle = half * (2.0 * i / (angles - 1) - 1.0);
+      beams_.push_back({std::sin(angle), std::cos(angle), slope});
+    }
+  }
+  cast(0);
+  for (std::uint32_t j = 0; j + 1 < kSlopes; ++j) {
+    for (std::uint32_t i = 0; i + 1 < angles; ++i) {
+      const std::uint32_t at = j * angles + i;
+      consider({{at, at + 1, at + angles + 1, at + angles}});
+    }
+  }
+  while (!open_.empty()) refine();
+}
+
+void LaserMesh::cast(std::size_t first) {
+  vertices_.resize(beams_.size());
+  for (std::vector<Image>& images : images_) images.resize(beams_.size());
+  for (std::size_t at = first; at < beams_.size(); at += kLanes) {
+    cast_packet(at, static_cast<int>(std::min<std::size_t>(kLanes, beams_.size() - at)));
+  }
+}
+
+void LaserMesh::cast_packet(std::size_t first, int count) {
+  const Eigen::Vector3d& source = plan_->stripe_lattice[lattice_point_].source;
+  Lanes3 direction;
+  alignas(64) int valid[kLanes];
+  for (int l = 0; l < kLanes; ++l) {
+    const Beam& beam = beams_[first + static_cast<std::size_t>(std::min(l, count - 1))];
+    set_lane(direction, l, plan_->laser.direction(beam.y, beam.z, beam.slope));
+  }
+  activate_lanes(static_cast<std::size_t>(count), valid);
+  PacketHits hits;
+  laser_.intersect(sample_, direction, valid, hits);
+  Lanes3 points;
+  for (int l = 0; l < kLanes; ++l) {
+    const double t = hits.shape[l] >= 0 ? hits.t[l] : 1.0;
+    set_lane(points, l, source + t * lane(direction, l));
+  }
+  for (int l = 0; l < count; ++l) {
+    const std::size_t number = first + static_cast<std::size_t>(l);
+    Vertex& vertex = vertices_[number];
+    vertex.shape = hits.shape[l];
+    if (vertex.shape < 0) continue;
+    vertex.point = lane(points, l);
+    vertex.normal = lane(hits.normal, l);
+    if (vertex.normal.dot(lane(direction, l)) > 0.0) vertex.normal = -vertex.normal;
+    const double depth = vertex.point.z() - source.z();
+    vertex.across = hits.t[l] * beams_[number].slope / std::sqrt(plan_->laser.variance(depth));
+  }
+  for (std::size_t c = 0; c < cameras_.size(); ++c) view_packet(c, first, count, points);
+}
+
+void LaserMesh::view_packet(std::size_t number, std::size_t first, int count, const Lanes3& points) {
+  const StripeCamera& stripe_camera = plan_->stripe_cameras[number];
+  const Camera& camera = stripe_camera.optics;
+  const LensPoint& lens = plan_->stripe_lattice[lattice_point_].lenses[number];
+  alignas(64) double column[kLanes];
+  alignas(64) double row[kLanes];
+  stripe_camera.projector.project(points, column, row);
+  Lanes3 segment;
+  alignas(64) int unoccluded[kLanes] = {};
+  for (int l = 0; l < count; ++l) {
+    const std::size_t at = first + static_cast<std::size_t>(l);
+    const Vertex& vertex = vertices_[at];
+    Image& image = images_[number][at];
+    image = {};
+    if (vertex.shape < 0) continue;
+    if (column[l] != kNotVisible && !lens.is_centre) {
+      const Eigen::Vector3d in_camera = stripe_camera.camera_from_reference * vertex.point;
+      const Eigen::Vector2d pixel = camera.has_depth_of_field() ? camera.project_through(lens.in_camera, in_camera)
+                                                                : Eigen::Vector2d(column[l], row[l]);
+      column[l] = pixel.x() + lens.blur_px.x();
+      row[l] = pixel.y() + lens.blur_px.y();
+    }
+    image.column = column[l];
+    image.row = row[l];
+    const bool is_outside = column[l] < -kMargin || column[l] > camera.width_px + kMargin || row[l] < -kMargin ||
+                            row[l] > camera.height_px + kMargin;
+    const Eigen::Vector3d from_viewpoint = vertex.point - lens.viewpoint;
+    if (is_outside) {
+      image.state = State::kOutside;
+    } else if (vertex.normal.dot(from_viewpoint) < 0.0) {
+      unoccluded[l] = -1;
+    }
+    set_lane(segment, l, from_viewpoint);
+  }
+  if (!any_lane(unoccluded)) return;
+  for (int l = count; l < kLanes; ++l) set_lane(segment, l, Eigen::Vector3d::UnitZ());
+  cameras_[number].occlude(sample_, segment, unoccluded);
+  for (int l = 0; l < count; ++l) {
+    if (unoccluded[l] == 0) continue;
+    const std::size_t at = first + static_cast<std::size_t>(l);
+    Image& image = images_[number][at];
+    image.state = State::kSeen;
+    illuminate(number, vertices_[at], image);
+  }
+}
+
+void LaserMesh::illuminate(std::size_t number, const Vertex& vertex, Image& image) const {
+  const Camera& camera = plan_->stripe_cameras[number].optics;
+  const LaserEmitter& laser = plan_->laser;
+  const Eigen::Vector3d from_source = vertex.point - plan_->stripe_lattice[lattice_point_].source;
+  const Eigen::Vector3d to_viewpoint = camera.sensor_from_camera.translation - vertex.point;
+  const double y = from_source.y();
+  const double depth = from_source.z();
+  const double variance = laser.variance(depth);
+  const double irradiance = laser.relative_power(y, depth) *
+                            laser.peak_irradiance(-vertex.normal.dot(from_source), variance, from_source.x(), y, depth);
+  const Shape& shape = scene_->shapes()[static_cast<std::size_t>(vertex.shape)];
+  const double brightness =
+      irradiance * (shape.surface->is_lambert()
+                        ? shape.reflectance
+                        : shape.surface->pi_brdf(vertex.normal, -from_source.normalized(), to_viewpoint.normalized()));
+  const double along_axis = camera.sensor_from_camera.rotation.col(2).dot(to_viewpoint);
+  const double cosine2 = along_axis * along_axis / to_viewpoint.squaredNorm();
+  const double area = camera.is_tilted() ? camera.tilt_area({image.column, image.row}) : 1.0;
+  // Motion of the surface along its normal shifts what a pixel sees across the sheet: the mean of the Gaussian
+  // over the shift is a Gaussian of larger variance.
+  const double normal_travel = vertex.normal.dot(samples_->travel(vertex.shape, sample_, vertex.point));
+  const double shift = normal_travel * to_viewpoint.x() / vertex.normal.dot(to_viewpoint);
+  const double wider = 1.0 / std::sqrt(1.0 + shift * shift / (12.0 * variance));
+  image.light = wider * brightness * cosine2 * cosine2 * area * plan_->electrons_per_irradiance[number];
+  image.across = wider * vertex.across;
+}
+
+bool LaserMesh::are_continuous(std::uint32_t a, std::uint32_t b) const {
+  const Vertex& from = vertices_[a];
+  const Vertex& to = vertices_[b];
+  if (from.shape != to.shape || from.shape < 0) return false;
+  const Eigen::Vector3d step = to.point - from.point;
+  const double p = std::abs(step.dot(from.normal));
+  const double q = std::abs(step.dot(to.normal));
+  // Two planes that meet between the vertices have this distance from the line between these.
+  const double limit = plan_->pixel_size;
+  if (std::max(p, q) > kClose * limit || p * q > kFlat * limit * (p + q)) return false;
+  return std::all_of(images_.begin(), images_.end(), [&](const std::vector<Image>& images) {
+    return images[a].state == images[b].state || images[a].state == State::kOutside ||
+           images[b].state == State::kOutside;
+  });
+}
+
+bool LaserMesh::is_seen(const Quad& quad) const {
+  return std::any_of(images_.begin(), images_.end(), [&](const std::vector<Image>& images) {
+    return std::any_of(quad.corner.begin(), quad.corner.end(),
+                       [&](std::uint32_t corner) { return images[corner].state == State::kSeen; });
+  });
+}
+
+/// Returns the largest distance of two vertices, px, in the cameras that see either.
+double LaserMesh::extent(std::uint32_t a, std::uint32_t b) const {
+  double largest = 0.0;
+  for (const std::vector<Image>& images : images_) {
+    if (images[a].state != State::kSeen && images[b].state != State::kSeen) continue;
+    largest = std::max({largest, std::abs(images[a].column - images[b].column),
+                        std::abs(images[a].row - images[b].row)});
+  }
+  return largest;
+}
+
+LaserMesh::Fit LaserMesh::fit(const Quad& quad) const {
+  const auto& [a, b, c, d] = quad.corner;
+  double least = std::numeric_limits<double>::infinity();
+  double most = -least;
+  for (const std::uint32_t corner : quad.corner) {
+    if (vertices_[corner].shape < 0) continue;
+    least = std::min(least, vertices_[corner].across);
+    most = std::max(most, vertices_[corner].across);
+  }
+  if (least > kSheetReach || most < -kSheetReach || !is_seen(quad)) return Fit::kDark;
+  const bool is_broken_along = !are_continuous(a, b) || !are_continuous(d, c);
+  const bool is_broken_across = !are_continuous(a, d) || !are_continuous(b, c);
+  const double along = std::max(extent(a, b), extent(d, c));
+  const double across = std::max(extent(a, d), extent(b, c));
+  if (!is_broken_along && !is_broken_across) {
+    if (std::max(along, across) <= kLargest || std::max(quad.along, quad.across) >= kMaxSteep) return Fit::kWhole;
+    return along > across ? Fit::kSplitAlong : Fit::kSplitAcross;
+  }
+  const bool can_split_along = is_broken_along && quad.along < kMaxAlong;
+  const bool can_split_across = is_broken_across && quad.across < kMaxAcross;
+  // The grid is coarser across the fan by about two bisections.
+  if (can_split_along && (!can_split_across || quad.along + 1 <= quad.across)) return Fit::kSplitAlong;
+  if (can_split_across) return Fit::kSplitAcross;
+  const bool all_hit = std::all_of(quad.corner.begin(), quad.corner.end(),
+                                   [&](std::uint32_t corner) { return vertices_[corner].shape >= 0; });
+  if (!all_hit || std::max(along, across) > kSmallest) return Fit::kEdge;
+  const bool alike = std::all_of(images_.begin(), images_.end(), [&](const std::vector<Image>& images) {
+    return std::all_of(quad.corner.begin(), quad.corner.end(), [&](std::uint32_t corner) { return images[corner].state == images[a].state; });
+  });
+  return alike ? Fit::kWhole : Fit::kBorder;
+}
+
+void LaserMesh::mark_edge(const Quad& quad) {
+  for (std::size_t c = 0; c < images_.size(); ++c) {
+    for (const std::uint32_t corner : quad.corner) {
+      const Image& image = images_[c][corner];
+      if (image.state != State::kSeen) continue;
+      const int last = plan_->stripe_cameras[c].optics.width_px - 1;
+      const int middle = static_cast<int>(std::lround(image.column));
+      for (int column = std::max(0, middle - 1); column <= std::min(last, middle + 1); ++column) {
+        edges_[c][static_cast<std::size_t>(column)] = 1;
+      }
+    }
+  }
+}
+
+void LaserMesh::consider(const Quad& quad) {
+  const Fit found = fit(quad);
+  switch (found) {
+    case Fit::kDark:
+      return;
+    case Fit::kEdge:
+      return mark_edge(quad);
+    case Fit::kBorder:
+      mark_edge(quad);
+      [[fallthrough]];
+    case Fit::kWhole:
+      return quads_.push_back(quad);
+    case Fit::kSplitAlong:
+    case Fit::kSplitAcross:
+      open_.push_back(quad);
+      open_.back().splits_along = found == Fit::kSplitAlong;
+  }
+}
+
+void LaserMesh::refine() {
+  bisected_.swap(open_);
+  open_.clear();
+  const std::size_t base = beams_.size();
+  for (const Quad& quad : bisected_) {
+    const auto& [a, b, c, d] = quad.corner;
+    beams_.push_back(middle(beams_[a], beams_[quad.splits_along ? b : d]));
+    beams_.push_back(middle(beams_[quad.splits_along ? d : b], beams_[c]));
+  }
+  cast(base);
+  for (std::size_t k = 0; k < bisected_.size(); ++k) {
+    const Quad& quad = bisected_[k];
+    const auto& [a, b, c, d] = quad.corner;
+    const auto first = static_cast<std::uint32_t>(base + 2 * k);
+    const std::uint32_t second = first + 1;
+    if (quad.splits_along) {
+      consider({{a, first, second, d}, quad.along + 1, quad.across});
+      consider({{first, b, c, second}, quad.along + 1, quad.across});
+    } else {
+      consider({{a, b, second, first}, quad.along, quad.across + 1});
+      consider({{first, second, c, d}, quad.along, quad.across + 1});
+    }
+  }
+}
+
+}  // namespace sensor_rt

@@ -1,0 +1,74 @@
+// Instants, source points and lens points that an image of the stripe averages over.
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include "sensor_rt/render/render_plan.h"
+#include "sensor_rt/scene/pose_track.h"
+#include "sensor_rt/tracing/ray_view.h"
+
+namespace sensor_rt {
+
+/// Samples of one exposure. Each has an instant, a point of the laser source and a point of every lens; the
+/// image is the mean of the images of all samples.
+///
+/// With a point source and pinholes, a sample stands for a part of the exposure with less than a pixel of motion:
+/// without motion a single one is exact. A source line and a sampled lens take the lattice of SamplingPattern.
+/// With a rolling shutter the samples are evenly spaced over the time of all rows, and a row interpolates between
+/// them.
+class StripeSamples {
+ public:
+  /// Change of a pose.
+  struct Motion {
+    Eigen::Matrix3d rotation;
+    Eigen::Vector3d translation;
+  };
+
+  /// Finds the samples and their poses.
+  void set(const RenderPlan& plan, const Scene& scene, const Exposures& exposures, std::size_t exposure);
+
+  /// Returns the poses, an instant for each sample.
+  const PoseTrack& track() const { return track_; }
+
+  /// Returns the displacement of a point of a shape (reference frame) in the time for which a sample stands; zero
+  /// where samples are instants.
+  Eigen::Vector3d travel(std::int32_t shape, std::size_t sample, const Eigen::Vector3d& point) const {
+    if (motion_.empty()) return Eigen::Vector3d::Zero();
+    const Motion& motion = motion_[static_cast<std::size_t>(shape) * size() + sample];
+    return motion.rotation * point + motion.translation;
+  }
+
+  std::size_t size() const { return fractions_.size(); }
+
+  /// Returns the index into the lattice of source and lens points.
+  std::size_t lattice_point(std::size_t sample) const { return sample % lattice_; }
+
+  /// Computes the share of a sample in every row of a camera's image.
+  void row_shares(const Camera& camera, std::size_t sample, std::vector<float>& shares) const;
+
+ private:
+  void set_rows(const RenderPlan& plan, double duration, double motion_px);
+  void set_lattice(const RenderPlan& plan, double motion_px);
+  void find_motion(const Scene& scene);
+
+  std::vector<double> fractions_;  ///< of the duration of the poses
+  std::size_t lattice_ = 1;        ///< number of points of source and lens
+  // Rolling shutter, in the same unit; no readout: all rows are exposed simultaneously.
+  double readout_ = 0.0;  ///< from row to row
+  double open_ = 1.0;
+  int tallest_ = 0;  ///< rows
+  PoseTrack track_;
+  PoseTrack ends_;              ///< of the parts of the exposure
+  std::vector<Motion> motion_;  ///< [shape][sample]; empty: none
+  RayView laser_;               ///< for the shapes that the laser can reach
+};
+
+/// Returns an upper bound of the motion, px, that points of the shapes show between the first and any other
+/// instant.
+double max_motion_px(const SensorModel& model, const PoseTrack& track, const std::vector<std::size_t>& shapes);
+
+/// Returns true when there is no relative motion during an exposure.
+bool is_still(const Exposures& exposures, std::size_t exposure);
+
+}  // namespace sensor_rt
