@@ -30,8 +30,9 @@ Projector::Projector(const Camera& camera) : camera_(camera) {
   for (int k = 0; k < 9; ++k) rotation_[k] = camera_from_sensor.rotation(k / 3, k % 3);
   for (int k = 0; k < 3; ++k) translation_[k] = camera_from_sensor.translation[k];
   if (camera.is_plain()) return;
+  const double off_axis = std::abs(camera.cx_px) + std::abs(camera.cy_px);
   const double farthest_px =
-      std::min(camera.width_px + camera.height_px + 0.0, camera.focal_px * camera.reach().direction);
+      std::min(camera.width_px + camera.height_px + off_axis, camera.focal_px * camera.reach().direction);
   reach2_ = farthest_px * farthest_px;
 }
 

@@ -16,7 +16,8 @@ namespace {
 bool set_poses(const RenderPlan& plan, const Scene& scene, const Exposures& exposures, std::size_t exposure,
                PoseTrack& track) {
   const bool still = is_still(exposures, exposure);
-  std::vector<double> fractions = still ? std::vector<double>{0.5} : instants_of_exposure(plan.pattern.size());
+  std::vector<double> fractions =
+      still ? std::vector<double>{0.5} : instants_of_exposure(plan.pattern.size());
   // In units of the duration of the poses: a background frame follows the one with the laser on.
   if (!plan.settings.laser_on && !still) {
     for (double& fraction : fractions) fraction += 1.0;
@@ -40,7 +41,7 @@ void draw_stripe(const RenderPlan& plan, const Scene& scene, const Exposures& ex
     const Camera& optics = plan.stripe_cameras[c].optics;
     buffers.stripe[c].resize(optics.width_px, optics.height_px);
     speckle.emplace_back(plan, scene, buffers.samples.track(), c);
-    rasters.emplace_back(plan, buffers.mesh, buffers.samples.track(), c,
+    rasters.emplace_back(plan, buffers.mesh, buffers.samples, c,
                          speckle[c].enabled() ? &speckle[c] : nullptr);
   }
   for (std::size_t sample = 0; sample < buffers.samples.size(); ++sample) {
@@ -84,14 +85,16 @@ class DenseLight {
         frame_(frame),
         camera_(plan.settings.model.cameras[number]),
         light_(light) {
-    light.assign(static_cast<std::size_t>(camera_.width_px) * static_cast<std::size_t>(camera_.height_px), 0.0f);
+    light.assign(static_cast<std::size_t>(camera_.width_px) * static_cast<std::size_t>(camera_.height_px),
+                 0.0f);
   }
 
   /// All light, as ground truth.
   void add_paths() {
     const PathTracer paths(plan_, PathTracer::Mode::kAllBounces, views_, rows_, number_, frame_);
     for (int row = 0; row < camera_.height_px; ++row) {
-      for (int column = 0; column < camera_.width_px; ++column) at(column, row) = to_float(paths.trace(column, row));
+      for (int column = 0; column < camera_.width_px; ++column)
+        at(column, row) = to_float(paths.trace(column, row));
     }
   }
 
@@ -144,7 +147,8 @@ void DenseLight::add_ambient(const CentreTracer& tracer, double irradiance) {
       const bool is_uniform = corner == corners.at(i + 1, j) && corner == corners.at(i, j + 1) &&
                               corner == corners.at(i + 1, j + 1);
       const double reflectance = is_uniform ? corner : trace(column, row);
-      if (reflectance > 0.0) at(column, row) += to_float(tracer.electrons(column, row, reflectance * irradiance));
+      if (reflectance > 0.0)
+        at(column, row) += to_float(tracer.electrons(column, row, reflectance * irradiance));
     }
   }
 }

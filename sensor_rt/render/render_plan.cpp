@@ -91,18 +91,21 @@ StripeCamera stripe_camera(const Camera& camera, double beyond) {
   std::optional<LensBlur> blur;
   if (LensBlur::is_needed(camera) && LensBlur::is_accurate(camera)) blur.emplace(camera);
   const Camera optics = blur ? blur->sharp_camera() : camera;
-  return {optics, Projector(optics), optics.sensor_from_camera.inverse(), camera_region(optics, beyond), blur};
+  return {optics, Projector(optics), optics.sensor_from_camera.inverse(), camera_region(optics, beyond),
+          blur};
 }
 
 LensPoint lens_point(const Camera& camera, const SamplingPattern& pattern, std::size_t sample) {
   LensPoint point;
   point.is_centre = !LensBlur::is_needed(camera);
   if (camera.has_depth_of_field()) {
-    point.in_camera = camera.aperture_radius() * Eigen::Vector2d(pattern.lens_x[sample], pattern.lens_y[sample]);
+    point.in_camera =
+        camera.aperture_radius() * Eigen::Vector2d(pattern.lens_x[sample], pattern.lens_y[sample]);
   }
   point.blur_px = camera.psf_sigma_px * Eigen::Vector2d(normal_quantile(pattern.column[sample] + 0.5),
                                                         normal_quantile(pattern.row[sample] + 0.5));
-  point.viewpoint = camera.sensor_from_camera * Eigen::Vector3d(point.in_camera.x(), point.in_camera.y(), 0.0);
+  point.viewpoint =
+      camera.sensor_from_camera * Eigen::Vector3d(point.in_camera.x(), point.in_camera.y(), 0.0);
   return point;
 }
 
@@ -144,13 +147,14 @@ RenderPlan::RenderPlan(const RenderSettings& given)
     electrons_per_irradiance.push_back(
         sensor_rt::electrons_per_irradiance(camera, model.laser.wavelength, settings.quantum_efficiency));
   }
-  const bool is_sampled = model.laser.source_length > 0.0 ||
-                          std::any_of(stripe_cameras.begin(), stripe_cameras.end(), [](const StripeCamera& camera) {
-                            return LensBlur::is_needed(camera.optics);
-                          });
+  const bool is_sampled =
+      model.laser.source_length > 0.0 ||
+      std::any_of(stripe_cameras.begin(), stripe_cameras.end(),
+                  [](const StripeCamera& camera) { return LensBlur::is_needed(camera.optics); });
   for (std::size_t sample = 0; sample < (is_sampled ? pattern.size() : 1); ++sample) {
     LatticePoint point;
-    point.source = is_sampled ? source(sample / kLanes, static_cast<int>(sample % kLanes)) : lane_sources.front();
+    point.source =
+        is_sampled ? source(sample / kLanes, static_cast<int>(sample % kLanes)) : lane_sources.front();
     for (const StripeCamera& camera : stripe_cameras)
       point.lenses.push_back(lens_point(camera.optics, pattern, sample));
     stripe_lattice.push_back(point);

@@ -38,7 +38,7 @@ struct CameraSamples {
 
 /// A point of the lens of one camera, and where its point spread function displaces the light.
 struct LensPoint {
-  bool is_centre = true;  ///< of the lens and of the point spread function
+  bool is_centre = true;                                ///< of the lens and of the point spread function
   Eigen::Vector2d in_camera = Eigen::Vector2d::Zero();  ///< m from the lens centre
   Eigen::Vector2d blur_px = Eigen::Vector2d::Zero();
   Eigen::Vector3d viewpoint = Eigen::Vector3d::Zero();  ///< in the reference frame
@@ -62,8 +62,8 @@ struct StripeCamera {
 struct RenderPlan {
   explicit RenderPlan(const RenderSettings& settings);
 
-  RenderSettings settings;   ///< with camera poses in the reference frame
-  LaserEmitter laser;        ///< without power in a background frame
+  RenderSettings settings;  ///< with camera poses in the reference frame
+  LaserEmitter laser;       ///< without power in a background frame
   SamplingPattern pattern;
   /// The reference frame is the frame of the sheet, so that a misaligned sheet costs no more than an aligned
   /// one.
@@ -77,7 +77,8 @@ struct RenderPlan {
   std::vector<Projector> projectors;                ///< per camera
   std::shared_ptr<const SpeckleTile> speckle_tile;  ///< null: no speckle
   std::vector<StripeCamera> stripe_cameras;
-  std::vector<LatticePoint> stripe_lattice;  ///< that the stripe averages over; a single one if there is no need
+  std::vector<LatticePoint>
+      stripe_lattice;  ///< that the stripe averages over; a single one if there is no need
   double slope = 0.0;  ///< bound of |x| / distance from the source of all light within the cameras' fields
   double pixel_size = 0.0;  ///< smallest footprint of a pixel in the measuring field, m
   std::vector<HalfSpace> laser_region;

@@ -35,9 +35,9 @@ struct Shape {
   /// Half extents of the bounding box. For a sphere, a box and a rectangle, which lies in z = 0, these are
   /// the dimensions.
   Eigen::Vector3d half_size = Eigen::Vector3d::Zero();
-  Frustum frustum;                  ///< frusta only
-  std::vector<FacePlane> planes;    ///< meshes only, one per face
-  SceneHandle embree;               ///< meshes only
+  Frustum frustum;                ///< frusta only
+  std::vector<FacePlane> planes;  ///< meshes only, one per face
+  SceneHandle embree;             ///< meshes only
   /// Returns the distance, m, by which secondary rays start above the surface so as not to hit it again: 1
   /// µm, or some units in the last place of single precision at the rim of a large shape.
   double ray_offset() const { return std::max(1e-6, 1e-6 * half_size.norm()); }

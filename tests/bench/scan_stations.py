@@ -48,10 +48,8 @@ STEPS = {
 }
 # Stations of the sensor's module: beginnings of source files relative to sensor_rt.
 STATIONS = {
-    "find lit pixels": ("render/pixels/lit_pixel", "render/pixels/fan_grid", "render/pixels/pixel_mask"),
-    "faces in pixels": ("render/pixels/pixel_cover",),
-    "closed-form light": ("render/pixels/filled", "render/pixels/pixel_int"),
-    "sampled light": ("render/integrator", "render/emitter"),
+    "mesh of the lit surface": ("render/stripe/laser_mesh", "render/stripe/stripe_samples"),
+    "light in pixels": ("render/stripe/", "render/emitter"),
     "other rendering": ("render/", "optics/"),
     "rays around Embree": ("tracing/",),
     "detector": ("detector/",),

@@ -49,7 +49,7 @@ def sensor_description(width: int = 1280, height: int = 1024, cameras: int = 1, 
         "band_pass": {"centre": 660e-9, "width": 20e-9},
         "speckle": {"contrast": 0.0},
         "render": {
-            "samples_per_pixel": 16, "noise": True, "seed": 1, "rays_across_fan": 2560, "mode": "fast",
+            "samples_per_pixel": 16, "noise": True, "seed": 1, "rays_across_fan": 1440, "mode": "fast",
             "bounces": 0, "photons": 65_536,
         },
         "extraction": {

@@ -1,9 +1,9 @@
-// Emitters: quadrature of areas, and the two forms of the laser sheet.
+// Emitters: power of lamps and of the laser sheet.
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "sensor_rt/render/emitter/sheet_light.h"
+#include "sensor_rt/optics/laser_emitter.h"
 #include "sensor_rt/scene/light.h"
 
 namespace sensor_rt {
@@ -30,42 +30,22 @@ TEST(LaserSheet, NoLightOutsideFanOrBehindSource) {
   EXPECT_EQ(laser.at({0.0, 0.0, -0.1}).irradiance, 0.0);
 }
 
-TEST(SheetLight, PacketsMatchSinglePointsTimesCosine) {
+TEST(LaserSheet, PowerThroughAPlaneIsThatOfTheFan) {
   const LaserEmitter laser(make_laser());
-  const Vector source(0.0, 0.0, laser.sheet.source_z);
-  const SheetLight light(laser);
-  const Vector viewpoint(0.06, 0.001, 0.0);
-  const Vector normal = Vector(0.3, 0.2, -0.9).normalized();
-  Lanes3 direction;
-  Lanes3 origins;
-  Lanes3 sources;
-  PacketHits hits;
-  for (int l = 0; l < kLanes; ++l) {
-    const Vector point(2e-5 * (l - 8), 0.004 * (l - 8), 0.11 + 0.001 * l);
-    set_lane(direction, l, point - viewpoint);
-    set_lane(origins, l, viewpoint);
-    set_lane(sources, l, source);
-    set_lane(hits.normal, l, normal);
-    hits.t[l] = 1.0;
-    hits.shape[l] = 0;
-  }
-  for (const bool general : {false, true}) {
-    Lanes3 from_source;
-    alignas(64) double irradiance[kLanes];
-    alignas(64) int lit[kLanes];
-    if (general) {
-      light.light(origins, sources, direction, hits, from_source, irradiance, lit);
-    } else {
-      light.light(viewpoint.data(), direction, hits, from_source, irradiance, lit);
-    }
-    for (int l = 0; l < kLanes; ++l) {
-      const Vector point = viewpoint + lane(direction, l);
-      const IncidentLight incident = laser.at(point - source);
-      const double expected = normal.dot(incident.towards) * incident.irradiance;
-      EXPECT_NEAR(irradiance[l], expected, 1e-9 * (expected + 1e-6)) << "lane " << l;
-      EXPECT_EQ(lit[l] != 0, expected > 0.0);
+  constexpr double kDepth = 0.11;
+  const double reach = kDepth * std::tan(0.28);
+  constexpr int kSteps = 400;
+  const double dx = 10.0 * 60e-6 / kSteps;
+  const double dy = 2.0 * reach / kSteps;
+  double power = 0.0;
+  for (int i = 0; i < kSteps; ++i) {
+    for (int j = 0; j < kSteps; ++j) {
+      const Vector from_source((i + 0.5) * dx - 5.0 * 60e-6, (j + 0.5) * dy - reach, kDepth);
+      const IncidentLight light = laser.at(from_source);
+      power += light.irradiance * -light.towards.z() * dx * dy;
     }
   }
+  EXPECT_NEAR(power, laser.sheet.power, 1e-4 * laser.sheet.power);
 }
 
 TEST(Lights, SamplesCarryAllPowerAndLieOnTheLamp) {

@@ -89,7 +89,7 @@ def bounced(wall_a: Material | float, wall_b: Material | float, exposures: Expos
     scene, _ = groove(wall_a, wall_b)
     with_bounces = expected_electrons(scene, small_probe(**overrides), exposures)
     overrides["render"] = overrides.get("render", {}) | {"bounces": 0}
-    direct = expected_electrons(scene, small_probe(**overrides), exposures, lens_blur=False)  # as with bounces
+    direct = expected_electrons(scene, small_probe(**overrides), exposures)
     return np.asarray(with_bounces, float) - direct
 
 

@@ -6,13 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scenes import (
-    BARE,
-    COARSE,
     Array,
-    assert_same_light,
     ball,
     cluttered,
-    cluttered_exposures,
+    fast_and_paths,
     moving,
     one_plane,
     plane,
@@ -108,41 +105,6 @@ def test_light_is_proportional_to_cosine_reflectance_and_time() -> None:
     np.testing.assert_allclose(stripe_centres(longer)[1], 3 * base, rtol=1e-6)
 
 
-@pytest.mark.parametrize("moves", [False, True])
-@pytest.mark.parametrize("distortion", [[0.0] * 5, [-0.12, 0.05, 0.002, -0.001, 0.03]])
-def test_marked_pixels_contain_all_light(moves: bool, distortion: list[float]) -> None:
-    scene, exposures = cluttered_exposures(moves)
-    sensor = probe(camera={"distortion": distortion})
-    band = expected_electrons(scene, sensor, exposures, closed_form=False)
-    whole = expected_electrons(scene, sensor, exposures, **BARE)
-    assert_same_light(band, whole)
-
-
-@pytest.mark.parametrize("motion", ["rotation about Z", "vibration"])
-def test_pixel_cover_is_not_used_where_any_part_of_the_line_moves(motion: str) -> None:
-    """A thin strip along the line passes pixels whose corners show the table at both ends of the exposure."""
-    scene = Scene()
-    scene.add_plane("table", pose((0, 0, 0.01)), [0.2, 0.2], 0.2)
-    scene.add_plane("strip", np.eye(4), [4e-5, 0.06], 0.9)
-    aside, at = pose((0, 0, 0.12)), pose((5e-4, 0, 0.12))
-    turned = [pose((0, 0, 0.12), (0, 0, angle)) for angle in (-0.02, 0.02)]
-    poses = turned if motion == "rotation about Z" else [aside, at, aside]
-    sensor = probe(camera=COARSE)
-    exposures = moving([[p, p] for p in poses], [np.eye(4)] * len(poses))
-    traced = expected_electrons(scene, sensor, exposures, **(BARE | {"lit_pixels": True}))
-    covered = expected_electrons(scene, sensor, exposures, **(BARE | {"lit_pixels": True, "pixel_cover": True}))
-    assert (traced > 0.0).sum() > 5000
-    np.testing.assert_array_equal(covered, traced)
-
-
-@pytest.mark.parametrize("switch", ["lit_pixels", "pixel_cover"])
-def test_accelerator_alone_keeps_all_light(switch: str) -> None:
-    """test_filled_pixels.py compares the closed form, whose light differs, with dense sampling."""
-    scene, exposures = cluttered_exposures(True)
-    bare = expected_electrons(scene, probe(), exposures, **BARE)
-    assert_same_light(expected_electrons(scene, probe(), exposures, **(BARE | {switch: True})), bare)
-
-
 def test_images_do_not_depend_on_exposures_before() -> None:
     """A thread reuses memory: of masks, corners, reflected light and views of the scene."""
     scene, poses = cluttered()
@@ -157,46 +119,6 @@ def test_images_do_not_depend_on_exposures_before() -> None:
     first, other, again = expected_electrons(scene, sensor, exposures, threads=1)
     assert (first != other).mean() > 0.1
     np.testing.assert_array_equal(first, again)
-
-
-def fine_waves(gap: float, facet: float) -> tuple[Array, NDArray[np.uint32]]:
-    """Shallow waves with faces of about that size (m), in two pieces separated by a gap."""
-    across = np.linspace(-0.004, 0.004, round(0.008 / facet) + 1)
-    along = np.linspace(-0.006, 0.006, 2 * round(0.006 / facet))
-    beyond = np.tile(along > 0, len(across))
-    along = along + np.where(along > 0, gap - (along[1] - along[0]), 0.0)
-    place = np.stack(np.meshgrid(across, along, indexing="ij"), axis=-1)
-    height = 1e-4 * np.sin(800 * place[..., 1]) * np.cos(500 * place[..., 0])
-    vertices = np.concatenate([place, height[..., None]], axis=-1).reshape(-1, 3)
-    rows = len(along)
-    corner = (np.arange(len(across) - 1)[:, None] * rows + np.arange(rows - 1)).ravel()
-    faces = np.concatenate(
-        [np.stack([corner, corner + rows, corner + 1], 1), np.stack([corner + 1, corner + rows, corner + rows + 1], 1)]
-    )
-    in_one_piece = beyond[faces].all(axis=1) | ~beyond[faces].any(axis=1)
-    return vertices, faces[in_one_piece].astype(np.uint32)
-
-
-@pytest.mark.parametrize("moves", [False, True])
-@pytest.mark.parametrize("gap", [1e-5, 5e-5])
-@pytest.mark.parametrize("facet", [3e-5, 5e-5])  # the pixel footprint is 40 µm
-def test_planar_proxies_match_tracing_of_every_sample(facet: float, gap: float, moves: bool) -> None:
-    """A planar proxy may replace the faces behind a pixel; it must not bridge the gap."""
-    scene = Scene()
-    scene.add_mesh("waves", *fine_waves(gap, facet), 0.5)
-    place = pose((0, 0, 0.14), (0.1, 0.2, 0.3))
-    later: Array = pose((5e-6, -1e-5, 5e-6), (5e-5, 2e-5, 0)) @ place
-    exposures = moving([[place], [later]], [np.eye(4)] * 2) if moves else still(place)
-    band = expected_electrons(scene, probe(), exposures, closed_form=False)[0]
-    whole = expected_electrons(scene, probe(), exposures, **BARE)[0]
-    assert (band != whole).sum() > 500  # planar proxies are used
-    for light, reference in zip(band, whole, strict=True):
-        (centre, total), (true_centre, true_total) = stripe_centres(light), stripe_centres(reference)
-        np.testing.assert_array_equal(total > 0, true_total > 0)
-        bright = true_total > 0.1 * true_total.max()
-        assert bright.sum() > 200
-        assert np.abs(centre - true_centre)[bright].max() < 1e-3
-        np.testing.assert_allclose(total[bright], true_total[bright], rtol=1e-3)
 
 
 def boxes_mesh(*boxes: tuple[Array, Array]) -> tuple[Array, NDArray[np.uint32]]:
@@ -219,13 +141,11 @@ def test_closed_mesh_casts_shadow_of_its_triangles(inside_out: bool) -> None:
     scene.add_mesh("comb", vertices, faces[:, ::-1].copy() if inside_out else faces, 0.6)
     scene.add_plane("plane", np.eye(4), [0.2, 0.2], 0.4)
     exposures = still(pose((0.0, 0.004, 0.13), (0.2, 0.1, 0.3)), pose((0.0, 0.0, 0.15)))
-    band = expected_electrons(scene, probe(), exposures, closed_form=False)
-    whole = expected_electrons(scene, probe(), exposures, **BARE)
-    lit = whole > 0
-    assert lit.sum() > 10_000
-    np.testing.assert_array_equal(band > 0, lit)
-    # The tip of a bar may lie between the corners of a pixel and is then missed.
-    assert (band != whole).sum() <= 1e-4 * lit.sum()
+    fast, paths = fast_and_paths(scene, exposures, 64, columns=(240, 1040))
+    assert (paths > 0).sum() > 5000
+    assert fast.sum() == pytest.approx(paths.sum(), rel=1e-3)
+    total, true_total = fast.sum(axis=0), paths.sum(axis=0)
+    assert np.mean(np.abs(total - true_total) < 0.01 * true_total.max()) > 0.98
 
 
 def test_body_in_sheet_casts_sharp_shadow() -> None:
@@ -255,7 +175,9 @@ def test_occlusion_affects_only_one_camera() -> None:
     seen = one_plane(sensor, pose((0, 0, 0.13)))
     half_way = 0.5 * sensor.cameras[0].sensor_from_camera[:3, 3] + 0.5 * np.array([0.0, 0.03, 0.13])
     image = expected_electrons(scene, sensor, still(pose((0, 0, 0.13)), pose(half_way)))[0]
-    np.testing.assert_array_equal(image[1], seen[1])
+    # The borders of the shadow in one camera refine the mesh that both share.
+    np.testing.assert_allclose(image[1], seen[1], atol=0.01 * seen[1].max())
+    assert image[1].sum() == pytest.approx(seen[1].sum(), rel=1e-4)
     _, total = stripe_centres(image[0])
     # The screen ends at y = -0.01, half way to the stripe at y = -0.02.
     end = sensor.cameras[0].project([[0.0, -0.02, 0.13]])[0, 0]
@@ -321,19 +243,6 @@ def test_ambient_light_of_plane_matches_closed_form() -> None:
     image_irradiance = 0.8 * 0.5 * 3.0 * cosine**4 / (4 * 11.0**2)
     expected = image_irradiance * 25e-12 * 0.55 * 5e-4 * 660e-9 / PLANCK_C
     np.testing.assert_allclose(images, np.broadcast_to(expected, images.shape), rtol=1e-5)
-
-
-def test_ambient_light_matches_tracing_of_every_pixel() -> None:
-    scene = ball(0.015, 0.8)
-    scene.add_box("box", np.eye(4), [0.02, 0.01, 0.01], 0.3)
-    sensor = probe(ambient={"irradiance": 2.0})
-    exposures = still(pose((0, 0, 0.13)), pose((0.0, -0.02, 0.12), (0.3, 0.4, 0.5)))
-    quick = expected_electrons(scene, sensor, exposures)
-    whole = expected_electrons(scene, sensor, exposures, **BARE)
-    inside = np.isclose(quick, whole, rtol=1e-6, atol=1e-9)
-    # Silhouettes are sampled once per pixel outside the stripe, sixteen times inside.
-    assert (~inside).mean() < 0.01
-    np.testing.assert_allclose(quick.sum(), whole.sum(), rtol=1e-3)
 
 
 @pytest.mark.parametrize("samples", [1, 4, 16, 64])

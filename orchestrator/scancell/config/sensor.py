@@ -245,14 +245,16 @@ class RenderDescription(Description):
     """Quality of rendered camera images."""
 
     mode: Literal["fast", "path"] = Field(
-        default="fast", description="fast: pixels near the laser line; path: path tracing of every pixel, slow"
+        default="fast",
+        description="fast: drawn from the surface that the laser lights; path: path tracing of every pixel, slow",
     )
     samples_per_pixel: Literal[4, 16, 64, 256, 1024] = Field(
-        default=16, description="rays (fast) or paths (path) per pixel; more reduce the noise of rendering"
+        default=16,
+        description="paths per pixel (path); points of a line source and of a lens that is not a pinhole (fast)",
     )
     noise: bool = Field(default=True, description="photon, dark, read and fixed-pattern noise of the images")
     rays_across_fan: Annotated[int, Field(ge=64, le=65_536)] = Field(
-        default=2560, description="laser rays that find the pixels near the laser line (fast mode)"
+        default=1440, description="laser rays that sample the lit surface; thinner features can be missed (fast mode)"
     )
     bounces: Annotated[int, Field(ge=0, le=64)] = Field(
         default=0, description="largest number of interreflections between surfaces; 0: direct light only"

@@ -364,22 +364,8 @@ def render(
     With `laser_on` false, these are the background frames directly after the laser frames; motion is extrapolated.
     """
 
-def expected_electrons(
-    scene: Scene,
-    sensor: Sensor,
-    exposures: Exposures,
-    lit_pixels: bool = True,
-    pixel_cover: bool = True,
-    closed_form: bool = True,
-    lens_blur: bool = True,
-    threads: int = 0,
-) -> NDArray[np.float32]:
-    """Return the expected photo-electrons (n, cameras, height, width) without noise.
-
-    The switches are accelerators of the fast mode: `lit_pixels` traces only pixels that the laser can light,
-    `pixel_cover` finds the face that fills a pixel by rays through its corners, `closed_form`, which needs it,
-    integrates such pixels without samples, and `lens_blur` blurs sharp images in place of sampling the lens.
-    """
+def expected_electrons(scene: Scene, sensor: Sensor, exposures: Exposures, threads: int = 0) -> NDArray[np.float32]:
+    """Return the expected photo-electrons (n, cameras, height, width) without noise."""
 
 def tree_builds() -> int:
     """Return the number of triangle search trees that this process has built."""

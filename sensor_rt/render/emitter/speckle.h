@@ -34,13 +34,12 @@ class Speckle {
 
   bool enabled() const { return plan_.speckle_tile != nullptr; }
 
-  /// Returns the factor at a point of a shape (reference frame) that is seen at `pixel`. `track`: poses of the
-  /// exposure, of which the point has those of an instant. `cell`: memory from call to call.
+  /// Returns the factor at a point of a shape (reference frame) that is seen at `pixel`. `track`: poses of
+  /// the exposure, of which the point has those of an instant. `cell`: memory from call to call.
   double factor(const PoseTrack& track, std::size_t instant, std::int32_t shape, const Eigen::Vector3d& point,
                 const Eigen::Vector2d& pixel, Cell& cell) const;
 
  private:
-
   void enter(std::int32_t shape, const Eigen::Vector3d& point_in_shape, Cell& cell) const;
   Eigen::Vector2d motion(std::int32_t shape, const Eigen::Vector3d& point,
                          const Eigen::Vector3d& point_in_shape) const;

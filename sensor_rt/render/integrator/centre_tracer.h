@@ -15,8 +15,8 @@ struct LampView {
   Eigen::Vector3d normal = Eigen::Vector3d::Zero();
 };
 
-/// Rays from the centre of the lens of one camera through the centres of pixels at mid-exposure, for light that
-/// varies slowly over the image. Without state.
+/// Rays from the centre of the lens of one camera through the centres of pixels at mid-exposure, for light
+/// that varies slowly over the image. Without state.
 class CentreTracer {
  public:
   /// All must outlive it; `rows` is not null when every row has its own views.

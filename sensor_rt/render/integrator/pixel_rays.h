@@ -41,7 +41,7 @@ class PixelRays {
   const Camera& camera_;
   const CameraSamples& samples_;
   double electrons_per_irradiance_;
-  double axes_[9];  ///< camera x, y, z in the sensor frame
+  double axes_[9];        ///< camera x, y, z in the sensor frame
   double focus_[3] = {};  ///< inverse depth in focus: constant, per x, per y
 };
 

@@ -3,8 +3,8 @@
 
 #include <cstdint>
 
-#include "sensor_rt/render/integrator/centre_tracer.h"
 #include "sensor_rt/render/integrator/block_grid.h"
+#include "sensor_rt/render/integrator/centre_tracer.h"
 #include "sensor_rt/render/reference/path_tracer.h"
 
 namespace sensor_rt {

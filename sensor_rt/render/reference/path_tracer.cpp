@@ -60,7 +60,8 @@ double PathTracer::laser_light(const Packet& packet, int depth) const {
     Speckle::Cell cell;
     for (int l = 0; l < kLanes; ++l) {
       if (unoccluded[l] == 0) continue;
-      const std::size_t sample = plan_.pattern.sample_of(packet.number * kLanes + static_cast<std::size_t>(l));
+      const std::size_t sample =
+          plan_.pattern.sample_of(packet.number * kLanes + static_cast<std::size_t>(l));
       const Eigen::Vector2d offset(plan_.pattern.column[sample], plan_.pattern.row[sample]);
       light[l] *= speckle_.factor(packet.views.query.track(), instants[l], packet.hits.shape[l],
                                   surface(packet, l).position, pixel + offset, cell);

@@ -41,8 +41,8 @@ class ColumnImage {
     last_[at] = std::max(last_[at], to);
   }
 
-  /// Appends the part of width × height pixels from column `left` and row `above` on to `to`, times `scale`, and
-  /// clears the image. Pixels of less than 1e-3 electrons are omitted.
+  /// Appends the part of width × height pixels from column `left` and row `above` on to `to`, times `scale`,
+  /// and clears the image. Pixels of less than 1e-3 electrons are omitted.
   void move_to(SparseImage& to, int left, int above, int width, int height, float scale) {
     constexpr float kFaint = 1e-3f;
     for (int number = 0; number < columns(); ++number) {

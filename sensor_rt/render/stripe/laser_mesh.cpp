@@ -7,15 +7,15 @@
 namespace sensor_rt {
 namespace {
 
-constexpr int kSlopes = 5;            ///< grid rays through the thickness of the sheet
-constexpr double kFlat = 0.025;       ///< px: largest distance of the surface from a straight edge of the mesh
-constexpr double kClose = 0.5;        ///< px: largest distance of a vertex from the tangent plane of another
-constexpr double kLargest = 4.0;      ///< px: size up to which a quadrilateral is linear in the image
-constexpr double kSmallest = 0.5;     ///< px: size below which an edge is not bisected further
-constexpr double kMargin = 8.0;       ///< px around an image, beyond the largest quadrilateral
-constexpr int kMaxAlong = 5;          ///< bisections along the fan at an edge
-constexpr int kMaxAcross = 6;         ///< the same across the fan, where the grid is coarser
-constexpr int kMaxSteep = 20;         ///< bisections of a steep surface
+constexpr int kSlopes = 7;         ///< grid rays through the thickness of the sheet
+constexpr double kFlat = 0.025;    ///< px: largest distance of the surface from a straight edge of the mesh
+constexpr double kClose = 0.5;     ///< px: largest distance of a vertex from the tangent plane of another
+constexpr double kLargest = 4.0;   ///< px: size up to which a quadrilateral is linear in the image
+constexpr double kSmallest = 0.5;  ///< px: size below which an edge is not bisected further
+constexpr double kMargin = 8.0;    ///< px around an image, beyond the largest quadrilateral
+constexpr int kMaxAlong = 6;       ///< bisections along the fan at an edge
+constexpr int kMaxAcross = 7;      ///< the same across the fan
+constexpr int kMaxSteep = 20;      ///< bisections of a steep surface
 
 }  // namespace
 
@@ -47,8 +47,8 @@ void LaserMesh::set(const RenderPlan& plan, const Scene& scene, const StripeSamp
   images_.resize(count);
   edges_.resize(count);
   for (std::size_t c = 0; c < count; ++c) {
-    set_view([c](const LatticePoint& point) { return point.lenses[c].viewpoint; }, plan.stripe_cameras[c].region,
-             cameras_[c]);
+    set_view([c](const LatticePoint& point) { return point.lenses[c].viewpoint; },
+             plan.stripe_cameras[c].region, cameras_[c]);
   }
 }
 
@@ -128,6 +128,7 @@ void LaserMesh::view_packet(std::size_t number, std::size_t first, int count, co
   stripe_camera.projector.project(points, column, row);
   Lanes3 segment;
   alignas(64) int unoccluded[kLanes] = {};
+  for (int l = 0; l < kLanes; ++l) set_lane(segment, l, Eigen::Vector3d::UnitZ());
   for (int l = 0; l < count; ++l) {
     const std::size_t at = first + static_cast<std::size_t>(l);
     const Vertex& vertex = vertices_[at];
@@ -136,15 +137,16 @@ void LaserMesh::view_packet(std::size_t number, std::size_t first, int count, co
     if (vertex.shape < 0) continue;
     if (column[l] != kNotVisible && !lens.is_centre) {
       const Eigen::Vector3d in_camera = stripe_camera.camera_from_reference * vertex.point;
-      const Eigen::Vector2d pixel = camera.has_depth_of_field() ? camera.project_through(lens.in_camera, in_camera)
-                                                                : Eigen::Vector2d(column[l], row[l]);
+      const Eigen::Vector2d pixel = camera.has_depth_of_field()
+                                        ? camera.project_through(lens.in_camera, in_camera)
+                                        : Eigen::Vector2d(column[l], row[l]);
       column[l] = pixel.x() + lens.blur_px.x();
       row[l] = pixel.y() + lens.blur_px.y();
     }
     image.column = column[l];
     image.row = row[l];
-    const bool is_outside = column[l] < -kMargin || column[l] > camera.width_px + kMargin || row[l] < -kMargin ||
-                            row[l] > camera.height_px + kMargin;
+    const bool is_outside = column[l] < -kMargin || column[l] > camera.width_px + kMargin ||
+                            row[l] < -kMargin || row[l] > camera.height_px + kMargin;
     const Eigen::Vector3d from_viewpoint = vertex.point - lens.viewpoint;
     if (is_outside) {
       image.state = State::kOutside;
@@ -154,7 +156,6 @@ void LaserMesh::view_packet(std::size_t number, std::size_t first, int count, co
     set_lane(segment, l, from_viewpoint);
   }
   if (!any_lane(unoccluded)) return;
-  for (int l = count; l < kLanes; ++l) set_lane(segment, l, Eigen::Vector3d::UnitZ());
   cameras_[number].occlude(sample_, segment, unoccluded);
   for (int l = 0; l < count; ++l) {
     if (unoccluded[l] == 0) continue;
@@ -173,18 +174,20 @@ void LaserMesh::illuminate(std::size_t number, const Vertex& vertex, Image& imag
   const double y = from_source.y();
   const double depth = from_source.z();
   const double variance = laser.variance(depth);
-  const double irradiance = laser.relative_power(y, depth) *
-                            laser.peak_irradiance(-vertex.normal.dot(from_source), variance, from_source.x(), y, depth);
+  const double irradiance =
+      laser.relative_power(y, depth) *
+      laser.peak_irradiance(-vertex.normal.dot(from_source), variance, from_source.x(), y, depth);
   const Shape& shape = scene_->shapes()[static_cast<std::size_t>(vertex.shape)];
   const double brightness =
-      irradiance * (shape.surface->is_lambert()
-                        ? shape.reflectance
-                        : shape.surface->pi_brdf(vertex.normal, -from_source.normalized(), to_viewpoint.normalized()));
+      irradiance *
+      (shape.surface->is_lambert()
+           ? shape.reflectance
+           : shape.surface->pi_brdf(vertex.normal, -from_source.normalized(), to_viewpoint.normalized()));
   const double along_axis = camera.sensor_from_camera.rotation.col(2).dot(to_viewpoint);
   const double cosine2 = along_axis * along_axis / to_viewpoint.squaredNorm();
   const double area = camera.is_tilted() ? camera.tilt_area({image.column, image.row}) : 1.0;
-  // Motion of the surface along its normal shifts what a pixel sees across the sheet: the mean of the Gaussian
-  // over the shift is a Gaussian of larger variance.
+  // Motion of the surface along its normal shifts what a pixel sees across the sheet: the mean of the
+  // Gaussian over the shift is a Gaussian of larger variance.
   const double normal_travel = vertex.normal.dot(samples_->travel(vertex.shape, sample_, vertex.point));
   const double shift = normal_travel * to_viewpoint.x() / vertex.normal.dot(to_viewpoint);
   const double wider = 1.0 / std::sqrt(1.0 + shift * shift / (12.0 * variance));
@@ -208,22 +211,23 @@ bool LaserMesh::are_continuous(std::uint32_t a, std::uint32_t b) const {
   });
 }
 
-bool LaserMesh::is_seen(const Quad& quad) const {
-  return std::any_of(images_.begin(), images_.end(), [&](const std::vector<Image>& images) {
-    return std::any_of(quad.corner.begin(), quad.corner.end(),
-                       [&](std::uint32_t corner) { return images[corner].state == State::kSeen; });
-  });
-}
-
-/// Returns the largest distance of two vertices, px, in the cameras that see either.
-double LaserMesh::extent(std::uint32_t a, std::uint32_t b) const {
-  double largest = 0.0;
-  for (const std::vector<Image>& images : images_) {
-    if (images[a].state != State::kSeen && images[b].state != State::kSeen) continue;
-    largest = std::max({largest, std::abs(images[a].column - images[b].column),
-                        std::abs(images[a].row - images[b].row)});
+/// Returns whether a camera may see a part of a quadrilateral: a corner, or something between corners on
+/// different sides of the image.
+bool LaserMesh::may_see(std::size_t number, const Quad& quad) const {
+  const std::vector<Image>& images = images_[number];
+  const auto is_seen = [&](std::uint32_t corner) { return images[corner].state == State::kSeen; };
+  if (std::any_of(quad.corner.begin(), quad.corner.end(), is_seen)) return true;
+  const Camera& camera = plan_->stripe_cameras[number].optics;
+  Eigen::AlignedBox2d box;
+  for (const std::uint32_t corner : quad.corner) {
+    const Image& image = images[corner];
+    if (image.state == State::kOutside && image.column != kNotVisible) {
+      box.extend(Eigen::Vector2d(image.column, image.row));
+    }
   }
-  return largest;
+  const Eigen::AlignedBox2d field(Eigen::Vector2d(-0.5, -0.5),
+                                  Eigen::Vector2d(camera.width_px - 0.5, camera.height_px - 0.5));
+  return !box.isEmpty() && box.intersects(field);
 }
 
 LaserMesh::Fit LaserMesh::fit(const Quad& quad) const {
@@ -235,25 +239,38 @@ LaserMesh::Fit LaserMesh::fit(const Quad& quad) const {
     least = std::min(least, vertices_[corner].across);
     most = std::max(most, vertices_[corner].across);
   }
-  if (least > kSheetReach || most < -kSheetReach || !is_seen(quad)) return Fit::kDark;
+  if (least > kSheetReach || most < -kSheetReach) return Fit::kDark;
+  double along = -1.0;  // largest size in the images, px
+  double across = -1.0;
+  for (std::size_t number = 0; number < images_.size(); ++number) {
+    if (!may_see(number, quad)) continue;
+    const auto size = [&](std::uint32_t from, std::uint32_t to) {
+      const Image& p = images_[number][from];
+      const Image& q = images_[number][to];
+      if (p.column == kNotVisible || q.column == kNotVisible) return 0.0;
+      return std::max(std::abs(p.column - q.column), std::abs(p.row - q.row));
+    };
+    along = std::max({along, size(a, b), size(d, c)});
+    across = std::max({across, size(a, d), size(b, c)});
+  }
+  if (along < 0.0) return Fit::kDark;  // no camera sees it
   const bool is_broken_along = !are_continuous(a, b) || !are_continuous(d, c);
   const bool is_broken_across = !are_continuous(a, d) || !are_continuous(b, c);
-  const double along = std::max(extent(a, b), extent(d, c));
-  const double across = std::max(extent(a, d), extent(b, c));
   if (!is_broken_along && !is_broken_across) {
-    if (std::max(along, across) <= kLargest || std::max(quad.along, quad.across) >= kMaxSteep) return Fit::kWhole;
+    if (std::max(along, across) <= kLargest || std::max(quad.along, quad.across) >= kMaxSteep)
+      return Fit::kWhole;
     return along > across ? Fit::kSplitAlong : Fit::kSplitAcross;
   }
   const bool can_split_along = is_broken_along && quad.along < kMaxAlong;
   const bool can_split_across = is_broken_across && quad.across < kMaxAcross;
-  // The grid is coarser across the fan by about two bisections.
-  if (can_split_along && (!can_split_across || quad.along + 1 <= quad.across)) return Fit::kSplitAlong;
+  if (can_split_along && (!can_split_across || quad.along <= quad.across)) return Fit::kSplitAlong;
   if (can_split_across) return Fit::kSplitAcross;
   const bool all_hit = std::all_of(quad.corner.begin(), quad.corner.end(),
                                    [&](std::uint32_t corner) { return vertices_[corner].shape >= 0; });
   if (!all_hit || std::max(along, across) > kSmallest) return Fit::kEdge;
   const bool alike = std::all_of(images_.begin(), images_.end(), [&](const std::vector<Image>& images) {
-    return std::all_of(quad.corner.begin(), quad.corner.end(), [&](std::uint32_t corner) { return images[corner].state == images[a].state; });
+    return std::all_of(quad.corner.begin(), quad.corner.end(),
+                       [&](std::uint32_t corner) { return images[corner].state == images[a].state; });
   });
   return alike ? Fit::kWhole : Fit::kBorder;
 }

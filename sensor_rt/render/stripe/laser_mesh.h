@@ -14,11 +14,11 @@ namespace sensor_rt {
 
 /// Lit surface at one instant, seen from one point of the laser source.
 ///
-/// A grid of laser rays samples the sheet along the fan and through its thickness. Four neighbouring rays whose
-/// hits lie on each other's tangent planes, and that every camera sees or does not see alike, bound a
-/// quadrilateral. Elsewhere the grid is bisected until an edge or the border of a shadow is located to a small
-/// fraction of a pixel. Only closest hits count, so that steps, occlusions and several stripes per column need no
-/// special cases. A feature thinner than the ray spacing may be missed.
+/// A grid of laser rays samples the sheet along the fan and through its thickness. Four neighbouring rays
+/// whose hits lie on each other's tangent planes, and that every camera sees or does not see alike, bound a
+/// quadrilateral. Elsewhere the grid is bisected until an edge or the border of a shadow is located to a
+/// small fraction of a pixel. Only closest hits count, so that steps, occlusions and several stripes per
+/// column need no special cases. A feature thinner than the ray spacing may be missed.
 class LaserMesh {
  public:
   enum class State : std::uint8_t { kHidden, kSeen, kOutside };
@@ -42,7 +42,8 @@ class LaserMesh {
     std::int32_t shape = -1;  ///< -1: no hit
   };
 
-  /// Corners in cyclic order: from 0 to 1 and from 3 to 2 along the fan, from 0 to 3 and from 1 to 2 across it.
+  /// Corners in cyclic order: from 0 to 1 and from 3 to 2 along the fan, from 0 to 3 and from 1 to 2 across
+  /// it.
   struct Quad {
     std::array<std::uint32_t, 4> corner{};
     int along = 0;  ///< number of bisections
@@ -82,8 +83,7 @@ class LaserMesh {
   void refine();
   Fit fit(const Quad& quad) const;
   bool are_continuous(std::uint32_t a, std::uint32_t b) const;
-  bool is_seen(const Quad& quad) const;
-  double extent(std::uint32_t a, std::uint32_t b) const;
+  bool may_see(std::size_t camera, const Quad& quad) const;
   void mark_edge(const Quad& quad);
 
   const RenderPlan* plan_ = nullptr;
@@ -95,7 +95,7 @@ class LaserMesh {
   const StripeSamples* samples_ = nullptr;
   std::vector<Beam> beams_;  ///< per vertex
   std::vector<Vertex> vertices_;
-  std::vector<std::vector<Image>> images_;  ///< per camera, per vertex
+  std::vector<std::vector<Image>> images_;        ///< per camera, per vertex
   std::vector<std::vector<std::uint8_t>> edges_;  ///< per camera, per column
   std::vector<Quad> quads_;
   std::vector<Quad> open_;  ///< to be bisected

@@ -36,6 +36,12 @@ Lines even_lines() {
   return lines;
 }
 
+/// Returns a number in [-0.5, 0.5) of an additive sequence of low discrepancy.
+double even_offset(std::size_t index, double step) {
+  const double value = 0.5 + step * static_cast<double>(index);
+  return value - std::floor(value) - 0.5;
+}
+
 /// Sixteen pieces of segments, each within a pixel.
 struct alignas(64) Pieces {
   float start[kLanes] = {};  ///< distance from the centre of the sheet, standard deviations
@@ -84,12 +90,13 @@ class StripeRaster::PieceAdder {
   Pieces pieces_;
 };
 
-StripeRaster::StripeRaster(const RenderPlan& plan, const LaserMesh& mesh, const PoseTrack& track,
+StripeRaster::StripeRaster(const RenderPlan& plan, const LaserMesh& mesh, const StripeSamples& samples,
                            std::size_t camera, const Speckle* speckle)
     : mesh_(mesh),
-      track_(track),
+      track_(samples.track()),
       camera_(camera),
       speckle_(speckle),
+      speckle_grid_(samples.size() >= 4 ? 2 : 4),
       width_(plan.stripe_cameras[camera].optics.width_px),
       height_(plan.stripe_cameras[camera].optics.height_px),
       first_pixel_(plan.settings.model.cameras[camera].cx_px - plan.stripe_cameras[camera].optics.cx_px,
@@ -102,7 +109,8 @@ void StripeRaster::draw(std::size_t sample, const std::vector<float>& row_shares
 }
 
 void StripeRaster::draw_quad(const LaserMesh::Quad& quad, std::size_t sample,
-                             const std::vector<float>& row_shares, ColumnImage& image, PieceAdder& adder) const {
+                             const std::vector<float>& row_shares, ColumnImage& image,
+                             PieceAdder& adder) const {
   static const Lines kCoarseLines = gauss_lines(1);
   static const Lines kSpeckleLines = gauss_lines(2);
   static const Lines kFineLines = even_lines();
@@ -116,7 +124,7 @@ void StripeRaster::draw_quad(const LaserMesh::Quad& quad, std::size_t sample,
   const int first = std::max(0, static_cast<int>(std::floor(left + 0.5)));
   const int last = std::min(width_ - 1, static_cast<int>(std::floor(right + 0.5)));
   for (int column = first; column <= last; ++column) {
-    const Lines& regular = speckle_ != nullptr ? kSpeckleLines : kCoarseLines;
+    const Lines& regular = speckle_ != nullptr && speckle_grid_ == 4 ? kSpeckleLines : kCoarseLines;
     const Lines& lines = mesh_.has_edge(camera_, column) ? kFineLines : regular;
     for (int n = 0; n < lines.count; ++n) {
       const double at = column + lines.offset[static_cast<std::size_t>(n)];
@@ -155,8 +163,7 @@ Eigen::Vector3d StripeRaster::point(const LaserMesh::Quad& quad, const Crossing&
 void StripeRaster::draw_segment(const LaserMesh::Quad& quad, const Segment& segment, std::size_t sample,
                                 const std::vector<float>& row_shares, ColumnImage& image,
                                 PieceAdder& adder) const {
-  constexpr double kWidest = 2.0;         // standard deviations, of a piece
-  constexpr double kSpecklePiece = 0.25;  // px
+  constexpr double kWidest = 2.0;  // standard deviations, of a piece
   const Crossing& a = segment.from;
   const Crossing& b = segment.to;
   const double length = b.row - a.row;
@@ -179,7 +186,7 @@ void StripeRaster::draw_segment(const LaserMesh::Quad& quad, const Segment& segm
   float* light = image.column(segment.column);
   image.touch(segment.column, first, last);
   const double widest = kWidest / std::max(std::abs(per_row), 1e-300);
-  const double longest = speckle_ != nullptr ? std::min(widest, kSpecklePiece) : widest;
+  const double longest = speckle_ != nullptr ? std::min(widest, 1.0 / speckle_grid_) : widest;
   Speckle::Cell cell;
   for (int row = first; row <= last; ++row) {
     const double lower = std::max(start, row - 0.5);
@@ -187,7 +194,8 @@ void StripeRaster::draw_segment(const LaserMesh::Quad& quad, const Segment& segm
     if (!(height > 0.0)) continue;
     const int pieces = height <= longest ? 1 : static_cast<int>(height / longest) + 1;
     const double step = height / pieces;
-    const double share = segment.weight * step * static_cast<double>(row_shares[static_cast<std::size_t>(row)]);
+    const double share =
+        segment.weight * step * static_cast<double>(row_shares[static_cast<std::size_t>(row)]);
     for (int piece = 0; piece < pieces; ++piece) {
       const double from_a = lower - a.row + piece * step;
       const double middle = from_a + 0.5 * step;
@@ -195,8 +203,10 @@ void StripeRaster::draw_segment(const LaserMesh::Quad& quad, const Segment& segm
       if (speckle_ != nullptr) {
         const Eigen::Vector3d from = point(quad, a);
         const Eigen::Vector3d at = from + middle / length * (point(quad, b) - from);
-        const Eigen::Vector2d pixel(segment.line, a.row + middle);
-        value *= speckle_->factor(track_, sample, mesh_.vertex(quad.corner[0]).shape, at, pixel + first_pixel_, cell);
+        const Eigen::Vector2d pixel(segment.line + even_offset(sample, 0.7548776662) / (2 * speckle_grid_),
+                                    a.row + middle + even_offset(sample, 0.5698402910) * step);
+        value *= speckle_->factor(track_, sample, mesh_.vertex(quad.corner[0]).shape, at,
+                                  pixel + first_pixel_, cell);
       }
       adder.add(static_cast<float>(a.across + per_row * from_a), static_cast<float>(per_row * step),
                 static_cast<float>(value), light + row);

@@ -12,14 +12,14 @@ namespace sensor_rt {
 
 /// Integrates the light of a mesh over the pixels of one camera.
 ///
-/// Lines along the rows of the image, two in a column (Gauss-Legendre nodes) or sixteen where there is an edge,
-/// cut the quadrilaterals. On such a segment position, distance from the centre of the sheet, and light are
-/// linear, so that the Gaussian profile of the sheet integrates over each pixel in closed form.
+/// Lines along the rows of the image, two in a column (Gauss-Legendre nodes) or sixteen where there is an
+/// edge, cut the quadrilaterals. On such a segment position, distance from the centre of the sheet, and light
+/// are linear, so that the Gaussian profile of the sheet integrates over each pixel in closed form.
 class StripeRaster {
  public:
   /// All must outlive it. `speckle`: null where the light has none.
-  StripeRaster(const RenderPlan& plan, const LaserMesh& mesh, const PoseTrack& track, std::size_t camera,
-               const Speckle* speckle);
+  StripeRaster(const RenderPlan& plan, const LaserMesh& mesh, const StripeSamples& samples,
+               std::size_t camera, const Speckle* speckle);
 
   /// Adds the light of sample `sample`, electrons per second, times the share of each row.
   void draw(std::size_t sample, const std::vector<float>& row_shares, ColumnImage& image) const;
@@ -52,6 +52,8 @@ class StripeRaster {
   const PoseTrack& track_;
   std::size_t camera_;
   const Speckle* speckle_;
+  int speckle_grid_;  ///< points of a pixel at which the pattern is taken, along its edge: fewer with more
+                      ///< samples
   int width_;
   int height_;
   Eigen::Vector2d first_pixel_;  ///< px of the image with margin from that of the camera

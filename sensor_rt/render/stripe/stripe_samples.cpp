@@ -9,6 +9,7 @@ namespace {
 
 constexpr double kStep = 0.5;  // px of motion between samples that are instants
 constexpr double kPart = 1.0;  // px of motion in the time for which another sample stands
+constexpr double kSpecklePart = 0.5;
 constexpr double kMaxMotion = 512.0;  // px
 
 struct LinePoint {
@@ -45,22 +46,10 @@ std::vector<LinePoint> ends_of_seen_line(const SensorModel& model, const Camera&
   return ends;
 }
 
-/// Returns the borders of `parts` equal parts of the interval from 0 to 1.
-std::vector<double> even_fractions(std::size_t parts) {
-  std::vector<double> fractions;
-  for (std::size_t i = 0; i <= parts; ++i) fractions.push_back(static_cast<double>(i) / static_cast<double>(parts));
-  return fractions;
-}
-
-/// Returns the integral of the hat function max(0, 1 - |u|) up to x.
-double hat_integral(double x) {
-  const double u = std::clamp(x, -1.0, 1.0);
-  return 0.5 + u - 0.5 * u * std::abs(u);
-}
-
-}  // namespace
-
-double max_motion_px(const SensorModel& model, const PoseTrack& track, const std::vector<std::size_t>& shapes) {
+/// Returns an upper bound of the motion, px, that points of the shapes show between the first and any other
+/// instant.
+double max_motion_px(const SensorModel& model, const PoseTrack& track,
+                     const std::vector<std::size_t>& shapes) {
   double farthest_px = 0.0;
   for (const Camera& camera : model.cameras) {
     for (const LinePoint& end : ends_of_seen_line(model, camera)) {
@@ -75,6 +64,22 @@ double max_motion_px(const SensorModel& model, const PoseTrack& track, const std
   }
   return farthest_px;
 }
+
+/// Returns the borders of `parts` equal parts of the interval from 0 to 1.
+std::vector<double> even_fractions(std::size_t parts) {
+  std::vector<double> fractions;
+  for (std::size_t i = 0; i <= parts; ++i)
+    fractions.push_back(static_cast<double>(i) / static_cast<double>(parts));
+  return fractions;
+}
+
+/// Returns the integral of the hat function max(0, 1 - |u|) up to x.
+double hat_integral(double x) {
+  const double u = std::clamp(x, -1.0, 1.0);
+  return 0.5 + u - 0.5 * u * std::abs(u);
+}
+
+}  // namespace
 
 bool is_still(const Exposures& exposures, std::size_t exposure) {
   const auto constant = [&](const Rigid3* poses) {
@@ -112,8 +117,9 @@ void StripeSamples::set(const RenderPlan& plan, const Scene& scene, const Exposu
     // Motion that is not linear in time, unless it is small, has a sample for each of its parts.
     constexpr double kSmall = 0.1;  // px
     const auto parts = std::min(steps, static_cast<std::size_t>(std::ceil(motion_px / kSmall)));
+    const double part = plan.speckle_tile != nullptr ? kSpecklePart : kPart;
     const std::size_t count =
-        std::max({static_cast<std::size_t>(std::ceil(motion_px / kPart)), parts, std::size_t{1}});
+        std::max({static_cast<std::size_t>(std::ceil(motion_px / part)), parts, std::size_t{1}});
     fractions_.clear();
     for (std::size_t i = 0; i < count; ++i)
       fractions_.push_back((static_cast<double>(i) + 0.5) / static_cast<double>(count));

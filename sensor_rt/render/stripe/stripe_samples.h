@@ -13,10 +13,10 @@ namespace sensor_rt {
 /// Samples of one exposure. Each has an instant, a point of the laser source and a point of every lens; the
 /// image is the mean of the images of all samples.
 ///
-/// With a point source and pinholes, a sample stands for a part of the exposure with less than a pixel of motion:
-/// without motion a single one is exact. A source line and a sampled lens take the lattice of SamplingPattern.
-/// With a rolling shutter the samples are evenly spaced over the time of all rows, and a row interpolates between
-/// them.
+/// With a point source and pinholes, a sample stands for a part of the exposure with less than a pixel of
+/// motion: without motion a single one is exact. A source line and a sampled lens take the lattice of
+/// SamplingPattern. With a rolling shutter the samples are evenly spaced over the time of all rows, and a row
+/// interpolates between them.
 class StripeSamples {
  public:
   /// Change of a pose.
@@ -31,8 +31,8 @@ class StripeSamples {
   /// Returns the poses, an instant for each sample.
   const PoseTrack& track() const { return track_; }
 
-  /// Returns the displacement of a point of a shape (reference frame) in the time for which a sample stands; zero
-  /// where samples are instants.
+  /// Returns the displacement of a point of a shape (reference frame) in the time for which a sample stands;
+  /// zero where samples are instants.
   Eigen::Vector3d travel(std::int32_t shape, std::size_t sample, const Eigen::Vector3d& point) const {
     if (motion_.empty()) return Eigen::Vector3d::Zero();
     const Motion& motion = motion_[static_cast<std::size_t>(shape) * size() + sample];
@@ -63,10 +63,6 @@ class StripeSamples {
   std::vector<Motion> motion_;  ///< [shape][sample]; empty: none
   RayView laser_;               ///< for the shapes that the laser can reach
 };
-
-/// Returns an upper bound of the motion, px, that points of the shapes show between the first and any other
-/// instant.
-double max_motion_px(const SensorModel& model, const PoseTrack& track, const std::vector<std::size_t>& shapes);
 
 /// Returns true when there is no relative motion during an exposure.
 bool is_still(const Exposures& exposures, std::size_t exposure);

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <Eigen/Dense>
-#include <limits>
 
 namespace sensor_rt {
 
@@ -37,11 +36,8 @@ class Bsdf {
   virtual double pdf(const Eigen::Vector3d& normal, const Eigen::Vector3d& from,
                      const Eigen::Vector3d& towards) const;
 
-  /// Returns the angle, rad, over which the reflected light changes by its own order of magnitude; infinite
-  /// without a lobe, 0 for a specular surface.
-  virtual double lobe_width() const { return std::numeric_limits<double>::infinity(); }
-
-  bool is_specular() const { return lobe_width() == 0.0; }
+  /// Returns true for a mirror, whose BSDF is a delta function.
+  virtual bool is_specular() const { return false; }
 
   /// Returns true when the light is reflected equally into all directions.
   virtual bool is_lambert() const { return false; }

@@ -37,7 +37,6 @@ class MicrofacetBsdf : public Bsdf {
                     double u2) const override;
   double pdf(const Eigen::Vector3d& normal, const Eigen::Vector3d& from,
              const Eigen::Vector3d& towards) const override;
-  double lobe_width() const override { return alpha_; }
 
  protected:
   explicit MicrofacetBsdf(double alpha) : alpha_(alpha) {}

@@ -24,7 +24,7 @@ class Mirror : public Bsdf {
   double pdf(const Eigen::Vector3d&, const Eigen::Vector3d&, const Eigen::Vector3d&) const override {
     return 0.0;
   }
-  double lobe_width() const override { return 0.0; }
+  bool is_specular() const override { return true; }
 
  private:
   double reflectance_;

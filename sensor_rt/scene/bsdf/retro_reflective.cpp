@@ -29,7 +29,7 @@ class RetroReflective : public Bsdf {
              const Eigen::Vector3d& towards) const override {
     return lobe_->pdf(normal, from, mirrored(normal, towards));
   }
-  double lobe_width() const override { return lobe_->lobe_width(); }
+  bool is_specular() const override { return lobe_->is_specular(); }
 
  private:
   static Eigen::Vector3d mirrored(const Eigen::Vector3d& normal, const Eigen::Vector3d& direction) {
