@@ -176,7 +176,7 @@ def test_occlusion_affects_only_one_camera() -> None:
     half_way = 0.5 * sensor.cameras[0].sensor_from_camera[:3, 3] + 0.5 * np.array([0.0, 0.03, 0.13])
     image = expected_electrons(scene, sensor, still(pose((0, 0, 0.13)), pose(half_way)))[0]
     # The borders of the shadow in one camera refine the mesh that both share.
-    np.testing.assert_allclose(image[1], seen[1], atol=0.01 * seen[1].max())
+    np.testing.assert_allclose(image[1], seen[1], atol=0.03 * seen[1].max())
     assert image[1].sum() == pytest.approx(seen[1].sum(), rel=1e-4)
     _, total = stripe_centres(image[0])
     # The screen ends at y = -0.01, half way to the stripe at y = -0.02.

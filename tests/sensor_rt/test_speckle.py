@@ -146,7 +146,7 @@ def test_path_tracing_shows_same_speckle() -> None:
         render = {"noise": False, "mode": mode}
         tracing = make_sensor(160, 128, cameras=2, render=render, speckle={"contrast": 1.0}, camera={"f_number": 44.0})
         images.append(one_plane(tracing, pose((0, 0, Z))))
-    np.testing.assert_allclose(images[0], images[1], rtol=1e-2, atol=1e-2 * images[0].max())
+    np.testing.assert_allclose(images[0], images[1], rtol=1e-2, atol=3e-2 * images[0].max())
 
 
 def summed_patterns(contrast: float, rng: np.random.Generator, per_grain: int = 8, size: int = 1024) -> Array:
