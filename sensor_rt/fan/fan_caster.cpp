@@ -186,8 +186,8 @@ void FanCaster::light(std::size_t p, const double* cosine) {
   if (motion_.empty()) return;
   for (int l = 0; l < kLanes; ++l) {
     if (hit_points.used[l] == 0.0) continue;
-    const Motion& motion = motion_[static_cast<std::size_t>(hits.shape[l])];
-    const Eigen::Vector3d travel = motion.rotation * lane(hit_points.point, l) + motion.translation;
+    const Eigen::Vector3d travel =
+        motion_[static_cast<std::size_t>(hits.shape[l])].of(lane(hit_points.point, l));
     hit_points.light.normal_travel[l] = travel.dot(lane(hit_points.normal, l));
   }
 }
@@ -195,10 +195,8 @@ void FanCaster::light(std::size_t p, const double* cosine) {
 void FanCaster::find_motion(const Scene& scene) {
   motion_.resize(scene.shapes().size());
   for (const std::size_t s : laser_view_.shapes()) {
-    const Rigid3& now = track_.shape_from_reference(s, 0);
-    const Rigid3 before = track_.shape_from_reference(s, 1).inverse() * now;
-    const Rigid3 after = track_.shape_from_reference(s, 2).inverse() * now;
-    motion_[s] = {after.rotation - before.rotation, after.translation - before.translation};
+    motion_[s] = Displacement::between(track_.shape_from_reference(s, 0), track_.shape_from_reference(s, 1),
+                                       track_.shape_from_reference(s, 2));
   }
 }
 

@@ -75,12 +75,6 @@ class FanCaster {
     HitLight light;
   };
 
-  /// Change of a pose during the exposure.
-  struct Motion {
-    Eigen::Matrix3d rotation;
-    Eigen::Vector3d translation;
-  };
-
   /// Stripes of a packet.
   struct Stripes {
     float height_e[kLanes];
@@ -118,9 +112,9 @@ class FanCaster {
   std::vector<PacketHits> hits_;
   std::vector<double> relative_power_;  ///< per ray
   std::vector<StripeOptics> optics_;    ///< per camera
-  std::vector<double> instants_;  ///< instants of the exposure: its middle, then start and end if needed
-  std::vector<Motion> motion_;    ///< per shape; empty: no motion
-  double duration_ = 0.0;         ///< s
+  std::vector<double> instants_;      ///< instants of the exposure: its middle, then start and end if needed
+  std::vector<Displacement> motion_;  ///< per shape, during the exposure; empty: none
+  double duration_ = 0.0;             ///< s
   std::vector<HalfSpace> laser_region_;
   std::vector<std::vector<HalfSpace>> camera_regions_;
   PoseTrack track_;

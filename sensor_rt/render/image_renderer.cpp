@@ -15,7 +15,7 @@ namespace {
 /// Sets the poses for light other than the stripe. Returns true when rows are exposed at different times.
 bool set_poses(const RenderPlan& plan, const Scene& scene, const Exposures& exposures, std::size_t exposure,
                PoseTrack& track) {
-  const bool still = is_still(exposures, exposure);
+  const bool still = exposures.is_still(exposure);
   std::vector<double> fractions =
       still ? std::vector<double>{0.5} : instants_of_exposure(plan.pattern.size());
   // In units of the duration of the poses: a background frame follows the one with the laser on.
@@ -180,21 +180,15 @@ void DenseLight::trace_mirrors(const CentreTracer& tracer) {
   }
 }
 
-/// Adds light, electrons per second, to an image.
-void add_dense(const std::vector<float>& light, double duration, SparseImage& image) {
-  constexpr float kFaint = 1e-3f;  // electrons: fainter pixels are omitted
-  std::vector<float> electrons(light.size());
-  for (std::size_t pixel = 0; pixel < light.size(); ++pixel) {
-    electrons[pixel] = static_cast<float>(duration) * light[pixel];
-  }
+/// Adds light, electrons per second, to an image. Overwrites `light`.
+void add_dense(std::vector<float>& light, double duration, SparseImage& image) {
+  for (float& electrons : light) electrons *= static_cast<float>(duration);
   for (std::size_t i = 0; i < image.pixels.size(); ++i) {
-    image.electrons[i] += electrons[image.pixels[i]];
-    electrons[image.pixels[i]] = 0.0f;
+    image.electrons[i] += light[image.pixels[i]];
+    light[image.pixels[i]] = 0.0f;
   }
-  for (std::size_t pixel = 0; pixel < electrons.size(); ++pixel) {
-    if (electrons[pixel] < kFaint) continue;
-    image.pixels.push_back(static_cast<std::uint32_t>(pixel));
-    image.electrons.push_back(electrons[pixel]);
+  for (std::size_t pixel = 0; pixel < light.size(); ++pixel) {
+    image.append(static_cast<std::uint32_t>(pixel), light[pixel]);
   }
 }
 
@@ -204,10 +198,7 @@ void render_light(const RenderPlan& plan, const Scene& scene, const Exposures& e
                   std::size_t exposure, RenderBuffers& buffers, std::vector<SparseImage>& images) {
   const RenderSettings& settings = plan.settings;
   images.resize(settings.model.cameras.size());
-  for (SparseImage& image : images) {
-    image.pixels.clear();
-    image.electrons.clear();
-  }
+  for (SparseImage& image : images) image.clear();
   if (settings.laser_on && !settings.ground_truth) {
     draw_stripe(plan, scene, exposures, exposure, buffers, images);
   }

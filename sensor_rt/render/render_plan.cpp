@@ -153,8 +153,7 @@ RenderPlan::RenderPlan(const RenderSettings& given)
                   [](const StripeCamera& camera) { return LensBlur::is_needed(camera.optics); });
   for (std::size_t sample = 0; sample < (is_sampled ? pattern.size() : 1); ++sample) {
     LatticePoint point;
-    point.source =
-        is_sampled ? source(sample / kLanes, static_cast<int>(sample % kLanes)) : lane_sources.front();
+    point.source = source(sample / kLanes, static_cast<int>(sample % kLanes));
     for (const StripeCamera& camera : stripe_cameras)
       point.lenses.push_back(lens_point(camera.optics, pattern, sample));
     stripe_lattice.push_back(point);

@@ -77,8 +77,8 @@ struct RenderPlan {
   std::vector<Projector> projectors;                ///< per camera
   std::shared_ptr<const SpeckleTile> speckle_tile;  ///< null: no speckle
   std::vector<StripeCamera> stripe_cameras;
-  std::vector<LatticePoint>
-      stripe_lattice;  ///< that the stripe averages over; a single one if there is no need
+  /// Points that the stripe averages over: a single one for a point source and lenses that need no sampling.
+  std::vector<LatticePoint> stripe_lattice;
   double slope = 0.0;  ///< bound of |x| / distance from the source of all light within the cameras' fields
   double pixel_size = 0.0;  ///< smallest footprint of a pixel in the measuring field, m
   std::vector<HalfSpace> laser_region;

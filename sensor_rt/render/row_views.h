@@ -6,14 +6,13 @@
 #include <vector>
 
 #include "sensor_rt/render/exposure_views.h"
+#include "sensor_rt/render/row_timing.h"
 
 namespace sensor_rt {
 
-/// Rows are exposed sequentially, each as long as a global-shutter image. The poses of the exposure cover the
-/// time from the start of the first to the end of the last row of the tallest camera; the middle row of each
-/// camera is exposed at the centre of that time. Views are computed on request, with the exact poses at the
-/// instants of the samples; those of the last rows are kept, as many as samples permit, so that rows are best
-/// visited in ascending order.
+/// The poses of the exposure cover the time of all rows, see RowTiming. Views are computed on request, with
+/// the exact poses at the instants of the samples; those of the last rows are kept, as many as samples
+/// permit, so that rows are best visited in ascending order.
 class RowViews {
  public:
   /// Views of a row. Their memory is reused from exposure to exposure.
@@ -36,8 +35,8 @@ class RowViews {
   const Scene& scene_;
   const Exposures& exposures_;
   std::size_t exposure_;
-  int tallest_ = 0;  ///< rows
-  Rows& rows_;       ///< by half rows, as camera heights may differ, modulo their number
+  RowTiming timing_;
+  Rows& rows_;  ///< by half rows, as camera heights may differ, modulo their number
 };
 
 }  // namespace sensor_rt

@@ -10,6 +10,18 @@ namespace sensor_rt {
 struct SparseImage {
   std::vector<std::uint32_t> pixels;
   std::vector<float> electrons;
+
+  void clear() {
+    pixels.clear();
+    electrons.clear();
+  }
+  /// Appends a pixel unless its light is negligible.
+  void append(std::uint32_t pixel, float light) {
+    constexpr float kFaint = 1e-3f;  // electrons
+    if (light < kFaint) return;
+    pixels.push_back(pixel);
+    electrons.push_back(light);
+  }
 };
 
 }  // namespace sensor_rt

@@ -5,6 +5,17 @@
 
 namespace sensor_rt {
 
+bool Exposures::is_still(std::size_t exposure) const {
+  const auto is_constant = [this](const Rigid3* poses) {
+    return std::all_of(poses, poses + samples, [&](const Rigid3& pose) { return pose == poses[0]; });
+  };
+  if (!is_constant(sensor_poses(exposure))) return false;
+  for (std::size_t body = 0; body < bodies; ++body) {
+    if (!is_constant(body_poses(exposure, body))) return false;
+  }
+  return true;
+}
+
 Rigid3 pose_at(const Rigid3* poses, std::size_t samples, double fraction) {
   if (samples == 1) return poses[0];
   const double position = fraction * static_cast<double>(samples - 1);

@@ -25,6 +25,24 @@ struct Exposures {
   const Rigid3* body_poses(std::size_t exposure, std::size_t body) const {
     return &world_from_body[(exposure * bodies + body) * samples];
   }
+  /// Returns true when there is no relative motion during an exposure.
+  bool is_still(std::size_t exposure) const;
+};
+
+/// Displacement of the points of a shape during an interval, as a linear function of their positions.
+struct Displacement {
+  Eigen::Matrix3d rotation = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d translation = Eigen::Vector3d::Zero();
+
+  /// `shape_from_reference`: at the instant of the points; then those at the start and the end of the
+  /// interval.
+  static Displacement between(const Rigid3& shape_from_reference, const Rigid3& at_start,
+                              const Rigid3& at_end) {
+    const Rigid3 before = at_start.inverse() * shape_from_reference;
+    const Rigid3 after = at_end.inverse() * shape_from_reference;
+    return {after.rotation - before.rotation, after.translation - before.translation};
+  }
+  Eigen::Vector3d of(const Eigen::Vector3d& point) const { return rotation * point + translation; }
 };
 
 /// Poses of all shapes at several instants of one exposure, in a reference frame that moves with the sensor.

@@ -247,9 +247,10 @@ def test_ambient_light_of_plane_matches_closed_form() -> None:
 
 @pytest.mark.parametrize("samples", [1, 4, 16, 64])
 def test_light_converges_with_samples(samples: int) -> None:
-    reference = stripe_centres(one_plane(probe(), pose((0, 0, 0.12), (0.2, 0.1, 0.0)))[0])
-    render = {"noise": False, "samples_per_pixel": samples}
-    rows, total = stripe_centres(one_plane(probe(render=render), pose((0, 0, 0.12), (0.2, 0.1, 0.0)))[0])
+    """Path tracing converges to the stripe of the fast mode."""
+    fast, paths = fast_and_paths(plane(), still(pose((0, 0, 0.12), (0.2, 0.1, 0.0))), samples)
+    reference = stripe_centres(fast)
+    rows, total = stripe_centres(paths)
     bright = reference[1] > 0.5 * reference[1].max()
     assert np.nanmax(np.abs(rows - reference[0])[bright]) < {1: 0.1, 4: 0.02}.get(samples, 0.003)
     np.testing.assert_allclose(total[bright], reference[1][bright], rtol={1: 0.1, 4: 0.02}.get(samples, 0.003))

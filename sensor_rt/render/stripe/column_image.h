@@ -42,18 +42,14 @@ class ColumnImage {
   }
 
   /// Appends the part of width × height pixels from column `left` and row `above` on to `to`, times `scale`,
-  /// and clears the image. Pixels of less than 1e-3 electrons are omitted.
+  /// and clears the image.
   void move_to(SparseImage& to, int left, int above, int width, int height, float scale) {
-    constexpr float kFaint = 1e-3f;
     for (int number = 0; number < columns(); ++number) {
       const int to_column = number - left;
       const bool in_image = to_column >= 0 && to_column < width;
       const int end = std::min(last(number), above + height - 1);
       for (int row = std::max(first(number), above); in_image && row <= end; ++row) {
-        const float electrons = scale * column(number)[row];
-        if (electrons < kFaint) continue;
-        to.pixels.push_back(static_cast<std::uint32_t>((row - above) * width + to_column));
-        to.electrons.push_back(electrons);
+        to.append(static_cast<std::uint32_t>((row - above) * width + to_column), scale * column(number)[row]);
       }
       clear(number);
     }

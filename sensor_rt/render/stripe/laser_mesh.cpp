@@ -64,12 +64,13 @@ void LaserMesh::build(std::size_t sample) {
   if (is_empty()) return;
   const auto angles = static_cast<std::uint32_t>(plan_->settings.rays_across_fan);
   const double half = plan_->settings.model.laser.fan_half_angle;
-  for (int j = 0; j < kSlopes; ++j) {
+  for (std::uint32_t i = 0; i < angles; ++i) {
+    const double angle = half * (2.0 * i / (angles - 1) - 1.0);
+    beams_.push_back({std::sin(angle), std::cos(angle), -plan_->slope});
+  }
+  for (int j = 1; j < kSlopes; ++j) {
     const double slope = plan_->slope * (2.0 * j / (kSlopes - 1) - 1.0);
-    for (std::uint32_t i = 0; i < angles; ++i) {
-      const double angle = half * (2.0 * i / (angles - 1) - 1.0);
-      beams_.push_back({std::sin(angle), std::cos(angle), slope});
-    }
+    for (std::uint32_t i = 0; i < angles; ++i) beams_.push_back({beams_[i].y, beams_[i].z, slope});
   }
   cast(0);
   for (std::uint32_t j = 0; j + 1 < kSlopes; ++j) {
@@ -135,18 +136,18 @@ void LaserMesh::view_packet(std::size_t number, std::size_t first, int count, co
     Image& image = images_[number][at];
     image = {};
     if (vertex.shape < 0) continue;
-    if (column[l] != kNotVisible && !lens.is_centre) {
-      const Eigen::Vector3d in_camera = stripe_camera.camera_from_reference * vertex.point;
-      const Eigen::Vector2d pixel = camera.has_depth_of_field()
-                                        ? camera.project_through(lens.in_camera, in_camera)
-                                        : Eigen::Vector2d(column[l], row[l]);
-      column[l] = pixel.x() + lens.blur_px.x();
-      row[l] = pixel.y() + lens.blur_px.y();
-    }
     image.column = column[l];
     image.row = row[l];
-    const bool is_outside = column[l] < -kMargin || column[l] > camera.width_px + kMargin ||
-                            row[l] < -kMargin || row[l] > camera.height_px + kMargin;
+    if (column[l] != kNotVisible && !lens.is_centre) {
+      Eigen::Vector2d pixel(column[l], row[l]);
+      if (camera.has_depth_of_field()) {
+        pixel = camera.project_through(lens.in_camera, stripe_camera.camera_from_reference * vertex.point);
+      }
+      image.column = pixel.x() + lens.blur_px.x();
+      image.row = pixel.y() + lens.blur_px.y();
+    }
+    const bool is_outside = image.column < -kMargin || image.column > camera.width_px + kMargin ||
+                            image.row < -kMargin || image.row > camera.height_px + kMargin;
     const Eigen::Vector3d from_viewpoint = vertex.point - lens.viewpoint;
     if (is_outside) {
       image.state = State::kOutside;

@@ -29,7 +29,7 @@ class LaserMesh {
     double row = 0.0;
     /// Electrons per second that a pixel full of its brightness would receive at the centre of the sheet.
     double light = 0.0;
-    /// Distance from the centre of the sheet in standard deviations, which motion increases.
+    /// Distance from the centre of the sheet, standard deviations of the profile that motion widens.
     double across = 0.0;
     State state = State::kHidden;
   };

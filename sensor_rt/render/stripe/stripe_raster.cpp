@@ -42,15 +42,6 @@ double even_offset(std::size_t index, double step) {
   return value - std::floor(value) - 0.5;
 }
 
-/// Sixteen pieces of segments, each within a pixel.
-struct alignas(64) Pieces {
-  float start[kLanes] = {};  ///< distance from the centre of the sheet, standard deviations
-  float step[kLanes] = {};   ///< its change
-  float light[kLanes] = {};  ///< of the piece if it were at the centre of the sheet
-  float* pixel[kLanes] = {};
-  int count = 0;
-};
-
 /// Multiplies the light by the mean of e^(-x²/2) over each piece: Gauss-Legendre quadrature with four nodes.
 SENSOR_RT_MULTIVERSION
 void weigh(const float* __restrict start, const float* __restrict step, float* __restrict light) {
@@ -69,25 +60,30 @@ void weigh(const float* __restrict start, const float* __restrict step, float* _
 
 }  // namespace
 
-/// Collects pieces and adds their light to the image.
+/// Collects sixteen pieces of segments, each within a pixel, and adds their light to the image.
 class StripeRaster::PieceAdder {
  public:
+  /// `start`: distance from the centre of the sheet, standard deviations; `step`: its change; `light`: of the
+  /// piece if it were at the centre of the sheet.
   void add(float start, float step, float light, float* pixel) {
-    const auto l = static_cast<std::size_t>(pieces_.count++);
-    pieces_.start[l] = start;
-    pieces_.step[l] = step;
-    pieces_.light[l] = light;
-    pieces_.pixel[l] = pixel;
-    if (pieces_.count == kLanes) finish();
+    start_[count_] = start;
+    step_[count_] = step;
+    light_[count_] = light;
+    pixel_[count_] = pixel;
+    if (++count_ == kLanes) finish();
   }
   void finish() {
-    weigh(pieces_.start, pieces_.step, pieces_.light);
-    for (int l = 0; l < pieces_.count; ++l) *pieces_.pixel[l] += pieces_.light[l];
-    pieces_.count = 0;
+    weigh(start_, step_, light_);
+    for (int l = 0; l < count_; ++l) *pixel_[l] += light_[l];
+    count_ = 0;
   }
 
  private:
-  Pieces pieces_;
+  alignas(64) float start_[kLanes] = {};
+  alignas(64) float step_[kLanes] = {};
+  alignas(64) float light_[kLanes] = {};
+  float* pixel_[kLanes] = {};
+  int count_ = 0;
 };
 
 StripeRaster::StripeRaster(const RenderPlan& plan, const LaserMesh& mesh, const StripeSamples& samples,

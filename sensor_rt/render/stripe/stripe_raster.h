@@ -14,7 +14,7 @@ namespace sensor_rt {
 ///
 /// Lines along the rows of the image, two in a column (Gauss-Legendre nodes) or sixteen where there is an
 /// edge, cut the quadrilaterals. On such a segment position, distance from the centre of the sheet, and light
-/// are linear, so that the Gaussian profile of the sheet integrates over each pixel in closed form.
+/// are linear, so that the Gaussian profile of the sheet is integrated over each pixel by quadrature.
 class StripeRaster {
  public:
   /// All must outlive it. `speckle`: null where the light has none.
@@ -52,8 +52,8 @@ class StripeRaster {
   const PoseTrack& track_;
   std::size_t camera_;
   const Speckle* speckle_;
-  int speckle_grid_;  ///< points of a pixel at which the pattern is taken, along its edge: fewer with more
-                      ///< samples
+  /// Points along the edge of a pixel at which the pattern is evaluated: fewer with more samples.
+  int speckle_grid_;
   int width_;
   int height_;
   Eigen::Vector2d first_pixel_;  ///< px of the image with margin from that of the camera

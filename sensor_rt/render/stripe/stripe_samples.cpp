@@ -7,9 +7,9 @@
 namespace sensor_rt {
 namespace {
 
-constexpr double kStep = 0.5;  // px of motion between samples that are instants
-constexpr double kPart = 1.0;  // px of motion in the time for which another sample stands
-constexpr double kSpecklePart = 0.5;
+constexpr double kStep = 0.5;      // px of motion between samples that are instants
+constexpr double kInterval = 1.0;  // px of motion in the time interval of a sample
+constexpr double kSpeckleInterval = 0.5;
 constexpr double kMaxMotion = 512.0;  // px
 
 struct LinePoint {
@@ -81,28 +81,16 @@ double hat_integral(double x) {
 
 }  // namespace
 
-bool is_still(const Exposures& exposures, std::size_t exposure) {
-  const auto constant = [&](const Rigid3* poses) {
-    return std::all_of(poses, poses + exposures.samples,
-                       [&](const Rigid3& pose) { return pose == poses[0]; });
-  };
-  if (!constant(exposures.sensor_poses(exposure))) return false;
-  for (std::size_t body = 0; body < exposures.bodies; ++body) {
-    if (!constant(exposures.body_poses(exposure, body))) return false;
-  }
-  return true;
-}
-
 void StripeSamples::set(const RenderPlan& plan, const Scene& scene, const Exposures& exposures,
                         std::size_t exposure) {
   const auto set_track = [&](const std::vector<double>& fractions, PoseTrack& track) {
     track.set(scene, exposures, exposure, fractions, plan.sensor_from_reference);
   };
   lattice_ = plan.stripe_lattice.size();
-  readout_ = 0.0;
+  timing_ = {};
   motion_.clear();
   fractions_.assign(lattice_, 0.5);
-  if (is_still(exposures, exposure)) return set_track(fractions_, track_);
+  if (exposures.is_still(exposure)) return set_track(fractions_, track_);
   // Instants of the given poses, so that motion to and fro counts.
   const std::size_t steps = std::max<std::size_t>(exposures.samples - 1, 1);
   set_track(even_fractions(steps), ends_);
@@ -110,16 +98,17 @@ void StripeSamples::set(const RenderPlan& plan, const Scene& scene, const Exposu
              plan.laser_region);
   const double motion_px = std::min(max_motion_px(plan.settings.model, ends_, laser_.shapes()), kMaxMotion);
   if (plan.settings.row_readout > 0.0) {
-    set_rows(plan, exposures.duration[exposure], motion_px);
+    timing_ = {plan.settings.model, plan.settings.row_readout, exposures.duration[exposure]};
+    set_rows(motion_px);
   } else if (lattice_ > 1) {
     set_lattice(plan, motion_px);
   } else {
     // Motion that is not linear in time, unless it is small, has a sample for each of its parts.
     constexpr double kSmall = 0.1;  // px
     const auto parts = std::min(steps, static_cast<std::size_t>(std::ceil(motion_px / kSmall)));
-    const double part = plan.speckle_tile != nullptr ? kSpecklePart : kPart;
+    const double interval = plan.speckle_tile != nullptr ? kSpeckleInterval : kInterval;
     const std::size_t count =
-        std::max({static_cast<std::size_t>(std::ceil(motion_px / part)), parts, std::size_t{1}});
+        std::max({static_cast<std::size_t>(std::ceil(motion_px / interval)), parts, std::size_t{1}});
     fractions_.clear();
     for (std::size_t i = 0; i < count; ++i)
       fractions_.push_back((static_cast<double>(i) + 0.5) / static_cast<double>(count));
@@ -130,12 +119,7 @@ void StripeSamples::set(const RenderPlan& plan, const Scene& scene, const Exposu
   set_track(fractions_, track_);
 }
 
-void StripeSamples::set_rows(const RenderPlan& plan, double duration, double motion_px) {
-  tallest_ = 0;
-  for (const Camera& camera : plan.settings.model.cameras) tallest_ = std::max(tallest_, camera.height_px);
-  const double span = duration + plan.settings.row_readout * (tallest_ - 1);
-  readout_ = plan.settings.row_readout / span;
-  open_ = duration / span;
+void StripeSamples::set_rows(double motion_px) {
   const auto wanted = static_cast<std::size_t>(std::ceil(motion_px / kStep));
   fractions_ = even_fractions(std::max({lattice_, wanted, std::size_t{1}}));
 }
@@ -154,27 +138,28 @@ void StripeSamples::set_lattice(const RenderPlan& plan, double motion_px) {
 void StripeSamples::find_motion(const Scene& scene) {
   for (std::size_t s = 0; s < scene.shapes().size(); ++s) {
     for (std::size_t i = 0; i < size(); ++i) {
-      const Rigid3& shape_from_reference = track_.shape_from_reference(s, i);
-      const Rigid3 before = ends_.shape_from_reference(s, i).inverse() * shape_from_reference;
-      const Rigid3 after = ends_.shape_from_reference(s, i + 1).inverse() * shape_from_reference;
-      motion_.push_back({after.rotation - before.rotation, after.translation - before.translation});
+      motion_.push_back(Displacement::between(track_.shape_from_reference(s, i),
+                                              ends_.shape_from_reference(s, i),
+                                              ends_.shape_from_reference(s, i + 1)));
     }
   }
 }
 
 void StripeSamples::row_shares(const Camera& camera, std::size_t sample, std::vector<float>& shares) const {
   const auto rows = static_cast<std::size_t>(camera.height_px);
-  if (readout_ == 0.0) {
+  if (timing_.readout == 0.0) {
     shares.assign(rows, 1.0f / static_cast<float>(size()));
     return;
   }
   shares.resize(rows);
   const auto steps = static_cast<double>(size() - 1);
-  for (std::size_t row = 0; row < rows; ++row) {
-    const double start = 0.5 * readout_ * (2.0 * static_cast<double>(row) + tallest_ - camera.height_px);
+  const double open = timing_.open / timing_.span();
+  for (int row = 0; row < camera.height_px; ++row) {
+    const double start = timing_.start(timing_.half_rows(camera, row)) / timing_.span();
     const double from = (start - fractions_[sample]) * steps;
-    const double to = (start + open_ - fractions_[sample]) * steps;
-    shares[row] = static_cast<float>((hat_integral(to) - hat_integral(from)) / (to - from));
+    const double to = (start + open - fractions_[sample]) * steps;
+    shares[static_cast<std::size_t>(row)] =
+        static_cast<float>((hat_integral(to) - hat_integral(from)) / (to - from));
   }
 }
 

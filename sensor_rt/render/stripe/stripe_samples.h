@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "sensor_rt/render/render_plan.h"
+#include "sensor_rt/render/row_timing.h"
 #include "sensor_rt/scene/pose_track.h"
 #include "sensor_rt/tracing/ray_view.h"
 
@@ -13,30 +14,23 @@ namespace sensor_rt {
 /// Samples of one exposure. Each has an instant, a point of the laser source and a point of every lens; the
 /// image is the mean of the images of all samples.
 ///
-/// With a point source and pinholes, a sample stands for a part of the exposure with less than a pixel of
-/// motion: without motion a single one is exact. A source line and a sampled lens take the lattice of
-/// SamplingPattern. With a rolling shutter the samples are evenly spaced over the time of all rows, and a row
-/// interpolates between them.
+/// With a point source and pinholes, each sample is the midpoint of a time interval with at most a pixel of
+/// motion; without motion a single sample is exact. A line source and a sampled lens use the lattice of
+/// SamplingPattern. With a rolling shutter the samples are evenly spaced over the time of all rows, and each
+/// row interpolates between them.
 class StripeSamples {
  public:
-  /// Change of a pose.
-  struct Motion {
-    Eigen::Matrix3d rotation;
-    Eigen::Vector3d translation;
-  };
-
   /// Finds the samples and their poses.
   void set(const RenderPlan& plan, const Scene& scene, const Exposures& exposures, std::size_t exposure);
 
   /// Returns the poses, an instant for each sample.
   const PoseTrack& track() const { return track_; }
 
-  /// Returns the displacement of a point of a shape (reference frame) in the time for which a sample stands;
+  /// Returns the displacement of a point of a shape (reference frame) during the time interval of a sample;
   /// zero where samples are instants.
   Eigen::Vector3d travel(std::int32_t shape, std::size_t sample, const Eigen::Vector3d& point) const {
     if (motion_.empty()) return Eigen::Vector3d::Zero();
-    const Motion& motion = motion_[static_cast<std::size_t>(shape) * size() + sample];
-    return motion.rotation * point + motion.translation;
+    return motion_[static_cast<std::size_t>(shape) * size() + sample].of(point);
   }
 
   std::size_t size() const { return fractions_.size(); }
@@ -48,23 +42,17 @@ class StripeSamples {
   void row_shares(const Camera& camera, std::size_t sample, std::vector<float>& shares) const;
 
  private:
-  void set_rows(const RenderPlan& plan, double duration, double motion_px);
+  void set_rows(double motion_px);
   void set_lattice(const RenderPlan& plan, double motion_px);
   void find_motion(const Scene& scene);
 
   std::vector<double> fractions_;  ///< of the duration of the poses
   std::size_t lattice_ = 1;        ///< number of points of source and lens
-  // Rolling shutter, in the same unit; no readout: all rows are exposed simultaneously.
-  double readout_ = 0.0;  ///< from row to row
-  double open_ = 1.0;
-  int tallest_ = 0;  ///< rows
+  RowTiming timing_;  ///< of a rolling shutter in motion; else all rows are exposed simultaneously
   PoseTrack track_;
-  PoseTrack ends_;              ///< of the parts of the exposure
-  std::vector<Motion> motion_;  ///< [shape][sample]; empty: none
-  RayView laser_;               ///< for the shapes that the laser can reach
+  PoseTrack ends_;                    ///< of the time intervals
+  std::vector<Displacement> motion_;  ///< [shape][sample]; empty: none
+  RayView laser_;                     ///< for the shapes that the laser can reach
 };
-
-/// Returns true when there is no relative motion during an exposure.
-bool is_still(const Exposures& exposures, std::size_t exposure);
 
 }  // namespace sensor_rt
