@@ -102,18 +102,16 @@ def _candidates(points: Array, angle: Array, neighbours: Neighbours) -> Iterator
     """Number of each neighbour with points in its bounding box, their rows, and the points in the frame of its mesh."""
     if not len(points):
         return
-    heights = points[:, 2].min(), points[:, 2].max()
-    radius = np.sqrt((points[:, :2] ** 2).sum(1).max())
+    height, radius = points[:, 2], np.hypot(points[:, 0], points[:, 1])
     margin = np.array([[-neighbours.tolerance], [neighbours.tolerance]])
     for number, body in enumerate(neighbours.bodies):
         low, high = body.mesh.bounds + margin
         from_axis = np.linalg.norm(np.maximum(np.maximum(low, -high), 0.0)[:2])
-        if from_axis > radius or low[2] > heights[1] or high[2] < heights[0]:
-            continue
-        placed = points if body.on_table else _turned(points, angle)
-        rows = np.flatnonzero(((placed >= low) & (placed <= high)).all(1))
-        if len(rows):
-            yield number, rows, np.ascontiguousarray(placed[rows])
+        rows = np.flatnonzero((radius >= from_axis) & (height >= low[2]) & (height <= high[2]))
+        placed = points[rows] if body.on_table else _turned(points[rows], angle[rows])
+        inside = ((placed >= low) & (placed <= high)).all(1)
+        if inside.any():
+            yield number, rows[inside], placed[inside]
 
 
 def _turned(points: Array, angle: Array) -> Array:

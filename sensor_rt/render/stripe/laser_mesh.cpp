@@ -15,7 +15,7 @@ constexpr double kSmallest = 0.5;  ///< px: size below which an edge is not bise
 constexpr double kMargin = 8.0;    ///< px around an image, beyond the largest quadrilateral
 constexpr int kMaxAlong = 6;       ///< bisections along the fan at an edge
 constexpr int kMaxAcross = 7;      ///< the same across the fan
-constexpr int kMaxSteep = 20;      ///< bisections of a steep surface
+constexpr int kMaxSteep = 9;       ///< bisections of a steep surface, from the width of an image to kLargest
 
 }  // namespace
 
