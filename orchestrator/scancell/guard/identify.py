@@ -12,7 +12,6 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import chdtri
 
 from scancell.geometry import pose
 from scancell.guard.motion import Hypothesis, Identification, Kind, MeasuredState, Path
@@ -109,6 +108,8 @@ class Identifier:
 @cache
 def _limit(freedom: int, chance: float) -> float:
     """Value that a chi-squared variable exceeds with a probability of `chance`."""
+    from scipy.special import chdtri  # noqa: PLC0415  (slow to import)
+
     return float(chdtri(freedom, chance)) if freedom else np.inf
 
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 Array = NDArray[np.float64]
 
@@ -61,6 +60,8 @@ def estimate(moments: Moments, start: Array) -> Estimate:
     start
         (1 + modes,) logarithms of the variance of points, relative to their stated one, and of each mode, SI.
     """
+    from scipy.optimize import minimize  # noqa: PLC0415  (half a second)
+
     bounds = [_BOUNDS_OF_POINTS, *[_BOUNDS_OF_MODES] * len(moments.modes)]
     found = minimize(lambda t: _criterion(moments, t), start, method="L-BFGS-B", bounds=bounds, options={"eps": 1e-4})
     log_variances = np.asarray(found.x)

@@ -8,7 +8,6 @@ from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import fdtri, stdtrit
 
 from scancell import sensor as sensor_rt
 from scancell.calibration.cell.kinematics import LATENCY, UNIT, AxisReadings, CellKinematics, SensorPoses, written_unit
@@ -289,11 +288,15 @@ class CalibrationResult:
 
     def half_widths(self, probability: float = 0.95) -> Array:
         """Half widths (p,) of the intervals about `values` that contain the true ones with `probability` each."""
+        from scipy.special import stdtrit  # noqa: PLC0415  (slow to import)
+
         factor = stdtrit(self.degrees_of_freedom, 0.5 + probability / 2)
         return np.asarray(factor * self.standard_deviations)
 
     def contains(self, expected: Array, probability: float = 0.95) -> bool:
         """Whether the joint confidence region (an ellipsoid) contains the `expected` values (p,)."""
+        from scipy.special import fdtri  # noqa: PLC0415  (slow to import)
+
         away, count = expected - self.values, len(self.values)
         square = float(away @ np.linalg.solve(self.covariance, away)) / count
         return bool(square <= fdtri(count, float(self.degrees_of_freedom.min()), probability))

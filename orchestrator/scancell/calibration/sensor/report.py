@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from scancell.calibration.report import SavedCalibration, comparison_text
 from scancell.calibration.sensor.parameters import FRAME, SensorParameters
@@ -99,6 +98,8 @@ class SensorCalibrationReport(SavedCalibration):
     @cached_property
     def rows(self) -> list[SensorRow]:
         """The keys that were free, in their units."""
+        from scipy.special import ndtri  # noqa: PLC0415  (slow to import)
+
         result = self.result
         factor = float(ndtri(0.5 + self.probability / 2))
         nominal = SensorParameters(self.setup.sensor, result.names).start_values
