@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import permutations, product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,22 +50,23 @@ class Convention:
     is_angle: bool = False
 
 
-def _scipy() -> type[Rotation]:
+def _rotation() -> Any:
+    """The class of rotations."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415  (half a second, which no scan needs)
 
     return Rotation
 
 
 CONVENTIONS = {
-    "matrix": Convention(9, "rotation matrix, row by row", lambda v: _scipy().from_matrix(v.reshape(-1, 3, 3))),
-    "wxyz": Convention(4, "quaternion w, x, y, z", lambda v: _scipy().from_quat(v[:, [1, 2, 3, 0]])),
-    "xyzw": Convention(4, "quaternion x, y, z, w", lambda v: _scipy().from_quat(v)),
-    "xyz": Convention(3, "Euler angles XYZ': Rx(1) Ry(2) Rz(3)", lambda v: _scipy().from_euler("XYZ", v), True),
-    "zyz": Convention(3, "Euler angles ZYZ': Rz(1) Ry(2) Rz(3)", lambda v: _scipy().from_euler("ZYZ", v), True),
+    "matrix": Convention(9, "rotation matrix, row by row", lambda v: _rotation().from_matrix(v.reshape(-1, 3, 3))),
+    "wxyz": Convention(4, "quaternion w, x, y, z", lambda v: _rotation().from_quat(v[:, [1, 2, 3, 0]])),
+    "xyzw": Convention(4, "quaternion x, y, z, w", lambda v: _rotation().from_quat(v)),
+    "xyz": Convention(3, "Euler angles XYZ': Rx(1) Ry(2) Rz(3)", lambda v: _rotation().from_euler("XYZ", v), True),
+    "zyz": Convention(3, "Euler angles ZYZ': Rz(1) Ry(2) Rz(3)", lambda v: _rotation().from_euler("ZYZ", v), True),
     "xyzwpr": Convention(
-        3, "W, P, R of XYZWPR: Rz(3) Ry(2) Rx(1)", lambda v: _scipy().from_euler("ZYX", v[:, ::-1]), True
+        3, "W, P, R of XYZWPR: Rz(3) Ry(2) Rx(1)", lambda v: _rotation().from_euler("ZYX", v[:, ::-1]), True
     ),
-    "rotvec": Convention(3, "rotation vector", lambda v: _scipy().from_rotvec(v), True),
+    "rotvec": Convention(3, "rotation vector", lambda v: _rotation().from_rotvec(v), True),
 }
 
 
