@@ -31,7 +31,7 @@ from .viewer import Viewer
 _PART = PartFile(assets_dir() / "parts" / "free_form.stl")
 _NODES = "/frames/"  # of arm, table and part
 _SPAN_S = 10.0
-_CYCLES, _SENT, _PAIRS, _GROWING = 60.0, 30.0, 15.0, 20  # wanted each second; pairs on 2 cores with AVX-512
+_CYCLES, _SENT, _PAIRS, _GROWING = 60.0, 30.0, 30.0, 20  # wanted each second
 _CHUNK, _CHUNKS = 25_000, 30.0  # points of a chunk, and chunks each second
 _POINT = 15  # bytes of a point's position and colour
 

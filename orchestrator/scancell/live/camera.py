@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 from concurrent.futures import TimeoutError as NotDone
 from dataclasses import dataclass
-from typing import Annotated, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.arguments import Within, checked_arguments, checked_value
+from scancell.arguments import checked_arguments, checked_value
 from scancell.cell.recording import Recording
 from scancell.closing import Closing
 from scancell.config.choices import Engine
@@ -72,8 +71,8 @@ class CameraFrame:
 class CameraFeed(Closing):
     """Renders frames of the sensor of a live cell on demand, in a thread of its own.
 
-    The thread that owns the cell only reads its poses between two cycles. A new frame is rendered only when these or
-    the settings change, so that image noise does not change at rest.
+    The thread that owns the cell only reads its poses between two cycles. A new frame is rendered as soon as the last
+    one is made and these or the settings have changed, so that image noise does not change at rest.
 
     Parameters
     ----------
@@ -83,8 +82,6 @@ class CameraFeed(Closing):
         ``ray-traced`` makes images, ``geometric`` points alone.
     on_frame
         Receives each frame, in the thread of the feed.
-    interval
-        Least period of frames, s.
 
     Examples
     --------
@@ -105,10 +102,9 @@ class CameraFeed(Closing):
         session: ScanSession,
         engine: Engine = "ray-traced",
         on_frame: Callable[[CameraFrame], object] = lambda _: None,
-        interval: Annotated[float, Within(0.0, 3600.0)] = 0.02,
     ) -> None:
         self._live, self._job, self._threads = live, session.job, session.pipeline.threads
-        self._on_frame, self._interval = on_frame, interval
+        self._on_frame = on_frame
         words = tuple(sensor_words(self._job.as_built))
         self._setting = _Setting(engine, words, self._job.sensors)
         self._frame: CameraFrame | None = None
@@ -183,7 +179,6 @@ class CameraFeed(Closing):
         while not self._closed.is_set():
             if not self._wanted.wait(_PATIENCE):
                 continue
-            began = time.monotonic()
             recording = self._look()
             if recording is None:
                 continue
@@ -194,7 +189,6 @@ class CameraFeed(Closing):
                 self._frame = _made(number, self._job, recording, setting, self._threads)
                 shown = key
                 self._on_frame(self._frame)
-            self._closed.wait(max(0.0, self._interval - (time.monotonic() - began)))
 
     def _look(self) -> Recording | None:
         """The poses of the cell between two cycles; None if it does not run, or the feed ends."""

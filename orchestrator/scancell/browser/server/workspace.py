@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     import viser
 
 _RATE = 40.0  # Hz, of the scene at most
-_CAMERAS = 0.05  # s, least period of camera images, which leaves processor time for the cell
 _PANELS_EVERY = 4  # updates of the scene from one update of the panels to the next
 
 
@@ -98,7 +97,7 @@ class Workspace:
         self._session = session
         setup, mesh = session.job.setup, session.nominal.part if part is not None else None
         self.scene = CellScene(server, session.true, setup.sensor, setup.cell)
-        self.feed = CameraFeed(self.live, session, settings.engine, interval=_CAMERAS)
+        self.feed = CameraFeed(self.live, session, settings.engine)
         self._recording = SessionRecording(self.live, session.true, self.feed, settings.out)
         self.scans = Scans(
             self.live, LiveCloud(self.scene), mesh, settings.out, settings.engine, self._recording.points
