@@ -54,9 +54,10 @@ def test_agreement_rejects_distorted_points_at_edges() -> None:
         single, both = box_errors("brightest", noise), box_errors("agreement", noise)
         assert len(single) > 200_000
         assert len(both) > 0.995 * len(single)
-        assert (single > 20e-6).sum() > 0
-        assert (both > 20e-6).sum() < 0.7 * (single > 20e-6).sum()
-        assert both.max() < single.max()
+        # What remains are places that one camera sees, which nothing contradicts.
+        for far in (15e-6, 20e-6):
+            assert (single > far).sum() > 0
+            assert (both > far).sum() < 0.7 * (single > far).sum()
 
 
 def test_points_occluded_from_one_camera_are_kept() -> None:
