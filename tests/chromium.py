@@ -22,6 +22,13 @@ _FEWER_FRAMES = """
   window.requestAnimationFrame = (draw) => setTimeout(() => asked(draw), 250);
   window.cancelAnimationFrame = clearTimeout;
 """
+# Chromium draws nothing of a transparent page, whose panels change ten times a second; clicks reach it all the same.
+_UNDRAWN = """
+  document.addEventListener("DOMContentLoaded", () => { document.body.style.opacity = "0"; });
+  for (const name of ["drawArrays", "drawArraysInstanced", "drawElements", "drawElementsInstanced", "clear"]) {
+    WebGL2RenderingContext.prototype[name] = () => {};
+  }
+"""
 EXECUTABLE = shutil.which("chromium") or shutil.which("google-chrome")
 _FLAGS = [
     "--no-sandbox",
@@ -30,6 +37,9 @@ _FLAGS = [
     "--enable-unsafe-swiftshader",
     "--autoplay-policy=no-user-gesture-required",
 ]
+
+
+_LEAST_SHARPNESS = 0.25
 
 
 @contextmanager
@@ -48,17 +58,18 @@ def chromium() -> Iterator[Any]:
 
 
 class Watched:
-    """A page whose requests and errors are recorded; a `sharpness` below 1 draws fewer pixels.
+    """A page whose requests and errors are recorded; a `sharpness` below 1 draws fewer pixels, 0 none.
 
     A page of viser draws a pixel for each of the window's at least, whatever the sharpness, unless its address says
     otherwise: see `opens`.
     """
 
     def __init__(self, browser: Any, width: int, height: int, sharpness: float = 1.0) -> None:
-        self.page = browser.new_page(viewport={"width": width, "height": height}, device_scale_factor=sharpness)
+        scale = sharpness or _LEAST_SHARPNESS
+        self.page = browser.new_page(viewport={"width": width, "height": height}, device_scale_factor=scale)
         self.page.set_default_timeout(HANGS_MS)
-        self.page.add_init_script(_FEWER_FRAMES)
-        self._sharpness = sharpness
+        self.page.add_init_script(_FEWER_FRAMES if sharpness else _FEWER_FRAMES + _UNDRAWN)
+        self._sharpness = scale
         self.requests: list[str] = []
         self.errors: list[str] = []
         self.page.on("request", lambda request: self.requests.append(request.url))

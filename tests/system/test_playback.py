@@ -110,7 +110,7 @@ def test_browser_asks_nobody_else_and_its_slider_moves_the_arm(server, run) -> N
     playback = Playback(server, run, "deviation")
     home = playback.scene.position("sensor")
     with chromium() as browser:
-        watched = Watched(browser, 640, 420, sharpness=0.25)
+        watched = Watched(browser, 640, 420, sharpness=0.0)
         page = watched.page
         watched.opens(address(server))
         page.get_by_role("slider").first.press("End")

@@ -73,7 +73,7 @@ class Opened:
         return self.workspace.live.state
 
     def page(self) -> Watched:
-        watched = Watched(self.browser, 1200, 750, sharpness=0.25)
+        watched = Watched(self.browser, 1200, 750, sharpness=0.0)
         watched.opens(self.address)
         watched.page.get_by_role("tab", name="Joints").wait_for()
         return watched

@@ -29,7 +29,7 @@ def test_first_time_user_scans_a_part(tmp_path: Path) -> None:
         chromium() as browser,
         hosted(scanner, PART, WorkspaceSettings(tmp_path)) as (host, server),
     ):
-        watched = Watched(browser, 1280, 900, sharpness=0.25)
+        watched = Watched(browser, 1280, 900, sharpness=0.0)
         watched.opens(address(server))
         walk(watched.page, host, shown.append)
     assert watched.errors == []
