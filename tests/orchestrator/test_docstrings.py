@@ -8,6 +8,7 @@ import inspect
 import re
 import shutil
 import sys
+from collections.abc import Iterator
 from contextlib import suppress
 from operator import attrgetter
 from pathlib import Path
@@ -16,7 +17,9 @@ import numpy as np
 import pytest
 
 import scancell
+import scancell.scanner
 from scancell.config.description import Description
+from scancell.scanning.pipeline import ScanPipeline
 
 ROOT = Path(__file__).resolve().parents[2]
 OBJECTS = {name: getattr(scancell, name) for name in scancell.__all__ if not isinstance(getattr(scancell, name), float)}
@@ -31,9 +34,24 @@ def examples(name: str) -> list[doctest.DocTest]:
     return [one for one in found if one.examples]
 
 
+class SharedPipeline(ScanPipeline):
+    """Keeps plans and the simulated cell from one example to the next."""
+
+    def close(self) -> None:
+        """Nothing: others go on."""
+
+
+@pytest.fixture(scope="module")
+def pipeline() -> Iterator[ScanPipeline]:
+    shared = SharedPipeline()
+    yield shared
+    ScanPipeline.close(shared)
+
+
 @pytest.mark.parametrize("name", sorted(OBJECTS))
-def test_examples_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_examples_run(name: str, pipeline: ScanPipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In a folder with a part, ``part.stl``."""
+    monkeypatch.setattr(scancell.scanner, "ScanPipeline", lambda _: pipeline)
     shutil.copy(ROOT / "assets" / "parts" / "step_block.stl", tmp_path / "part.stl")
     monkeypatch.chdir(tmp_path)
     said: list[str] = []
