@@ -54,7 +54,7 @@ def test_agreement_rejects_distorted_points_at_edges() -> None:
         single, both = box_errors("brightest", noise), box_errors("agreement", noise)
         assert len(single) > 200_000
         assert len(both) > 0.995 * len(single)
-        # What remains are places that one camera sees, which nothing contradicts.
+        # What remains lies within the tolerance of the agreement: half a pixel is 70 um there.
         for far in (15e-6, 20e-6):
             assert (single > far).sum() > 0
             assert (both > far).sum() < 0.7 * (single > far).sum()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from line import make_line, ply_sha256
 
-FEWER = "scan.max_profiles=40"
+FEWER = "scan.max_profiles=20"
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +19,7 @@ def test_cloud_is_independent_of_threads(line, engine, tmp_path) -> None:
     recording = line.drive()
     sums = {
         threads: ply_sha256(line.cloud(recording, line.sense(recording, engine, threads)), tmp_path)
-        for threads in (1, 2, 3)
+        for threads in (1, 3)
     }
     assert len(set(sums.values())) == 1, sums
 
