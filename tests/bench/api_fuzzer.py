@@ -388,7 +388,7 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
             Target(
                 "CameraFeed",
                 lambda **given: scancell.CameraFeed(**given).close(),
-                {**of_cell, "engine": "geometric", "interval": 0.02},
+                {**of_cell, "engine": "geometric"},
             ),
             Target(
                 "SessionRecorder",

@@ -107,7 +107,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of the report of the quick programme, with a factor drawn for each repeat."""
     folder = tmp_path_factory.mktemp("acceptance")
     study = assets_dir() / "studies" / "tool_misalignment.toml"
-    words = ("--quick", "--repeats", "2", "--factors", study, "--out", "report", "--json")
+    words = ("--quick", "--repeats", "3", "--factors", study, "--out", "report", "--json")
     done = scancell_here("acceptance", SENSOR, *words, cwd=folder)
     assert done.code == 0, done.err
     assert done.last_line["files"][0] == "report/acceptance.json"
@@ -125,7 +125,7 @@ def test_json_and_csv_hold_all_stations(report: Path) -> None:
     names = {row["name"] for row in found["figures"]}
     assert {"probing form", "probing size", "sphere spacing", "flatness", "step height", "form", "D95 %"} <= names
     assert {"max - min", "outlier rate", "missing-point rate"} <= names
-    assert all(row["repeats"] == 2 and len(row["errors"]) == 2 for row in found["figures"])
+    assert all(row["repeats"] == 3 and len(row["errors"]) == 3 for row in found["figures"])
     assert [one["name"] for one in found["sweeps"]] == [
         *("range", "in-plane angle", "out-of-plane angle", "reflectance", "speed")
     ]
