@@ -11,6 +11,7 @@ from .api import extract as extract
 from .api import mesh as mesh
 from .api import place as place
 from .api import plan as plan
+from .api import reconstruct as reconstruct
 from .api import render as render
 from .api import scan as scan
 from .api import shot as shot
@@ -66,6 +67,7 @@ from .calibration.cell.report import CalibrationReport as CalibrationReport
 from .calibration.board.report import BoardCalibrationReport as BoardCalibrationReport
 from .calibration.sensor.report import SensorCalibrationReport as SensorCalibrationReport
 from .output.run_folder import RunReport as RunReport
+from .recorded.result import ReconstructionResult as ReconstructionResult
 from .studies.acceptance.report import AcceptanceReport as AcceptanceReport
 from .studies.batch import BatchResult as BatchResult
 from .studies.report import StudyReport as StudyReport
