@@ -6,6 +6,7 @@ from .api import batch as batch
 from .api import calibrate as calibrate
 from .api import calibrate_from_images as calibrate_from_images
 from .api import calibrate_sensor as calibrate_sensor
+from .api import compare as compare
 from .api import evaluate as evaluate
 from .api import extract as extract
 from .api import mesh as mesh
@@ -68,6 +69,7 @@ from .calibration.board.report import BoardCalibrationReport as BoardCalibration
 from .calibration.sensor.report import SensorCalibrationReport as SensorCalibrationReport
 from .output.run_folder import RunReport as RunReport
 from .recorded.result import ReconstructionResult as ReconstructionResult
+from .recorded.compare import ComparisonResult as ComparisonResult
 from .studies.acceptance.report import AcceptanceReport as AcceptanceReport
 from .studies.batch import BatchResult as BatchResult
 from .studies.report import StudyReport as StudyReport

@@ -72,6 +72,7 @@ if TYPE_CHECKING:
     from scancell.evaluation.artefact import ArtefactEvaluation
     from scancell.evaluation.mesh_evaluation import MeshEvaluation
     from scancell.output.run_folder import RunReport
+    from scancell.recorded.compare import ComparisonResult
     from scancell.recorded.result import ReconstructionResult
     from scancell.studies.acceptance.report import AcceptanceReport
     from scancell.studies.batch import BatchResult
@@ -445,6 +446,52 @@ def reconstruct(
         threads,
     )
     return reconstruct_request(request, cell, sensor, assignments(settings), as_progress(progress))
+
+
+@checked_arguments
+def compare(
+    run: str | Path,
+    *,
+    part: str | Path | Mesh | None = None,
+    unit: str = "mm",
+    out: str | Path | None = None,
+    seed: Seed = 0,
+    threads: Threads = 0,
+    progress: Progress | ProgressCallback | None = None,
+) -> ComparisonResult:
+    """Real measurements of a part beside those that the ray-traced sensor makes at the same poses.
+
+    The other parameters are those of `Scanner` and `Scanner.scan`.
+
+    Parameters
+    ----------
+    run
+        Run folder of `reconstruct`, or of a scan.
+    part
+        What was measured, a mesh or an artefact; by default the part of the run.
+    out
+        Folder for figures (JSON) and a picture, which may be that of the run.
+
+    Raises
+    ------
+    ScancellError
+        Naming what is wrong and what was expected.
+
+    Examples
+    --------
+    >>> try:
+    ...     print(scancell.compare("measured"))
+    ... except scancell.DescriptionError as error:
+    ...     print(error)
+    measured: expected a run folder
+    """
+    from scancell.recorded.compare import compare_run  # noqa: PLC0415
+
+    chosen = part if part is None or isinstance(part, Mesh) else Path(part)
+    found = compare_run(Path(run), chosen, unit, seed, threads, as_progress(progress))
+    if out is not None:
+        found.save(out)
+    return found
 
 
 @checked_arguments

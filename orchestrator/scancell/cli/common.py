@@ -27,7 +27,7 @@ _RENAMED = {"settings": "set_", "targets": "target", "formats": "format_", "is_s
 
 GROUPS = {
     "Scan": ("scan", "shot", "plan", "place", "survey", "render", "rerun", "extract", "reconstruct"),
-    "Evaluate and calibrate": ("evaluate", "mesh", "calibrate", "acceptance"),
+    "Evaluate and calibrate": ("evaluate", "compare", "mesh", "calibrate", "acceptance"),
     "Many scans": ("study", "batch"),
     "Robot cell": ("workspace", "run", "guard", "fmu", "robot"),
     "Recorded runs": ("picture", "animate", "page", "export"),

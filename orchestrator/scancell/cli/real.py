@@ -1,4 +1,4 @@
-"""`scancell reconstruct`: clouds of real measurements."""
+"""`scancell reconstruct` and `compare`: clouds of real measurements, and what the simulation predicts of them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from scancell.cli.common import Outcome, command, show_progress
-from scancell.cli.options import CellOption, OutOption, SensorOption, SetOption, ThreadsOption, UnitOption
+from scancell.cli.options import CellOption, OutOption, SeedOption, SensorOption, SetOption, ThreadsOption, UnitOption
 from scancell.config.choices import FlangeConvention, LatencyWord
 from scancell.errors import DescriptionError
 
@@ -101,6 +101,29 @@ def reconstruct(
         )
     files = [str(path) for path in result.save(out, formats)]
     return Outcome([result.summary(), f"  results    {out}"], result.figures, files, result.warnings)
+
+
+@command("compare")
+def compare(
+    run_folder: Annotated[
+        Path, typer.Argument(metavar="RUN", help="run folder of `scancell reconstruct`, or of a scan")
+    ],
+    part: Annotated[
+        Path | None, typer.Option("--part", help="mesh or artefact that was measured; default: the part of the run")
+    ] = None,
+    out: OutOption = Path("out/compare"),
+    unit: UnitOption = "mm",
+    seed: SeedOption = 0,
+    threads: ThreadsOption = 0,
+    as_json: bool = False,
+) -> Outcome:
+    """Compare measurements of a part with the simulation of the same poses: figures as JSON, and a picture."""
+    from scancell.api import compare as compare_measurements  # noqa: PLC0415
+
+    with show_progress(as_json) as progress:
+        found = compare_measurements(run_folder, part=part, unit=unit, seed=seed, threads=threads, progress=progress)
+    files = [str(path) for path in found.save(out)]
+    return Outcome([found.summary(), f"  results    {out}"], found.figures, files)
 
 
 def _latency(text: str | None) -> float | LatencyWord | None:

@@ -105,6 +105,7 @@ def reconstruct_request(
         "unit": request.unit,
         "measured": str(request.data.absolute()),
         "latency_ms": 1e3 * made.latency.value,
+        "keep_all": request.keep_all,
     }
     names = tuple(camera.name for camera in setup.sensor.camera)
     files = [*inputs, *found.files, *([] if file is None else [file])]
