@@ -25,6 +25,7 @@ TIERS = [
     {"output"},
     {"results"},
     {"calibration"},
+    {"recorded"},
     {"options"},
     {"scanner"},
     {"studies"},

@@ -6,11 +6,13 @@ from .api import batch as batch
 from .api import calibrate as calibrate
 from .api import calibrate_from_images as calibrate_from_images
 from .api import calibrate_sensor as calibrate_sensor
+from .api import compare as compare
 from .api import evaluate as evaluate
 from .api import extract as extract
 from .api import mesh as mesh
 from .api import place as place
 from .api import plan as plan
+from .api import reconstruct as reconstruct
 from .api import render as render
 from .api import scan as scan
 from .api import shot as shot
@@ -66,6 +68,8 @@ from .calibration.cell.report import CalibrationReport as CalibrationReport
 from .calibration.board.report import BoardCalibrationReport as BoardCalibrationReport
 from .calibration.sensor.report import SensorCalibrationReport as SensorCalibrationReport
 from .output.run_folder import RunReport as RunReport
+from .recorded.result import ReconstructionResult as ReconstructionResult
+from .recorded.compare import ComparisonResult as ComparisonResult
 from .studies.acceptance.report import AcceptanceReport as AcceptanceReport
 from .studies.batch import BatchResult as BatchResult
 from .studies.report import StudyReport as StudyReport

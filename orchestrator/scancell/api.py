@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Unpack
 
 from scancell.arguments import (
     Count,
+    LatencyMs,
     Length,
     Points,
     Pose,
+    QuarterTurns,
     Repeats,
     Seed,
     Share,
@@ -30,7 +32,15 @@ from scancell.calibration.cell.request import CalibrationRequest
 from scancell.calibration.sensor.report import SensorCalibrationReport
 from scancell.calibration.sensor.request import SensorCalibrationRequest
 from scancell.config.cell import CellDescription
-from scancell.config.choices import Align, CalibrationTarget, Engine, FlangeConvention, Reconstruction, SensorTarget
+from scancell.config.choices import (
+    Align,
+    CalibrationTarget,
+    Engine,
+    FlangeConvention,
+    LatencyWord,
+    Reconstruction,
+    SensorTarget,
+)
 from scancell.config.keys import Assignments, assignments
 from scancell.config.loading import load_setup
 from scancell.config.scan import ScanDescription
@@ -62,6 +72,8 @@ if TYPE_CHECKING:
     from scancell.evaluation.artefact import ArtefactEvaluation
     from scancell.evaluation.mesh_evaluation import MeshEvaluation
     from scancell.output.run_folder import RunReport
+    from scancell.recorded.compare import ComparisonResult
+    from scancell.recorded.result import ReconstructionResult
     from scancell.studies.acceptance.report import AcceptanceReport
     from scancell.studies.batch import BatchResult
     from scancell.studies.report import StudyReport
@@ -355,6 +367,131 @@ def extract(
     files, background = ([Path(item) for item in items] for items in (images, laser_off))
     request = ExtractionRequest(files, setup.sensor, peaks, threads, background, sheet_um)
     return extract_to_folder(request, Path(out))
+
+
+@checked_arguments
+def reconstruct(
+    data: str | Path,
+    *,
+    cell: Cell = None,
+    sensor: Sensor = None,
+    settings: Assignments = (),
+    part: str | Path | Mesh | None = None,
+    unit: str = "mm",
+    calibration: str | Path | None = None,
+    flange: str | Path | None = None,
+    convention: FlangeConvention | None = None,
+    laser_off: str | Path | None = None,
+    quarter_turns: QuarterTurns | None = None,
+    latency_ms: LatencyMs | LatencyWord | None = None,
+    keep_all: bool = False,
+    threads: Threads = 0,
+    progress: Progress | ProgressCallback | None = None,
+) -> ReconstructionResult:
+    """Make a cloud with covariance from measurements of a real sensor on a robot (docs/measurements.md).
+
+    The other parameters are those of `Scanner` and `Scanner.scan`.
+
+    Parameters
+    ----------
+    data
+        Table of profile points, or folder of images with a table of poses; with joints or poses of the flange.
+    part
+        Nominal part, in whose frame the cloud is; without it the cloud is in the frame of the robot's base.
+    calibration
+        Folder of results of a calibration: its cell, its sensor, and the pose of the sensor on the flange.
+    flange
+        Table of the flange poses of the exposures, if they are not in that of the points.
+    convention
+        Of orientations whose columns do not state it.
+    laser_off
+        Folder of background images to subtract.
+    quarter_turns
+        Counter-clockwise, from the images to those of the described camera; by default those of the calibration.
+    latency_ms
+        Delay of the exposures after the joints, or ``estimate`` to find it from the part; by default that of the cell.
+    keep_all
+        With a part: keep points of the table and of its neighbours.
+
+    Raises
+    ------
+    ScancellError
+        Naming what is wrong and what was expected; `CalibrationError` where the measurements disagree with the part or
+        do not determine the delay, `EmptyScanError` where no point is left.
+
+    Examples
+    --------
+    >>> try:
+    ...     result = scancell.reconstruct("profiles.csv", part="part.stl")
+    ... except scancell.DescriptionError as error:
+    ...     print(error)
+    profiles.csv: no such file
+    """
+    from scancell.recorded.request import ReconstructRequest, reconstruct_request  # noqa: PLC0415
+
+    def path(item: str | Path | None) -> Path | None:
+        return None if item is None else Path(item)
+
+    request = ReconstructRequest(
+        Path(data),
+        part if isinstance(part, Mesh) else path(part),
+        unit,
+        path(calibration),
+        path(flange),
+        convention,
+        path(laser_off),
+        quarter_turns,
+        latency_ms,
+        keep_all,
+        threads,
+    )
+    return reconstruct_request(request, cell, sensor, assignments(settings), as_progress(progress))
+
+
+@checked_arguments
+def compare(
+    run: str | Path,
+    *,
+    part: str | Path | Mesh | None = None,
+    unit: str = "mm",
+    out: str | Path | None = None,
+    seed: Seed = 0,
+    threads: Threads = 0,
+    progress: Progress | ProgressCallback | None = None,
+) -> ComparisonResult:
+    """Real measurements of a part beside those that the ray-traced sensor makes at the same poses.
+
+    The other parameters are those of `Scanner` and `Scanner.scan`.
+
+    Parameters
+    ----------
+    run
+        Run folder of `reconstruct`, or of a scan.
+    part
+        What was measured, a mesh or an artefact; by default the part of the run.
+    out
+        Folder for figures (JSON) and a picture, which may be that of the run.
+
+    Raises
+    ------
+    ScancellError
+        Naming what is wrong and what was expected.
+
+    Examples
+    --------
+    >>> try:
+    ...     print(scancell.compare("measured"))
+    ... except scancell.DescriptionError as error:
+    ...     print(error)
+    measured: expected a run folder
+    """
+    from scancell.recorded.compare import compare_run  # noqa: PLC0415
+
+    chosen = part if part is None or isinstance(part, Mesh) else Path(part)
+    found = compare_run(Path(run), chosen, unit, seed, threads, as_progress(progress))
+    if out is not None:
+        found.save(out)
+    return found
 
 
 @checked_arguments

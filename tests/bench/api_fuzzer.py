@@ -423,6 +423,19 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         of_sensor = {"request": "ball", "sensor": sensor, "settings": {}}
         images = {"folder": "inputs/shot", "board": "7x6x10", "sensor": sensor, "settings": {}, "convention": None}
         images |= {"threads": 1, "progress": None}
+        compare = {
+            "run": "inputs/shot",
+            "part": None,
+            "unit": "mm",
+            "out": None,
+            "seed": 0,
+            "threads": 1,
+            "progress": None,
+        }
+        reconstruct = {"data": "inputs/shot", "calibration": None, "flange": None, "laser_off": None, **images}
+        reconstruct |= {"part": None, "unit": "mm", "cell": None, "quarter_turns": 0, "latency_ms": 1.0}
+        reconstruct |= {"keep_all": False}
+        del reconstruct["folder"], reconstruct["board"]
         evaluate = {"cloud": self.result.cloud, "mesh": part, "artefact": None, "align": "none", "datum": ()}
         extract = {"images": ["inputs/shot"], "out": "extracted", "sensor": sensor, "settings": {}, "laser_off": ()}
         geometric: Arguments = {"engine": "geometric"}
@@ -442,6 +455,8 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
             Target("scan", scancell.scan, {**of_part, **cell, **run, **built, **geometric, "plan": self.plan}),
             Target("shot", scancell.shot, shot),
             Target("calibrate_from_images", scancell.calibrate_from_images, images, is_refused=True),
+            Target("reconstruct", scancell.reconstruct, reconstruct, is_refused=True),
+            Target("compare", scancell.compare, compare, is_refused=True),
         ]
         long = [
             Target("acceptance", scancell.acceptance, {**cell, **built, **geometric, **of_acceptance}),

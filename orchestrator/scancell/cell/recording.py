@@ -206,6 +206,11 @@ class Recording(Value):
         )
 
     @property
+    def has_truth(self) -> bool:
+        """Whether it states true poses; a recording of a real cell does not."""
+        return any(name.startswith(_TRUTH) for name in self.columns)
+
+    @property
     def truth(self) -> ExposureTruth:
         """The part of the recording that the renderer uses, with a global shutter.
 
@@ -329,10 +334,19 @@ def read_recording(path: str | Path) -> Recording:
     >>> bool(np.all(np.diff(recording.measured.time) > 0))
     True
     """
-    path = Path(path)
+    return _read(Path(path), with_truth=True)
+
+
+def read_any_recording(path: Path) -> Recording:
+    """As `read_recording`; a recording of a real cell, which states no true pose at all, is read without them."""
+    return _read(path, with_truth=False)
+
+
+def _read(path: Path, with_truth: bool) -> Recording:
     table = read_table(path)
     layout = RecordLayout.of(table.column_names)
-    wanted = (*INTEGER_COLUMNS, *layout.measured, *layout.truth)
+    with_truth |= any(name.startswith(_TRUTH) for name in table.column_names)
+    wanted = (*INTEGER_COLUMNS, *layout.measured, *(layout.truth if with_truth else ()))
     missing = [name for name in wanted if name not in table.column_names]
     if missing:
         raise DescriptionError(f"{len(missing)} columns are missing, the first is '{missing[0]}'", file=path)

@@ -10,7 +10,7 @@ from typing import Annotated, Any, cast
 import typer
 
 # Each module registers its commands.
-from scancell.cli import calibrate, evaluate, fmu, guard, pictures, plan, robot, scan, series, workspace  # noqa: F401
+from scancell.cli import calibrate, evaluate, fmu, guard, pictures, plan, real, robot, scan, series, workspace  # noqa: F401
 from scancell.cli.common import Outcome, app, command
 from scancell.cli.interrupts import INTERRUPTS
 

@@ -26,8 +26,8 @@ EXIT_ERROR = 1
 _RENAMED = {"settings": "set_", "targets": "target", "formats": "format_", "is_size_known": "unknown_size"}
 
 GROUPS = {
-    "Scan": ("scan", "shot", "plan", "place", "survey", "render", "rerun", "extract"),
-    "Evaluate and calibrate": ("evaluate", "mesh", "calibrate", "acceptance"),
+    "Scan": ("scan", "shot", "plan", "place", "survey", "render", "rerun", "extract", "reconstruct"),
+    "Evaluate and calibrate": ("evaluate", "compare", "mesh", "calibrate", "acceptance"),
     "Many scans": ("study", "batch"),
     "Robot cell": ("workspace", "run", "guard", "fmu", "robot"),
     "Recorded runs": ("picture", "animate", "page", "export"),

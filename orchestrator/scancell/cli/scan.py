@@ -59,10 +59,13 @@ def rerun(
     from scancell.config.description import validate  # noqa: PLC0415
     from scancell.config.loading import load_resolved  # noqa: PLC0415
     from scancell.config.sensor import SensorDescription  # noqa: PLC0415
+    from scancell.errors import DescriptionError  # noqa: PLC0415
     from scancell.scanner import Scanner  # noqa: PLC0415
 
     resolved = run_folder / "resolved.toml" if run_folder.is_dir() else run_folder
     setup, made = load_resolved(resolved)
+    if "measured" in made:
+        raise DescriptionError("is of real measurements", file=resolved, expected="a simulated run; see `reconstruct`")
     options = CloudOptions(**{key: made[key] for key in ("engine", "as_built", "seed", "unit")}, as_json=as_json)
     calibrated = None
     if "estimated_sensor" in made:

@@ -12,6 +12,7 @@ ScanMode = Literal["dynamic", "stop-and-look"]
 CloudFrame = Literal["part", "table", "base", "world"]
 Align = Literal["none", "best-fit", "datum"]
 Reconstruction = Literal["poisson", "ball-pivoting"]
+LatencyWord = Literal["estimate"]
 TransportProtocol = Literal["udp", "tcp"]
 
 LOOPBACK = "127.0.0.1"  # where servers listen unless told otherwise

@@ -49,10 +49,11 @@ class ExtractionRequest:
     threads: int
     laser_off: Sequence[Path] = ()
     sheet_um: float | None = None  # largest distance of a point from the laser sheet; None: not checked
+    quarter_turns: int = 0  # counter-clockwise, from the files to the images of the described cameras
 
 
 @dataclass(frozen=True)
-class _Extraction:
+class Extraction:
     """Peaks and profile points of all exposures by column; `frame` is the number of the exposure."""
 
     peaks: dict[str, NDArray[Any]]
@@ -77,7 +78,7 @@ def extract_to_folder(request: ExtractionRequest, out: Path) -> RunReport:
                 sets.matching(ImageSet.from_files(request.laser_off, names, "off")) if request.laser_off else None
             )
         with watch.measure("extract"):
-            found = _extract(sets, background, sensor, request)
+            found = extract_profiles(sets, background, sensor, request)
         with watch.measure("write"):
             _write_profiles(folder.path("profiles.csv"), found.profiles, sets, request.sheet_um)
             cloud = _cloud(found.profiles)
@@ -133,26 +134,34 @@ def _ignored_line(sets: ImageSet) -> list[str]:
     )
 
 
-def _extract(
-    sets: ImageSet, background_sets: ImageSet | None, sensor: sensor_rt.Sensor, request: ExtractionRequest
-) -> _Extraction:
-    depth = request.sensor.detector.bit_depth
+def extract_profiles(
+    sets: ImageSet,
+    background_sets: ImageSet | None,
+    sensor: sensor_rt.Sensor,
+    request: ExtractionRequest,
+    further: Sequence[str] = (),
+) -> Extraction:
+    """Peaks and points of all exposures; `further` are columns of points such as ``covariance``.
+
+    Raises `ImageError` if an image does not fit the camera; `SensorError` if the library reports an error.
+    """
+    depth, turns = request.sensor.detector.bit_depth, request.quarter_turns
     all_peaks, all_profiles = [], []
     for first in range(0, len(sets), _BATCH):
         rows = range(first, min(first + _BATCH, len(sets)))
-        images = read_images(sets, rows, sensor, depth)
-        background = None if background_sets is None else read_images(background_sets, rows, sensor, depth)
+        images = read_images(sets, rows, sensor, depth, turns)
+        background = None if background_sets is None else read_images(background_sets, rows, sensor, depth, turns)
         try:
             peaks = sensor_rt.extract(images, sensor, request.threads, request.peaks, background)
             profiles = sensor_rt.triangulate(peaks, sensor)
-            columns = _columns(profiles, _PROFILE_COLUMNS, first)
+            columns = _columns(profiles, (*_PROFILE_COLUMNS, *further), first)
             if request.sheet_um is not None:
                 columns["sheet_deviation"] = sheet_deviation(profiles, sensor)
         except (ValueError, RuntimeError) as error:
             raise SensorError(str(error)) from error
         all_peaks.append(_columns(peaks, [*_OF_BOTH, *_PEAK_COLUMNS], first))
         all_profiles.append(columns)
-    return _Extraction(_joined(all_peaks), _joined(all_profiles))
+    return Extraction(_joined(all_peaks), _joined(all_profiles))
 
 
 def _columns(found: Any, names: Iterable[str], first: int) -> dict[str, NDArray[Any]]:
@@ -237,7 +246,7 @@ def _cloud(profiles: Mapping[str, NDArray[Any]]) -> Cloud:
     )
 
 
-def _figures(found: _Extraction, sets: ImageSet, cameras: int) -> dict[str, Any]:
+def _figures(found: Extraction, sets: ImageSet, cameras: int) -> dict[str, Any]:
     profiles, flags = found.profiles, found.peaks["flags"]
     return {
         "exposures": len(sets),

@@ -146,8 +146,12 @@ class ImageSet:
         return ImageSet(self.names, tuple(files[name] for name in self.names), others.ignored_files)
 
 
-def read_images(sets: ImageSet, rows: range, sensor: sensor_rt.Sensor, bit_depth: int) -> NDArray[np.uint16]:
+def read_images(
+    sets: ImageSet, rows: range, sensor: sensor_rt.Sensor, bit_depth: int, quarter_turns: int = 0
+) -> NDArray[np.uint16]:
     """Images (exposures, cameras, height, width) of the exposures `rows`, digital numbers.
+
+    `quarter_turns` counter-clockwise (``numpy.rot90``) turn the images of the files into those of the cameras.
 
     Raises
     ------
@@ -158,10 +162,11 @@ def read_images(sets: ImageSet, rows: range, sensor: sensor_rt.Sensor, bit_depth
     if len(sizes) > 1:
         raise ImageError(f"cameras of different sizes ({sorted(sizes)}) cannot be read together")
     (size,) = sizes
+    stored = size[::-1] if quarter_turns % 2 else size
     images = np.empty((len(rows), len(sensor.cameras), *size), np.uint16)
     for i, row in enumerate(rows):
         for k, path in enumerate(sets.files[row]):
-            images[i, k] = _read(path, size, sensor.cameras[k].name, bit_depth)
+            images[i, k] = np.rot90(_read(path, stored, sensor.cameras[k].name, bit_depth), quarter_turns)
     return images
 
 

@@ -68,7 +68,8 @@ def write_run(
         for suffix in record.formats:
             write_cloud(folder.path(f"cloud.{suffix}"), data.cloud, comments, pose)
         write_recording(data.recording, folder.path("recording.parquet"))
-        write_profiles(data, folder.path("profiles.parquet"))
+        index = data.recording.measured.index
+        write_profiles(data.profiles, index, data.camera_names, folder.path("profiles.parquet"))
         if data.plan is not None:
             write_json(folder.path("plan.json"), plan_json(data.plan))
         figures = deviation.as_json(data.camera_names, data.segment_names)
@@ -101,12 +102,21 @@ def write_pictures(data: ScanData, part: Mesh, deviation: Deviation, coverage: C
         draw_stripes(sample.images, data.sensors.nominal, file, title, sample.background)
 
 
-def write_profiles(data: ScanData, path: Path) -> None:
-    """Write all points in the sensor frame as Parquet: lengths in mm; `profile` is the trigger index."""
+def write_profiles(
+    profiles: ProfilePoints,
+    index: NDArray[np.int64],
+    cameras: Sequence[str],
+    path: Path,
+    covariance: NDArray[np.float64] | None = None,
+) -> None:
+    """Write all points in the sensor frame as Parquet: lengths in mm; `profile` is the trigger index of (n,) `index`.
+
+    With `covariance` (m, 3, 3), m², also its columns, see `covariance_columns`.
+    """
     import pyarrow as pa  # noqa: PLC0415  (takes 0.1 s to import)
     import pyarrow.parquet  # noqa: PLC0415
 
-    profiles, index = data.profiles, data.recording.measured.index.astype(np.int32)
+    index = index.astype(np.int32)
     few_values = ["profile", "camera", "x_mm", "flags", "time_offset_s"]
     writer = None
     try:
@@ -122,9 +132,10 @@ def write_profiles(data: ScanData, path: Path) -> None:
                 "intensity_dn": np.asarray(profiles.intensity[rows], np.float32),
                 "flags": np.asarray(profiles.flags[rows], np.uint32),
                 "time_offset_s": np.asarray(profiles.time_offset[rows], np.float32),
+                **({} if covariance is None else covariance_columns(covariance[rows])),
             }
             table = pa.table({name: pa.array(values) for name, values in columns.items()})
-            table = table.replace_schema_metadata({"frame": "sensor", "cameras": ",".join(data.camera_names)})
+            table = table.replace_schema_metadata({"frame": "sensor", "cameras": ",".join(cameras)})
             writer = writer or pyarrow.parquet.ParquetWriter(
                 path, table.schema, compression="none", use_dictionary=few_values, write_statistics=False
             )
@@ -132,6 +143,12 @@ def write_profiles(data: ScanData, path: Path) -> None:
     finally:
         if writer is not None:
             writer.close()
+
+
+def covariance_columns(covariance: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    """Columns ``covariance_xx_mm2`` … of covariances (m, 3, 3), m²."""
+    pairs = [(i, j) for i in range(3) for j in range(i, 3)]
+    return {f"covariance_{'xyz'[i]}{'xyz'[j]}_mm2": np.ascontiguousarray(1e6 * covariance[:, i, j]) for i, j in pairs}
 
 
 def write_json(path: Path, content: Any) -> None:

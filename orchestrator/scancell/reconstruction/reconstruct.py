@@ -201,6 +201,16 @@ def why_empty(dropped: Dropped, envelope: Envelope) -> list[str]:
     return [f"{count} of {dropped.measured} measured points {why}" for count, why in found]
 
 
+@dataclass(frozen=True)
+class Reconstructed:
+    """A cloud, the points that were dropped, the rows (k,) of the points kept, and ``part_from_sensor`` (n, 4, 4)."""
+
+    cloud: Cloud
+    dropped: Dropped
+    rows: NDArray[np.int64]
+    part_from_sensor: Array
+
+
 def reconstruct_and_count(
     profiles: ProfilePoints,
     triggers: Triggers,
@@ -211,6 +221,23 @@ def reconstruct_and_count(
     neighbours: Neighbours | None = None,
     threads: int = 0,
 ) -> tuple[Cloud, Dropped]:
+    """As `reconstruct_rows`, without the rows."""
+    made = reconstruct_rows(
+        profiles, triggers, part_from_sensor, table_from_part, envelope, normals, neighbours, threads
+    )
+    return made.cloud, made.dropped
+
+
+def reconstruct_rows(
+    profiles: ProfilePoints,
+    triggers: Triggers,
+    part_from_sensor: Callable[[Array, Array], Array],
+    table_from_part: Array,
+    envelope: Envelope,
+    normals: bool = True,
+    neighbours: Neighbours | None = None,
+    threads: int = 0,
+) -> Reconstructed:
     """Cloud of all points inside the envelope and on no neighbour, in the order in which they came, and the others.
 
     Raises `ValueError` if a frame number has no trigger.
@@ -273,7 +300,7 @@ def reconstruct_and_count(
         segment=segment[frame],
         time=np.asarray(triggers.time, float)[frame],
     )
-    return cloud, dropped
+    return Reconstructed(cloud, dropped, kept, poses)
 
 
 def _sort_out(

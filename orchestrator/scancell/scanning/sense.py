@@ -237,10 +237,8 @@ def _batches(count: int, image_rows: Collection[int] | None, images: bool) -> It
 
 def points_of(profiles: sensor_rt.Profiles, sensor: sensor_rt.Sensor, engine: Engine) -> ProfilePoints:
     """Points with the time offsets of their image rows from the latch, by the nominal `sensor`."""
-    time_offset = np.zeros(len(profiles))
-    if engine == "ray-traced" and sensor.row_readout > 0.0:
-        middle = np.array([(camera.height_px - 1) / 2 for camera in sensor.cameras])
-        time_offset = sensor.row_readout * (profiles.row - middle[profiles.camera])
+    rolls = engine == "ray-traced"
+    time_offset = row_time_offset(sensor, profiles.row, profiles.camera) if rolls else np.zeros(len(profiles))
     return ProfilePoints(
         points_in_sensor=profiles.points_in_sensor,
         sigma=profiles.sigma,
@@ -251,6 +249,14 @@ def points_of(profiles: sensor_rt.Profiles, sensor: sensor_rt.Sensor, engine: En
         flags=profiles.flags,
         time_offset=time_offset,
     )
+
+
+def row_time_offset(
+    sensor: sensor_rt.Sensor, row: NDArray[np.float64], camera: NDArray[np.int32]
+) -> NDArray[np.float64]:
+    """Time (m,) from the latch to the exposure of image rows (m,) of the cameras (m,), s; 0 of a global shutter."""
+    middle = np.array([(one.height_px - 1) / 2 for one in sensor.cameras])
+    return np.asarray(sensor.row_readout * (row - middle[camera]))
 
 
 def sample_rows(count: int, samples: int) -> list[int]:

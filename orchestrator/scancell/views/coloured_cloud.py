@@ -84,9 +84,14 @@ class ColouredCloud:
         return np.asarray(self.colours[rows] * shade[:, None])
 
 
-def coloured_by(cloud: Cloud, total: int, mesh: Mesh, what: ColourBy, threads: int = 0) -> ColouredCloud:
-    """Colour a cloud, of `total` points before thinning, by its distance from the mesh or by its intensity."""
-    if what == "deviation":
+def coloured_by(cloud: Cloud, total: int, mesh: Mesh | None, what: ColourBy, threads: int = 0) -> ColouredCloud:
+    """Colour a cloud, of `total` points before thinning, by its distance from the mesh or by its intensity.
+
+    Without a mesh, by its intensity.
+    """
+    if mesh is None:
+        what = "intensity"
+    if mesh is not None and what == "deviation":
         deviation = deviation_from_mesh(cloud, mesh, threads)
         limit = colour_limit_um(deviation.figures.d95)
         values, limits, title = 1e6 * deviation.distance, (-limit, limit), "deviation, µm"
@@ -96,8 +101,16 @@ def coloured_by(cloud: Cloud, total: int, mesh: Mesh, what: ColourBy, threads: i
     scale = colour_scale(what)
     place = np.clip((values - limits[0]) / (limits[1] - limits[0]), 0.0, 1.0) * (len(scale) - 1)
     colours = (scale[place.astype(np.int64)] / 255) ** 2
-    spacing = float(np.sqrt(mesh.areas.sum() / max(len(cloud), 1)))
+    spacing = float(np.sqrt(_area(cloud, mesh) / max(len(cloud), 1)))
     return ColouredCloud(cloud.points_in_part, cloud.normals, cloud.time, colours, total, spacing, scale, limits, title)
+
+
+def _area(cloud: Cloud, mesh: Mesh | None) -> float:
+    """Area of the surface, m²; without a mesh that of the two longer sides of the cloud's bounding box."""
+    if mesh is not None:
+        return float(mesh.areas.sum())
+    sides = np.sort(np.ptp(cloud.points_in_part, axis=0)) if len(cloud) else np.zeros(3)
+    return float(sides[1] * sides[2])
 
 
 def colour_scale(what: ColourBy) -> Array:

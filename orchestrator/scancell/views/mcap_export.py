@@ -215,12 +215,9 @@ def _write_cloud(run: RecordedRun, file: McapFile, threads: int) -> int:
     cloud = run.cloud
     if cloud is None or not len(cloud):
         return 0
-    part = run.cell.part
-    columns = {
-        "intensity": np.asarray(cloud.intensity),
-        "quality": np.asarray(cloud.quality),
-        "deviation": deviation_from_mesh(cloud, part, threads).distance,
-    }
+    columns = {"intensity": np.asarray(cloud.intensity), "quality": np.asarray(cloud.quality)}
+    if run.part is not None:
+        columns["deviation"] = deviation_from_mesh(cloud, run.part, threads).distance
     number = np.floor(cloud.time / _CHUNK)
     bounds = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), len(cloud)]
     for first, end in pairwise(bounds):

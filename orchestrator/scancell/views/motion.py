@@ -60,7 +60,7 @@ class RunMotion:
     cell
         Nominal cell.
     recording
-        With true poses.
+        With true poses; those of a real cell follow from its measured joints and the nominal cell.
     program
         The planned motion; None where the run had none.
 
@@ -76,8 +76,12 @@ class RunMotion:
         self.times = measured.time
         self._axes = np.column_stack([measured.q, measured.table])
         wanted = {name: _RECORDED.get(name, name) for name in cell.frame_poses(cell.home, 0.0) if name != "world"}
-        _require_true_poses(recording, wanted.values())
-        self._recorded = {name: recording.truth_at_middle(frame) for name, frame in wanted.items()}
+        if recording.has_truth:
+            _require_true_poses(recording, wanted.values())
+            self._recorded = {name: recording.truth_at_middle(frame) for name, frame in wanted.items()}
+        else:
+            frames = cell.frame_poses(measured.q, measured.table)
+            self._recorded = {name: np.asarray(frames[name]) for name in wanted}
         self._table_from_part = pose.inverse(self._recorded["table"]) @ self._recorded["part"]
         self._plan = None if program is None else _Plan(program, measured.segment, self._axes)
 

@@ -94,7 +94,7 @@ def _cloud(run: RecordedRun, colour: ColourBy, threads: int) -> dict[str, Any]:
             *(np.zeros((0, 3)),) * 2, np.zeros(0), np.zeros((0, 3)), 0, 1.0, np.zeros((0, 3)), (0, 0), ""
         )
     else:
-        shown = coloured_by(run.cloud, run.cloud_points, run.cell.part, colour, threads)
+        shown = coloured_by(run.cloud, run.cloud_points, run.part, colour, threads)
     return {
         **_quantised(shown.points_in_part, "points"),
         "colours": _packed(np.rint(255 * np.sqrt(shown.colours)), "u1"),

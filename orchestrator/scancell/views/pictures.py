@@ -111,7 +111,7 @@ def run_pictures(
 ) -> RunPictures:
     """Prepare pictures of a run; see `animate`, and `RunPictures` for `span`."""
     path = camera_path(view, run, size)
-    cloud = None if run.cloud is None else coloured_by(run.cloud, run.cloud_points, run.cell.part, colour, threads)
+    cloud = None if run.cloud is None else coloured_by(run.cloud, run.cloud_points, run.part, colour, threads)
     standing = [body.mesh.bounds[0, 2] for body in run.cell.bodies if body.moves_with == "world"]
     middle = (run.cell.arm.world_from_base[:3, 3] + run.cell.world_from_table[:3, 3]) / 2
     bodies = [painted(body, number) for number, body in enumerate(run.cell.bodies)]

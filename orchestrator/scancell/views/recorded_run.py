@@ -12,13 +12,15 @@ import zipfile
 import zlib
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 import numpy as np
 
-from scancell.cell.recording import read_recording
+from scancell.cell.recording import read_any_recording
 from scancell.config.loading import Setup, load_resolved
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
+from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import NominalCell, nominal_cell, with_unknown_obstacles
 from scancell.nominal.parts import load_part
 from scancell.planning.plan import Plan
@@ -74,9 +76,14 @@ class RecordedRun:
     cloud: Cloud | None
     cloud_points: int
 
+    @property
+    def part(self) -> Mesh | None:
+        """The part; None on an empty table."""
+        return self.cell.part if any(body.moves_with == "part" for body in self.cell.bodies) else None
+
 
 def open_run(folder: str | Path, most_points: int = 200_000) -> RecordedRun:
-    """Read a run folder that `scancell scan`, `rerun` or `render` wrote.
+    """Read a run folder that `scancell scan`, `rerun`, `render` or `reconstruct` wrote.
 
     Where the file of the part is missing, one of this name in the folder is read.
 
@@ -94,18 +101,24 @@ def open_run(folder: str | Path, most_points: int = 200_000) -> RecordedRun:
     if not (folder / "resolved.toml").is_file():
         raise DescriptionError(file=folder, expected="a run folder with resolved.toml and recording.parquet")
     setup, made = load_resolved(folder / "resolved.toml")
-    file = Path(made["part"])
-    beside = folder / file.name
-    part = load_part(beside if beside.is_file() and not file.is_file() else file, made["unit"])
-    cell = with_unknown_obstacles(nominal_cell(setup.cell, part), setup.cell)
-    recording = read_recording(folder / "recording.parquet")
+    cell = with_unknown_obstacles(nominal_cell(setup.cell, _part(folder, made)), setup.cell)
+    recording = read_any_recording(folder / "recording.parquet")
     plan = Plan.load(folder / "plan.json") if (folder / "plan.json").is_file() else None
     try:
         motion = RunMotion(cell, recording, None if plan is None else plan.program)
     except DescriptionError as error:
         raise DescriptionError(str(error), file=folder / "recording.parquet") from None
     cloud, count = _cloud(folder / "cloud.ply", cell, most_points)
-    return RecordedRun(Path(made["part"]).name, setup, cell, motion, cloud, count)
+    return RecordedRun(Path(made["part"] or folder).name, setup, cell, motion, cloud, count)
+
+
+def _part(folder: Path, made: dict[str, Any]) -> Mesh | None:
+    """The part, from the folder where its own file is missing; None of a run without one."""
+    if not made["part"]:
+        return None
+    file = Path(made["part"])
+    beside = folder / file.name
+    return load_part(beside if beside.is_file() and not file.is_file() else file, made["unit"])
 
 
 def _cloud(path: Path, cell: NominalCell, most: int) -> tuple[Cloud | None, int]:

@@ -123,7 +123,7 @@ def read_views(
 
     Raises `DescriptionError` or `ImageError` naming file, key, value and what was expected.
     """
-    table = _table(folder)
+    table = pose_table(folder)
     stated, names = read_flange(table, convention), table.words("image")
     flange = stated.matrices()
     files = [_file(folder, table, row, name) for row, name in enumerate(names)]
@@ -152,7 +152,11 @@ def read_views(
     return BoardViews(tuple(views), stated.rows(chosen), size, table.path, tuple(files), tuple(warnings))
 
 
-def _table(folder: Path) -> MeasuredTable:
+def pose_table(folder: Path) -> MeasuredTable:
+    """The table of poses of a folder of images.
+
+    Raises `DescriptionError` if there is no such folder, or no table in it.
+    """
     if not folder.is_dir():
         raise DescriptionError("no such folder", file=folder)
     for name in TABLES:

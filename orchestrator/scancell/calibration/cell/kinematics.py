@@ -58,6 +58,14 @@ class AxisReadings:
         names = [one.name for one in fields(self) if one.name != "flange"]
         return AxisReadings(**{name: getattr(self, name)[chosen] for name in names}, flange=flange)
 
+    def after(self, latency: float) -> AxisReadings:
+        """With joints and table `latency` (s) later, by their rates and accelerations; poses of the flange stay."""
+        return replace(
+            self,
+            q=self.q + latency * (self.qd + latency / 2 * self.qdd),
+            table=self.table + latency * (self.table_rate + latency / 2 * self.table_acceleration),
+        )
+
     @classmethod
     def at_rest(cls, q: Array, table: Array) -> AxisReadings:
         """Readings of axes that do not move."""

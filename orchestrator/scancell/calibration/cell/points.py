@@ -101,7 +101,7 @@ def read_points(
         _require_equal(per_point, first, frame, numbers, path)
     elif convention is not None:
         raise DescriptionError("has no flange poses", file=path, key="convention", value=convention)
-    readings = _readings(table, joints if stated is None else 0, first, frame, numbers)
+    readings = read_axes(table, joints if stated is None else 0, first, frame, numbers)
     if stated is not None:
         readings = AxisReadings.of_flange(stated.matrices(), readings.table)
     direction = np.column_stack([table.numbers(f"error_{axis}", float(axis == "z")) for axis in "xyz"])
@@ -148,10 +148,15 @@ def _poses_of(table: MeasuredTable, numbers: Array, points: Path, convention: st
     return stated.rows(row[np.searchsorted(unique, numbers)])
 
 
-def _readings(
+def read_axes(
     table: MeasuredTable, joints: int, first: NDArray[np.intp], frame: NDArray[np.intp], numbers: Array
 ) -> AxisReadings:
-    """Readings of joints and table; with no joints the table may be missing."""
+    """Readings of joints and table, by the rows `first` (n,) of exposures; with no joints the table may be missing.
+
+    `frame` (m,) is the exposure of each row, `numbers` (n,) those of the exposures for messages.
+
+    Raises `DescriptionError` if a column is missing, or the readings of an exposure differ.
+    """
 
     def of_joints(name: str, unit: str, default: float | None = None) -> Array:
         columns = [table.numbers(f"{name}{joint}_{unit}", default) for joint in range(1, joints + 1)]

@@ -1,0 +1,1 @@
+"""Recordings of real sensors on real robots: reconstruction, and comparison with the simulation."""

@@ -1,0 +1,87 @@
+"""What a calibration has found of a sensor and of its place on the robot, from the folder that it left."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.config.cell import CellDescription
+from scancell.config.estimated import EstimatedToolDescription
+from scancell.errors import DescriptionError
+from scancell.geometry import pose
+
+_DIGITS = 12  # of mm and deg
+
+
+@dataclass(frozen=True)
+class FoundByCalibration:
+    """Files with the calibrated cell and sensor, pose (4, 4) of the sensor on the flange, quarter turns of images.
+
+    None where the calibration did not find it. The pose is that of a calibration by images of a board; that of a cell
+    is in its `cell`.
+    """
+
+    cell: Path | None
+    sensor: Path | None
+    flange_from_sensor: NDArray[np.float64] | None
+    quarter_turns: int = 0
+
+
+def read_calibration(folder: Path) -> FoundByCalibration:
+    """What the folder of results of `scancell calibrate`, or its ``calibration.json``, holds.
+
+    Raises `DescriptionError` naming the file, key and what was expected.
+    """
+    file = folder / "calibration.json" if folder.is_dir() else folder
+    try:
+        found = json.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise DescriptionError("no such file", file=file, expected="results of `scancell calibrate`") from None
+    except (OSError, ValueError) as error:
+        raise DescriptionError(str(error), file=file, expected="the JSON of a calibration") from None
+    if not isinstance(found, dict):
+        raise DescriptionError("is no object", file=file, expected="the JSON of a calibration")
+    cell, sensor = (file.parent / name for name in ("calibrated.toml", "calibrated_sensor.toml"))
+    by_images = "quarter_turns" in found
+    turns = found.get("quarter_turns", 0)
+    if turns not in (0, 1, 2, 3):
+        raise DescriptionError(file=file, key="quarter_turns", value=turns, expected="0, 1, 2 or 3")
+    return FoundByCalibration(
+        cell if cell.is_file() else None,
+        sensor if sensor.is_file() else None,
+        _pose(found.get("flange_from_sensor_m"), file) if by_images else None,
+        int(turns),
+    )
+
+
+def _pose(values: Any, file: Path) -> NDArray[np.float64]:
+    try:
+        matrix = np.asarray(values, float)
+        is_pose = matrix.shape == (4, 4) and bool(
+            np.abs(matrix[:3, :3].T @ matrix[:3, :3] - np.eye(3)).max() < 1e-6
+            and np.linalg.det(matrix[:3, :3]) > 0
+            and (matrix[3] == [0, 0, 0, 1]).all()
+        )
+    except (TypeError, ValueError):
+        is_pose = False
+    if not is_pose:
+        raise DescriptionError(file=file, key="flange_from_sensor_m", value=values, expected="a pose, 4 x 4")
+    return matrix
+
+
+def with_sensor_at(cell: CellDescription, flange_from_sensor: NDArray[np.float64]) -> CellDescription:
+    """The cell with the sensor at a pose (4, 4) on the flange, which includes what was estimated of it before."""
+    turn = np.degrees(pose.euler_xyz_from_rotation(flange_from_sensor[:3, :3]))
+    place = 1e3 * flange_from_sensor[:3, 3]
+    values = [round(float(value), _DIGITS) for value in (*place, *turn)]
+    names = ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")
+    tool = cell.tool.replace({"fixture": None, "flange_from_sensor": dict(zip(names, values, strict=True))})
+    estimated = cell.estimated
+    if estimated is not None:
+        estimated = estimated.model_copy(update={"tool": EstimatedToolDescription()})
+    return cell.model_copy(update={"tool": tool, "estimated": estimated})

@@ -1,0 +1,396 @@
+"""Real measurements of a part beside those that the simulation makes at the same poses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.arguments import checked_arguments
+from scancell.calibration.cell.kinematics import AxisReadings
+from scancell.cell.recording import read_any_recording
+from scancell.config.loading import Setup, load_resolved
+from scancell.errors import DescriptionError, EmptyScanError
+from scancell.files import png_bytes
+from scancell.geometry import pose
+from scancell.geometry.mesh import Mesh
+from scancell.geometry.shapes import PartSurface
+from scancell.nominal.parts import load_part
+from scancell.output.comparison_picture import comparison_picture
+from scancell.output.manifest import command_words, manifest
+from scancell.output.run_files import write_json
+from scancell.output.run_folder import RunFolder
+from scancell.progress import Progress
+from scancell.recorded.measurements import Measurements, read_table_of
+from scancell.recorded.reconstruct import ReconstructedData, reconstruct_measurements
+from scancell.recorded.simulated import simulate
+from scancell.values import Result
+
+Array = NDArray[np.float64]
+
+SHARES = np.array([0.005, 0.025, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95, 0.975, 0.995])
+_ANGLES = np.arange(0.0, 91.0, 15.0)  # deg
+_RANGES = 5
+_PLACES = 20  # along the profile
+_LEAST = 50  # points of a bin
+_NEIGHBOURS = 2  # columns between points whose difference is noise
+_SAME_POSITION, _SAME_TURN = 50e-6, np.radians(0.01)  # of poses that repeat
+_NORMAL = 1.4826  # standard deviation by the median of absolute values
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Points of the part: distance (n,) from it, m, range, place along the profile, m, angle of incidence, rad.
+
+    `exposure` (n,) is the row of the exposure, `camera` and `column` (n,) where in the image.
+    """
+
+    distance: Array
+    range: Array
+    along: Array
+    angle: Array
+    exposure: NDArray[np.intp]
+    camera: NDArray[np.int32]
+    column: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, data: ReconstructedData, part: Mesh, surface: PartSurface, threads: int) -> Residuals:
+        """Of the points of a cloud; the angle is that between the sensor's z and the nearest face."""
+        made, profiles = data.made, data.found.profiles
+        distance, face = surface.distances(made.cloud.points_in_part, threads)
+        exposure = np.asarray(profiles.frame, np.intp)[made.rows]
+        points = np.asarray(profiles.points_in_sensor, float)[made.rows]
+        laser = made.part_from_sensor[exposure, :3, 2]
+        cosine = np.abs((part.normals[face] * laser).sum(1))
+        angle = np.arccos(np.clip(cosine, 0.0, 1.0))
+        cloud = made.cloud
+        return cls(distance, points[:, 2], points[:, 1], angle, exposure, cloud.camera, cloud.column)
+
+    def noise(self, chosen: NDArray[np.bool_]) -> tuple[float, int]:
+        """Standard deviation from point to neighbouring point, m, robustly, and the number of differences."""
+        order = np.lexsort((self.column, self.camera, self.exposure))
+        order = order[chosen[order]]
+        first, second = order[:-1], order[1:]
+        pairs = (
+            (self.exposure[first] == self.exposure[second])
+            & (self.camera[first] == self.camera[second])
+            & (self.column[second] - self.column[first] <= _NEIGHBOURS)
+        )
+        steps = (self.distance[second] - self.distance[first])[pairs]
+        if len(steps) < _LEAST:
+            return float("nan"), len(steps)
+        return float(_NORMAL * np.median(np.abs(steps - np.median(steps))) / np.sqrt(2)), len(steps)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A figure of real and simulated measurements, µm, in a range from `low` to `high` of what it depends on."""
+
+    low: float
+    high: float
+    real: float | None
+    simulated: float | None
+    real_count: int
+    simulated_count: int
+
+    @property
+    def ratio(self) -> float | None:
+        """Simulated over real."""
+        return None if not self.real or self.simulated is None else self.simulated / self.real
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ComparisonResult(Result):
+    """Real measurements of a part beside simulated ones.
+
+    Attributes
+    ----------
+    real, simulated
+        Points on the part.
+    poses
+        Poses (n, 4, 4) of the sensor in the frame of the part.
+    setup, inputs, run
+        Descriptions, files and settings for the manifest.
+    fitted
+        Names of the parameters that a calibration has estimated.
+    is_simulated
+        Whether the run itself is a simulated one.
+
+    Examples
+    --------
+    >>> try:
+    ...     print(scancell.compare("run_of_measurements"))
+    ... except scancell.DescriptionError as error:
+    ...     print(error)
+    run_of_measurements: expected a run folder
+    """
+
+    real: Residuals
+    simulated: Residuals
+    poses: Array
+    setup: Setup
+    inputs: Sequence[Path]
+    run: dict[str, Any]
+    fitted: tuple[str, ...]
+    is_simulated: bool
+
+    def _noise_by(self, name: str, edges: Array) -> list[Pair]:
+        found = []
+        for low, high in pairwise(edges.tolist()):
+            inside = [(getattr(one, name) >= low) & (getattr(one, name) < high) for one in (self.real, self.simulated)]
+            (real, n), (simulated, k) = self.real.noise(inside[0]), self.simulated.noise(inside[1])
+            found.append(Pair(float(low), float(high), _um(real), _um(simulated), n, k))
+        return found
+
+    @property
+    def noise_by_angle(self) -> list[Pair]:
+        """Noise from point to point by angle of incidence, rad."""
+        return self._noise_by("angle", np.radians(_ANGLES))
+
+    @property
+    def noise_by_range(self) -> list[Pair]:
+        """Noise from point to point by range, m; a fifth of the real points in each."""
+        edges = np.quantile(self.real.range, np.linspace(0, 1, _RANGES + 1))
+        edges[-1] = np.nextafter(edges[-1], np.inf)
+        return self._noise_by("range", edges)
+
+    @property
+    def shape(self) -> list[Pair]:
+        """Mean distance from the part by place along the profile, m."""
+        edges = np.linspace(float(self.real.along.min()), float(self.real.along.max()), _PLACES + 1)
+        found = []
+        for low, high in pairwise(edges.tolist()):
+            parts = [one.distance[(one.along >= low) & (one.along < high)] for one in (self.real, self.simulated)]
+            means = [float(np.mean(part)) if len(part) >= _LEAST else float("nan") for part in parts]
+            found.append(Pair(float(low), float(high), _um(means[0]), _um(means[1]), *map(len, parts)))
+        return found
+
+    @property
+    def quantiles(self) -> Array:
+        """Quantiles (k, 2) of the distances of real and simulated points at the shares `SHARES`, m."""
+        return np.column_stack([np.quantile(one.distance, SHARES) for one in (self.real, self.simulated)])
+
+    @property
+    def repeatability(self) -> Pair | None:
+        """Standard deviation of the mean distance of a profile where poses repeat; None where none does."""
+        groups = _repeated(self.poses)
+        if not groups:
+            return None
+        found = [_scatter_of_means(one, groups) for one in (self.real, self.simulated)]
+        return Pair(0.0, 0.0, _um(found[0][0]), _um(found[1][0]), found[0][1], found[1][1])
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """Plain figures, in the units that their names state."""
+        counts = [len(one.distance) for one in (self.real, self.simulated)]
+        rms = [1e6 * float(np.sqrt(np.mean(one.distance**2))) for one in (self.real, self.simulated)]
+        repeated = self.repeatability
+        return {
+            "is_simulated": self.is_simulated,
+            "exposures": len(self.poses),
+            "points": {"real": counts[0], "simulated": counts[1]},
+            "rms_um": {"real": rms[0], "simulated": rms[1]},
+            "noise_by_angle_um": [_plain(one, "deg", 180 / np.pi) for one in self.noise_by_angle],
+            "noise_by_range_um": [_plain(one, "mm", 1e3) for one in self.noise_by_range],
+            "shape_along_profile_um": [_plain(one, "mm", 1e3) for one in self.shape],
+            "quantiles_um": [
+                {"share": float(share), "real": 1e6 * float(real), "simulated": 1e6 * float(simulated)}
+                for share, (real, simulated) in zip(SHARES, self.quantiles, strict=True)
+            ],
+            "repeatability_um": None if repeated is None else asdict(repeated),
+            "fitted": list(self.fitted),
+            "predicted": ["points", "noise", "quantiles", "shape", "repeatability"],
+        }
+
+    def summary(self) -> str:
+        """The figures as lines of text."""
+        figures = self.figures
+        first = "simulated run" if self.is_simulated else "real"
+        points, rms = figures["points"], figures["rms_um"]
+        lines = [
+            f"{figures['exposures']} exposures: {first} / simulated at the same poses",
+            f"  points     {points['real']} / {points['simulated']}",
+            f"  RMS        {rms['real']:.2f} / {rms['simulated']:.2f} um",
+            *_lines("noise by angle, deg", self.noise_by_angle, 180 / np.pi),
+            *_lines("noise by range, mm", self.noise_by_range, 1e3),
+        ]
+        if (repeated := self.repeatability) is not None and repeated.real is not None:
+            lines.append(f"  repeatability of profiles {repeated.real:.2f} / {_text(repeated.simulated)} um")
+        fitted = ", ".join(self.fitted) or "none: all parameters are those of the descriptions"
+        return "\n".join(
+            [*lines, f"  fitted     {fitted}", "  predicted  points, noise, quantiles, shape, repeatability"]
+        )
+
+    def picture(self) -> bytes:
+        """Quantiles, noise by angle and shape along the profile, as PNG."""
+        return png_bytes(self._draw)
+
+    def _draw(self, path: Path) -> None:
+        noise, shape = self.noise_by_angle, self.shape
+        comparison_picture(
+            path,
+            1e6 * self.quantiles,
+            (_middles(noise, 180 / np.pi), [(one.real, one.simulated) for one in noise]),
+            (_middles(shape, 1e3), [(one.real, one.simulated) for one in shape]),
+        )
+
+    @checked_arguments
+    def save(self, folder: str | Path, *, command_line: Sequence[str] | None = None) -> list[Path]:
+        """Write ``comparison.json``, ``comparison.png`` and the manifest, whole or not at all; return the files.
+
+        `command_line`: words that the manifest keeps; by default those of this process.
+
+        Raises
+        ------
+        OutputError
+            If the folder cannot be written.
+        """
+        with RunFolder(Path(folder)) as files:
+            write_json(files.path("comparison.json"), self.figures)
+            self._draw(files.path("comparison.png"))
+            entries = {**self.run, "command_line": command_words(command_line)}
+            write_json(files.path("comparison_manifest.json"), manifest(self.setup, self.inputs, entries))
+        return files.paths
+
+
+def compare_run(
+    folder: Path, part: Path | Mesh | None, unit: str, seed: int, threads: int, progress: Progress
+) -> ComparisonResult:
+    """Compare a run with the simulation of its poses, see `scancell.compare`.
+
+    Raises `ScancellError` naming what is wrong and what was expected.
+    """
+    resolved = folder / "resolved.toml"
+    if not resolved.is_file():
+        raise DescriptionError(file=folder, expected="a run folder")
+    setup, made = load_resolved(resolved)
+    chosen = part if part is not None else Path(made["part"]) if made["part"] else None
+    if chosen is None:
+        raise DescriptionError(
+            "has no part: nothing of known shape was measured", file=folder, key="part", expected="its mesh or artefact"
+        )
+    mesh = chosen.usable if isinstance(chosen, Mesh) else load_part(chosen, unit if part is not None else made["unit"])
+    is_simulated, keep_all = "measured" not in made, bool(made.get("keep_all", False))
+    if is_simulated:
+        measurements, latency, source = _of_scan(folder, setup), None, folder / "profiles.parquet"
+    else:
+        source = folder / "points.parquet"
+        measurements = read_table_of(source, len(setup.cell.robot.joint))
+        latency = 1e-3 * float(made["latency_ms"]) or None
+    real = reconstruct_measurements(measurements, setup, mesh, latency, keep_all, threads)
+    simulated = simulate(measurements, real.readings, real.measured_cell, setup, seed, threads, progress)
+    if not len(simulated.profiles.frame):
+        raise EmptyScanError("the simulated sensor sees nothing from these poses", file=folder)
+    again = reconstruct_measurements(simulated, setup, mesh, 0.0, keep_all, threads)
+    surface = PartSurface(mesh)
+    estimated = {} if setup.cell.estimated is None else setup.cell.estimated.deviations()
+    files = [resolved, source, *([] if isinstance(chosen, Mesh) else [chosen])]
+    return ComparisonResult(
+        Residuals.of(real, mesh, surface, threads),
+        Residuals.of(again, mesh, surface, threads),
+        real.made.part_from_sensor,
+        setup,
+        tuple(files),
+        {"run": str(folder.absolute()), "seed": seed},
+        tuple(name for name, value in estimated.items() if value),
+        is_simulated,
+    )
+
+
+def _of_scan(folder: Path, setup: Setup) -> Measurements:
+    """What a simulated scan has measured."""
+    import pyarrow.parquet  # noqa: PLC0415  (takes 0.1 s to import)
+
+    from scancell.reconstruction.reconstruct import ProfilePoints  # noqa: PLC0415
+
+    for name in ("recording.parquet", "profiles.parquet"):
+        if not (folder / name).is_file():
+            raise DescriptionError("no such file", file=folder / name, expected="that of a run")
+    measured = read_any_recording(folder / "recording.parquet").measured
+    table = pyarrow.parquet.read_table(folder / "profiles.parquet")
+    column = {name: np.asarray(table.column(name).to_numpy()) for name in table.column_names}
+    points = 1e-3 * np.column_stack([column[f"{axis}_mm"] for axis in "xyz"]).astype(float)
+    sigma = 1e-3 * column["sigma_mm"].astype(float)
+    profiles = ProfilePoints(
+        points_in_sensor=points,
+        sigma=sigma,
+        intensity=column["intensity_dn"],
+        camera=column["camera"].astype(np.int32),
+        column=column["column"],
+        frame=np.searchsorted(measured.index, column["profile"]).astype(np.int32),
+        flags=column["flags"],
+        time_offset=column["time_offset_s"].astype(float),
+    )
+    readings = AxisReadings(
+        measured.q, measured.table, measured.qd, measured.table_rate, measured.qdd, measured.table_acceleration
+    )
+    return Measurements(
+        names=tuple(f"exposure {number}" for number in measured.index),
+        index=measured.index,
+        time=measured.time,
+        readings=readings,
+        profiles=profiles,
+        covariance=sigma[:, None, None] ** 2 * np.diag([0.0, 0.0, 1.0]),
+        stated=None,
+        poses_file=folder / "recording.parquet",
+        files=(folder / "profiles.parquet",),
+    )
+
+
+def _repeated(poses: Array) -> list[list[int]]:
+    """Rows of poses that repeat, two or more each."""
+    left, groups = list(range(len(poses))), []
+    while left:
+        own = poses[left[0]]
+        moved = np.linalg.norm(poses[left, :3, 3] - own[:3, 3], axis=1)
+        turned = np.linalg.norm(pose.log_rotation(own[:3, :3].T @ poses[left, :3, :3]), axis=1)
+        same = (moved < _SAME_POSITION) & (turned < _SAME_TURN)
+        group = [row for row, is_same in zip(left, same, strict=True) if is_same]
+        left = [row for row, is_same in zip(left, same, strict=True) if not is_same]
+        if len(group) > 1:
+            groups.append(group)
+    return groups
+
+
+def _scatter_of_means(one: Residuals, groups: list[list[int]]) -> tuple[float, int]:
+    """Standard deviation of the mean distances of profiles about that of their group, m, and degrees of freedom."""
+    squares, degrees = 0.0, 0
+    for group in groups:
+        means = [float(np.mean(part)) for row in group if len(part := one.distance[one.exposure == row])]
+        if len(means) > 1:
+            squares += float(np.var(means)) * len(means)
+            degrees += len(means) - 1
+    return (float(np.sqrt(squares / degrees)) if degrees else float("nan")), degrees
+
+
+def _middles(pairs: Sequence[Pair], scale: float) -> list[float]:
+    """Middles of the ranges of figures."""
+    return [scale * (one.low + one.high) / 2 for one in pairs]
+
+
+def _um(value: float) -> float | None:
+    return None if np.isnan(value) else 1e6 * value
+
+
+def _text(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"
+
+
+def _plain(one: Pair, unit: str, scale: float) -> dict[str, Any]:
+    plain = asdict(one)
+    low, high = scale * plain.pop("low"), scale * plain.pop("high")
+    return {f"from_{unit}": low, f"to_{unit}": high, **plain, "simulated_over_real": one.ratio}
+
+
+def _lines(title: str, pairs: Sequence[Pair], scale: float) -> list[str]:
+    return [f"  {title}"] + [
+        f"    {scale * one.low:8.1f} to {scale * one.high:8.1f}   {_text(one.real)} / {_text(one.simulated)} um"
+        f"   ({one.real_count}, {one.simulated_count} differences)"
+        for one in pairs
+        if one.real is not None or one.simulated is not None
+    ]

@@ -1,0 +1,336 @@
+"""Measurements of a real sensor on a robot, from a table of profile points or a folder of images."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.calibration.board.views import pose_table
+from scancell.calibration.cell.kinematics import AxisReadings
+from scancell.calibration.cell.points import read_axes, read_points
+from scancell.calibration.flange_poses import flange_columns, has_flange, read_flange
+from scancell.calibration.measured_table import MeasuredTable, write_measured_table
+from scancell.config.sensor import SensorDescription
+from scancell.errors import DescriptionError
+from scancell.geometry.pose_conventions import StatedPoses
+from scancell.output.extract_images import ExtractionRequest, extract_profiles
+from scancell.output.image_files import ImageSet
+from scancell.progress import Progress
+from scancell.reconstruction.reconstruct import ProfilePoints
+from scancell.scanning.sense import make_sensor, row_time_offset
+from scancell.values import Value
+
+Array = NDArray[np.float64]
+
+_MOST_RAD = 2.0 * np.pi + 1e-6  # of an angle; degrees exceed it
+_MOST_NUMBER = 2**31 - 1
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Measurements(Value):
+    """Profiles of n exposures with what the robot stated, in the order of the exposures.
+
+    Attributes
+    ----------
+    names, index, time
+        Of the exposures (n,): for messages, as numbers of profiles, and s.
+    readings
+        Joints, or poses of the flange, and table angles.
+    profiles
+        Points (m) in the sensor frame; `frame` is the row of the exposure.
+    covariance
+        (m, 3, 3) of the points, sensor frame, m²: the noise of the sensor alone.
+    stated, poses_file
+        Poses of the flange as stated, None where joints are given; and the table of poses or joints.
+    files
+        All files that were read.
+    """
+
+    names: tuple[str, ...]
+    index: NDArray[np.int64]
+    time: Array
+    readings: AxisReadings
+    profiles: ProfilePoints
+    covariance: Array
+    stated: StatedPoses | None
+    poses_file: Path
+    files: tuple[Path, ...]
+
+    @property
+    def moves(self) -> bool:
+        """Whether rates of joints or table are stated that are not 0."""
+        return bool(self.readings.qd.any() or self.readings.table_rate.any())
+
+    def write(self, path: Path) -> None:
+        """Write the table of points that `read_table` reads again: CSV or Parquet, by the suffix.
+
+        Raises `OutputError` if the file cannot be written.
+        """
+        readings, profiles = self.readings, self.profiles
+        frame = np.asarray(profiles.frame, np.intp)
+        by_exposure: dict[str, NDArray[Any]] = {"exposure": self.index, "time_s": self.time}
+        if readings.flange is not None:
+            by_exposure |= flange_columns(readings.flange)
+        else:
+            for name, values, unit in (
+                ("q", readings.q, "deg"),
+                ("qd", readings.qd, "deg_s"),
+                ("qdd", readings.qdd, "deg_s2"),
+            ):
+                by_exposure |= {f"{name}{i}_{unit}": column for i, column in enumerate(np.degrees(values).T, 1)}
+        by_exposure["table_deg"] = np.degrees(readings.table)
+        by_exposure["table_rate_deg_s"] = np.degrees(readings.table_rate)
+        by_exposure["table_acceleration_deg_s2"] = np.degrees(readings.table_acceleration)
+        direction = _largest_direction(self.covariance)
+        points = 1e3 * np.asarray(profiles.points_in_sensor, float)
+        columns = {
+            **{name: values[frame] for name, values in by_exposure.items()},
+            **{f"{axis}_mm": points[:, i] for i, axis in enumerate("xyz")},
+            **{f"error_{axis}": direction[:, i] for i, axis in enumerate("xyz")},
+            "sigma_um": 1e6 * np.asarray(profiles.sigma, float),
+            "time_offset_ms": 1e3 * np.asarray(profiles.time_offset, float),
+            "camera": np.asarray(profiles.camera, np.int64),
+            "column_px": np.asarray(profiles.column, np.int64),
+            "intensity_dn": np.asarray(profiles.intensity, float),
+            "flags": np.asarray(profiles.flags, np.int64),
+        }
+        if readings.flange is not None:
+            del columns["time_offset_ms"]  # poses state no rates
+        write_measured_table(path, columns)
+
+
+def read_measurements(
+    data: Path,
+    sensor: SensorDescription,
+    joints: int,
+    *,
+    flange: Path | None,
+    convention: str | None,
+    laser_off: Path | None,
+    quarter_turns: int,
+    threads: int,
+    progress: Progress,
+) -> Measurements:
+    """Measurements of a table of points, or of a folder of images.
+
+    Raises `ScancellError` naming file, key, value and what was expected.
+
+    Parameters
+    ----------
+    joints
+        Number of joints of the arm.
+    flange, convention
+        Table of flange poses of the exposures of a table of points, and convention of orientations whose columns do
+        not state it.
+    laser_off, quarter_turns
+        Of images: folder of background images, and turns to the images of the described camera.
+    """
+    if data.is_dir():
+        if flange is not None:
+            raise DescriptionError("applies to a table of points; a folder of images holds its poses", key="flange")
+        return read_images_of(data, sensor, joints, convention, laser_off, quarter_turns, threads, progress)
+    for key, given in (("laser_off", laser_off is not None), ("quarter_turns", quarter_turns != 0)):
+        if given:
+            raise DescriptionError("applies to a folder of images", key=key, value=str(data))
+    return read_table_of(data, joints, flange, convention)
+
+
+def read_table_of(path: Path, joints: int, flange: Path | None = None, convention: str | None = None) -> Measurements:
+    """Measurements of a table of points (docs/measurements.md).
+
+    Raises `DescriptionError` naming file, column, row, value and what was expected.
+    """
+    table = MeasuredTable(path)
+    _require_one_kind(table, flange)
+    found = read_points(path, joints, flange, convention)
+    if found.flange is not None:
+        _require_radians(found.flange, found.flange_path or path)
+    observed = found.observations
+    first = np.unique(observed.frame, return_index=True)[1]
+    numbers = found.exposures
+    whole = bool((numbers == np.round(numbers)).all() and (np.abs(numbers) <= _MOST_NUMBER).all())
+    per_point = {name: _whole(table, name) for name in ("camera", "column_px", "flags")}
+    if "column_px" not in table.names:
+        per_point["column_px"] = _order_within(observed.frame)
+    profiles = ProfilePoints(
+        points_in_sensor=observed.points_in_sensor,
+        sigma=observed.sigma,
+        intensity=table.numbers("intensity_dn", 0.0),
+        camera=per_point["camera"].astype(np.int32),
+        column=per_point["column_px"].astype(np.int32),
+        frame=observed.frame.astype(np.int32),
+        flags=per_point["flags"].astype(np.uint32),
+        time_offset=observed.time_offset,
+    )
+    outer = observed.direction[:, :, None] * observed.direction[:, None, :]
+    return Measurements(
+        names=tuple(f"exposure {number:g}" for number in numbers),
+        index=numbers.astype(np.int64) if whole else np.arange(1, len(numbers) + 1),
+        time=_times(table, first, len(numbers)),
+        readings=observed.readings,
+        profiles=profiles,
+        covariance=observed.sigma[:, None, None] ** 2 * outer,
+        stated=found.flange,
+        poses_file=found.flange_path or path,
+        files=(path, *([] if flange is None else [flange])),
+    )
+
+
+def read_images_of(
+    folder: Path,
+    sensor: SensorDescription,
+    joints: int,
+    convention: str | None,
+    laser_off: Path | None,
+    quarter_turns: int,
+    threads: int,
+    progress: Progress,
+) -> Measurements:
+    """Measurements of a folder of images with a table of joints or flange poses.
+
+    Raises `ScancellError` naming file, key, value and what was expected.
+    """
+    table = pose_table(folder)
+    _require_one_kind(table, None)
+    native = make_sensor(sensor, 0)
+    cameras = [camera.name for camera in native.cameras]
+    sets = ImageSet.from_files([folder], cameras)
+    background = None
+    if laser_off is not None:
+        background = sets.matching(ImageSet.from_files([laser_off], cameras, "off"))
+    rows = _rows_of_images(table, sets, folder)
+    stated = None
+    if has_flange(table):
+        stated = read_flange(table, convention)
+        _require_radians(stated, table.path)
+    elif convention is not None:
+        raise DescriptionError("has no flange poses", file=table.path, key="convention", value=convention)
+    every = np.arange(len(table))
+    axes = read_axes(table, joints if stated is None else 0, every, every, every.astype(float))
+    if stated is not None:
+        stated = stated.rows(rows)
+        axes = AxisReadings.of_flange(stated.matrices(), axes.table[rows])
+    else:
+        axes = axes.rows(rows)
+    progress.stage("extracting", 1, "profiles")
+    request = ExtractionRequest([folder], sensor, peaks=False, threads=threads, quarter_turns=quarter_turns)
+    found = extract_profiles(sets, background, native, request, ("covariance",)).profiles
+    progress.advance(1)
+    profiles = ProfilePoints(
+        points_in_sensor=found["points_in_sensor"],
+        sigma=found["sigma"],
+        intensity=found["intensity"],
+        camera=found["camera"],
+        column=found["column"],
+        frame=found["frame"].astype(np.int32),
+        flags=found["flags"],
+        time_offset=row_time_offset(native, found["row"], found["camera"]),
+    )
+    return Measurements(
+        names=sets.names,
+        index=np.arange(1, len(sets) + 1),
+        time=_times(table, rows, len(sets)),
+        readings=axes,
+        profiles=profiles,
+        covariance=np.asarray(found["covariance"], float),
+        stated=stated,
+        poses_file=table.path,
+        files=(table.path, *(file for files in sets.files for file in files)),
+    )
+
+
+def _rows_of_images(table: MeasuredTable, sets: ImageSet, folder: Path) -> NDArray[np.intp]:
+    """Rows (n,) of the table for the exposures of the images: each names an exposure, or an image of one."""
+    exposure: Mapping[str, int] = {
+        **{file.name: row for row, files in enumerate(sets.files) for file in files},
+        **{name: row for row, name in enumerate(sets.names)},
+    }
+    rows = np.full(len(sets), -1, np.intp)
+    for row, name in enumerate(table.words("image")):
+        if name not in exposure:
+            table.refuse(row, "image", f"an image in {folder}")
+        if rows[exposure[name]] >= 0:
+            table.refuse(row, "image", "one row for each exposure")
+        rows[exposure[name]] = row
+    missing = np.flatnonzero(rows < 0)
+    if len(missing):
+        raise DescriptionError(
+            f"holds no pose of {len(missing)} of the {len(sets)} exposures of its folder",
+            file=table.path,
+            key="column 'image'",
+            expected=f"a row with {sets.files[missing[0]][0].name}, or no such image",
+        )
+    return rows
+
+
+def _require_one_kind(table: MeasuredTable, flange: Path | None) -> None:
+    """Refuse a table of joints and flange poses, and one of neither."""
+    has_joints = "q1_deg" in table.names
+    if has_joints and (flange is not None or has_flange(table)):
+        raise DescriptionError(
+            "states joints and flange poses",
+            file=table.path,
+            key="columns 'q1_deg', 'flange_…'",
+            expected="one of them",
+        )
+    if not has_joints and flange is None and not has_flange(table):
+        raise DescriptionError(
+            "states neither joints nor flange poses", file=table.path, expected="columns q1_deg … or flange_x_mm …"
+        )
+
+
+def _require_radians(stated: StatedPoses, file: Path) -> None:
+    """Refuse angles that are called radians and exceed a turn."""
+    if stated.reading.angle != "rad":
+        return
+    largest = np.abs(stated.orientation).max(1)
+    row = int(largest.argmax())
+    if largest[row] > _MOST_RAD:
+        raise DescriptionError(
+            "is more than a turn: degrees?",
+            file=file,
+            key=f"angles of the flange in rad, row {row + 1}",
+            value=float(largest[row]),
+            expected="at most 6.2832",
+        )
+
+
+def _whole(table: MeasuredTable, name: str) -> Array:
+    """A column of integers from 0, by default 0."""
+    values = table.numbers(name, 0.0)
+    wrong = np.flatnonzero((values < 0) | (values != np.round(values)) | (values > _MOST_NUMBER))
+    if len(wrong):
+        table.refuse(int(wrong[0]), name, "an integer, 0 or more")
+    return values
+
+
+def _order_within(frame: NDArray[np.intp]) -> Array:
+    """Numbers (m,) from 0 of points in the order in which those of their exposure came."""
+    order = np.argsort(frame, kind="stable")
+    number = np.empty(len(frame))
+    number[order] = np.arange(len(frame)) - np.searchsorted(frame[order], frame[order])
+    return number
+
+
+def _times(table: MeasuredTable, rows: NDArray[np.intp], count: int) -> Array:
+    """Times (n,) of exposures, s; 1 s apart where the table has none."""
+    if "time_s" not in table.names:
+        return np.arange(count, dtype=float)
+    time = table.numbers("time_s")[rows]
+    back = np.flatnonzero(np.diff(time) <= 0)
+    if len(back):
+        table.refuse(int(rows[back[0] + 1]), "time_s", "more than that of the exposure before")
+    return time
+
+
+def _largest_direction(covariance: Array) -> Array:
+    """Unit vectors (m, 3) of the largest standard deviation, towards larger z; z where there is none."""
+    vectors = np.linalg.eigh(covariance)[1][:, :, -1]
+    vectors = vectors * np.where(vectors[:, 2:] < 0, -1.0, 1.0)
+    is_known = np.any(covariance != 0.0, axis=(1, 2))
+    return np.where(is_known[:, None], vectors, [0.0, 0.0, 1.0])

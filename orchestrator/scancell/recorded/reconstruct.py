@@ -1,0 +1,228 @@
+"""Reconstruction of real measurements: the same as that of a scan, from joints or from poses of the flange."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.calibration.cell.kinematics import AxisReadings
+from scancell.calibration.cell.request import start_of
+from scancell.cell.recording import TriggerRecords
+from scancell.config.choices import LatencyWord
+from scancell.config.loading import Setup
+from scancell.errors import CalibrationError, EmptyScanError
+from scancell.geometry import pose
+from scancell.geometry.mesh import Mesh
+from scancell.geometry.shapes import PartSurface
+from scancell.nominal.cell import NominalCell, nominal_cell
+from scancell.nominal.estimated import estimated_cell
+from scancell.reconstruction.foreign import neighbours_of
+from scancell.reconstruction.reconstruct import (
+    Envelope,
+    Reconstructed,
+    points_in_part,
+    reconstruct_rows,
+    table_warnings,
+    why_empty,
+)
+from scancell.recorded.checks import check_exposures, check_readings
+from scancell.recorded.latency import Latency, estimate_latency
+from scancell.recorded.measurements import Measurements
+from scancell.scanning.pipeline import envelope_of
+
+Array = NDArray[np.float64]
+
+_EVERYWHERE = Envelope(-np.inf, np.inf, np.inf)
+
+
+@dataclass(frozen=True)
+class MeasuredCell:
+    """The described or calibrated cell of measurements.
+
+    Attributes
+    ----------
+    cell
+        With the part; where there is none, the frame of the robot's base stands for that of the part.
+    has_part
+        Whether there is a part.
+    """
+
+    cell: NominalCell
+    has_part: bool
+
+    @classmethod
+    def of(cls, setup: Setup, part: Mesh | None) -> MeasuredCell:
+        """The cell of a setup.
+
+        Raises `ScancellError` if the part or another body cannot be used.
+        """
+        nominal = nominal_cell(setup.cell, part)
+        found = setup.cell.estimated
+        cell = nominal if found is None else estimated_cell(nominal, found.deviations())
+        if part is None:
+            platter_from_base = pose.inverse(cell.world_from_platter(0.0)) @ cell.arm.world_from_base
+            cell = replace(cell, table_from_part=platter_from_base)
+        return cls(cell, part is not None)
+
+    @property
+    def frame(self) -> str:
+        """Name of the cloud's frame; that of the base is meant with the table at 0."""
+        return "part" if self.has_part else "base"
+
+    def part_from_sensor(self, readings: AxisReadings) -> Array:
+        """Poses (n, 4, 4) of the sensor in the frame of the cloud."""
+        return np.asarray(pose.inverse(self.cell.world_from_part(readings.table)) @ self.world_from_sensor(readings))
+
+    def world_from_sensor(self, readings: AxisReadings) -> Array:
+        """Poses (n, 4, 4) of the sensor in the world."""
+        if readings.flange is None:
+            return self.cell.world_from_sensor(readings.q)
+        return np.asarray(self.cell.arm.world_from_base @ readings.flange @ self.cell.flange_from_sensor)
+
+    def from_coordinates(self, readings: AxisReadings, coordinates: Array, table: Array) -> Array:
+        """Poses of the sensor in the frame of the cloud, for the numbers that stand for joints in `records_of`."""
+        if readings.flange is not None:
+            return self.part_from_sensor(AxisReadings.of_flange(coordinates.reshape(-1, 4, 4), table))
+        return self.cell.part_from_sensor(coordinates, table)
+
+
+@dataclass(frozen=True)
+class ReconstructedData:
+    """A cloud with what it was made from.
+
+    Attributes
+    ----------
+    found, measured_cell
+        Measurements, and the cell in which they were made.
+    readings
+        Those of the measurements, later by the latency.
+    latency
+        Delay of the exposures.
+    made
+        Cloud, rows of its points, poses.
+    covariance
+        (k, 3, 3) of the points of the cloud in its frame, m².
+    warnings
+        What is doubtful.
+    """
+
+    found: Measurements
+    measured_cell: MeasuredCell
+    readings: AxisReadings
+    latency: Latency
+    made: Reconstructed
+    covariance: Array
+    warnings: tuple[str, ...]
+
+
+def records_of(found: Measurements, readings: AxisReadings) -> TriggerRecords:
+    """Records of a controller; where poses of the flange are given, their sixteen numbers stand for joints."""
+    coordinates, rates = readings.q, readings.qd
+    if readings.flange is not None:
+        coordinates = readings.flange.reshape(len(readings), 16)
+        rates = np.zeros_like(coordinates)
+    return TriggerRecords(
+        index=found.index,
+        segment=np.ones(len(readings), np.int64),
+        time=found.time,
+        exposure=np.zeros(len(readings)),
+        q=coordinates,
+        qd=rates,
+        table=readings.table,
+        table_rate=readings.table_rate,
+    )
+
+
+def reconstruct_measurements(
+    found: Measurements,
+    setup: Setup,
+    part: Mesh | None,
+    latency: float | LatencyWord | None,
+    keep_all: bool,
+    threads: int,
+) -> ReconstructedData:
+    """The cloud of measurements; with a part, points on the table and on its neighbours are removed as in a scan.
+
+    Raises `CalibrationError` if the latency cannot be applied or estimated, or the measurements disagree with the part;
+    `EmptyScanError` if no point is left.
+
+    Parameters
+    ----------
+    latency
+        Delay of the exposures, s, ``estimate``, or None for that of the cell's description.
+    keep_all
+        Whether points that are not the part's stay.
+    """
+    measured_cell = MeasuredCell.of(setup, part)
+    cell = measured_cell.cell
+    delay = _latency(found, setup, measured_cell, latency)
+    readings = found.readings.after(delay.value)
+    surface = None if part is None else PartSurface(part)
+    if surface is not None and len(found.profiles.frame):
+        check_readings(
+            replace(found, readings=readings),
+            surface,
+            lambda other, points, frame: points_in_part(points, frame, measured_cell.part_from_sensor(other)),
+        )
+    whole = keep_all or part is None
+    envelope = _EVERYWHERE if whole else envelope_of(cell, setup)
+    made = reconstruct_rows(
+        found.profiles,
+        records_of(found, readings),
+        lambda coordinates, table: measured_cell.from_coordinates(readings, coordinates, table),
+        cell.table_from_part,
+        envelope,
+        neighbours=None if whole else neighbours_of(cell),
+        threads=threads,
+    )
+    if not len(made.cloud):
+        why = why_empty(made.dropped, envelope) if len(found.profiles.frame) else ["no stripe was found in any image"]
+        raise EmptyScanError(f"the measurements give no point: {'; '.join(why)}", file=found.files[0])
+    frame = np.asarray(found.profiles.frame, np.intp)[made.rows]
+    if surface is not None:
+        check_exposures(found, frame, surface.distances(made.cloud.points_in_part, threads)[0])
+    turn = made.part_from_sensor[frame, :3, :3]
+    covariance = turn @ found.covariance[made.rows] @ np.swapaxes(turn, 1, 2)
+    warnings = [] if whole else table_warnings(made.dropped, setup.scan.table_margin_mm)
+    empty = len(found.index) - len(np.unique(found.profiles.frame))
+    if empty:
+        warnings.append(f"{empty} of {len(found.index)} exposures give no point")
+    return ReconstructedData(found, measured_cell, readings, delay, made, covariance, tuple(warnings))
+
+
+def _latency(found: Measurements, setup: Setup, measured: MeasuredCell, wanted: float | LatencyWord | None) -> Latency:
+    if isinstance(wanted, str):
+        return estimate_latency(found, nominal_cell_of(measured, setup), start_of(setup), measured.has_part)
+    value = measured.cell.trigger_latency if wanted is None else wanted
+    if wanted and not found.moves:
+        missing = "flange poses state no rates" if found.stated is not None else "all rates are 0"
+        raise CalibrationError(
+            f"{missing}: a delay has no effect",
+            file=found.poses_file,
+            key="latency_ms",
+            value=1e3 * wanted,
+            expected="joints with rates (q1_deg, qd1_deg_s, …)",
+        )
+    return Latency(value)
+
+
+def nominal_cell_of(measured: MeasuredCell, setup: Setup) -> NominalCell:
+    """The described cell, without what was estimated, with the part of a measured one."""
+    return nominal_cell(setup.cell, measured.cell.part if measured.has_part else None)
+
+
+def joints_of_flange(cell: NominalCell, flange: Array) -> Array | None:
+    """Joints (n, joints), rad, at which the arm holds its flange at poses (n, 4, 4) of the base; None if it cannot.
+
+    The solution nearest to the joints before is chosen.
+    """
+    branches = cell.arm.ik(cell.arm.world_from_base @ flange, reference=cell.home)
+    found, at = np.empty((len(flange), len(cell.home))), cell.home
+    for row, choices in enumerate(branches):
+        travel = np.nan_to_num(np.abs(choices - at).max(1), nan=np.inf)
+        if not np.isfinite(travel.min()):
+            return None
+        at = found[row] = choices[travel.argmin()]
+    return found

@@ -1,0 +1,112 @@
+"""`reconstruct`: from what a person names to the measurements, the descriptions and the cloud."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from scancell.config.cell import CellDescription
+from scancell.config.choices import FlangeConvention, LatencyWord
+from scancell.config.loading import Setup, load_setup
+from scancell.config.sensor import SensorDescription
+from scancell.errors import DescriptionError
+from scancell.geometry.mesh import Mesh
+from scancell.nominal.parts import load_part
+from scancell.progress import Progress
+from scancell.recorded.calibrated import read_calibration, with_sensor_at
+from scancell.recorded.measurements import read_measurements
+from scancell.recorded.reconstruct import reconstruct_measurements
+from scancell.recorded.result import ReconstructionResult
+
+Cell = str | Path | CellDescription | None
+Sensor = str | Path | SensorDescription | None
+
+
+@dataclass(frozen=True)
+class ReconstructRequest:
+    """Measurements to reconstruct, and how; see `scancell.reconstruct` for the attributes."""
+
+    data: Path
+    part: Path | Mesh | None = None
+    unit: str = "mm"
+    calibration: Path | None = None
+    flange: Path | None = None
+    convention: FlangeConvention | None = None
+    laser_off: Path | None = None
+    quarter_turns: int | None = None
+    latency_ms: float | LatencyWord | None = None
+    keep_all: bool = False
+    threads: int = 0
+
+
+def calibrated_setup(
+    cell: Cell, sensor: Sensor, calibration: Path | None, settings: list[str]
+) -> tuple[Setup, int, list[Path]]:
+    """Descriptions with what a calibration has found, quarter turns of images, and the files that were read.
+
+    Raises `DescriptionError` if a file is wrong, or cell or sensor are given and calibrated.
+    """
+    if calibration is None:
+        return load_setup(cell, sensor, None, settings), 0, _files(cell, sensor)
+    found = read_calibration(calibration)
+    for key, given, own in (("cell", cell, found.cell), ("sensor", sensor, found.sensor)):
+        if given is not None and own is not None:
+            raise DescriptionError(
+                f"{own} of the calibration is another one", key=key, value=str(given), expected="one of them"
+            )
+    setup = load_setup(cell or found.cell, sensor or found.sensor, None, settings)
+    if found.flange_from_sensor is not None:
+        setup = Setup(with_sensor_at(setup.cell, found.flange_from_sensor), setup.sensor, setup.scan)
+    file = calibration / "calibration.json" if calibration.is_dir() else calibration
+    return setup, found.quarter_turns, [*_files(cell or found.cell, sensor or found.sensor), file]
+
+
+def _files(*given: object) -> list[Path]:
+    return [Path(item) for item in given if isinstance(item, str | Path)]
+
+
+def reconstruct_request(
+    request: ReconstructRequest, cell: Cell, sensor: Sensor, settings: list[str], progress: Progress
+) -> ReconstructionResult:
+    """Reconstruct measurements, see `scancell.reconstruct`.
+
+    Raises `ScancellError` naming what is wrong and what was expected.
+    """
+    setup, turns, inputs = calibrated_setup(cell, sensor, request.calibration, settings)
+    part = request.part
+    mesh = part.usable if isinstance(part, Mesh) else None if part is None else load_part(part, request.unit)
+    found = read_measurements(
+        request.data,
+        setup.sensor,
+        len(setup.cell.robot.joint),
+        flange=request.flange,
+        convention=request.convention,
+        laser_off=request.laser_off,
+        quarter_turns=(turns if request.data.is_dir() else 0)
+        if request.quarter_turns is None
+        else request.quarter_turns,
+        threads=request.threads,
+        progress=progress,
+    )
+    progress.stage("reconstructing", 1, "cloud")
+    latency = request.latency_ms
+    made = reconstruct_measurements(
+        found,
+        setup,
+        mesh,
+        latency if latency is None or isinstance(latency, str) else 1e-3 * latency,
+        request.keep_all,
+        request.threads,
+    )
+    progress.advance(1)
+    file = None if part is None or isinstance(part, Mesh) else part
+    run = {
+        "part": str(file.absolute()) if file is not None else "" if mesh is None else mesh.source,
+        "unit": request.unit,
+        "measured": str(request.data.absolute()),
+        "latency_ms": 1e3 * made.latency.value,
+        "keep_all": request.keep_all,
+    }
+    names = tuple(camera.name for camera in setup.sensor.camera)
+    files = [*inputs, *found.files, *([] if file is None else [file])]
+    return ReconstructionResult(made, setup, mesh, tuple(files), run, names, request.threads)

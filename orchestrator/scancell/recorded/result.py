@@ -1,0 +1,201 @@
+"""The result of the reconstruction of real measurements: figures, pictures, a run folder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.arguments import checked_arguments
+from scancell.cell.recording import Recording, write_recording
+from scancell.config.loading import Setup
+from scancell.evaluation.deviation import Deviation, deviation_from_mesh
+from scancell.files import png_bytes
+from scancell.geometry.mesh import Mesh
+from scancell.output.deviation_picture import deviation_picture
+from scancell.output.manifest import command_words, manifest, resolved_toml
+from scancell.output.run_files import covariance_columns, write_json, write_profiles
+from scancell.output.run_folder import RunFolder
+from scancell.reconstruction.cloud import Cloud
+from scancell.reconstruction.cloud_files import parse_formats, write_cloud
+from scancell.recorded.reconstruct import ReconstructedData, joints_of_flange
+from scancell.values import Result
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ReconstructionResult(Result):
+    """Cloud of real measurements.
+
+    Attributes
+    ----------
+    data
+        Cloud, readings and measurements.
+    setup
+        Descriptions, calibrated where a calibration was given.
+    part
+        Nominal part; None where none was given.
+    inputs, run
+        Files and settings for the manifest.
+    camera_names
+        By camera index.
+    threads
+        Of the evaluation.
+
+    Examples
+    --------
+    >>> try:
+    ...     result = scancell.reconstruct("profiles.csv", cell="calibrated.toml", sensor="sensor.toml")
+    ...     print(result.cloud, result.covariance.shape)
+    ... except scancell.DescriptionError as error:
+    ...     print(error)
+    calibrated.toml: no such file
+    """
+
+    data: ReconstructedData
+    setup: Setup
+    part: Mesh | None
+    inputs: Sequence[Path]
+    run: Mapping[str, Any]
+    camera_names: tuple[str, ...]
+    threads: int = field(default=0, compare=False)
+
+    @property
+    def cloud(self) -> Cloud:
+        """Points in the frame of the part; without a part in that of the robot's base, with the table at 0."""
+        return self.data.made.cloud
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance (n, 3, 3) of the points of the cloud in its frame by the noise of the sensor alone, m²."""
+        return self.data.covariance
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is doubtful."""
+        return list(self.data.warnings)
+
+    @cached_property
+    def deviation(self) -> Deviation | None:
+        """Signed distances of the points from the part, m; None without one."""
+        return None if self.part is None else deviation_from_mesh(self.cloud, self.part, self.threads)
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """Plain figures, in the units that their names state."""
+        data = self.data
+        sigma = 1e6 * np.asarray(self.cloud.sigma, float)
+        latency = data.latency
+        return {
+            "exposures": len(data.found.index),
+            "points": len(self.cloud),
+            "frame": data.measured_cell.frame,
+            "dropped": data.made.dropped.as_json(),
+            "sigma_median_um": float(np.median(sigma)),
+            "latency_ms": 1e3 * latency.value,
+            "latency_half_width_ms": None if latency.half_width is None else 1e3 * latency.half_width,
+            "deviation": None if self.deviation is None else self.deviation.figures.as_um(),
+        }
+
+    def summary(self) -> str:
+        """The figures as lines of text."""
+        figures, deviation, latency = self.figures, self.deviation, self.data.latency
+        where = "of the part" if self.data.measured_cell.has_part else "of the robot's base"
+        lines = [f"{figures['exposures']} exposures: {len(self.cloud)} points in the frame {where}"]
+        if deviation is not None:
+            lines.append(f"  deviation{deviation.figures.text()[1:]}")
+            lines.append(f"  dropped    {self.data.made.dropped.low} points on the table")
+        if latency.half_width is not None:
+            lines.append(f"  latency    {1e3 * latency.value:.4f} +- {1e3 * latency.half_width:.4f} ms (95 %)")
+        elif latency.value:
+            lines.append(f"  latency    {1e3 * latency.value:.4f} ms")
+        return "\n".join(lines)
+
+    def picture(self) -> bytes | None:
+        """The deviation picture as PNG; None without a part."""
+        return None if self.part is None else png_bytes(self._draw)
+
+    def _draw(self, path: Path) -> None:
+        assert self.part is not None and self.deviation is not None
+        deviation_picture(path, self.cloud.points_in_part, self.deviation, self.part, name=Path(self.part.source).name)
+
+    @checked_arguments
+    def save(
+        self, folder: str | Path, formats: Sequence[str] = ("ply",), *, command_line: Sequence[str] | None = None
+    ) -> list[Path]:
+        """Write the run folder, whole or not at all, and return its files.
+
+        Parameters
+        ----------
+        formats
+            Formats of the cloud: ply, npz, laz, e57, pcd, xyz.
+        command_line
+            Words that the manifest keeps; by default those of this process.
+
+        Raises
+        ------
+        OutputError
+            If the folder cannot be written.
+        DescriptionError
+            If a format is unknown.
+        """
+        data, chosen = self.data, parse_formats(",".join(formats), "formats")
+        run = {**self.run, "command_line": command_words(command_line)}
+        with RunFolder(Path(folder)) as files:
+            comments = ("scancell reconstruct", f"frame {data.measured_cell.frame}")
+            for suffix in chosen:
+                write_cloud(files.path(f"cloud.{suffix}"), self.cloud, comments)
+            self._write_covariance(files.path("covariance.parquet"))
+            profiles = files.path("profiles.parquet")
+            write_profiles(data.found.profiles, data.found.index, self.camera_names, profiles, data.found.covariance)
+            data.found.write(files.path("points.parquet"))
+            recording = self._recording()
+            if recording is not None:
+                write_recording(recording, files.path("recording.parquet"))
+            if self.deviation is not None:
+                write_json(files.path("deviation.json"), self.deviation.as_json(self.camera_names, {1: "measured"}))
+                self._draw(files.path("deviation.png"))
+            write_json(files.path("reconstruction.json"), self.figures)
+            files.path("resolved.toml").write_text(resolved_toml(self.setup, run))
+            entries = {**run, "warnings": self.warnings, "points": data.made.dropped.as_json()}
+            write_json(files.path("manifest.json"), manifest(self.setup, self.inputs, entries))
+        return files.paths
+
+    def _write_covariance(self, path: Path) -> None:
+        """Covariances of the points of the cloud, in its order and frame."""
+        import pyarrow as pa  # noqa: PLC0415  (takes 0.1 s to import)
+        import pyarrow.parquet  # noqa: PLC0415
+
+        pyarrow.parquet.write_table(pa.table(covariance_columns(self.covariance)), path)
+
+    def _recording(self) -> Recording | None:
+        """Readings as trigger records for pictures; None where the described arm does not reach poses of the flange."""
+        data = self.data
+        readings = data.readings
+        q = readings.q
+        if readings.flange is not None:
+            reached = joints_of_flange(data.measured_cell.cell, readings.flange)
+            if reached is None:
+                return None
+            q = reached
+        count, rates = len(readings), readings.qd if readings.flange is None else np.zeros_like(q)
+        columns: dict[str, Any] = {
+            "trigger.index": data.found.index,
+            "trigger.segment": np.ones(count, np.int64),
+            "trigger.time": data.found.time,
+            "trigger.exposure": np.zeros(count),
+            **{f"trigger.measured.q[{i}]": column for i, column in enumerate(q.T, 1)},
+            **{f"trigger.measured.qd[{i}]": column for i, column in enumerate(rates.T, 1)},
+            "trigger.measured.table": readings.table,
+            "trigger.measured.table_rate": readings.table_rate,
+        }
+        return Recording(columns)
+
+    def __repr__(self) -> str:
+        return f"ReconstructionResult({len(self.data.found.index)} exposures, {len(self.cloud)} points)"
