@@ -172,6 +172,8 @@ def half_lines(data: Path) -> Iterator[str]:
             cells = " | ".join(_predicted_measured(squares))
             print("half of", folder, "done", flush=True)
             yield f"| `{folder.replace('.', 'data')}` | {len(fitted)}, {len(others)} | {cells} |"
+    if not count:
+        return
     ratios = np.sqrt(total[0] / total[1])
     cells = (
         f"{cell}; ratio {ratio:.2f}" for cell, ratio in zip(_predicted_measured(total / count), ratios, strict=True)
