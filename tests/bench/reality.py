@@ -45,6 +45,7 @@ Array = NDArray[np.float64]
 REPORT = Path(__file__).resolve().parents[2] / "docs" / "reality.md"
 BOARD = Board(7, 6, 0.010)
 # Of the folders with images; those of calib5 are those of calib4.
+LEAST_HALF = 4  # images
 FOLDERS = (".", "calib1", "calib2", "calib3", "calib4", "calib6")
 BALL_RADIUS = 19.05e-3
 _NEAR = 40e-6  # m, of points of the ball in the first fit of its circle
@@ -140,6 +141,50 @@ def etna_folder(data: Path, folder: str) -> FolderResult:
         half = one.factor() * np.sqrt(np.diag(prediction.covariance + noise))
         result.inside = np.vstack([result.inside, np.abs(away) < half])
     return result
+
+
+def board_errors(fitted: Sequence[BoardView], others: Sequence[BoardView], size: tuple[int, int]) -> Array:
+    """Predicted and measured mean squares (2, 2) of position (mm²) and orientation (mrad²) of the other boards."""
+    one = solve(fitted, start_rig(fitted, size))
+    squares = np.zeros((2, 2))
+    for view in others:
+        seen, noise = seen_pose(one.rig, view, one.sizes)
+        prediction = predict(one, view.flange)
+        variance = np.diag(prediction.covariance + noise)
+        away = displacement(prediction.camera_from_board, seen)
+        squares += [[variance[:3].sum(), variance[3:].sum()], [(away[:3] ** 2).sum(), (away[3:] ** 2).sum()]]
+    return squares / len(others)
+
+
+def half_lines(data: Path) -> Iterator[str]:
+    """Table of what halves of the board's images predict of the others."""
+    yield "| folder | fitted, predicted images | board, mm: predicted, measured | board, deg: predicted, measured |"
+    yield "|---|---|---|---|"
+    total, count = np.zeros((2, 2)), 0
+    for folder in FOLDERS:
+        found = etna_views(data, folder)
+        for first in (0, 1):
+            fitted, others = found.views[first::2], found.views[1 - first :: 2]
+            if min(len(fitted), len(others)) < LEAST_HALF:
+                continue
+            squares = board_errors(fitted, others, found.size)
+            total, count = total + len(others) * squares, count + len(others)
+            cells = " | ".join(_predicted_measured(squares))
+            print("half of", folder, "done", flush=True)
+            yield f"| `{folder.replace('.', 'data')}` | {len(fitted)}, {len(others)} | {cells} |"
+    if not count:
+        return
+    ratios = np.sqrt(total[0] / total[1])
+    cells = (
+        f"{cell}; ratio {ratio:.2f}" for cell, ratio in zip(_predicted_measured(total / count), ratios, strict=True)
+    )
+    yield f"| all | {count} | {' | '.join(cells)} |"
+
+
+def _predicted_measured(squares: Array) -> list[str]:
+    """Predicted and measured RMS of position, mm, and orientation, deg, of mean squares (2, 2) in mm² and mrad²."""
+    roots = np.sqrt(squares) * [1.0, np.degrees(1e-3)]
+    return [f"{predicted:.2f}, {measured:.2f}" for predicted, measured in roots.T.tolist()]
 
 
 def rms(held: Sequence[Held], name: str) -> float:
@@ -323,12 +368,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, required=True, help="folder with checkouts of the public repositories")
     parser.add_argument("--out", type=Path, default=REPORT, help="page with the marks")
+    parser.add_argument("--only", choices=("etna", "halves", "ball"), help="one of the tables")
     given = parser.parse_args()
     sets = {
         "etna": ("etna_calib/data", etna_lines),
+        "halves": ("etna_calib/data", half_lines),
         "ball": ("data/Standard_sphere_seg_dataset_v1", ball_lines),
     }
     for mark, (inner, lines) in sets.items():
+        if given.only not in (None, mark):
+            continue
         data = _below(given.data, inner)
         if data is None:
             print(f"no checkout with {inner} in {given.data}")

@@ -58,7 +58,8 @@ def test_command_writes_the_tables_between_the_marks(tmp_path, monkeypatch, caps
     write_ball(tmp_path, poses=1)
     page = tmp_path / "page.md"
     page.write_text(
-        "Before\n<!-- etna -->\nstale\n<!-- end of etna -->\nBetween\n<!-- ball -->\n<!-- end of ball -->\nAfter\n"
+        "Before\n<!-- etna -->\nstale\n<!-- end of etna -->\n<!-- halves -->\n<!-- end of halves -->\n"
+        "Between\n<!-- ball -->\n<!-- end of ball -->\nAfter\n"
     )
     monkeypatch.setattr(reality, "FOLDERS", (".",))
     monkeypatch.setattr("sys.argv", ["reality", "--data", str(tmp_path), "--out", str(page)])
