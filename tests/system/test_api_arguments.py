@@ -36,7 +36,7 @@ def test_random_arguments_return_or_raise_a_scancell_error(fuzzer: Fuzzer) -> No
 # Made by calls, not by users; their constructors take what they are given. Enumerations, constants and modules.
 MADE = {
     *("AcceptanceReport", "ArtefactEvaluation", "BatchResult", "BoardCalibrationReport", "CalibrationReport"),
-    *("ExposureImages", "MeshEvaluation"),
+    *("ComparisonResult", "ExposureImages", "MeshEvaluation", "ReconstructionResult"),
     *("NominalCell", "Profile", "RunReport", "SensorCalibrationReport", "SetUps", "ShapeGroup", "StudyReport"),
     *("EstimatedDescription", "JogFrame", "LiveState", "Mode", "Operation", "Progress", "deg", "mm", "pose"),
 }
