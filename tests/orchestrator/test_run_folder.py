@@ -35,6 +35,17 @@ def test_interrupted_run_keeps_previous_results(tmp_path: Path, fault: type[Base
     assert os.listdir(tmp_path) == ["run"]
 
 
+def test_interrupt_on_entry_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> bool:
+        raise KeyboardInterrupt
+
+    (tmp_path / "run").mkdir()
+    monkeypatch.setattr(os, "access", interrupted)
+    with pytest.raises(KeyboardInterrupt), RunFolder(tmp_path / "run"):
+        pytest.fail("the block must not start")
+    assert os.listdir(tmp_path) == ["run"]
+
+
 def test_run_replaces_existing_folders(tmp_path: Path) -> None:
     target = tmp_path / "run"
     for name in ("one", "two"):

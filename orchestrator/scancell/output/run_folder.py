@@ -100,6 +100,9 @@ class RunFolder:
         except OSError as error:
             self._clear()
             raise OutputError(f"cannot be written: {error.strerror}", file=self.target) from None
+        except BaseException:  # an interrupt before the context is entered
+            self._clear()
+            raise
         return self
 
     def __exit__(
