@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 import yaml
+from orientations import ORIENTATIONS
 from scipy.spatial.transform import Rotation
 
 import scancell
@@ -32,15 +33,6 @@ from scancell.geometry.pose_conventions import CONVENTIONS, PoseReading, StatedP
 COUNT = 16
 # The flange of the real robot is another frame than that of the described one.
 DESCRIBED_FROM_REAL = pose.from_euler_xyz((-0.12, 0.07, 0.03), (1.1, -0.5, 2.0))
-ORIENTATIONS = {
-    "matrix": lambda r: r.as_matrix().reshape(-1, 9),
-    "wxyz": lambda r: r.as_quat()[:, [3, 0, 1, 2]],
-    "xyzw": lambda r: r.as_quat(),
-    "xyz": lambda r: r.as_euler("XYZ"),
-    "zyz": lambda r: r.as_euler("ZYZ"),
-    "xyzwpr": lambda r: r.as_euler("ZYX")[:, ::-1],
-    "rotvec": lambda r: r.as_rotvec(),
-}
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh, load_mesh, sample_surface
 from scancell.geometry.shapes import Cone, Cylinder, Sphere
 from scancell.reconstruction.footprint import footprint_of
-from scancell.reconstruction.reconstruct import Envelope, reconstruct_and_count, table_warnings
+from scancell.reconstruction.reconstruct import Envelope, reconstruct_points, table_warnings
 
 MARGIN = 0.5e-3
 NOISE = 5e-6
@@ -53,14 +53,9 @@ def kept(part: Mesh, points: np.ndarray, margin: float = MARGIN):
     envelope = Envelope(margin, 0.2, 0.12, footprint_of(part, TURNED, margin), TURNED[:2, 3] + part.bounds[:, :2] * 1.5)
     number = np.arange(len(points))
     profiles = profiles_of(points, 0 * number, number)
-    cloud, dropped = reconstruct_and_count(
-        profiles,
-        records(np.zeros((1, 6)), np.zeros(1)),
-        lambda q, table: np.tile(np.eye(4), (len(q), 1, 1)),
-        TURNED,
-        envelope,
-        normals=False,
-    )
+    triggers = records(np.zeros((1, 6)), np.zeros(1))
+    made = reconstruct_points(profiles, triggers, lambda _: np.eye(4)[None], TURNED, envelope, normals=False)
+    cloud, dropped = made.cloud, made.dropped
     assert dropped.kept == len(cloud)
     return np.isin(number, cloud.column), dropped
 

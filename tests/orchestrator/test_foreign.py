@@ -12,12 +12,15 @@ from scancell.config.loading import load_setup
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh
 from scancell.nominal.cell import nominal_cell
+from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.foreign import Neighbour, Neighbours, foreign_points, neighbours_of
 from scancell.reconstruction.reconstruct import (
+    Dropped,
     Envelope,
     ProfilePoints,
     points_in_part,
-    reconstruct_and_count,
+    poses_by_joints,
+    reconstruct_points,
     why_empty,
 )
 
@@ -133,6 +136,14 @@ def measured(points_in_table: np.ndarray) -> tuple[ProfilePoints, Triggers]:
     return profiles_of(in_sensor, np.arange(n), np.arange(n)), records(q, np.zeros(n))
 
 
+def reconstructed(
+    profiles: ProfilePoints, triggers: Triggers, envelope: Envelope, neighbours: Neighbours
+) -> tuple[Cloud, Dropped]:
+    poses = poses_by_joints(triggers, part_from_sensor)
+    made = reconstruct_points(profiles, triggers, poses, TABLE_FROM_PART, envelope, False, neighbours)
+    return made.cloud, made.dropped
+
+
 def test_all_measured_points_are_counted():
     envelope = Envelope(0.5e-3, 0.2, 0.12)
     low, high, outside = np.array([[0.01, 0.02, 0.3e-3], [0, 0, -0.1]]), [[0, 0, 0.3]], [[0.11, 0.11, 0.05]]
@@ -140,9 +151,7 @@ def test_all_measured_points_are_counted():
     points[-50:, 2] += 0.8e-3
     profiles, triggers = measured(points)
     neighbours = Neighbours((beside(0.07),), PART, np.eye(4))
-    cloud, dropped = reconstruct_and_count(
-        profiles, triggers, part_from_sensor, TABLE_FROM_PART, envelope, False, neighbours
-    )
+    cloud, dropped = reconstructed(profiles, triggers, envelope, neighbours)
     assert (dropped.measured, dropped.low, dropped.high, dropped.outside) == (54, 2, 1, 1)
     assert dropped.foreign == {"neighbour": 20}
     assert len(cloud) == dropped.kept == 30
@@ -152,15 +161,11 @@ def test_all_measured_points_are_counted():
 def test_empty_cloud_message_names_causes():
     envelope = Envelope(0.5e-3, 0.2, 0.12)
     points = np.concatenate([surface(PART, 50) * np.array([1, 1, 0]) + np.array([0, 0, 0.4e-3]), [[0.3, 0, 0.01]]])
-    cloud, dropped = reconstruct_and_count(
-        *measured(points), part_from_sensor, TABLE_FROM_PART, envelope, False, around()
-    )
+    cloud, dropped = reconstructed(*measured(points), envelope, around())
     assert len(cloud) == 0
     thin, far = why_empty(dropped, envelope)
     assert thin.startswith("50 of 51 measured points lie lower than scan.table_margin_mm = 0.5 above the table")
     assert "highest of them at 0.40 mm" in thin
     assert far.startswith("1 of 51 measured points lie farther than cell.table.radius_mm = 120")
-    _, nothing = reconstruct_and_count(
-        *measured(points[:0]), part_from_sensor, TABLE_FROM_PART, envelope, False, around()
-    )
+    _, nothing = reconstructed(*measured(points[:0]), envelope, around())
     assert "no view meets the part" in why_empty(nothing, envelope)[0]

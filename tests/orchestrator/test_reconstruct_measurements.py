@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pyarrow.parquet
 import pytest
+from orientations import ORIENTATIONS
 from scipy.spatial.transform import Rotation
 
 import scancell
@@ -24,15 +25,6 @@ from scancell.views.page import write_page
 from scancell.views.recorded_run import open_run
 
 PART = assets_dir() / "parts" / "sphere_on_foot.stl"
-ORIENTATIONS = {
-    "matrix": lambda r: r.as_matrix().reshape(-1, 9),
-    "wxyz": lambda r: r.as_quat()[:, [3, 0, 1, 2]],
-    "xyzw": lambda r: r.as_quat(),
-    "xyz": lambda r: r.as_euler("XYZ"),
-    "zyz": lambda r: r.as_euler("ZYZ"),
-    "xyzwpr": lambda r: r.as_euler("ZYX")[:, ::-1],
-    "rotvec": lambda r: r.as_rotvec(),
-}
 # Exact images: extraction is the same, and no noise hides a difference.
 SETTINGS = {"scan.max_profiles": 60}
 

@@ -17,8 +17,9 @@ from scancell.reconstruction.reconstruct import (
     Envelope,
     ProfilePoints,
     points_in_part,
+    poses_by_joints,
     quality_of,
-    reconstruct_and_count,
+    reconstruct_points,
 )
 from scancell.sensor import estimate_normals
 
@@ -30,8 +31,8 @@ EVERYWHERE = Envelope(-np.inf, np.inf, np.inf)
 RADIUS = 0.025
 
 
-def reconstruct(*inputs: Any, **options: Any) -> Cloud:
-    return reconstruct_and_count(*inputs, **options)[0]
+def reconstruct(profiles: ProfilePoints, triggers: Triggers, kinematics: Any, *inputs: Any, **options: Any) -> Cloud:
+    return reconstruct_points(profiles, triggers, poses_by_joints(triggers, kinematics), *inputs, **options).cloud
 
 
 def part_from_sensor(q: np.ndarray, table: np.ndarray) -> np.ndarray:

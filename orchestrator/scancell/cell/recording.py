@@ -124,9 +124,14 @@ class TriggerRecords(Value):
             return self
         return replace(
             self,
-            q=self.q + latency * (self.qd + latency / 2 * self.qdd),
-            table=self.table + latency * (self.table_rate + latency / 2 * self.table_acceleration),
+            q=later(self.q, self.qd, self.qdd, latency),
+            table=later(self.table, self.table_rate, self.table_acceleration, latency),
         )
+
+
+def later(position: Array, rate: Array, acceleration: Array, time: float) -> Array:
+    """Positions `time` (s) later, by their rates and accelerations."""
+    return position + time * (rate + time / 2 * acceleration)
 
 
 def slopes(values: Array, time: Array, segment: NDArray[np.int64]) -> Array:

@@ -29,7 +29,7 @@ REFERENCE_SIGMA = 20e-6  # m: standard deviation at which `quality_of` is 1/2
 
 
 class Triggers(Protocol):
-    """Trigger records, one per exposure: joints (n, joints) and table angle (n,), rad, and their rates, rad/s."""
+    """Trigger records, one per exposure, with the table angle (n,), rad, and its rate, rad/s."""
 
     @property
     def index(self) -> NDArray[np.int64]: ...
@@ -38,13 +38,37 @@ class Triggers(Protocol):
     @property
     def time(self) -> Array: ...
     @property
-    def q(self) -> Array: ...
-    @property
     def table(self) -> Array: ...
     @property
-    def qd(self) -> Array: ...
-    @property
     def table_rate(self) -> Array: ...
+
+
+class JointTriggers(Triggers, Protocol):
+    """Trigger records with joints (n, joints), rad, and their rates, rad/s."""
+
+    @property
+    def q(self) -> Array: ...
+    @property
+    def qd(self) -> Array: ...
+
+
+PosesAfter = Callable[[float], Array]
+"""Poses (n, 4, 4) of the sensor in the part frame so many seconds after the latch."""
+
+
+def poses_by_joints(triggers: JointTriggers, part_from_sensor: Callable[[Array, Array], Array]) -> PosesAfter:
+    """Poses by the latched joints and table angle and their rates.
+
+    `part_from_sensor` is the nominal or calibrated kinematics: joints (n, joints) and table angles (n,), rad, to poses
+    (n, 4, 4).
+    """
+
+    def poses(time: float) -> Array:
+        q = np.asarray(triggers.q, float) + np.asarray(triggers.qd, float) * time
+        table = np.asarray(triggers.table, float) + np.asarray(triggers.table_rate, float) * time
+        return part_from_sensor(q, table)
+
+    return poses
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -211,27 +235,10 @@ class Reconstructed:
     part_from_sensor: Array
 
 
-def reconstruct_and_count(
+def reconstruct_points(
     profiles: ProfilePoints,
     triggers: Triggers,
-    part_from_sensor: Callable[[Array, Array], Array],
-    table_from_part: Array,
-    envelope: Envelope,
-    normals: bool = True,
-    neighbours: Neighbours | None = None,
-    threads: int = 0,
-) -> tuple[Cloud, Dropped]:
-    """As `reconstruct_rows`, without the rows."""
-    made = reconstruct_rows(
-        profiles, triggers, part_from_sensor, table_from_part, envelope, normals, neighbours, threads
-    )
-    return made.cloud, made.dropped
-
-
-def reconstruct_rows(
-    profiles: ProfilePoints,
-    triggers: Triggers,
-    part_from_sensor: Callable[[Array, Array], Array],
+    poses_after: PosesAfter,
     table_from_part: Array,
     envelope: Envelope,
     normals: bool = True,
@@ -247,9 +254,9 @@ def reconstruct_rows(
     profiles
         Points in the sensor frame; `frame` is the row in `triggers`.
     triggers
-        Measured joints and table angle at mid-exposure; their rates are used with a rolling shutter.
-    part_from_sensor
-        Nominal or calibrated kinematics: joints (n, joints) and table angles (n,), rad, to poses (n, 4, 4).
+        With the measured table angle at mid-exposure.
+    poses_after
+        By measurements; times other than 0 are used with a rolling shutter.
     table_from_part
         Nominal pose (4, 4) of the part on the table.
     normals
@@ -265,11 +272,11 @@ def reconstruct_rows(
             f"frames {frame.min()} to {frame.max()}: expected 0 to {len(triggers.index) - 1}, as there are "
             f"{len(triggers.index)} trigger records"
         )
-    poses = part_from_sensor(np.asarray(triggers.q, float), np.asarray(triggers.table, float))
+    poses = poses_after(0.0)
     points = np.asarray(profiles.points_in_sensor, float)
     time_offset = np.asarray(profiles.time_offset, float)
     if time_offset.any():
-        points = _rolling_points_in_part(points, frame, time_offset, triggers, part_from_sensor)
+        points = _rolling_points_in_part(points, frame, time_offset, poses_after)
     else:
         points = points_in_part(points, frame, poses)
     kept, dropped = _sort_out(
@@ -356,15 +363,11 @@ def points_in_part(points_in_sensor: Array, frame: NDArray[np.int64], part_from_
 
 
 def _rolling_points_in_part(
-    points_in_sensor: Array,
-    frame: NDArray[np.int64],
-    time_offset: Array,
-    triggers: Triggers,
-    part_from_sensor: Callable[[Array, Array], Array],
+    points_in_sensor: Array, frame: NDArray[np.int64], time_offset: Array, poses_after: PosesAfter
 ) -> Array:
     """Points (m, 3) in the part frame, each by the measured pose at its own time.
 
-    Joints are extrapolated from the latch at the latched rates. Poses are computed at `_NODES` times per frame, and
+    Poses are computed at `_NODES` times per frame, and
     points interpolated linearly between them: an error below 0.03 µm at 1 rad/s and 10 ms.
     """
     largest = np.abs(time_offset).max()
@@ -373,9 +376,7 @@ def _rolling_points_in_part(
     fraction = (position - before)[:, None]
     at_nodes = np.zeros((2, len(frame), 3))
     for node, time in enumerate(np.linspace(-largest, largest, _NODES)):
-        q = np.asarray(triggers.q, float) + np.asarray(triggers.qd, float) * time
-        table = np.asarray(triggers.table, float) + np.asarray(triggers.table_rate, float) * time
-        poses = part_from_sensor(q, table)
+        poses = poses_after(float(time))
         for side in (0, 1):
             rows = np.flatnonzero(before + side == node)
             at_nodes[side, rows] = points_in_part(points_in_sensor[rows], frame[rows], poses)

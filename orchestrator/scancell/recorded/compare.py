@@ -26,6 +26,7 @@ from scancell.output.manifest import command_words, manifest
 from scancell.output.run_files import write_json
 from scancell.output.run_folder import RunFolder
 from scancell.progress import Progress
+from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.recorded.measurements import Measurements, read_table_of
 from scancell.recorded.reconstruct import ReconstructedData, reconstruct_measurements
 from scancell.recorded.simulated import simulate
@@ -305,8 +306,6 @@ def compare_run(
 def _of_scan(folder: Path, setup: Setup) -> Measurements:
     """What a simulated scan has measured."""
     import pyarrow.parquet  # noqa: PLC0415  (takes 0.1 s to import)
-
-    from scancell.reconstruction.reconstruct import ProfilePoints  # noqa: PLC0415
 
     for name in ("recording.parquet", "profiles.parquet"):
         if not (folder / name).is_file():

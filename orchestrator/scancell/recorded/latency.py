@@ -58,13 +58,12 @@ def estimate_latency(found: Measurements, nominal: NominalCell, start: Mapping[s
         )
     profiles = found.profiles
     good = np.asarray(profiles.flags) == 0
-    values, vectors = np.linalg.eigh(found.covariance[good])
     points = np.asarray(profiles.points_in_sensor, float)[good]
     observations = Observations(
         readings=found.readings,
         points_in_sensor=points,
-        sigma=np.sqrt(values[:, -1]),
-        direction=vectors[:, :, -1],
+        sigma=np.asarray(profiles.sigma, float)[good],
+        direction=found.directions[good],
         frame=np.asarray(profiles.frame, np.intp)[good],
         time_offset=np.asarray(profiles.time_offset, float)[good],
     )

@@ -66,6 +66,14 @@ class Measurements(Value):
         """Whether rates of joints or table are stated that are not 0."""
         return bool(self.readings.qd.any() or self.readings.table_rate.any())
 
+    @property
+    def directions(self) -> Array:
+        """Unit vectors (m, 3) of the largest standard deviation, towards larger z; z where there is none."""
+        vectors = np.linalg.eigh(self.covariance)[1][:, :, -1]
+        vectors = vectors * np.where(vectors[:, 2:] < 0, -1.0, 1.0)
+        is_known = np.any(self.covariance != 0.0, axis=(1, 2))
+        return np.where(is_known[:, None], vectors, [0.0, 0.0, 1.0])
+
     def write(self, path: Path) -> None:
         """Write the table of points that `read_table` reads again: CSV or Parquet, by the suffix.
 
@@ -86,7 +94,7 @@ class Measurements(Value):
         by_exposure["table_deg"] = np.degrees(readings.table)
         by_exposure["table_rate_deg_s"] = np.degrees(readings.table_rate)
         by_exposure["table_acceleration_deg_s2"] = np.degrees(readings.table_acceleration)
-        direction = _largest_direction(self.covariance)
+        direction = self.directions
         points = 1e3 * np.asarray(profiles.points_in_sensor, float)
         columns = {
             **{name: values[frame] for name, values in by_exposure.items()},
@@ -326,11 +334,3 @@ def _times(table: MeasuredTable, rows: NDArray[np.intp], count: int) -> Array:
     if len(back):
         table.refuse(int(rows[back[0] + 1]), "time_s", "more than that of the exposure before")
     return time
-
-
-def _largest_direction(covariance: Array) -> Array:
-    """Unit vectors (m, 3) of the largest standard deviation, towards larger z; z where there is none."""
-    vectors = np.linalg.eigh(covariance)[1][:, :, -1]
-    vectors = vectors * np.where(vectors[:, 2:] < 0, -1.0, 1.0)
-    is_known = np.any(covariance != 0.0, axis=(1, 2))
-    return np.where(is_known[:, None], vectors, [0.0, 0.0, 1.0])

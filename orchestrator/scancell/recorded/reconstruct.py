@@ -23,7 +23,7 @@ from scancell.reconstruction.reconstruct import (
     Envelope,
     Reconstructed,
     points_in_part,
-    reconstruct_rows,
+    reconstruct_points,
     table_warnings,
     why_empty,
 )
@@ -44,7 +44,7 @@ class MeasuredCell:
     Attributes
     ----------
     cell
-        With the part; where there is none, the frame of the robot's base stands for that of the part.
+        With the part; without one, the part frame is the frame of the robot's base.
     has_part
         Whether there is a part.
     """
@@ -81,12 +81,6 @@ class MeasuredCell:
             return self.cell.world_from_sensor(readings.q)
         return np.asarray(self.cell.arm.world_from_base @ readings.flange @ self.cell.flange_from_sensor)
 
-    def from_coordinates(self, readings: AxisReadings, coordinates: Array, table: Array) -> Array:
-        """Poses of the sensor in the frame of the cloud, for the numbers that stand for joints in `records_of`."""
-        if readings.flange is not None:
-            return self.part_from_sensor(AxisReadings.of_flange(coordinates.reshape(-1, 4, 4), table))
-        return self.cell.part_from_sensor(coordinates, table)
-
 
 @dataclass(frozen=True)
 class ReconstructedData:
@@ -118,18 +112,14 @@ class ReconstructedData:
 
 
 def records_of(found: Measurements, readings: AxisReadings) -> TriggerRecords:
-    """Records of a controller; where poses of the flange are given, their sixteen numbers stand for joints."""
-    coordinates, rates = readings.q, readings.qd
-    if readings.flange is not None:
-        coordinates = readings.flange.reshape(len(readings), 16)
-        rates = np.zeros_like(coordinates)
+    """Records of a controller; without joints where poses of the flange are given."""
     return TriggerRecords(
         index=found.index,
         segment=np.ones(len(readings), np.int64),
         time=found.time,
         exposure=np.zeros(len(readings)),
-        q=coordinates,
-        qd=rates,
+        q=readings.q,
+        qd=readings.qd,
         table=readings.table,
         table_rate=readings.table_rate,
     )
@@ -168,10 +158,10 @@ def reconstruct_measurements(
         )
     whole = keep_all or part is None
     envelope = _EVERYWHERE if whole else envelope_of(cell, setup)
-    made = reconstruct_rows(
+    made = reconstruct_points(
         found.profiles,
         records_of(found, readings),
-        lambda coordinates, table: measured_cell.from_coordinates(readings, coordinates, table),
+        lambda time: measured_cell.part_from_sensor(readings.moved(time)),
         cell.table_from_part,
         envelope,
         neighbours=None if whole else neighbours_of(cell),

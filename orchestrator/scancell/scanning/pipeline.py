@@ -48,7 +48,7 @@ from scancell.proximity.cell_check import check_cell
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.footprint import footprint_of
 from scancell.reconstruction.foreign import neighbours_of
-from scancell.reconstruction.reconstruct import Dropped, Envelope, ProfilePoints, reconstruct_and_count
+from scancell.reconstruction.reconstruct import Dropped, Envelope, ProfilePoints, poses_by_joints, reconstruct_points
 from scancell.scanning.drive import DriveRequest, FmuRunner, PreScanHook
 from scancell.scanning.exposures import build_scene, visible_bodies
 from scancell.scanning.sense import OnImages, Sensing, SensingResult, Sensors, sense
@@ -263,16 +263,18 @@ class ScanPipeline(Closing):
 
         `nominal` may be an estimated (calibrated) cell, see `LoadedCell.estimated`.
         """
-        return reconstruct_and_count(
+        measured = recording.measured.after(nominal.trigger_latency)
+        made = reconstruct_points(
             profiles,
-            recording.measured.after(nominal.trigger_latency),
-            nominal.part_from_sensor,
+            measured,
+            poses_by_joints(measured, nominal.part_from_sensor),
             nominal.table_from_part,
             envelope_of(nominal, setup),
             normals,
             neighbours_of(nominal),
             self.threads,
         )
+        return made.cloud, made.dropped
 
     def close(self) -> None:
         """Release the FMU, its files and the cached scenes."""

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.cell.recording import later
 from scancell.geometry import pose
 from scancell.geometry.chain import Chain
 
@@ -62,9 +63,13 @@ class AxisReadings:
         """With joints and table `latency` (s) later, by their rates and accelerations; poses of the flange stay."""
         return replace(
             self,
-            q=self.q + latency * (self.qd + latency / 2 * self.qdd),
-            table=self.table + latency * (self.table_rate + latency / 2 * self.table_acceleration),
+            q=later(self.q, self.qd, self.qdd, latency),
+            table=later(self.table, self.table_rate, self.table_acceleration, latency),
         )
+
+    def moved(self, time: float) -> AxisReadings:
+        """With joints and table `time` (s) later, by their rates alone; poses of the flange stay."""
+        return replace(self, q=self.q + self.qd * time, table=self.table + self.table_rate * time)
 
     @classmethod
     def at_rest(cls, q: Array, table: Array) -> AxisReadings:
