@@ -36,7 +36,7 @@ py::array_t<std::uint16_t> expose(const py::array& electrons, const Sensor& sens
   std::uint16_t* out = images.mutable_data();
   {
     const py::gil_scoped_release release;
-    const Detector detector(sensor.detector, sensor.noise, sensor.seed);
+    const Detector& detector = *sensor.image_sensor;
     parallel_for(light.frames() * light.cameras(), threads, [&](std::size_t task, unsigned) {
       const std::size_t frame = task / light.cameras();
       const FrameId id{indices[frame], static_cast<int>(task % light.cameras()), durations[frame]};

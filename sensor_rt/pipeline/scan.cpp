@@ -115,7 +115,7 @@ ScanResult scan(const Scene& scene, const Sensor& as_built, const Sensor& sensor
     result.seconds = sum_seconds(workers);
   } else {
     const RenderPlan plan(render_settings(as_built));
-    const Detector detector(as_built.detector, as_built.noise, as_built.seed);
+    const Detector& detector = *as_built.image_sensor;
     const std::size_t stride = options.keep_images ? sensor.cameras.size() * common_size(sensor).pixels() : 0;
     std::unique_ptr<RenderPlan> background;
     if (sensor.laser_off_frame) {
@@ -143,14 +143,14 @@ ScanResult scan(const Scene& scene, const Sensor& as_built, const Sensor& sensor
   return result;
 }
 
-std::vector<std::uint16_t> render_images(const Scene& scene, const Sensor& sensor, const Exposures& exposures,
+LargeVector<std::uint16_t> render_images(const Scene& scene, const Sensor& sensor, const Exposures& exposures,
                                          bool laser_on, unsigned threads) {
   validate(scene, exposures);
   const ImageSize size = common_size(sensor);
   const std::size_t cameras = sensor.cameras.size();
   const RenderPlan plan(render_settings(sensor, laser_on));
-  const Detector detector(sensor.detector, sensor.noise, sensor.seed);
-  std::vector<std::uint16_t> images(exposures.count * cameras * size.pixels());
+  const Detector& detector = *sensor.image_sensor;
+  LargeVector<std::uint16_t> images(exposures.count * cameras * size.pixels());
   run_workers<ImageWorker>(
       exposures.count, threads, [&] { return std::make_unique<ImageWorker>(plan, detector); },
       [&](ImageWorker& worker, std::size_t e) {

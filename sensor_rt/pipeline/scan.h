@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "sensor_rt/geometry/large_vector.h"
 #include "sensor_rt/pipeline/sensor.h"
 #include "sensor_rt/pipeline/stages.h"
 #include "sensor_rt/scene/pose_track.h"
@@ -23,9 +24,9 @@ struct ScanOptions {
 
 struct ScanResult {
   Profiles profiles;                  ///< in the order of the exposures
-  std::vector<std::uint16_t> images;  ///< (exposure, camera, row, column) when kept
+  LargeVector<std::uint16_t> images;  ///< (exposure, camera, row, column) when kept
   /// Background frames (laser off), if the sensor takes them and images are kept.
-  std::vector<std::uint16_t> background;
+  LargeVector<std::uint16_t> background;
   StageSeconds seconds{};  ///< per stage, summed over the threads
 };
 
@@ -41,7 +42,7 @@ ScanResult scan(const Scene& scene, const Sensor& as_built, const Sensor& sensor
 
 /// Renders the images of all exposures and cameras: (exposure, camera, row, column). Requires cameras of
 /// equal size. Background frames (laser off) directly follow those with the laser on.
-std::vector<std::uint16_t> render_images(const Scene& scene, const Sensor& sensor, const Exposures& exposures,
+LargeVector<std::uint16_t> render_images(const Scene& scene, const Sensor& sensor, const Exposures& exposures,
                                          bool laser_on, unsigned threads);
 
 /// Returns the expected electrons without noise, in the layout of render_images.

@@ -241,6 +241,7 @@ Sensor parse_sensor(const std::string& text) {
   if (sensor.row_readout > 0.0 && sensor.bounces > 0) {
     json.fail("render.bounces", "light reflected between surfaces needs a global shutter");
   }
+  sensor.image_sensor = std::make_shared<const Detector>(sensor.detector, sensor.noise, sensor.seed);
   return sensor;
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <string>
 
 #include "sensor_rt/detector/detector.h"
@@ -15,6 +16,7 @@ namespace sensor_rt {
 /// Content of the JSON description of a sensor.
 struct Sensor : SensorModel, RenderOptions {
   DetectorParameters detector;
+  std::shared_ptr<const Detector> image_sensor;  ///< with `detector`; keeps its fixed patterns between scans
   ExtractionOptions extraction;
   ImageNoise image_noise;
   TriangulationOptions triangulation;

@@ -247,20 +247,17 @@ class Recording(Value):
         """`truth` for a rolling shutter, whose last row is exposed `readout` seconds after the first one."""
         duration = self._stack(["trigger.exposure"])[:, 0]
         frames = RecordLayout.of(self.columns).frames
-        return ExposureTruth(duration, {frame: self._poses(frame, duration + readout) for frame in frames})
-
-    def _poses(self, frame: str, span: Array) -> Array:
         position, orientation, velocity, rate = (
-            self._stack(_indexed(f"{_TRUTH}{frame}.{part}", count)) for part, count in _PARTS_OF_POSE
+            np.stack([self._stack(_indexed(f"{_TRUTH}{frame}.{part}", count)) for frame in frames])
+            for part, count in _PARTS_OF_POSE
         )
         middle = pose.rotation_from_quaternion(orientation)
-        ends = []
-        for side in (-0.5, 0.5):
-            time_offset = (side * span)[:, None]
-            ends.append(
-                pose.from_rotation(pose.exp_rotation(rate * time_offset) @ middle, position + velocity * time_offset)
-            )
-        return np.stack(ends, 1)
+        time_offset = 0.5 * (duration + readout)[:, None]
+        ends = [
+            pose.from_rotation(pose.exp_rotation(rate * offset) @ middle, position + velocity * offset)
+            for offset in (-time_offset, time_offset)
+        ]
+        return ExposureTruth(duration, dict(zip(frames, np.stack(ends, 2), strict=True)))
 
     def _stack(self, names: list[str]) -> Array:
         return np.stack([np.asarray(self.columns[name], float) for name in names], -1)

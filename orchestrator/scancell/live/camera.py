@@ -175,11 +175,15 @@ class CameraFeed(Closing):
 
     def _run(self) -> None:
         shown: tuple[bytes, _Setting] | None = None
+        request: Future[Recording] | None = None
         number = 0
         while not self._closed.is_set():
             if not self._wanted.wait(_PATIENCE):
+                request = None  # its poses would be those of the beginning of the pause
                 continue
-            recording = self._look()
+            recording = self._look(request or self._ask())
+            # Asked now, the next poses are there when this frame is made: rendering does not wait for a cycle.
+            request = self._ask()
             if recording is None:
                 continue
             setting = self._setting
@@ -190,9 +194,11 @@ class CameraFeed(Closing):
                 shown = key
                 self._on_frame(self._frame)
 
-    def _look(self) -> Recording | None:
+    def _ask(self) -> Future[Recording]:
+        return self._live.between_cycles(lambda session: session.snapshot(session.exposure))
+
+    def _look(self, request: Future[Recording]) -> Recording | None:
         """The poses of the cell between two cycles; None if it does not run, or the feed ends."""
-        request: Future[Recording] = self._live.between_cycles(lambda session: session.snapshot(session.exposure))
         while not self._closed.is_set():
             try:
                 return request.result(_PATIENCE)
@@ -244,7 +250,10 @@ def _made(number: int, job: Job, recording: Recording, setting: _Setting, thread
 
 def _for_display(images: ExposureImages) -> NDArray[np.uint8]:
     """The upper 8 bits."""
-    return _read_only((images.images >> max(0, images.bit_depth - 8)).astype(np.uint8))
+    shown = np.empty(images.images.shape, np.uint8)
+    np.right_shift(images.images, max(0, images.bit_depth - 8), out=shown, casting="unsafe")
+    shown.setflags(write=False)
+    return shown
 
 
 def _stripes(found: Profile, cameras: int) -> tuple[Array, ...]:

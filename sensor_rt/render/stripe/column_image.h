@@ -7,6 +7,7 @@
 #include <limits>
 #include <vector>
 
+#include "sensor_rt/geometry/large_vector.h"
 #include "sensor_rt/render/sparse_image.h"
 
 namespace sensor_rt {
@@ -64,7 +65,7 @@ class ColumnImage {
 
  private:
   int rows_ = 0;
-  std::vector<float> light_;
+  LargeVector<float> light_;
   std::vector<int> first_;
   std::vector<int> last_;
 };
