@@ -11,7 +11,7 @@ import pytest
 from commands import PARTS, scancell_here
 
 from bench.guard_search.mutations import MUTATIONS
-from bench.guard_search.outcomes import IGNORED, search
+from bench.guard_search.outcomes import IGNORED, TABLE, search
 from scancell.errors import DescriptionError
 from scancell.geometry.mesh import load_mesh
 from scancell.geometry.reduction import protrusion_bound
@@ -22,8 +22,9 @@ from scancell.studies.guard.run import CampaignOptions, RowFile, run_campaign, s
 from scancell.studies.guard.strata import BLOCK, DECADES, FAULTS, THIRDS, stratum_of
 from scancell.studies.guard.worlds import KnownWorld, described_cells, known_world, standing_parts, true_world
 
-QUICK = ("stale-answers", "begun-is-permitted")  # errors that take few runs to find
+QUICK = ("stale-answers", "begun-is-permitted", "no-table-rate")  # errors that take few runs to find
 OPTIONS = CampaignOptions(None, str(PARTS / "free_form.stl"))
+OF_TABLE = replace(OPTIONS, seed=4)  # whose first jog of the table soon collides
 
 
 @pytest.fixture(scope="module")
@@ -188,7 +189,13 @@ def test_the_guard_holds_at_the_limits_of_its_assumptions() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("error", QUICK)
 def test_a_search_finds_what_is_wrong_with_a_guard(error: str) -> None:
-    assert search(OPTIONS, 40, error).contact
+    assert search(OF_TABLE if error == "no-table-rate" else OPTIONS, 40, error).contact
+
+
+@pytest.mark.slow
+def test_jogs_of_the_table_are_stopped_at_the_limits() -> None:
+    found = search(OF_TABLE, 1, TABLE)
+    assert (found.runs, found.contact) == (1, "")
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ def main() -> int:
     parser.add_argument("--unit", default="mm")
     parser.add_argument("--seed", type=int, default=1, help="of all runs")
     parser.add_argument("--runs", type=int, default=500, help="largest number of guarded runs of a search")
-    parser.add_argument("--error", default="", help="deliberate error of the guard; 'all': each of them")
+    parser.add_argument("--error", default="", help="deliberate error of the guard; all: each; table-jogs: none")
     parser.add_argument("--workers", type=int, default=0, help="0: one per core")
     chosen = parser.parse_args()
     options = CampaignOptions(chosen.cell, chosen.part, chosen.unit, chosen.seed)

@@ -18,7 +18,7 @@ from scancell.guard.path_check import PathCheck
 from scancell.guard.settings import GuardSettings
 from scancell.nominal.cell import NominalCell
 from scancell.studies.guard.simulation import Protection
-from scancell.studies.guard.strata import DECADES, Stratum
+from scancell.studies.guard.strata import Stratum
 
 _POLL = 0.032  # s
 _SLOW = 0.01  # rad/s
@@ -32,11 +32,14 @@ class Mutation(Protection):
     ----------
     ignored
         A pair of bodies that the guard does not compare.
+    of_table
+        The search is by jogs of the table alone, which carries a plate that extends beyond it.
     strata
         Whether runs of a campaign like this one are to find it, not the search at the limits; None: the search is.
     """
 
     ignored: tuple[str, str] | None = None
+    of_table: bool = False
     strata: Callable[[Stratum], bool] | None = None
 
 
@@ -128,11 +131,6 @@ def _identified(stratum: Stratum) -> bool:
     return stratum.operation is Operation.MANUAL and stratum.silent
 
 
-def _identified_fast(stratum: Stratum) -> bool:
-    """Where the braking distance exceeds the clearances, which a guard keeps from what it takes for resting, too."""
-    return _identified(stratum) and stratum.decade == len(DECADES) - 1
-
-
 MUTATIONS: dict[str, Mutation] = {
     "short-delay": Mutation(assumed=lambda true: replace(true, max_age=true.max_age - _POLL)),
     "high-deceleration": Mutation(assumed=lambda true: replace(true, deceleration=1.25 * true.deceleration)),
@@ -142,7 +140,7 @@ MUTATIONS: dict[str, Mutation] = {
     "double-age": Mutation(patience=2.0),
     "stale-answers": Mutation(link=_Credulous),
     "no-clearance": Mutation(_NoClearance, strata=lambda _: True),
-    "no-table-rate": Mutation(_NoTable, strata=_identified_fast),
+    "no-table-rate": Mutation(_NoTable, of_table=True),
     "slow-is-rest": Mutation(_SlowIsRest, strata=lambda stratum: _identified(stratum) and stratum.decade < 2),
     "begun-is-permitted": Mutation(_BegunIsPermitted, strata=_shown),
     "half-as-fast": Mutation(_HalfAsFast, strata=_shown),

@@ -21,8 +21,10 @@ from scancell.geometry.mesh import Mesh
 from scancell.nominal.parts import load_part
 from scancell.studies.guard.run import CampaignOptions, campaign_of
 from scancell.studies.guard.strata import THIRDS, stratum_of
+from scancell.studies.guard.worlds import standing_parts
 
 IGNORED = "ignored-pair"
+TABLE = "table-jogs"
 IN_CAMPAIGN = "campaign"
 _MOVES = 6  # to the contact of a pair
 
@@ -60,21 +62,24 @@ class SearchOutcome:
 def search(options: CampaignOptions, runs: int, error: str = "", pair: tuple[str, str] | None = None) -> SearchOutcome:
     """At most `runs` attempts at a collision, by hand, with moves to the contact of a pair, or as in a campaign.
 
-    `error` is one of `MUTATIONS`, or `IGNORED`: the guard does not compare the pair.
+    `error` is one of `MUTATIONS`, `IGNORED`: the guard does not compare the pair, or `TABLE`: none, jogs of the table.
 
     Raises
     ------
     ScancellError
         If there is no such error, or naming what is wrong with the cell.
     """
-    known = MUTATIONS | ({IGNORED: Mutation(ignored=pair)} if pair else {})
+    known = MUTATIONS | {TABLE: Mutation(of_table=True)} | ({IGNORED: Mutation(ignored=pair)} if pair else {})
     if error and error not in known:
         raise DescriptionError(key="error", value=error, expected=f"one of {', '.join(known)}")
     mutation = known[error] if error else None
     if mutation and mutation.strata:
         return _search_campaign(options, runs, error, mutation)
     clearance, contact, done = np.inf, "", 0
-    with Search(*_loaded(options), options.seed, mutation) as made:
+    cell, part = _loaded(options)
+    if mutation and mutation.of_table:
+        part = standing_parts()["plate"]
+    with Search(cell, part, options.seed, mutation) as made:
         attempts = made.on_path(pair) if pair else made.by_hand()
         for attempt in islice(attempts, runs):
             done += 1

@@ -89,7 +89,7 @@ class Search(Closing):
         guard = mutation.guard(nominal, limits.assumed.robot, mutation.assumed(limits.settings), ignored)
         self._simulation = Simulation(limits.true, nominal, shows_jogs=False)
         self._guarded = GuardedRuns(self._simulation, guard, mutation.patience * limits.max_age, mutation.link)
-        self._tool, self._seed = Tool(nominal), seed
+        self._tool, self._seed, self._of_table = Tool(nominal), seed, mutation.of_table
 
     def close(self) -> None:
         """Free the cell."""
@@ -105,7 +105,7 @@ class Search(Closing):
         twins = Twins(self._simulation, self._seed)
         number = 0
         while True:
-            twin = twins.persons(number, _DURATION)
+            twin = twins.persons(number, _DURATION, self._of_table)
             number += 1
             assert twin.contact is not None
             pair = np.array([" - ".join(names) == twin.contact[1] for names in self.pairs])

@@ -122,6 +122,11 @@ class Draws:
             before = jog.mode
         return Scenario(Operation.MANUAL, start, tuple(commands), duration, speed)
 
+    def table_jog(self, start: Array, speed: float, duration: float, rng: np.random.Generator) -> Scenario:
+        """A person who jogs the table alone, one way."""
+        values = np.append(np.zeros(len(start) - 1), speed * rng.choice([-1.0, 1.0]))
+        return Scenario(Operation.MANUAL, start, (Command(BEGIN, Mode.JOINT_JOG, values),), duration, speed)
+
     def moves(self, start: Array, speed: float, duration: float, rng: np.random.Generator) -> Scenario:
         """Joint moves, straight ones and those of a program to random places, one after the other."""
         commands, here = [], start

@@ -116,11 +116,15 @@ class Twins:
                 break
         raise RuntimeError(f"run {stratum.number}: none of {_DRAWS} scenarios is one of '{stratum.third}'")
 
-    def persons(self, number: int, duration: float) -> Twin:
-        """The twin with a number in which a person who jogs at random at full speed for `duration` s collides."""
+    def persons(self, number: int, duration: float, of_table: bool = False) -> Twin:
+        """The twin with a number in which a person who jogs at random at full speed for `duration` s collides.
+
+        With `of_table` the person jogs the table alone, one way.
+        """
+        draw = self._draws.table_jog if of_table else self._draws.person
         rng = np.random.default_rng([self._seed, number, 0])
         for draws in range(1, _DRAWS + 1):
-            scenario = self._draws.person(self._start(rng), 1.0, duration, rng)
+            scenario = draw(self._start(rng), 1.0, duration, rng)
             twin = self._possible(scenario, THIRDS[0]) and self._twin(scenario, THIRDS[0], draws)
             if twin and twin.contact and twin.contact[0] >= _AFTER:
                 return twin
