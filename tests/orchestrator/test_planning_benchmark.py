@@ -22,7 +22,7 @@ def test_the_benchmark_has_all_its_cases() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", [*of_kind("ordinary", 2), *of_kind("moving", 1)], ids=lambda case: case["name"])
+@pytest.mark.parametrize("case", [of_kind("ordinary", 2)[1], *of_kind("moving", 1)], ids=lambda case: case["name"])
 def test_a_case_with_a_motion_is_planned_and_the_plan_holds(case: dict) -> None:
     row: Row = run_case(case)
     assert row.optimum_solves

@@ -41,15 +41,15 @@ def test_exact_peaks_give_exact_parameters(case: Case) -> None:
 
 @pytest.mark.slow
 def test_regions_of_95_percent_hold_true_values_and_points_are_unbiased() -> None:
-    """12 seeds of each case; the binomial deviation of the joint share is 3.1 % of 48, and 6.3 % of 12."""
+    """6 seeds of each case; the binomial deviation of the joint share is 4.4 % of 24, and 8.9 % of 6."""
     joint = []
     for case in CASES:
-        intervals, own, bias = zip(*(trial(case, seed) for seed in range(12)), strict=True)
+        intervals, own, bias = zip(*(trial(case, seed) for seed in range(6)), strict=True)
         joint += own
         assert np.mean(intervals) == pytest.approx(0.95, abs=0.05)
-        assert np.sum(own) >= 9  # fewer has a probability of 0.2 %
+        assert np.sum(own) >= 4  # fewer has a probability of 0.2 %
         assert np.median(bias) < (1.5e-6 if case.target == "ball" else 5e-6)
-    assert np.mean(joint) > 0.86
+    assert np.mean(joint) > 0.83
 
 
 def test_stated_noise_is_that_of_residuals() -> None:

@@ -125,7 +125,8 @@ def test_background_frame_follows_laser_frame() -> None:
     scene.add_light("lamp", "rectangle", pose((0, 0, -0.1)), [0.05, 0.05], 5.0, in_band=1.0)
     step = pose((2e-4, -6e-4, 3e-4))
     steps = [[*(np.linalg.matrix_power(step, k) @ p for p in first), pose()] for k in range(3)]
-    quiet, dark = sensor(noise=False), sensor(noise=False, laser={"power": 0.0})
+    narrow = {"width_px": 320, "cx_px": 159.5}
+    quiet, dark = sensor(noise=False, camera=narrow), sensor(noise=False, camera=narrow, laser={"power": 0.0})
     after = render(scene, quiet, moving(steps[:2], [np.eye(4)] * 2), laser_on=False)
     expected = render(scene, dark, moving(steps[1:], [np.eye(4)] * 2))
     assert after.max() > 20

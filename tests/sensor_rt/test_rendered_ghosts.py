@@ -130,14 +130,14 @@ def count(scene: Scene, total: Count) -> None:
 def test_ghosts_are_rejected_and_stripe_is_kept() -> None:
     total = Count()
     for make in SCENES:
-        for yaw in (10, 30, 50, 70):
+        for yaw in (20, 60):
             count(make(np.radians(yaw)), total)
     print(total)
-    assert total.ghosts > 10_000
+    assert total.ghosts > 5_000
     assert total.accepted < 0.01 * total.ghosts
-    assert total.good > 20_000
+    assert total.good > 10_000
     assert total.lost < 0.01 * total.good
-    assert total.points > 10_000
+    assert total.points > 5_000
     assert total.off_surface < 1e-3 * total.points
 
 
@@ -161,7 +161,7 @@ def test_ideal_mirror_ghosts_on_sheet_are_accepted() -> None:
     cameras does not distinguish it from a wall. The mirror itself reflects nothing that would contradict it.
     """
     others = accepted_others = images = 0
-    for yaw in np.radians((10, 50, 70)):
+    for yaw in np.radians((10, 60)):
         profile = np.array([(-0.08, 0.118), (-0.006, 0.118), (0.0, 0.124), (0.006, 0.118), (0.08, 0.118)])
         scene = folded(profile, [WHITE, MIRROR, WHITE, WHITE], yaw)
         exposures, real = still(np.eye(4)), sensor(2)
@@ -178,6 +178,6 @@ def test_ideal_mirror_ghosts_on_sheet_are_accepted() -> None:
             others += int((ghost & ~behind).sum())
             accepted_others += int((ghost & accepted & ~behind).sum())
     print(images, others, accepted_others)
-    assert images > 500
-    assert others > 1000
+    assert images > 300
+    assert others > 900
     assert accepted_others < 0.01 * others

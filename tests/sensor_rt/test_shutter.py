@@ -82,7 +82,7 @@ def image_of_row(sensor: Sensor, scene: Scene, first: list[Array], last: list[Ar
 
 
 NARROW = {"width_px": 160, "cx_px": 79.5}
-PATHS = {"noise": False, "mode": "path"}
+PATHS = {"noise": False, "mode": "path", "samples_per_pixel": 4}
 
 
 @pytest.mark.parametrize(
@@ -125,7 +125,7 @@ def test_stripe_of_moving_scene_matches_path_tracing(scale: float) -> None:
 )
 def test_static_scene_matches_global_shutter(light: dict[str, Any]) -> None:
     scene, places = cluttered()
-    options = {"render": {"noise": True}} | light
+    options = {"render": {"noise": True, "samples_per_pixel": 4}} | light
     scene.add_light("lamp", "rectangle", pose((0, 0, -0.1)), [0.05, 0.05], 0.01, in_band=1.0)
     exposures = still(*places, pose())
     a, b = render(scene, rolling(**options), exposures), render(scene, probe(**options), exposures)

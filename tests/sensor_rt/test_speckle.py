@@ -103,7 +103,7 @@ def test_motion_averages_speckle(travel_px: float, samples: int) -> None:
     strip = {"size": (320, 48), "camera": {"focal_px": 256 / (2 * np.tan(np.radians(9.34)))}}
     way = np.array([0, travel_px * metres_per_px, 0])
     fields = []
-    for place in places(6, 2):
+    for place in places(3, 2):
         ends = [pose(s * way) @ place for s in (-0.5, 0.5)]
         exposures = moving([[end] for end in ends], [np.eye(4)] * 2)
         fields.append(speckle(exposures, samples=samples, **deepcopy(strip)))

@@ -18,6 +18,7 @@ from scancell.config.loading import Setup, assets_dir, load_setup
 from scancell.geometry.fits import PlaneFit
 from scancell.progress import NullProgress
 from scancell.scanner import Scanner
+from scancell.studies.acceptance import measure
 from scancell.studies.acceptance.measure import ALL_ROUND, Programme
 from scancell.studies.acceptance.report import AcceptanceReport, AcceptanceRequest, run_acceptance
 
@@ -108,10 +109,13 @@ def test_positions_out_of_reach_are_named() -> None:
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of the report of the quick programme."""
+    """Folder of the report of the quick programme with fewer profiles and points."""
     folder = tmp_path_factory.mktemp("acceptance")
+    quick = replace(measure.QUICK, profiles=30, points=2000, exposures=2)
     words = ("--quick", "--repeats", "1", "--out", "report", "--json")
-    done = scancell_here("acceptance", SENSOR, *words, cwd=folder)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(measure, "QUICK", quick)
+        done = scancell_here("acceptance", SENSOR, *words, cwd=folder)
     assert done.code == 0, done.err
     assert done.last_line["files"][0] == "report/acceptance.json"
     return folder / "report"
