@@ -2,8 +2,9 @@
 #pragma once
 
 #include <cstddef>
-#include <cstdlib>
+#include <cstdint>
 #include <limits>
+#include <memory>
 #include <new>
 #include <vector>
 
@@ -13,8 +14,29 @@
 
 namespace sensor_rt {
 
-/// Allocator that requests huge pages for large blocks. Page faults dominate the cost of memory that is
-/// written only once.
+constexpr std::size_t kLargePage = std::size_t{2} << 20;
+
+#if defined(__linux__)
+/// Returns `bytes`, a multiple of kLargePage and aligned to it, in huge pages if the system grants them.
+inline void* map_pages(std::size_t bytes) {
+  void* const mapped =
+      mmap(nullptr, bytes + kLargePage, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+  if (mapped == MAP_FAILED) throw std::bad_alloc();
+  char* const begin = static_cast<char*>(mapped);
+  const std::size_t before = (kLargePage - reinterpret_cast<std::uintptr_t>(begin) % kLargePage) % kLargePage;
+  if (before > 0) munmap(begin, before);
+  munmap(begin + before + bytes, kLargePage - before);
+  madvise(begin + before, bytes, MADV_HUGEPAGE);  // may be refused; normal pages work too
+  return begin + before;
+}
+inline void unmap_pages(void* memory, std::size_t bytes) { munmap(memory, bytes); }
+#else
+inline void* map_pages(std::size_t bytes) { return ::operator new(bytes); }
+inline void unmap_pages(void* memory, std::size_t) { ::operator delete(memory); }
+#endif
+
+/// Allocator that maps huge pages for large blocks. Page faults dominate the cost of memory that is written
+/// only once; blocks of the heap would leave gaps behind.
 template <typename T>
 struct LargePageAllocator {
   using value_type = T;
@@ -25,26 +47,25 @@ struct LargePageAllocator {
 
   T* allocate(std::size_t count) {
     if (count > std::numeric_limits<std::size_t>::max() / (2 * sizeof(T))) throw std::bad_alloc();
-    const std::size_t bytes = count * sizeof(T);
-    const bool large = bytes >= kLargePage;
-    const std::size_t alignment = large ? kLargePage : alignof(T);
-    constexpr bool kPlain = alignof(T) <= alignof(std::max_align_t);
-    const std::size_t padded = large || !kPlain ? (bytes + alignment - 1) / alignment * alignment : bytes;
-    void* memory = large || !kPlain ? std::aligned_alloc(alignment, padded) : std::malloc(bytes);
-    if (memory == nullptr) throw std::bad_alloc();
-#if defined(__linux__)
-    // The advice may be refused; normal pages work too.
-    if (large) madvise(memory, padded, MADV_HUGEPAGE);
-#endif
-    return static_cast<T*>(memory);
+    if (is_large(count)) return static_cast<T*>(map_pages(padded(count)));
+    return std::allocator<T>().allocate(count);
   }
-  void deallocate(T* memory, std::size_t) { std::free(memory); }
+  void deallocate(T* memory, std::size_t count) {
+    if (is_large(count)) {
+      unmap_pages(memory, padded(count));
+    } else {
+      std::allocator<T>().deallocate(memory, count);
+    }
+  }
 
   bool operator==(const LargePageAllocator&) const { return true; }
   bool operator!=(const LargePageAllocator&) const { return false; }
 
  private:
-  static constexpr std::size_t kLargePage = std::size_t{2} << 20;
+  static bool is_large(std::size_t count) { return count * sizeof(T) >= kLargePage; }
+  static std::size_t padded(std::size_t count) {
+    return (count * sizeof(T) + kLargePage - 1) / kLargePage * kLargePage;
+  }
 };
 
 template <typename T>
