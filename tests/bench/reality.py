@@ -21,13 +21,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest, t
 
+from bench.board_prediction import displacement, prediction_error, seen_pose
 from scancell.calibration.board.problem import BoardView, Rig
 from scancell.calibration.board.solve import (
     calibrate_cameras,
-    displacement,
     plane_frame,
-    predict,
-    seen_pose,
     solve,
     start_rig,
     stripes_in_camera,
@@ -96,11 +94,11 @@ def opencv_chain(views: Sequence[BoardView], size: tuple[int, int]) -> Rig:
     return replace(rig, sheet=plane_frame(stripes_in_camera(rig, views, boards)))
 
 
-def held_errors(rig: Rig, view: BoardView, sizes: Array) -> Held:
+def held_errors(rig: Rig, view: BoardView) -> Held:
     """Errors of a rig at an image that it was not calibrated by."""
     board = rig.camera_from_board(view.flange)
     pixels = rig.project(pose.transform_points(board, view.corners)) - view.corner_pixels
-    away = displacement(board, seen_pose(rig, view, sizes)[0])
+    away = displacement(board, seen_pose(rig, view))
     stripe = pose.transform_points(pose.inverse(board), rig.on_sheet(view.stripe))[:, 2]
     return Held(
         float(np.sqrt(np.mean(np.sum(pixels**2, 1)))),
@@ -133,13 +131,11 @@ def etna_folder(data: Path, folder: str) -> FolderResult:
     for i, held in enumerate(views):
         others = [view for k, view in enumerate(views) if k != i]
         one = solve(others, start_rig(others, size))
-        result.ours.append(held_errors(one.rig, held, one.sizes))
-        result.chain.append(held_errors(opencv_chain(others, size), held, one.sizes))
-        seen, noise = seen_pose(one.rig, held, one.sizes)
-        prediction = predict(one, held.flange)
-        away = displacement(prediction.camera_from_board, seen)
-        half = one.factor() * np.sqrt(np.diag(prediction.covariance + noise))
-        result.inside = np.vstack([result.inside, np.abs(away) < half])
+        result.ours.append(held_errors(one.rig, held))
+        result.chain.append(held_errors(opencv_chain(others, size), held))
+        error = prediction_error(one, held)
+        half = one.factor() * np.sqrt(np.diag(error.covariance))
+        result.inside = np.vstack([result.inside, np.abs(error.displacement) < half])
     return result
 
 
@@ -148,10 +144,8 @@ def board_errors(fitted: Sequence[BoardView], others: Sequence[BoardView], size:
     one = solve(fitted, start_rig(fitted, size))
     squares = np.zeros((2, 2))
     for view in others:
-        seen, noise = seen_pose(one.rig, view, one.sizes)
-        prediction = predict(one, view.flange)
-        variance = np.diag(prediction.covariance + noise)
-        away = displacement(prediction.camera_from_board, seen)
+        error = prediction_error(one, view)
+        variance, away = np.diag(error.covariance), error.displacement
         squares += [[variance[:3].sum(), variance[3:].sum()], [(away[:3] ** 2).sum(), (away[3:] ** 2).sum()]]
     return squares / len(others)
 

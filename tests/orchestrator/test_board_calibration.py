@@ -15,10 +15,11 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 import scancell
+from bench.board_prediction import prediction_error
 from board_recordings import BASE_FROM_BOARD, BOARD, FLANGE_FROM_SENSOR, BoardRecording, record, recorded_sensor
 from scancell import sensor as sensor_rt
 from scancell.calibration.board.problem import BoardProblem
-from scancell.calibration.board.solve import displacement, hand_eye, predict, seen_pose, solve, start_rig
+from scancell.calibration.board.solve import hand_eye, solve, start_rig
 from scancell.calibration.board.views import Board, read_views
 from scancell.calibration.measured_table import write_measured_table
 from scancell.cli import app
@@ -113,12 +114,10 @@ def test_board_of_a_left_out_image_is_predicted_within_its_interval(views) -> No
         train = [view for i, view in enumerate(views.views) if i != left_out]
         found = solve(train, start_rig(train, views.size))
         held = views.views[left_out]
-        expected, noise = seen_pose(found.rig, held, found.sizes)
-        prediction = predict(found, held.flange)
-        away = displacement(prediction.camera_from_board, expected)
-        inside.extend(np.abs(away) < found.factor() * np.sqrt(np.diag(prediction.covariance + noise)))
+        error = prediction_error(found, held)
+        inside.extend(np.abs(error.displacement) < found.factor() * np.sqrt(np.diag(error.covariance)))
         stripe = found.rig.on_sheet(held.stripe)
-        on_board = pose.transform_points(pose.inverse(prediction.camera_from_board), stripe)
+        on_board = pose.transform_points(pose.inverse(found.rig.camera_from_board(held.flange)), stripe)
         assert np.sqrt(np.mean(on_board[:, 2] ** 2)) < 0.8e-3
     assert sum(inside) >= 15  # of 18
 

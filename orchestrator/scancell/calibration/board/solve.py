@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.special import stdtrit
 
-from scancell.calibration.board.problem import COUNT, ERRORS, NAMES, BoardProblem, BoardView, Rig, displaced, met
+from scancell.calibration.board.problem import COUNT, ERRORS, NAMES, BoardProblem, BoardView, Rig, met
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
 
@@ -70,49 +70,6 @@ class BoardCalibration:
     def factor(self, probability: float = 0.95) -> float:
         """Half width of an interval, in standard deviations."""
         return float(stdtrit(self.degrees_of_freedom, 0.5 + probability / 2))
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """The board at a pose of the flange as predicted: pose (4, 4) in the camera and covariance (6, 6), mm and mrad.
-
-    The covariance is that of a displacement of the board in its own frame: translation, then rotation vector. It
-    contains the calibration's errors and those of a view.
-    """
-
-    camera_from_board: Array
-    covariance: Array
-
-
-def predict(found: BoardCalibration, flange: Array) -> Prediction:
-    """The board as the camera will see it at a pose (4, 4) of the flange."""
-    base, step = found.rig.camera_from_board(flange), 1e-3
-    moved = [found.rig.moved(step * e).camera_from_board(flange) for e in np.eye(COUNT)]
-    by_rig = np.stack([displacement(base, one) / step for one in moved], 1)
-    of_view = np.diag(np.repeat(found.sizes[2:4] ** 2, 3))
-    return Prediction(base, by_rig @ found.covariance @ by_rig.T + of_view)
-
-
-def seen_pose(rig: Rig, view: BoardView, sizes: Array) -> tuple[Array, Array]:
-    """Pose (4, 4) of the board in the camera by the corners of a view, and covariance (6, 6) as of `Prediction`."""
-    matrix = np.array(
-        [[rig.intrinsics[0], 0, rig.intrinsics[1]], [0, rig.intrinsics[0], rig.intrinsics[2]], [0, 0, 1.0]]
-    )
-    distortion = np.r_[rig.intrinsics[3:7], 0.0]
-    _, turn, offset = cv2.solvePnP(view.corners, view.corner_pixels, matrix, distortion)
-    found = pose.from_rotation(pose.exp_rotation(np.ravel(turn)), np.ravel(offset))
-
-    def pixels(x: Array) -> Array:
-        return rig.project(pose.transform_points(found @ displaced(1e-3 * x), view.corners)).ravel()
-
-    jacobian = np.stack([(pixels(e) - pixels(-e)) / 2e-2 for e in 1e-2 * np.eye(6)], 1)
-    return found, sizes[0] ** 2 * np.linalg.inv(jacobian.T @ jacobian)
-
-
-def displacement(base: Array, moved: Array) -> Array:
-    """Displacement (6,) from one pose of the board to another, in its frame: mm, then rotation vector in mrad."""
-    away = pose.inverse(base) @ moved
-    return np.asarray(1e3 * np.r_[away[:3, 3], pose.log_rotation(away[:3, :3])])
 
 
 def calibrate_cameras(views: Sequence[BoardView], size: tuple[int, int]) -> tuple[Array, Array]:
