@@ -184,7 +184,7 @@ class CameraFeed(Closing):
             recording = self._look(request or self._ask())
             # Asked now, the next poses are there when this frame is made: rendering does not wait for a cycle.
             request = self._ask()
-            if recording is None:
+            if recording is None or not self._wanted.is_set():
                 continue
             setting = self._setting
             key = (_poses(recording), setting)
