@@ -31,8 +31,10 @@ inline void* map_pages(std::size_t bytes) {
 }
 inline void unmap_pages(void* memory, std::size_t bytes) { munmap(memory, bytes); }
 #else
-inline void* map_pages(std::size_t bytes) { return ::operator new(bytes); }
-inline void unmap_pages(void* memory, std::size_t) { ::operator delete(memory); }
+inline void* map_pages(std::size_t bytes) { return ::operator new(bytes, std::align_val_t(kLargePage)); }
+inline void unmap_pages(void* memory, std::size_t) {
+  ::operator delete(memory, std::align_val_t(kLargePage));
+}
 #endif
 
 /// Allocator that maps huge pages for large blocks. Page faults dominate the cost of memory that is written

@@ -22,9 +22,10 @@ from scancell.studies.guard.run import CampaignOptions, RowFile, run_campaign, s
 from scancell.studies.guard.strata import BLOCK, DECADES, FAULTS, THIRDS, stratum_of
 from scancell.studies.guard.worlds import KnownWorld, described_cells, known_world, standing_parts, true_world
 
-QUICK = ("stale-answers", "begun-is-permitted", "no-table-rate")  # errors that take few runs to find
 OPTIONS = CampaignOptions(None, str(PARTS / "free_form.stl"))
 OF_TABLE = replace(OPTIONS, seed=4)  # whose first jog of the table soon collides
+# Errors that take few runs to find.
+QUICK = {"stale-answers": OPTIONS, "begun-is-permitted": OPTIONS, "no-table-rate": OF_TABLE}
 
 
 @pytest.fixture(scope="module")
@@ -189,7 +190,7 @@ def test_the_guard_holds_at_the_limits_of_its_assumptions() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("error", QUICK)
 def test_a_search_finds_what_is_wrong_with_a_guard(error: str) -> None:
-    assert search(OF_TABLE if error == "no-table-rate" else OPTIONS, 40, error).contact
+    assert search(QUICK[error], 40, error).contact
 
 
 @pytest.mark.slow

@@ -182,10 +182,11 @@ class CameraFeed(Closing):
                 request = None  # its poses would be those of the beginning of the pause
                 continue
             recording = self._look(request or self._ask())
+            if recording is None or not self._wanted.is_set():
+                request = None
+                continue
             # Asked now, the next poses are there when this frame is made: rendering does not wait for a cycle.
             request = self._ask()
-            if recording is None or not self._wanted.is_set():
-                continue
             setting = self._setting
             key = (_poses(recording), setting)
             if key != shown:
@@ -193,6 +194,8 @@ class CameraFeed(Closing):
                 self._frame = _made(number, self._job, recording, setting, self._threads)
                 shown = key
                 self._on_frame(self._frame)
+        if request is not None:
+            request.cancel()
 
     def _ask(self) -> Future[Recording]:
         return self._live.between_cycles(lambda session: session.snapshot(session.exposure))
