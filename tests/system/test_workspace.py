@@ -430,7 +430,8 @@ def test_scan_of_an_opened_part_runs_to_the_planned_cloud(opened: Opened) -> Non
 
 def pixel(page: Any, camera: Any, point: np.ndarray) -> tuple[float, float]:
     """Where a page shows a point of the world."""
-    box = max((canvas.bounding_box() for canvas in page.locator("canvas").all()), key=lambda box: box["width"])
+    boxes = [canvas.bounding_box() for canvas in page.locator("canvas").all()]
+    box = max((box for box in boxes if box is not None), key=lambda box: box["width"])
     seen = pose.inverse(pose.pose(camera.position, camera.wxyz)) @ np.append(point, 1.0)
     focal = box["height"] / 2 / np.tan(camera.fov / 2)
     x, y = focal * seen[:2] / seen[2]

@@ -58,15 +58,17 @@ def some_cell(map_: ConfigurationMap, cause: int) -> tuple[float, float]:
 
 
 def click_map(page: Any, plans: Plans, place: tuple[float, float]) -> None:
-    """Click a place of the map until it is looked at: inputs that appear move the map away from under a click."""
+    """Click a place of the map until it is looked at: inputs that appear move the map away from under a click.
+
+    A map that is drawn again has no box for a moment.
+    """
     drawn = page.locator("[data-map]")
 
     def is_looked_at() -> bool:
         return plans.picked is not None and np.allclose((plans.share, plans.angle / (2 * np.pi)), place, atol=0.01)
 
     def clicked() -> bool:
-        if not is_looked_at():
-            box = drawn.bounding_box()
+        if not is_looked_at() and (box := drawn.bounding_box()) is not None:
             drawn.click(position={"x": place[0] * box["width"], "y": (1 - place[1]) * box["height"]})
         return is_looked_at()
 
