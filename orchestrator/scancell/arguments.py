@@ -180,7 +180,7 @@ def checked_value(name: str, value: Any, hint: Any) -> Any:
 
 
 def _converted(value: Any, hint: Any) -> Any:  # noqa: PLR0911
-    origin, arguments = get_origin(hint), get_args(hint)
+    origin, arguments = _origin(hint), get_args(hint)
     if hint in (Any, object):
         return value
     if origin is Annotated:
@@ -198,6 +198,15 @@ def _converted(value: Any, hint: Any) -> Any:  # noqa: PLR0911
     if origin is not None:
         return _collection(value, origin, arguments)
     return _required(value, isinstance(value, types.NoneType if hint is None else hint))
+
+
+def _origin(hint: Any) -> Any:
+    """The class or form of a generic type; None: it is not generic.
+
+    `numpy.typing.NDArray` is an alias of its own kind from NumPy 2.5 on.
+    """
+    origin = get_origin(hint)
+    return get_origin(origin.__value__) if hasattr(origin, "__value__") else origin
 
 
 def _required(value: Any, condition: bool) -> Any:
@@ -292,7 +301,7 @@ def _item(value: Any, hint: Any, key: object) -> Any:
 
 def _text(hint: Any) -> str:  # noqa: PLR0911
     """What a type takes, in words."""
-    origin, arguments = get_origin(hint), get_args(hint)
+    origin, arguments = _origin(hint), get_args(hint)
     if origin is Annotated:
         return "".join(
             str(one) if isinstance(one, Shape) else f"{_text(arguments[0])}{one}" for one in hint.__metadata__

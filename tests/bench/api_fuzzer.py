@@ -81,6 +81,13 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
 
     def __init__(self) -> None:
         self._stack = ExitStack()
+        try:
+            self._enter()
+        except BaseException:
+            self._stack.close()  # the current folder is that of before
+            raise
+
+    def _enter(self) -> None:
         self.folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="scancell-fuzz-")))
         self._stack.enter_context(chdir(self.folder))
         pose = {"x_mm": 0.0, "y_mm": 0.0, "z_mm": 130.0, "rx_deg": 180.0}

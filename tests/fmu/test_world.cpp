@@ -1,6 +1,10 @@
 // The dynamics world against the kinematics.
 #include <gtest/gtest.h>
 
+#include <atomic>
+#include <thread>
+#include <vector>
+
 #include "fmu/model/description/cell_description.h"
 #include "fmu/model/world/world.h"
 
@@ -53,6 +57,34 @@ TEST(World, LinkPosesMatchKinematics) {
       EXPECT_TRUE(world.link_pose(i).isApprox(expected, 1e-12)) << "link " << i + 1;
     }
   }
+}
+
+// Worlds share the engine's process-wide state, also those that are destroyed because a part is unstable.
+TEST(World, UnstablePartsAreRefusedInParallelThreads) {
+  const CellDescription stable = parse_cell(read_text_file(SCANCELL_TEST_CELLS "/free/cell.json"));
+  CellDescription unstable = stable;
+  unstable.parts[0].support_from_part.rotate(Eigen::AngleAxisd(0.5, Eigen::Vector3d::UnitX()));
+  std::atomic<int> built{0}, refused{0};
+  const auto build = [&](const CellDescription& cell) {
+    try {
+      const World world(cell, Kinematics(cell, AsBuilt{}), {});
+      ++built;
+    } catch (const DescriptionError&) {
+      ++refused;
+    }
+  };
+  std::vector<std::thread> threads;
+  for (int thread = 0; thread < 4; ++thread) {
+    threads.emplace_back([&] {
+      for (int round = 0; round < 5; ++round) {
+        build(unstable);
+        build(stable);
+      }
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_EQ(built, 20);
+  EXPECT_EQ(refused, 20);
 }
 
 TEST(World, FallingPartIsStoppedAtMaximumDistance) {

@@ -4,9 +4,11 @@ import copy
 import inspect
 import pickle
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
+from typing_extensions import TypeAliasType
 
 from scancell import errors
 from scancell.arguments import checked_value
@@ -160,6 +162,16 @@ def test_copied_and_pickled_errors_are_the_same(kind, again) -> None:
         assert [getattr(twin, name) for name in ("problem", "file", "key", "value", "expected")] == [
             getattr(error, name) for name in ("problem", "file", "key", "value", "expected")
         ]
+
+
+def test_alias_of_an_array_type_takes_what_the_type_takes() -> None:
+    """NumPy 2.5 makes `NDArray` an alias with a value."""
+    kind = TypeVar("kind", bound=np.generic)
+    alias = TypeAliasType("alias", np.ndarray[tuple[Any, ...], np.dtype[kind]], type_params=(kind,))
+    values = np.zeros(3)
+    assert checked_value("x", values, alias[np.float64]) is values
+    with pytest.raises(DescriptionError, match="expected an array or None"):
+        checked_value("x", "none", alias[np.float64] | None)
 
 
 def test_joined_errors_can_be_pickled() -> None:

@@ -11,9 +11,10 @@ from scancell.cell.controller import Operation
 from scancell.config.robot import RobotDescription
 from scancell.guard.check import ManualCheck
 from scancell.guard.guard import Decision, Guard
+from scancell.guard.identify import Identifier, _Window
 from scancell.guard.link import Link
 from scancell.guard.messages import CellState, GuardMessage, decode
-from scancell.guard.motion import Hypothesis, Path
+from scancell.guard.motion import Hypothesis, Kind, Path
 from scancell.guard.path_check import PathCheck
 from scancell.guard.settings import GuardSettings
 from scancell.nominal.cell import NominalCell
@@ -43,7 +44,7 @@ class Mutation(Protection):
     strata: Callable[[Stratum], bool] | None = None
 
 
-class _Credulous(Link):
+class _AcceptsStaleAnswers(Link):
     """A link that takes every answer for one to the present state."""
 
     _received = -float("inf")
@@ -60,13 +61,27 @@ class _Credulous(Link):
 
 
 def _without(path: Path) -> Mutation:
-    class Forgetful(Guard):
-        """A guard that does not think of one way to go on."""
+    class OmitsPath(Identifier):
+        """Omits one path, and takes a motion along it for one along another path."""
 
-        def _hypotheses(self) -> Sequence[Hypothesis]:
-            return [found for found in super()._hypotheses() if found.path is not path]
+        def _paths(self, kind: Kind, window: _Window) -> list[Path]:
+            others = [found for found in Path if found is not path]
+            return [found for found in super()._paths(kind, window) if found is not path] or others
 
-    return Mutation(Forgetful)
+    class OmitsHypothesis(Guard):
+        """A guard that omits one path of the motion."""
+
+        def __init__(
+            self,
+            nominal: NominalCell,
+            robot: RobotDescription,
+            settings: GuardSettings | None = None,
+            ignored: Collection[tuple[str, str]] = (),
+        ) -> None:
+            super().__init__(nominal, robot, settings, ignored)
+            self._identifier = OmitsPath(nominal, self.settings.noise)
+
+    return Mutation(OmitsHypothesis)
 
 
 class _NoClearance(Guard):
@@ -138,7 +153,7 @@ MUTATIONS: dict[str, Mutation] = {
     "no-base-path": _without(Path.BASE),
     "no-tool-path": _without(Path.TOOL),
     "double-age": Mutation(patience=2.0),
-    "stale-answers": Mutation(link=_Credulous),
+    "stale-answers": Mutation(link=_AcceptsStaleAnswers),
     "no-clearance": Mutation(_NoClearance, strata=lambda _: True),
     "no-table-rate": Mutation(_NoTable, of_table=True),
     "slow-is-rest": Mutation(_SlowIsRest, strata=lambda stratum: _identified(stratum) and stratum.decade < 2),

@@ -1,0 +1,86 @@
+"""Panels of the scan and of the robot program, without a browser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from scancell.browser.panels.program_panel import ProgramPanel, RobotProgram
+from scancell.browser.panels.scan_panel import ScanPanel
+from scancell.browser.panels.scans import Scans
+from scancell.config.choices import Engine
+
+
+class Handle:
+    """An input or a text of a page."""
+
+    def __init__(self, value: Any = None) -> None:
+        self.value, self.content, self.callbacks = value, "", []
+
+    def on_click(self, callback: Callable[[], None]) -> None:
+        self.callbacks.append(callback)
+
+    on_update = on_click
+
+    def click(self) -> None:
+        for callback in self.callbacks:
+            callback()
+
+
+class Gui:
+    """Makes handles, and keeps those with a name."""
+
+    def __init__(self) -> None:
+        self.named: dict[str, Handle] = {}
+        self.texts: list[Handle] = []
+
+    def add_button(self, name: str) -> Handle:
+        return self.named.setdefault(name, Handle())
+
+    def add_dropdown(self, name: str, options: tuple[str, ...], initial_value: str | None = None) -> Handle:
+        return self.named.setdefault(name, Handle(initial_value or options[0]))
+
+    def add_progress_bar(self, value: float) -> Handle:
+        return Handle(value)
+
+    def add_html(self, content: str) -> Handle:
+        self.texts.append(Handle())
+        self.texts[-1].content = content
+        return self.texts[-1]
+
+
+def operator() -> Any:
+    """Every browser may operate the cell."""
+
+    def unchanged(act: Callable[[], None]) -> Callable[[], None]:
+        return act
+
+    return SimpleNamespace(
+        callback=unchanged, operator_callback=unchanged, submit=lambda _: None, add_inputs=lambda _: None
+    )
+
+
+@pytest.mark.parametrize("engine", ["geometric", "ray-traced"])
+def test_engine_of_a_scan_is_at_first_that_of_the_workspace(engine: Engine, tmp_path: Path) -> None:
+    cloud = SimpleNamespace(colour="part", legend="")
+    scans = Scans(SimpleNamespace(), cloud, None, tmp_path, engine)  # type: ignore[arg-type]
+    gui, started = Gui(), []
+    scans.start = started.append  # type: ignore[method-assign]
+    ScanPanel(gui, operator(), scans)
+    gui.named["Scan the part"].click()
+    assert started == [engine]
+
+
+def test_program_is_shown_to_run_while_it_does(tmp_path: Path) -> None:
+    live = SimpleNamespace(perform=lambda _run, _name: None)
+    program = RobotProgram(live, tmp_path / "pick.py", "geometric", tmp_path)  # type: ignore[arg-type]
+    gui = Gui()
+    panel = ProgramPanel(gui, operator(), program)
+    shown = gui.texts[-1]
+    for job, runs in (("", False), ("pick.py", True), ("scan", False), ("pick.py", True), ("", False)):
+        panel.show(SimpleNamespace(job=job))  # type: ignore[arg-type]
+        assert ("runs" in shown.content) is runs
