@@ -241,7 +241,7 @@ class Scanner(Closing):
         quality_factors: Sequence[QualityFactor] = (),
         progress: Progress | ProgressCallback | None = None,
     ) -> Plan:
-        """The checked program of the scan of a part, which `scan` takes; other parameters as of `Scanner.scan`.
+        """Plan and check the scan of a part, for `scan`; other parameters as of `Scanner.scan`.
 
         Parameters
         ----------
@@ -275,7 +275,7 @@ class Scanner(Closing):
         seed: Seed = 0,
         progress: Progress | ProgressCallback | None = None,
     ) -> SurveyResult:
-        """Find what stands around the table beside the known bodies, by the geometric engine.
+        """Find occupied and unseen space around the table beside the known bodies, by the geometric engine.
 
         The other parameters are those of `Scanner.scan`.
 
@@ -313,7 +313,7 @@ class Scanner(Closing):
         unit: str = "mm",
         progress: Progress | ProgressCallback | None = None,
     ) -> SetUps:
-        """How a free part is best set up: resting pose, position on the table and height; two set-ups where needed.
+        """Propose the set-up of a free part: resting pose, position on the table and height; two set-ups if needed.
 
         The other parameters are those of `Scanner.scan`.
 
@@ -499,11 +499,11 @@ class Scanner(Closing):
 
     @cached_property
     def setup_warnings(self) -> tuple[str, ...]:
-        """What is doubtful about the descriptions, in sentences."""
+        """Warnings about the descriptions, as sentences."""
         return tuple(setup_warnings(self.setup))
 
     def close(self) -> None:
-        """Free the FMU, its files and the scenes; the scanner refuses further calls."""
+        """Free the FMU, its files and the scenes; the scanner rejects further calls."""
         if self._pipeline is not None:
             self._pipeline.close()
         self._pipeline = None

@@ -120,7 +120,7 @@ def _read_yaml(path: Path) -> pa.Table:
 
 
 def _column(values: list[Any]) -> pa.Array:
-    """Numbers, or where one of them is none, words."""
+    """A column of numbers, or of words if any entry is not a number."""
     if all(value is None or (isinstance(value, int | float) and not isinstance(value, bool)) for value in values):
         return pa.array([None if value is None else float(value) for value in values], pa.float64())
     return pa.array([None if value is None else str(value) for value in values])

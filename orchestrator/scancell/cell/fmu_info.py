@@ -112,7 +112,7 @@ def _group_lines(title: str, variables: Iterable[FmuVariable]) -> list[str]:
 
 
 def _start(variable: Any) -> str:
-    """Start value as text; an empty string that a person may set is shown in quotes."""
+    """Start value as text; an empty string that the user may set is shown in quotes."""
     settable = variable.causality in ("input", "parameter")
     return str(variable.start or "") or ('""' if variable.type == "String" and settable else "")
 

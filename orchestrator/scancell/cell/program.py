@@ -15,7 +15,7 @@ TriggerKind = Literal["off", "time", "table_angle", "path_distance", "request"]
 
 @dataclass(frozen=True)
 class TriggerRule:
-    """When the sensor fires.
+    """Rule by which the sensor is triggered.
 
     `interval` is in seconds (``time``), radians (``table_angle``) or metres (``path_distance``);
     it is 0 for ``off`` and ``request`` (one exposure on demand, as stop-and-look needs).

@@ -300,7 +300,7 @@ class Recording(Value):
 
 
 def write_recording(recording: Recording, path: Path) -> None:
-    """Write Parquet (or CSV by suffix); the file appears whole or not at all.
+    """Write Parquet (or CSV by suffix) atomically.
 
     Raises
     ------

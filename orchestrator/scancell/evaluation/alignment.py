@@ -57,7 +57,7 @@ def check_request(points: Array, align: str) -> None:
 
 
 def best_fit_of_starts(points: Array, distances: Distances, bounds: Array) -> tuple[Array, list[str]]:
-    """Best fit from where the points (n, 3) are or, where that fits badly, the best of several turns; with warnings.
+    """Best fit from the present pose of the points (n, 3) or, if poor, the best of several rotations; with warnings.
 
     Raises `FitError` with fewer than six points.
 

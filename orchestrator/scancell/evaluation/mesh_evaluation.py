@@ -280,7 +280,7 @@ class _DatumFaces:
     threads: int
 
     def named(self, numbers: Sequence[int]) -> dict[int, tuple[DatumPlane, Array]]:
-        """The planes that a person names, and their points."""
+        """The planes that the user names, and their points."""
         planes = {}
         for number in numbers:
             if not 0 <= number < len(self.regions) or not self.regions.is_plane[number]:
@@ -333,7 +333,7 @@ class _DatumFaces:
 
 
 def region_text(regions: Regions, number: int) -> str:
-    """Normal of a plane region and centre of any, for people."""
+    """Normal of a plane region and centre of any, as text."""
     centre = ", ".join(f"{1e3 * value:.1f}" for value in regions.centres[number])
     normal = ", ".join(f"{value + 0.0:.2f}" for value in regions.normals[number])
     return (f"plane, normal ({normal}), " if regions.is_plane[number] else "") + f"centre ({centre}) mm"

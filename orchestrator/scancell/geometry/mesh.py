@@ -352,7 +352,7 @@ def _moments(mesh: Mesh) -> tuple[float, Array, Array]:
 
 
 def is_stable_pose(mesh: Mesh, table_from_part: ArrayLike, tolerance: float = 1e-5) -> bool:
-    """Whether the part, standing by gravity on the plane z = 0 of the table, stays as it is.
+    """Whether the part rests stably by gravity on the plane z = 0 of the table.
 
     Stable: the vertices of the hull within `tolerance` (m) of the lowest one enclose the centre of mass,
     seen from above, with a margin of `tolerance`.

@@ -52,7 +52,7 @@ class Approach:
 
 @dataclass(frozen=True)
 class Contact:
-    """Contact of an approaching pair that a motion leads to, if it goes on.
+    """Predicted contact of an approaching pair if the motion continues.
 
     Attributes
     ----------
@@ -160,7 +160,7 @@ class ManualCheck:
         return self._verdict(motions, only_stop)
 
     def check_shown(self, axes: Array, ahead: Array, spacing: float, only_stop: bool = False) -> Verdict:
-        """The same of a jog that the controller shows, which a person cannot change before a state shows the change.
+        """The same for a predicted jog, which the operator cannot change before a state contains the change.
 
         Parameters
         ----------
@@ -305,7 +305,7 @@ class _Motion:
 
     @property
     def finer(self) -> int:
-        """Parts of a piece in which a contact is looked for, a power of 2."""
+        """Number of parts of a piece that are searched for a contact, a power of 2."""
         return max(1, _PARTS >> int(np.ceil(np.log2(len(self.times) - 1))))
 
 

@@ -63,7 +63,7 @@ class Decision:
 
 
 class Guard:
-    """Guards the robot of one cell; `guard_of` makes one of descriptions.
+    """Guards the robot of one cell; `guard_of` makes one from descriptions.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ class Guard:
         self.decision = Decision()
 
     def check(self, points: ArrayLike) -> MotionClash | None:
-        """None if a motion is proved free of contact, else a place where it is not.
+        """None if a motion is proved free of contact, else a point of it where it is not.
 
         Parameters
         ----------
@@ -238,7 +238,7 @@ def _leads_away(ahead: Array) -> bool:
 
 
 def _refusal(verdict: Verdict, moving: bool) -> Decision:
-    """An emergency stop, or for a robot at rest the refusal of the jog that it shows."""
+    """An emergency stop, or the rejection of the predicted jog if the robot is at rest."""
     speed, word = (1.0, "stop") if moving else (0.0, "no jog")
     if not verdict.without_stop:
         return Decision(moving, speed, f"{word}: the motion changes too fast", True)

@@ -19,7 +19,7 @@ _AHEAD = 64  # points of the path ahead, a cycle of path clock apart
 
 
 class GuardedCell:
-    """Steps a cell that talks to its guard.
+    """Steps a cell that exchanges messages with its guard.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Pairs of bodies within their clearance: a motion may not bring them nearer than they were when they came there.
+"""Pairs of bodies within their clearance: a motion must not bring them nearer than they were when they came there.
 
 They have no room for a stop, so that nothing could move them apart if it were asked for.  A motion that never brings
 such a pair nearer is permitted.  What the errors of the measured angles feign is permitted as well, but once: the

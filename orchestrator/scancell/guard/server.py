@@ -96,7 +96,7 @@ class _Service:
         return self._endpoint.counts
 
     def receive(self, packet: bytes) -> bool:
-        """Whether a packet counts."""
+        """Whether a packet is accepted."""
         return self._attempted(lambda: self._endpoint.receive(packet, time.monotonic())) or False
 
     def answer(self) -> bytes | None:
@@ -140,7 +140,7 @@ class _Datagrams:
             self._disconnect()
 
     def _read(self, source: socket.socket) -> Any:
-        """Address from which the last packet that counts came; None if none did."""
+        """Sender address of the last accepted packet; None without one."""
         accepted = None
         for _ in range(_MAX_DATAGRAMS):
             try:
@@ -284,7 +284,7 @@ def _bound(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
 
 @contextlib.contextmanager
 def _stop_signals() -> Iterator[socket.socket]:
-    """A socket that SIGINT and SIGTERM make readable, in place of what they did before."""
+    """A socket that SIGINT and SIGTERM make readable, instead of calling their earlier handlers."""
     stop, waker = socket.socketpair()
     with stop, waker:
         waker.setblocking(False)

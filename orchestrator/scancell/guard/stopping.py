@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class WorstCase:
-    """What a stop must be proved for; arrays are one for all axes or (joints + 1,).
+    """Assumptions for which a stop must be proved; arrays are one for all axes or (joints + 1,).
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class WorstCase:
 
 @dataclass(frozen=True)
 class Stop:
-    """A stop as late as it can come.
+    """The latest possible stop.
 
     Attributes
     ----------

@@ -129,7 +129,7 @@ class LiveCell:
         return submitted.future
 
     def between_cycles(self, work: Callable[[ScanSession], T]) -> Future[T]:
-        """Have `work` done at the end of the present cycle, also while a job runs; the future of what it returns.
+        """Run `work` at the end of the present cycle, also during a job; returns the future of its result.
 
         `work` gets the session, and must not step the cell.
         """
@@ -139,7 +139,7 @@ class LiveCell:
         return submitted.future
 
     def emergency_stop(self) -> None:
-        """Press the emergency stop, end the job, and drop all that was submitted; `Reset` ends the stop."""
+        """Press the emergency stop, end the job, and drop all submitted commands and jobs; `Reset` ends the stop."""
         with self._lock:
             dropped, self._submitted = self._submitted, deque()
             if self._stop_pressed and self._running and self._clock() - self._commands_read > _LOST:
@@ -205,7 +205,7 @@ class LiveCell:
                 self._message = str(error)
 
     def _end_cycle(self) -> None:
-        """Called at the end of every controller cycle, whatever stepped the cell."""
+        """Called at the end of every controller cycle, however the cell is stepped."""
         if self._between_cycles:
             raise CommandError("between_cycles: the work steps the cell, which it must not")
         self._between_cycles = True

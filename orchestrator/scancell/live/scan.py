@@ -84,7 +84,7 @@ class LiveScanState:
 
     @property
     def behind(self) -> int:
-        """Number of exposures by which sensing is behind the cell."""
+        """Number of exposures by which sensing lags the cell."""
         return self.taken - self.sensed
 
 

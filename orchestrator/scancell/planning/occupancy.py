@@ -76,7 +76,7 @@ def _grids(item: OccupiedDescription, nominal: NominalCell) -> dict[str, VoxelGr
 
 
 def write_voxels(path: Path, grids: Mapping[str, VoxelGrid], **more: NDArray[np.generic]) -> None:
-    """Write grids by frame, see `occupied_bodies`, and further arrays as NPZ; it appears whole or not at all.
+    """Write grids by frame, see `occupied_bodies`, and further arrays as NPZ, atomically.
 
     Raises `OutputError` if the file cannot be written.
     """

@@ -45,7 +45,7 @@ _TIMEOUT = 60.0  # s
 
 @dataclass(frozen=True)
 class Step:
-    """A command that was carried out: its name, what it was about, and simulated times of start and end, s."""
+    """An executed command: its name, its subject, and simulated times of start and end, s."""
 
     command: str
     about: str
@@ -276,7 +276,7 @@ class Robot:
     # Measurement
 
     def profile(self) -> Profile:
-        """The profile that the sensor measures now."""
+        """Measure a profile at the present pose."""
         with self._step("profile"):
             return self._session.profile(self._engine)
 

@@ -1,4 +1,4 @@
-"""What a calibration has found of a sensor and of its place on the robot, from the folder that it left."""
+"""Results of a calibration for a sensor and its pose on the robot, from the folder of results."""
 
 from __future__ import annotations
 

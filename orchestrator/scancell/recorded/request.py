@@ -1,4 +1,4 @@
-"""`reconstruct`: from what a person names to the measurements, the descriptions and the cloud."""
+"""`reconstruct`: from user input to the measurements, the descriptions and the cloud."""
 
 from __future__ import annotations
 

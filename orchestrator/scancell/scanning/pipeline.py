@@ -212,7 +212,7 @@ class ScanPipeline(Closing):
         goal: NDArray[np.float64],
         purpose: str,
     ) -> Program | None:
-        """Motions between joints and table angles (joints + 1,), rad; None from a place to itself.
+        """Motions between joints and table angles (joints + 1,), rad; None if both are the same.
 
         Raises `PlanningError` if no path free of collision is found, naming the bodies that collide on the direct one.
         """

@@ -1,4 +1,4 @@
-"""One scan with drawn values, by a worker that keeps what many scans have in common."""
+"""One scan with drawn values, by a worker that keeps the data that many scans have in common."""
 
 from __future__ import annotations
 

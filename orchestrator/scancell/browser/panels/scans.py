@@ -54,12 +54,12 @@ class Scans:
 
     @property
     def state(self) -> LiveScanState | None:
-        """Of the last scan; None before the first."""
+        """State of the last scan; None before the first."""
         return None if self._scan is None else self._scan.state
 
     @property
     def error(self) -> str:
-        """Why the last scan failed; empty where it did not."""
+        """Reason why the last scan failed; empty if it did not."""
         if self._scan is None or not self._scan.result.done():
             return ""
         error = self._scan.result.exception()

@@ -1,4 +1,4 @@
-"""Likely causes of doubtful calibrations: an artefact of another size or place, mirrored profiles, large deviations."""
+"""Likely causes of doubtful calibrations: wrong size or position of the artefact, mirrored profiles, large results."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def shift_text(shift: Array) -> str:
 
 
 def where_points_lie(problem: CalibrationProblem, part: Mesh) -> str:
-    """How far the points of a problem lie from the artefact at its nominal pose, as a sentence."""
+    """Sentence that states the distance of the points of a problem from the artefact at its nominal pose."""
     data, artefact = problem.observations, problem.artefact
     points = points_on_platter(data, problem.kinematics.poses(data.readings, problem.start))
     high = points[:, 2] > ABOVE_TABLE

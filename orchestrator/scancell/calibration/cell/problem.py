@@ -76,7 +76,7 @@ class Observations:
         return cls(readings, points_in_sensor, sigma, direction, np.asarray(frame, np.intp), np.zeros(len(sigma)))
 
     def chosen(self, rows: NDArray[np.bool_]) -> Observations:
-        """Those of some points; all exposures are kept."""
+        """Observations of some of the points; all exposures are kept."""
         return Observations(
             self.readings,
             self.points_in_sensor[rows],

@@ -125,7 +125,7 @@ class CalibrationReport(SavedCalibration):
 
     @property
     def warnings(self) -> list[str]:
-        """What is doubtful."""
+        """Warnings about the result."""
         plan = self.calibration.plan
         found = list(plan.warnings) if plan is not None else []
         found += filter(None, [shift_text(self.calibration.shift), self._wrong_sizes])

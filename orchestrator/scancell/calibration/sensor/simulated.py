@@ -34,7 +34,7 @@ _BRIGHTNESS = 0.6  # of the full well, of white squares under the lamp
 
 @dataclass(frozen=True)
 class _Placed:
-    """A target at its poses (n, 4, 4) in the sensor frame, as they are said to be."""
+    """A target at its poses (n, 4, 4) in the sensor frame, as stated."""
 
     body: Body
     surface: ShapeGroup
@@ -67,7 +67,7 @@ def calibrate_from(
 
 
 def poses_known(exposures: Sequence[TargetExposure]) -> bool:
-    """Whether any exposure tells where the sensor frame is."""
+    """Whether any exposure determines the sensor frame."""
     return any(one.mounting is None for one in exposures)
 
 
@@ -120,7 +120,7 @@ def measure(
 
 
 def range_error(as_built: SensorDescription, used: SensorDescription, align: bool) -> float:
-    """RMS distance, m, between the points of a sensor as it is used and as it was built, over images and range.
+    """RMS distance, m, between the points of a sensor as described and as built, over images and range.
 
     Parameters
     ----------

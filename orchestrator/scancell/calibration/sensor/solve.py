@@ -73,7 +73,7 @@ def _text(parameters: SensorParameters, direction: Array, deviation: float) -> s
 def _missing(
     sensor: SensorDescription, parameters: SensorParameters, blocks: Sequence[Block], weak: Array
 ) -> list[str]:
-    """What would determine the weak directions (w, k)."""
+    """Measurements that would determine the weak directions (w, k)."""
     by_parameter = np.concatenate([block.by_parameter for block in blocks])
     direct = np.linalg.norm(by_parameter @ weak.T, axis=0)
     found = []

@@ -93,7 +93,7 @@ def fmu_contents(runtime: Path, cell: str, version: FmiVersion, options: FmuOpti
 
 
 def write_unpacked(folder: Path, runtime: Path, cell: str, version: FmiVersion) -> None:
-    """Make a folder with what an instance needs of an FMU, its libraries linked.
+    """Create a folder with the files of an FMU that an instance needs; libraries are linked.
 
     Raises
     ------
@@ -125,7 +125,7 @@ def _documents(model_description: bytes, version: FmiVersion, bundle: Bundle, re
 
 
 def _read(model_description: bytes) -> Any:
-    """As FMPy reads it; it wants an archive."""
+    """Read it with FMPy, which requires an archive."""
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w") as file:
         file.writestr("modelDescription.xml", model_description)

@@ -50,7 +50,7 @@ CHOICE_SHARE = 0.7  # of the limit of work, after which no further views are cho
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CoverageReport(Value):
-    """What the chosen views see of the measurable surface, and how good the choice is.
+    """Share of the measurable surface that the chosen views see, and bounds on the quality of the choice.
 
     Attributes
     ----------
@@ -242,7 +242,7 @@ class CoveragePlanner:
         )
 
     def _is_spent(self) -> bool:
-        """Whether the work is used up that the choice may take; the rest is for the motions between views."""
+        """Whether the choice has used its share of the work; the rest is for the motions between views."""
         return self._cell.work.spent > CHOICE_SHARE * self._cell.work.limit
 
     def _spent(self) -> float:

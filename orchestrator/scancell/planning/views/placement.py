@@ -254,7 +254,7 @@ class Placer:
     def _try_pass(
         self, view: Pass, run: trajectory.Run, count: int, table: float, middle: Array, branch: int
     ) -> PlacedPass | Infeasible:
-        """The pass at one table angle (rad), in one branch, as slow as limits ask for; checks reach and collisions.
+        """The pass at one table angle (rad), in one branch, as slow as the limits require; checks reach and collisions.
 
         The joints (joints,) in its middle tell the turn of those with several.
         """

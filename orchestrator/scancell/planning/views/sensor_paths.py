@@ -83,7 +83,7 @@ def _averaged(values: Array, window: Array) -> Array:
 
 
 def _refuse_loops(origin: Array, target: Array, contour: ContourDescription) -> None:
-    """The sensor must go forward wherever the contour does."""
+    """Raise `PlanningError` if the sensor would move backwards anywhere along the contour."""
     forward = (np.diff(origin, axis=0) * np.diff(target, axis=0)).sum(1)
     if (forward < 0).any():
         x, y = 1e3 * target[int(np.argmin(forward)), :2]
@@ -288,7 +288,7 @@ def recorded_poses(file: Path) -> Array:
 
 
 def _apart(poses: Array, name: str) -> Array:
-    """The poses without those that lie where the one before does."""
+    """The poses without those at the position of the one before."""
     step = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
     kept = poses[np.concatenate([[True], step > _LEAST_STEP])]
     if len(kept) < 2:
@@ -321,7 +321,7 @@ def _spiral(spiral: SpiralDescription, part: Mesh, standoff: float) -> Array:
 
 
 def _nearest(part: Mesh, target: Array, rotation: Array) -> float:
-    """How far the part extends towards the sensor from `target`, near the laser sheet, m."""
+    """Extent of the part towards the sensor from `target`, near the laser sheet, m."""
     at = (part.vertices - target) @ rotation
     in_sheet = np.abs(at[:, 0]) <= _SHEET
     return float(-at[in_sheet, 2].min(initial=0.0))

@@ -1,4 +1,4 @@
-"""Commands of a person or a program to the robot."""
+"""Commands of an operator or a program to the robot."""
 
 from __future__ import annotations
 
@@ -177,7 +177,7 @@ def pressed(
     speed: float = 1.0,
     resets: int = 0,
 ) -> Scenario:
-    """A person who jogs from `start` (joints + 1,) with deflections `values` (joints + 1,).
+    """An operator who jogs from `start` (joints + 1,) with deflections `values` (joints + 1,).
 
     `presses` are times, s, at which the deflections change, and the factor that they have from then on; without, the
     jog is pressed all the time.
