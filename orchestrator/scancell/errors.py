@@ -16,7 +16,7 @@ _LONGEST = 80  # characters of a value in a message
 
 
 class ScancellError(Exception):
-    """An error for people: ``FILE: KEY = VALUE: PROBLEM; expected EXPECTED``, without the parts that do not apply.
+    """An error for users: ``FILE: KEY = VALUE: PROBLEM; expected EXPECTED``, without the parts that do not apply.
 
     Parameters
     ----------

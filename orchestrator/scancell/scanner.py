@@ -388,7 +388,7 @@ class Scanner(Closing):
         ----------
         part_from_sensor
             Pose (4, 4) of the sensor, see `scancell.location`. The table turns the part so that the arm reaches it;
-            where it cannot, the arm is left out, and a warning says why.
+            if it cannot, the arm is left out, and a warning states the reason.
 
         Raises
         ------

@@ -60,7 +60,7 @@ class FmuInfo:
         return found
 
     def lines(self, prefix: str = "") -> list[str]:
-        """Text for people: the FMU, then the variables that start with `prefix`, by causality and group."""
+        """Text for the terminal: the FMU, then the variables that start with `prefix`, by causality and group."""
         counts = ", ".join(f"{count} {causality}" for causality, count in self.causalities.items())
         groups: dict[str, list[FmuVariable]] = {}
         for variable in self.starting_with(prefix):

@@ -45,7 +45,7 @@ class Segment(Value):
         Seconds from the start of the segment; the first exposure fires at `trigger_from`, and so approach and
         run-out stay dark.
     name
-        What the segment scans, or where it leads, for people.
+        What the segment scans, or where it leads, for messages.
     """
 
     id: int

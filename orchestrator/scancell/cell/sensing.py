@@ -63,7 +63,7 @@ def simplified(cell: CellDescription, nominal: NominalCell) -> list[Simplified]:
 def sensing_json(cell: CellDescription, nominal: NominalCell, *, collision_outputs: bool = True) -> dict[str, Any]:
     """The keys ``bodies``, ``collision`` and those of the sensors in the FMU's description.
 
-    `collision_outputs` False leaves these outputs out, whatever the cell describes.
+    `collision_outputs` False leaves these outputs out, even if the cell describes them.
 
     Raises
     ------

@@ -26,8 +26,8 @@ Array = NDArray[np.float64]
 
 _ROUNDED = 1e-5  # rad
 
-RAMP_TIME = 0.25  # s: to full speed, for a URDF file knows no accelerations
-_DIGITS = 10  # of lengths in mm and angles in deg that are kept behind the point
+RAMP_TIME = 0.25  # s: to full speed, because a URDF file contains no accelerations
+_DIGITS = 10  # decimal places of lengths in mm and angles in deg
 
 
 @dataclass(frozen=True)

@@ -188,7 +188,7 @@ def measure_plane(
     Parameters
     ----------
     ideal
-        The sensor without noise, whose view of the target says where points are expected.
+        The sensor without noise, whose view of the target determines where points are expected.
     """
     scene = sensor_rt.Scene()
     roughness = PRESETS["matt_white"].roughness

@@ -225,8 +225,8 @@ class ManualCheck:
     def _unstoppable(self, motion: _Motion, budget: Budget) -> Approach | None:
         """A pair for which the stop is not proved.
 
-        A pair that does not approach, whatever the error of the rates, needs no room for a stop, but may not come much
-        nearer on the way of the stop; one within its clearance may not come nearer at all.
+        A pair that does not approach for any error of the rates needs no distance for a stop, but must not come much
+        nearer during the stop; one within its clearance must not come nearer at all.
         """
         clearance, way = self._clearance, motion.way
         if self._unseen is not None:

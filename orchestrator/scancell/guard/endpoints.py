@@ -1,8 +1,8 @@
 """The two ends of the connection between cell and guard, independent of the transport.
 
-They decide which packets count.  The cell numbers its sessions, the guard its service of each of them; both numbers are
-random.  A guard that was restarted knows no session, and only a session that the cell opens anew brings it back: a
-person's reset stands behind that (docs/guard_protocol.md).
+They decide which packets are accepted.  The cell numbers its sessions, the guard its service of each of them; both
+numbers are random.  A restarted guard has no session until the cell opens a new one, which requires a reset by an
+operator (docs/guard_protocol.md).
 """
 
 from __future__ import annotations

@@ -68,7 +68,7 @@ class Guard:
     Parameters
     ----------
     nominal
-        The cell as the guard knows it, measured space included (`nominal_cell`).
+        The nominal cell of the guard, measured space included (`nominal_cell`).
     robot
         Description of the robot (``CellDescription.robot``): the limits of jogging.
     settings
@@ -168,7 +168,7 @@ class Guard:
             self._operation = state.operation
         decision = self._by_hand(state) if state.operation is Operation.MANUAL else self._on_path(state)
         self.decision = decision
-        # A stop goes on until the robot rests; then it is the controller that waits for a person's reset.
+        # A stop continues until the robot is at rest; then the controller waits for a reset by an operator.
         self._stopping = decision.stop or (self._stopping and state.moving)
         self._number = (self._number + 1) % 2**32
         # The reason of a stop stays on the pendant until it is over.

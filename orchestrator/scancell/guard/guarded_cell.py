@@ -39,7 +39,7 @@ class GuardedCell:
     monitor_speed
         Of the operator, 0 to 1; the lower one of this and the guard's is in force.
     stop_pressed
-        Whether a person holds the emergency stop pressed, whatever the guard says.
+        Whether the operator keeps the emergency stop pressed, independently of the guard.
 
     Examples
     --------

@@ -40,7 +40,7 @@ def serve_guard(
 ) -> Counter[str]:
     """Answer states until SIGINT or SIGTERM; to be called in the main thread.
 
-    Packets that do not count are counted, and nothing else comes of them. Where the answerer raises an exception, the
+    Rejected packets are counted and have no other effect. If the answerer raises an exception, the
     state gets no answer, and without answers the robot stops; the first such exception is printed.
 
     Parameters
@@ -49,8 +49,8 @@ def serve_guard(
         The guard: a `Guard`, or any object with ``answer(state)``, which takes a `CellState` and returns a
         `GuardMessage`, and ``reset()``.
     host, port
-        Address to listen on; port 0: any free one. Packets are not authenticated: whoever reaches the address can open
-        a session, but only when no other one is in use.
+        Address to listen on; port 0: any free one. Packets are not authenticated: anyone who reaches the address can
+        open a session, but only when no other one is in use.
     protocol
         What carries the packets.
     started

@@ -35,7 +35,7 @@ class WorstCase:
     angle_error
         Of the measured angles, rad.
     unseen
-        Largest accelerations by which the person may change the motion unseen; without, it goes on as identified.
+        Largest accelerations of unseen changes of the motion by the operator; None: it continues as identified.
     """
 
     age: float
@@ -61,7 +61,7 @@ class Stop:
         Time from the beginning of braking to the standstill, s.
     deviation
         Bound on the deviation of the axes from the predicted motion on the way, (joints + 1,), rad, without changes by
-        the person.
+        the operator.
     unseen
         What such changes add to the way is what their accelerations do in half of this, s².
     """

@@ -80,7 +80,7 @@ class Body(Value):
 class Lamp:
     """An external light, W and metres, at a pose (4, 4) in the frame that `moves_with` names.
 
-    Either `in_band` or `spectrum` (wavelength, full width at half maximum) says what filters pass.
+    Either `in_band` or `spectrum` (wavelength, full width at half maximum) determines the share that filters pass.
     """
 
     name: str

@@ -66,7 +66,7 @@ def extract_to_folder(request: ExtractionRequest, out: Path) -> RunReport:
     Raises
     ------
     ScancellError
-        With a message for people, whatever is wrong.
+        With a message for the user, for any error in the inputs.
     """
 
     def work(folder: RunFolder, watch: Stopwatch) -> RunReport:

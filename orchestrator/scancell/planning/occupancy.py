@@ -1,4 +1,4 @@
-"""Occupied space that planning knows from measurements: voxels of a survey, or of a point cloud."""
+"""Measured occupied space for planning: voxels of a survey, or of a point cloud."""
 
 from __future__ import annotations
 

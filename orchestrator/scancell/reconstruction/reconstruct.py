@@ -53,7 +53,7 @@ class JointTriggers(Triggers, Protocol):
 
 
 PosesAfter = Callable[[float], Array]
-"""Poses (n, 4, 4) of the sensor in the part frame so many seconds after the latch."""
+"""Poses (n, 4, 4) of the sensor in the part frame, by seconds after the latch."""
 
 
 def poses_by_joints(triggers: JointTriggers, part_from_sensor: Callable[[Array, Array], Array]) -> PosesAfter:

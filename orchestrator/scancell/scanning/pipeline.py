@@ -177,7 +177,7 @@ class ScanPipeline(Closing):
         """The plan of the scan description, or a `saved` one checked again.
 
         It is cached by a digest of all inputs, unless there are `quality_factors`, see `planner.plan`. Any thread may
-        call; one that asks for the same plan meanwhile waits for it. `progress` may cancel; its steps are not counted.
+        call; one that requests the same plan meanwhile waits for it. `progress` may cancel; its steps are not counted.
 
         Raises `DescriptionError` if a file of occupied space cannot be used, or a pair with its own clearance does not
         exist; `PlanningError` naming the poses that cannot be reached, or the bodies that collide.

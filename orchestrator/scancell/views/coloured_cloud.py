@@ -33,8 +33,8 @@ class ColouredCloud:
 
     `normals` (n, 3) are those of the cloud, NaN where there are none.
     `total` counts the points of the whole cloud, of which these are evenly chosen. `spacing` is the typical distance
-    between neighbours when all are there, m. `scale` (k, 3) holds the displayed colours, 0 to 255, from one of the
-    values `limits` to the other; `title` says what they are.
+    between neighbours in the complete cloud, m. `scale` (k, 3) holds the displayed colours, 0 to 255, from one of the
+    values `limits` to the other; `title` is their name.
     """
 
     points_in_part: Array

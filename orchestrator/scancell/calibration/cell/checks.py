@@ -33,7 +33,7 @@ _LEAST_SIZE_ERROR = 1e-6  # m
 _MOST_NAMED = 3
 _SHIFTED = 0.05e-3  # m: more than the chord error of the artefact's mesh
 _MIRRORED = np.radians(30.0)  # of half a turn about the sensor's z
-# Deviations from which a warning says so: several times what assembly leaves.
+# Deviations from which a warning is given: several times the errors of an assembly.
 _IMPLAUSIBLE = {"mm": 10.0, "deg": 5.0, "ms": 50.0}
 
 

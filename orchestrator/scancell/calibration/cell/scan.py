@@ -65,7 +65,7 @@ class CalibrationOptions:
     turn_table
         Whether exposures are at different table angles.
     is_pose_known
-        Whether the artefact is exactly where the description says; else its pose is found, too.
+        Whether the described pose of the artefact is exact; else its pose is found, too.
     is_size_known
         Whether its dimensions are exact; else the size of each of its shapes is found, too.
     designed

@@ -109,7 +109,7 @@ def write_unpacked(folder: Path, runtime: Path, cell: str, version: FmiVersion) 
 
 
 def _documents(model_description: bytes, version: FmiVersion, bundle: Bundle, reference: Reference) -> dict[str, bytes]:
-    """Files for people and tools, which an instance does not need."""
+    """Files for users and tools, which an instance does not need."""
     description = _read(model_description)
     icon = assets_dir() / "fmu" / "icon.png"
     documents = {name: text.encode() for name, text in reference.files().items()}

@@ -8,8 +8,8 @@ The seen area is a submodular function of the set of views: a view adds less the
 therefore takes at most ``1 + ln(Q / (Q - f))`` times the least time to see the area Q, f being what is seen before the
 last view (Wolsey, Combinatorica 2 (1982) 385), and sees with a number of views at least 1 - 1/e of the most that as
 many views of equal time see (Nemhauser, Wolsey & Fisher, Mathematical Programming 14 (1978) 265). `least_time` is a
-bound for the instance at hand, usually much closer: whatever set of the candidates is added to those
-chosen so far, it adds no more than the sum of what each would add alone (Leskovec et al., KDD 2007, section 4).
+bound for the instance at hand, usually much closer: any set of candidates added to those
+chosen so far adds no more than the sum of what each would add alone (Leskovec et al., KDD 2007, section 4).
 """
 
 from __future__ import annotations

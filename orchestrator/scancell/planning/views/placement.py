@@ -48,7 +48,7 @@ class PlacedSweep:
 class PlacedPass:
     """A pass with its table angle (rad), its run, the joints `q` (n, joints) of each cycle and at its `exposures`.
 
-    `note` says why it is slower than asked for.
+    `note` is the reason why it is slower than requested.
     """
 
     view: Pass

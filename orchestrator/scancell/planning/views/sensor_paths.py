@@ -148,7 +148,7 @@ class SensorPath:
     Attributes
     ----------
     name
-        Name for people.
+                Name in messages.
     poses
         (n, 4, 4) ``table_from_sensor`` with the table at angle 0, m, n >= 2.
     speed

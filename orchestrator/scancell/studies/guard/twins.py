@@ -92,7 +92,7 @@ class Twins:
     seed
         Of all of them.
     is_clear
-        Whether a guard that knows the nominal cell lets the robot rest at axes (joints + 1,).
+        Whether a guard of the nominal cell lets the robot rest at axes (joints + 1,).
     """
 
     def __init__(self, simulation: Simulation, seed: int, is_clear: Callable[[Array], bool] = lambda _: True) -> None:
@@ -119,7 +119,7 @@ class Twins:
     def persons(self, number: int, duration: float, of_table: bool = False) -> Twin:
         """The twin with a number in which random jogs at full speed for `duration` s end in a collision.
 
-        With `of_table` the person jogs the table alone, one way.
+        With `of_table` the operator jogs the table alone, in one direction.
         """
         draw = self._draws.table_jog if of_table else self._draws.person
         rng = np.random.default_rng([self._seed, number, 0])

@@ -148,7 +148,7 @@ def true_world(known: KnownWorld, rng: np.random.Generator) -> NominalCell:
     """A world with the errors that the guard assumes: bodies displaced, surfaces outside the guard's meshes.
 
     Either the bodies around the arm are displaced by up to `position_error`, or all by half of it, so that no two
-    bodies are nearer by more. Surfaces reach beyond the meshes that the guard compares by the error that it knows of.
+    bodies are nearer by more. Surfaces reach beyond the meshes that the guard compares by their known error.
     One world in four is as described.
     """
     if rng.random() < _TRUE:
