@@ -85,7 +85,7 @@ def _convention(table: MeasuredTable, word: str, stated: str | None) -> str:
         return stated
     if stated is not None and stated != word:
         raise DescriptionError(
-            f"the columns {PREFIX}{word}_1 … of {table.path.name} state another one",
+            f"the columns {PREFIX}{word}_1 … of {table.path.name} state another convention",
             key="convention",
             value=stated,
             expected=word,

@@ -252,7 +252,7 @@ class _Reader:
         element = joint.find(which)
         link = None if element is None else element.get("link")
         if link not in self._links:
-            raise self._fault(joint, f"{which} '{link}' is no link of the file")
+            raise self._fault(joint, f"{which} '{link}' is not a link of the file")
         return str(link)
 
     def _fault(self, joint: ET.Element, text: str) -> DescriptionError:

@@ -279,7 +279,7 @@ class LiveCell:
 
     def _take_job(self, job: Work) -> None:
         if self._job is not None:
-            error = CommandError(f"{job.name}: {self._job.name} runs: cancel it first")
+            error = CommandError(f"{job.name}: {self._job.name} is running: cancel it first")
             job.refuse(error)
             raise error
         self._job = job
@@ -291,7 +291,7 @@ class LiveCell:
             self._end_job("cancelled")
             self._control.apply(command)
         elif self._job is not None and not isinstance(command, SetMonitorSpeed):
-            raise CommandError(f"{command.name}: {self._job.name} runs: cancel it first")
+            raise CommandError(f"{command.name}: {self._job.name} is running: cancel it first")
         else:
             self._control.apply(command)
 

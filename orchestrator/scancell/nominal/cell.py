@@ -386,7 +386,7 @@ def _refuse_unstable(part: Mesh, table_from_part: Array, description: PartDescri
     if description.z_mm != 0.0:
         raise CellError(f"a free part must touch the table (0); {hint}", key="part.z_mm", value=description.z_mm)
     if not is_stable_pose(part, table_from_part):
-        raise CellError(f"does not stand by itself in this pose; {hint}", file=part.source)
+        raise CellError(f"is not stable in this pose; {hint}", file=part.source)
 
 
 def _joint_fields(joint: dict[str, float]) -> dict[str, float]:

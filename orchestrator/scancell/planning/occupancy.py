@@ -117,7 +117,7 @@ def _grid(path: Path, frame: str, arrays: Mapping[str, NDArray[np.generic]]) -> 
     names = [f"{frame}_{key}" for key in ("origin_mm", "spacing_mm", "occupied")]
     missing = [name for name in names if name not in arrays]
     if missing:
-        raise DescriptionError(f"misses the array {missing[0]}", file=path)
+        raise DescriptionError(f"lacks the array {missing[0]}", file=path)
     origin, spacing, occupied = (arrays[name] for name in names)
     if origin.shape != (3,) or not np.isfinite(np.asarray(origin, float)).all():
         raise DescriptionError(file=path, key=names[0], value=origin.tolist(), expected="3 finite numbers")

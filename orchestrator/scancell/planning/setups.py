@@ -192,7 +192,7 @@ class SetUpPlanner:
         self._coverage = replace(self._coverage, share=(1 + share) / 2)
         all_rests = resting_poses(part)
         if not all_rests:
-            raise PlanningError('rests stably in no pose; clamp it (part.fixture = "clamped")', file=part.source)
+            raise PlanningError('has no stable resting pose; clamp it (part.fixture = "clamped")', file=part.source)
         progress.stage("resting poses", min(len(all_rests), _MOST_RESTS), "poses")
         rests, seen, reasons = [], [], []
         for number, rest in enumerate(all_rests[:_MOST_RESTS], start=1):

@@ -309,7 +309,7 @@ def _of_scan(folder: Path, setup: Setup) -> Measurements:
 
     for name in ("recording.parquet", "profiles.parquet"):
         if not (folder / name).is_file():
-            raise DescriptionError("no such file", file=folder / name, expected="that of a run")
+            raise DescriptionError("no such file", file=folder / name, expected="the file of a run")
     measured = read_any_recording(folder / "recording.parquet").measured
     table = pyarrow.parquet.read_table(folder / "profiles.parquet")
     column = {name: np.asarray(table.column(name).to_numpy()) for name in table.column_names}

@@ -300,7 +300,7 @@ def _require_radians(stated: StatedPoses, file: Path) -> None:
     row = int(largest.argmax())
     if largest[row] > _MOST_RAD:
         raise DescriptionError(
-            "is more than a turn: degrees?",
+            "is more than a full turn: is it in degrees?",
             file=file,
             key=f"angles of the flange in rad, row {row + 1}",
             value=float(largest[row]),

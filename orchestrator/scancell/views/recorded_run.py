@@ -190,7 +190,7 @@ def require_readable(folder: Path, name: str, seconds: int = MOST_SECONDS, memor
     if said.startswith("scancell: "):
         raise DescriptionError(said.removeprefix("scancell: ").replace(f"{folder}/", f"{name}: "))
     raise DescriptionError(
-        f"it cannot be read within {seconds} s of the processor and {memory / 1e6:.0f} MB of memory", file=name
+        f"it cannot be read within {seconds} s of processor time and {memory / 1e6:.0f} MB of memory", file=name
     )
 
 

@@ -90,7 +90,7 @@ class Scans:
             if self._part is None:
                 raise CommandError("the table is empty: open a part first")
             if self._scan is not None and not self._scan.result.done():
-                raise CommandError("a scan runs: end it first")
+                raise CommandError("a scan is running: end it first")
             self.cloud.clear()
             scan = LiveScan(engine, on_points=lambda chunk: self._add(scan, chunk))
             self._scan = scan

@@ -266,7 +266,7 @@ class CalibrationScan:
         if len(seen) < options.poses:
             raise CalibrationError(
                 f"{len(seen)} of {len(found.q)} random views show {_LEAST_POINTS} points of it, {options.poses} poses"
-                " were asked for: place it where the sensor sees more of it",
+                " were requested: place it where the sensor sees more of it",
                 file=self._part.source,
             )
         if not options.designed:

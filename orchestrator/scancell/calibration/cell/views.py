@@ -72,7 +72,7 @@ def candidates(
             break
     if not total:
         raise CalibrationError(
-            f"the arm reaches no view of it without coming within {1e3 * clearance:g} mm of something:"
+            f"the arm reaches no view of it with a clearance of {1e3 * clearance:g} mm to all bodies:"
             " place it elsewhere (cell.part.x_mm, cell.part.y_mm)",
             file=cell.nominal.part.source,
         )

@@ -114,8 +114,7 @@ class SensorParameters:
             return self.start.replace({n.removeprefix("sensor."): v for n, v in pairs if n != RADIUS_OFFSET})
         except DescriptionError as error:
             raise CalibrationError(
-                f"the calibration left the bounds of the sensor's description; are target, poses and start right?"
-                f"\n{error}"
+                f"the calibration left the bounds of the sensor's description; check target, poses and start\n{error}"
             ) from error
 
     def sensor(self, values: Array) -> sensor_rt.Sensor:

@@ -190,7 +190,7 @@ def _converged(
         state, blocks = _improved(equations, parameters, state, used, step, kept)
         if np.abs(step / np.sqrt(np.diag(system.covariance))).max(initial=0.0) < _SETTLED:
             return state, blocks
-    raise CalibrationError(f"the calibration did not converge in {_ITERATIONS} iterations: are start and poses right?")
+    raise CalibrationError(f"the calibration did not converge in {_ITERATIONS} iterations: check start and poses")
 
 
 def _improved(
@@ -210,9 +210,7 @@ def _improved(
             continue
         if _cost(chosen(blocks, kept)) <= before * (1.0 + _COST_TOLERANCE):
             return moved, blocks
-    raise CalibrationError(
-        "the calibration finds no better solution near its start: are target, poses and start right?"
-    )
+    raise CalibrationError("the calibration finds no better solution near its start: check target, poses and start")
 
 
 def _cost(blocks: list[Block]) -> float:

@@ -292,7 +292,7 @@ def _apart(poses: Array, name: str) -> Array:
     step = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
     kept = poses[np.concatenate([[True], step > _LEAST_STEP])]
     if len(kept) < 2:
-        raise PlanningError("all poses are at one place", key=name, expected="a path")
+        raise PlanningError("all poses are at one position", key=name, expected="a path")
     return np.asarray(kept)
 
 
