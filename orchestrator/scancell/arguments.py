@@ -1,6 +1,6 @@
 """Checks of arguments at the public functions: NumPy scalars become plain numbers, wrong types a clear message.
 
-The annotations of a function say what it takes; `checked_arguments` holds callers to them.
+The annotations of a function define what it accepts; `checked_arguments` holds callers to them.
 """
 
 from __future__ import annotations

@@ -272,7 +272,7 @@ class ShotResult(ShotData, Result):
     images
         Camera images, ray-traced engine only.
     sensor, warnings
-        The native sensor model, and what is doubtful.
+        The native sensor model, and warnings.
 
     Examples
     --------

@@ -57,7 +57,7 @@ class Scanner(Closing):
     """Scans parts with one simulated cell; a context manager.
 
     The FMU instance, the ray tracing scene and the plan are kept between calls, so that a second scan of the same part
-    starts at once. Results do not depend on what was scanned before.
+    starts immediately. Results do not depend on what was scanned before.
 
     Parameters
     ----------
@@ -477,7 +477,7 @@ class Scanner(Closing):
         Parameters
         ----------
         request
-            Simulated targets, or measurements of a real sensor, and what is known of them.
+            Simulated targets, or measurements of a real sensor, and assumptions about them.
 
         Raises
         ------

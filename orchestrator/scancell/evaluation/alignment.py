@@ -138,7 +138,7 @@ def _mm(metres: float) -> str:
 def best_fit(points: Array, distances: Distances, start: Array | None = None, iterations: int = _ITERATIONS) -> Array:
     """Pose (4, 4) that moves points (n, 3) onto a surface: least sum of squared distances, without outliers.
 
-    Points that are farther than 5 robust standard deviations (of the median) away do not take part. `start` is the pose
+    Points that are farther than 5 robust standard deviations (of the median) away are not used. `start` is the pose
     (4, 4) to begin with, by default that of the points.
 
     Raises `FitError` with fewer than six points.

@@ -59,7 +59,7 @@ class Contact:
     approach
         The pair, now.
     path
-        How the motion goes on; None: as the controller shows.
+        Continuation of the motion; None: as the controller shows.
     free_until, contact_by
         Times between which the first contact is, s from the measured state; before, the motion is proved free.
     travel
@@ -283,15 +283,15 @@ class _Motion:
     Attributes
     ----------
     path
-        How it goes on; None: as the controller shows.
+        Its continuation; None: as the controller shows.
     now
-        Axes from which it goes on, (joints + 1,), rad.
+        Axes from which it continues, (joints + 1,), rad.
     rates, rate_error
         There, and a bound on their error, (joints + 1,), rad/s.
     stop, way
         The latest stop, and where it leads.
     axes, times
-        Where the motion leads if it goes on, (n, joints + 1), rad, at equally spaced times (n,), s.
+        Predicted axes of the motion if it continues, (n, joints + 1), rad, at equally spaced times (n,), s.
     """
 
     path: Path | None

@@ -33,7 +33,7 @@ class LiveCell:
     it.
 
     A job commands the session as a script does. However it steps the cell, at the end of each controller cycle the
-    state is read, the pace is kept, and a stop or `Cancel` ends the job out of its step. A job that goes on
+    state is read, the pace is kept, and a stop or `Cancel` ends the job out of its step. A job that continues
     nevertheless is ended again in every cycle, and the emergency stop pressed. A job that does not step the cell holds
     up everything until it does; a second stop, when it has not stepped for a second, interrupts its Python code.
 
@@ -42,7 +42,7 @@ class LiveCell:
     session
         A running cell, guarded or not, that nothing else steps.
     hold_time
-        Time for which a jog goes on without being renewed, s of `clock`.
+        Time for which a jog continues without being renewed, s of `clock`.
     clock
         Function that returns the time, s; by default that of the machine.
     state_cycles

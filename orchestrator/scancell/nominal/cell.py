@@ -251,7 +251,7 @@ def nominal_cell(cell: CellDescription, part: Mesh | None) -> NominalCell:
     MeshError
         If a mesh that the description names cannot be used.
     CellError
-        If the part is to stand freely and would not stay as it lies.
+        If the part is free and would not rest stably.
 
     Examples
     --------

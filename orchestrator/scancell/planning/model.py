@@ -99,7 +99,7 @@ class PlanningCell:
     pair_clearance
         Clearances (m) of pairs of bodies by their names, in place of all other values for them.
     work
-        Counts what is done with the cell, and ends it beyond a limit.
+        Counts the work done with the cell, and ends it beyond a limit.
     """
 
     nominal: NominalCell

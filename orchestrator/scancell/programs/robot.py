@@ -97,7 +97,7 @@ class Robot:
     folder
         Where `save` writes; the working folder if not given.
     on_step
-        Receives each command that was carried out: its name ``command``, what it was about (``about``), and times
+        Receives each command that was carried out: its name ``command``, its subject (``about``), and times
         ``begin`` and ``end``, s.
 
     Attributes

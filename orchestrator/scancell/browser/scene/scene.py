@@ -49,7 +49,7 @@ class CellScene:
     server
         Of viser.
     cell
-        Bodies and frames, with obstacles that planning does not know.
+        Bodies and frames, including obstacles that are unknown to planning.
     sensor
         Its measuring range and laser.
     description

@@ -56,7 +56,7 @@ class Observations:
     time_offset
         (m,) exposure of the point minus the latched instant, s: not 0 with a rolling shutter.
     shape
-        (m,) shape of the artefact to which the point belongs, -1 for none; None if `Surface.assign` is to tell.
+        (m,) shape of the artefact to which the point belongs, -1 for none; None: `Surface.assign` determines it.
     """
 
     readings: AxisReadings

@@ -94,8 +94,8 @@ def measure(
         ``ball``: 25 mm, at 45 places; ``step``: three treads of 4 mm rise at 25 poses; ``checkered``: a ChArUco board
         in 10 views of unknown poses, under a lamp and by the laser.
     displacement_as_built
-        How far (4, 4) the stage of ball and step block is from where it is said to be, which the solution does not
-        know; None: their poses in the sensor frame are known.
+        Mounting error (4, 4) of the stage of ball and step block, which is unknown to the solution; None: their poses
+        in the sensor frame are known.
     """
     built = as_built_sensor(sensor, as_built)
     # Cameras that are not calibrated yet cannot confirm each other's peaks.

@@ -41,7 +41,7 @@ class FmuOptions:
         Merge indexed scalars into arrays (FMI 3): `measured.q` instead of `measured.q[1]` to `measured.q[6]`. Few
         importers read arrays.
     integers
-        Describe modes, states and errors as integers instead of enumerations, which libcosim and ecos do not know.
+        Describe modes, states and errors as integers instead of enumerations, which libcosim and ecos do not support.
 
     Examples
     --------

@@ -23,8 +23,8 @@ def joint_torques(cell: CellDescription, q: ArrayLike, qd: ArrayLike, qdd: Array
 
     Friction and the inertia of motors are not included.
 
-    Raises `CellError` if a link has neither an inertia nor a mesh to compute it from; `MeshError` if a mesh that tells
-    of masses cannot be used.
+    Raises `CellError` if a link has neither an inertia nor a mesh to compute it from; `MeshError` if a mesh that
+    defines masses cannot be used.
 
     Parameters
     ----------

@@ -256,7 +256,7 @@ class Placer:
     ) -> PlacedPass | Infeasible:
         """The pass at one table angle (rad), in one branch, as slow as the limits require; checks reach and collisions.
 
-        The joints (joints,) in its middle tell the turn of those with several.
+        The joints (joints,) in its middle determine the turn of joints with several.
         """
         cell = self._cell
         turn = pose.from_rotation(pose.rotation_about(2, table))
