@@ -92,7 +92,7 @@ def page(
     opened, warnings = _opened(run_folder, points)
     megabytes = write_page(opened, out, colour=colour, threads=threads) / 1e6
     if megabytes > _LARGE_MB:
-        warnings.append(f"{out}: {megabytes:.1f} MB are much for an e-mail; --points {points // 2} makes it smaller")
+        warnings.append(f"{out}: {megabytes:.1f} MB are large for an e-mail; --points {points // 2} makes it smaller")
     shown = 0 if opened.cloud is None else len(opened.cloud)
     figures = {"megabytes": megabytes, "points": shown}
     text = f"{out}: {megabytes:.1f} MB, {shown:,} of {opened.cloud_points:,} points"

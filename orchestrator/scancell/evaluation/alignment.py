@@ -76,8 +76,8 @@ def best_fit_of_starts(points: Array, distances: Distances, bounds: Array) -> tu
     if found < _BETTER * rest:
         angle = np.degrees(np.linalg.norm(pose.log_rotation(turned[:3, :3])))
         warnings.append(
-            f"best fit: from where the cloud lies a mean distance of {_mm(rest)} remains, from another start "
-            f"{_mm(found)}: that one is used, which turns the cloud by {angle:.0f} deg"
+            f"best fit: a mean distance of {_mm(rest)} remains from the given pose, {_mm(found)} from another start, "
+            f"which is used: it turns the cloud by {angle:.0f} deg"
         )
         start, rest = turned, found
     mirror = np.diag([-1.0, 1.0, 1.0])
@@ -89,8 +89,8 @@ def best_fit_of_starts(points: Array, distances: Distances, bounds: Array) -> tu
         )
     elif rest > _BADLY_FITTED * size:
         warnings.append(
-            f"best fit: a mean distance of {_mm(rest)} remains from {len(_turns())} starts: is the cloud one of this "
-            "part, and in this unit?"
+            f"best fit: a mean distance of {_mm(rest)} remains from {len(_turns())} starts: is this a cloud of the "
+            "part, and in the right unit?"
         )
     return best_fit(points, distances, start), warnings
 

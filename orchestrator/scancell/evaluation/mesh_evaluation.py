@@ -263,8 +263,8 @@ def _alignment(
     if len(planes) < 3:
         text = ", ".join(f"region {number} ({region_text(regions, number)})" for number in planes)
         warnings.append(
-            f"datum: the measured plane faces have {len(planes)} of three directions: {text}; motions that they leave "
-            "free are those of the best fit"
+            f"datum: the measured plane faces have {len(planes)} of three directions: {text}; the best fit "
+            "determines the remaining degrees of freedom"
         )
     return datum_fit(list(planes.values()), least=1) @ start, tuple(planes), warnings
 
