@@ -9,7 +9,7 @@
 
 namespace robotcell::control {
 
-/// The axes are the joints of the arm, then the table at a fixed place. Axes between the last joint of an arm
+/// The axes are the joints of the arm, then the table at a fixed index. Axes between the last joint of an arm
 /// and the table stand still at 0.
 constexpr int kMaxJoints = 8;
 constexpr int kAxes = kMaxJoints + 1;

@@ -20,7 +20,7 @@ inline constexpr EnumerationItem kModeItems[] = {
     {"program", "segments of a program"},
 };
 
-/// Whether a person moves the axes by hand.
+/// Whether the operator moves the axes by jogging.
 constexpr bool is_jog(Mode mode) { return mode == Mode::kJointJog || mode == Mode::kCartesianJog; }
 
 enum class Operation : std::int32_t { kManual, kAutomatic };

@@ -1,4 +1,4 @@
-// Jogs that a guard must have seen before they move the robot.
+// Jogs that a guard must have answered before they move the robot.
 #pragma once
 
 #include <cstdint>
@@ -8,7 +8,7 @@
 
 namespace robotcell::control {
 
-/// Holds a jog back until the guard has answered a state that shows it.
+/// Holds a jog back until the guard has answered a state that contains it.
 ///
 /// A jog in another direction begins at rest. One that grows in its direction goes on at the deflection that
 /// is permitted; one that shrinks does so at once. A monitor speed of 0 permits none. Without a guard every
@@ -18,7 +18,7 @@ struct JogPermit {
   JogFrame frame = JogFrame::kWorld;
   Axes direction{};       // deflections, the largest of them 1 or -1
   double deflection = 0;  // permitted
-  double proposed = 0;    // that the controller shows; above `deflection` until it is answered
+  double proposed = 0;    // sent to the guard; above `deflection` until it is answered
 
   /// Reads a command at the start of a cycle; returns the deflections that may be in force in it.
   Axes read(const Command& command, bool at_rest, std::int64_t now_us, GuardWatch& guard);
@@ -26,10 +26,10 @@ struct JogPermit {
   /// The jog ends; its direction is kept until the axes rest.
   void withdraw() { deflection = proposed = 0; }
 
-  /// Whether a deflection waits for an answer.
+  /// Whether a deflection is waiting for an answer.
   bool waits() const { return proposed > deflection; }
 
-  /// The jog that the controller shows.
+  /// The jog that is sent to the guard.
   Command shown() const;
 };
 

@@ -1,4 +1,4 @@
-// Positions ahead of the robot, which a controller shows to its guard.
+// Positions ahead of the robot, which a controller sends to its guard.
 #pragma once
 
 #include <array>

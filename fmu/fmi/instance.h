@@ -19,7 +19,7 @@ struct StepOptions {
   bool event_mode = false;
   bool early_return = false;
   /// Called at every controller cycle within a step, with the time. Returns the time at which the importer
-  /// wants the step to end, if it does.
+  /// requests the end of the step, if it does.
   std::function<std::optional<double>(double time)> intermediate;
 };
 

@@ -1,5 +1,5 @@
-// What determines the variables of a cell: the number of devices of each kind, and the dependencies of
-// initial values.
+// Properties that determine the variables of a cell: the number of devices of each kind, and the dependencies
+// of initial values.
 #pragma once
 
 #include <array>

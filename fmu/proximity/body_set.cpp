@@ -63,7 +63,7 @@ Inside::Inside(const TriangleMesh& mesh) {
   std::vector<std::size_t> place_of;
   for (const Vector3d& vertex : mesh.vertices)
     place_of.push_back(places.emplace(vertex, places.size()).first->second);
-  std::vector<std::size_t> piece(places.size());  // a place of the same piece; itself for the first one
+  std::vector<std::size_t> piece(places.size());  // a position of the same piece; itself for the first one
   std::iota(piece.begin(), piece.end(), 0);
   const auto first_of = [&piece](std::size_t place) {
     while (piece[place] != place) place = piece[place] = piece[piece[place]];

@@ -24,7 +24,7 @@ struct Shape {
   Model model;
 };
 
-/// Where the inside of a mesh is. Vertices at the same place are one.
+/// Interior of a mesh. Vertices at the same position are one.
 struct Inside {
   explicit Inside(const TriangleMesh& mesh);
 

@@ -52,7 +52,7 @@ class Judge {
         dropped_(motion.pairs(), false),
         begin_(memory.search.work()) {
     memory_.resize(motion.pairs());
-    for (PairMemory& pair : memory_) {  // of another place: nothing but the faces is of use
+    for (PairMemory& pair : memory_) {  // of other poses: only the faces are reusable
       pair.at_least = -1;
       pair.front.clear();
     }

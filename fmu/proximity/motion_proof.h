@@ -48,7 +48,7 @@ class MotionProof {
 
   const CellMotion& motion() const { return motion_; }
 
-  /// A place (count,) where each motion violates a clearance, if it is not proved to keep all. It is the
+  /// A point (count,) of each motion that violates a clearance, if it is not proved to keep all. It is the
   /// first one on the motion among those of the coarsest intervals. Threads do not change the result.
   void first_clashes(const Motions& motions, unsigned threads, FirstClash* found) const;
 

@@ -74,7 +74,7 @@ class PairSearch {
     return search(a, b, a_from_b, bound, memory, near_enough, patience, &sweep);
   }
 
-  /// Nodes and faces compared since the search was made: a measure of its work that knows no clock.
+  /// Nodes and faces compared since the search was made: a measure of its work independent of the clock.
   std::size_t work() const { return work_; }
 
   /// Nodes are left out unless they can reduce the distance by more than this (m). Parallel faces have as

@@ -5,7 +5,7 @@
 ...     result = scanner.scan("part.stl", engine="geometric")
 
 All that is public is here, under one name: ``scancell.NAME``. Modules are private. The names are listed in
-``__init__.pyi``; what stands behind a name is imported when it is first used, so that ``import scancell`` stays fast.
+``__init__.pyi``; the object behind a name is imported when it is first used, so that ``import scancell`` stays fast.
 """
 
 from importlib.metadata import version

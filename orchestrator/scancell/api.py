@@ -1,4 +1,4 @@
-"""Functions for single calls: each opens what it needs, does one piece of work, and closes it.
+"""Functions for single calls: each opens the objects that it needs, does one task, and closes them.
 
 Parameters of the same name mean the same everywhere: `Scanner` and `Scanner.scan` state them.
 """
@@ -167,7 +167,7 @@ def plan(
     unit: str = "mm",
     progress: Progress | ProgressCallback | None = None,
 ) -> Plan:
-    """The checked program of the scan of a part; parameters as of `Scanner` and `Scanner.plan`.
+    """Plan and check the scan of a part; parameters as of `Scanner` and `Scanner.plan`.
 
     Examples
     --------
@@ -191,7 +191,7 @@ def place(
     unit: str = "mm",
     progress: Progress | ProgressCallback | None = None,
 ) -> SetUps:
-    """How a free part is best set up for scanning; parameters as of `Scanner` and `Scanner.place`.
+    """Propose set-ups of a free part for scanning; parameters as of `Scanner` and `Scanner.place`.
 
     Examples
     --------
@@ -308,7 +308,7 @@ def survey(
     threads: Threads = 0,
     **options: Unpack[SurveyOptions],
 ) -> SurveyResult:
-    """Find what stands around the table; parameters as of `Scanner` and `Scanner.survey`.
+    """Find occupied and unseen space around the table; parameters as of `Scanner` and `Scanner.survey`.
 
     Examples
     --------
@@ -459,7 +459,7 @@ def compare(
     threads: Threads = 0,
     progress: Progress | ProgressCallback | None = None,
 ) -> ComparisonResult:
-    """Real measurements of a part beside those that the ray-traced sensor makes at the same poses.
+    """Compare real measurements of a part with those of the ray-traced sensor at the same poses.
 
     The other parameters are those of `Scanner` and `Scanner.scan`.
 
@@ -567,7 +567,7 @@ def mesh(
     method: Reconstruction = "poisson",
     spacing_mm: Length | None = None,
 ) -> Mesh:
-    """Surface of a scan, by Open3D; it needs the extra ``mesh``.
+    """Reconstruct the surface of a scan with Open3D; needs the extra ``mesh``.
 
     Parameters
     ----------
@@ -677,7 +677,7 @@ def study(
     workers: Threads = 0,
     progress: Progress | ProgressCallback | None = None,
 ) -> StudyReport:
-    """Run the trials of a study that `out` does not hold yet, and write its report there.
+    """Run the trials of a study that are not finished in `out`, and write its report there.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Checks of arguments at the public functions: NumPy scalars become plain numbers, wrong types a clear message.
 
-The annotations of a function say what it takes; `checked_arguments` holds callers to them.
+The annotations of a function define what it accepts; `checked_arguments` holds callers to them.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Shape:
         return f"{kind} of shape ({lengths}{',' if len(self.lengths) == 1 else ''}){self.within}"
 
     def converted(self, value: Any) -> NDArray[Any]:
-        """The value as such an array, not copied where it is one."""
+        """Convert a value to such an array, without a copy if it is one."""
         try:
             array = np.asarray(value)
         except (TypeError, ValueError):  # rows of several lengths
@@ -87,7 +87,7 @@ class Rigid(Shape):
     lengths: tuple[int | None, ...] = (4, 4)
 
     def converted(self, value: Any) -> NDArray[Any]:
-        """The value as a pose; a (4, 4) array that is none, such as one with a scale, is refused."""
+        """Convert a value to a pose; a (4, 4) array that is not rigid, such as one with a scale, is rejected."""
         found = super().converted(value)
         rotation = found[:3, :3]
         is_rotation = np.abs(rotation @ rotation.T - np.eye(3)).max() < _ORTHOGONAL and np.linalg.det(rotation) > 0
@@ -111,7 +111,7 @@ _NUMBERS = (bool, int, float)
 
 
 class _RefusedError(Exception):
-    """A value, or the item at `path` of it, is not what was `expected`; empty: the whole type was not."""
+    """A value, or its item at `path`, is not as `expected`; empty: it does not match the whole type."""
 
     def __init__(self, expected: str = "", path: str = "", value: Any = None, problem: str = "") -> None:
         super().__init__(expected)
@@ -119,7 +119,7 @@ class _RefusedError(Exception):
 
 
 def checked_arguments(function: Callable[P, R], owner: type | None = None) -> Callable[P, R]:
-    """Hold the callers of a function to its annotations, or to those of the dataclass `owner` that it makes.
+    """Decorator: check arguments against the annotations of a function, or of the dataclass `owner` that it makes.
 
     Numbers of NumPy become plain ones. An argument of another type raises a `DescriptionError` that names the argument,
     its value and what was expected. Arguments that do not fit the signature raise a TypeError, as without the check;
@@ -160,13 +160,13 @@ def checked_arguments(function: Callable[P, R], owner: type | None = None) -> Ca
 
 
 def checked_fields(cls: C) -> C:
-    """Hold whoever makes a dataclass to the types of its fields, as `checked_arguments` does."""
+    """Class decorator: check the arguments of a dataclass by the types of its fields, as `checked_arguments` does."""
     cls.__init__ = checked_arguments(cls.__init__, cls)  # type: ignore[misc]
     return cls
 
 
 def checked_value(name: str, value: Any, hint: Any) -> Any:
-    """The value as the type `hint` has it.
+    """Convert a value to the type `hint`.
 
     Raises `DescriptionError` naming the argument, its value and what was expected.
     """
@@ -227,7 +227,7 @@ def _bounded(value: Any, hint: Any, bounds: Sequence[Any]) -> Any:
 
 
 def _first(value: Any, hints: Sequence[Any]) -> Any:
-    """The value as the first of several types that takes it."""
+    """Convert a value to the first of several types that accepts it."""
     if isinstance(value, str) and Path in hints:
         return _file_name(value)
     inner = None
@@ -300,7 +300,7 @@ def _item(value: Any, hint: Any, key: object) -> Any:
 
 
 def _text(hint: Any) -> str:  # noqa: PLR0911
-    """What a type takes, in words."""
+    """Describe the values that a type accepts."""
     origin, arguments = _origin(hint), get_args(hint)
     if origin is Annotated:
         return "".join(

@@ -1,4 +1,4 @@
-"""The exception tree: every error that a person can cause or mend derives from `ScancellError`.
+"""The exception tree: every error that a user can cause or correct derives from `ScancellError`.
 
 Errors about values derive from `ValueError` as well.
 """
@@ -16,7 +16,7 @@ _LONGEST = 80  # characters of a value in a message
 
 
 class ScancellError(Exception):
-    """An error for people: ``FILE: KEY = VALUE: PROBLEM; expected EXPECTED``, without the parts that do not apply.
+    """An error for users: ``FILE: KEY = VALUE: PROBLEM; expected EXPECTED``, without the parts that do not apply.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ class PlanningError(ScancellError):
 
 
 class CellError(ScancellError):
-    """The FMU refused a call or reported an error.
+    """The FMU rejected a call or reported an error.
 
     Examples
     --------
@@ -162,7 +162,7 @@ class CellError(ScancellError):
 
 
 class CommandError(CellError):
-    """The cell's controller refused a command, stopped it, or did not finish it in time.
+    """The cell's controller rejected a command, stopped it, or did not finish it in time.
 
     Examples
     --------
@@ -185,7 +185,7 @@ class ProgramError(ScancellError):
 
 
 class SensorError(ScancellError, ValueError):
-    """The sensor library refused its input.
+    """The sensor library rejected its input.
 
     Examples
     --------
@@ -207,7 +207,7 @@ class CalibrationError(ScancellError):
 
 
 class ImageError(ScancellError, ValueError):
-    """An image file is missing, unreadable, or not what the sensor's description says.
+    """An image file is missing, unreadable, or inconsistent with the sensor's description.
 
     Examples
     --------

@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 @checked_fields
 @dataclass(frozen=True, eq=False, repr=False)
 class ScanResult(ScanData, Result):
-    """A scan with its evaluation, which is worked out when first asked for.
+    """A scan with its evaluation, which is computed on first access.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ class ScanResult(ScanData, Result):
 
     @cached_property
     def measurable(self) -> MeasurableSurface:
-        """What the sensor could measure of the part from any pose that the arm reaches; cached on disk."""
+        """Surface that the sensor can measure from at least one pose that the arm reaches; cached on disk."""
         return self._find_measurable(NullProgress())
 
     def _find_measurable(self, progress: Progress) -> MeasurableSurface:
@@ -116,7 +116,7 @@ class ScanResult(ScanData, Result):
 
     @checked_arguments
     def evaluate(self, progress: Progress | ProgressCallback | None = None) -> Self:
-        """Work out deviation and coverage now, with progress; without this call, when they are first asked for.
+        """Compute deviation and coverage now, with progress; without this call, on first access.
 
         Raises
         ------
@@ -185,7 +185,7 @@ class ScanResult(ScanData, Result):
         frame: CloudFrame = "part",
         command_line: Sequence[str] | None = None,
     ) -> list[Path]:
-        """Write the run folder, whole or not at all, and return its files.
+        """Write the run folder atomically, and return its files.
 
         Parameters
         ----------
@@ -272,7 +272,7 @@ class ShotResult(ShotData, Result):
     images
         Camera images, ray-traced engine only.
     sensor, warnings
-        The native sensor model, and what is doubtful.
+        The native sensor model, and warnings.
 
     Examples
     --------
@@ -307,7 +307,7 @@ class ShotResult(ShotData, Result):
 
     @checked_arguments
     def save(self, folder: str | Path) -> list[Path]:
-        """Write ``profile.csv`` and the images, whole or not at all.
+        """Write ``profile.csv`` and the images atomically.
 
         Raises
         ------

@@ -57,7 +57,7 @@ class Scanner(Closing):
     """Scans parts with one simulated cell; a context manager.
 
     The FMU instance, the ray tracing scene and the plan are kept between calls, so that a second scan of the same part
-    starts at once. Results do not depend on what was scanned before.
+    starts immediately. Results do not depend on what was scanned before.
 
     Parameters
     ----------
@@ -241,7 +241,7 @@ class Scanner(Closing):
         quality_factors: Sequence[QualityFactor] = (),
         progress: Progress | ProgressCallback | None = None,
     ) -> Plan:
-        """The checked program of the scan of a part, which `scan` takes; other parameters as of `Scanner.scan`.
+        """Plan and check the scan of a part, for `scan`; other parameters as of `Scanner.scan`.
 
         Parameters
         ----------
@@ -275,7 +275,7 @@ class Scanner(Closing):
         seed: Seed = 0,
         progress: Progress | ProgressCallback | None = None,
     ) -> SurveyResult:
-        """Find what stands around the table beside the known bodies, by the geometric engine.
+        """Find occupied and unseen space around the table beside the known bodies, by the geometric engine.
 
         The other parameters are those of `Scanner.scan`.
 
@@ -313,7 +313,7 @@ class Scanner(Closing):
         unit: str = "mm",
         progress: Progress | ProgressCallback | None = None,
     ) -> SetUps:
-        """How a free part is best set up: resting pose, position on the table and height; two set-ups where needed.
+        """Propose the set-up of a free part: resting pose, position on the table and height; two set-ups if needed.
 
         The other parameters are those of `Scanner.scan`.
 
@@ -388,7 +388,7 @@ class Scanner(Closing):
         ----------
         part_from_sensor
             Pose (4, 4) of the sensor, see `scancell.location`. The table turns the part so that the arm reaches it;
-            where it cannot, the arm is left out, and a warning says why.
+            if it cannot, the arm is left out, and a warning states the reason.
 
         Raises
         ------
@@ -477,7 +477,7 @@ class Scanner(Closing):
         Parameters
         ----------
         request
-            Simulated targets, or measurements of a real sensor, and what is known of them.
+            Simulated targets, or measurements of a real sensor, and assumptions about them.
 
         Raises
         ------
@@ -499,11 +499,11 @@ class Scanner(Closing):
 
     @cached_property
     def setup_warnings(self) -> tuple[str, ...]:
-        """What is doubtful about the descriptions, in sentences."""
+        """Warnings about the descriptions, as sentences."""
         return tuple(setup_warnings(self.setup))
 
     def close(self) -> None:
-        """Free the FMU, its files and the scenes; the scanner refuses further calls."""
+        """Free the FMU, its files and the scenes; the scanner rejects further calls."""
         if self._pipeline is not None:
             self._pipeline.close()
         self._pipeline = None

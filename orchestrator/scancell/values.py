@@ -1,4 +1,4 @@
-"""What results and other data have in common: equality that holds for arrays, and a representation on one line."""
+"""Base classes of results and other data: equality that holds for arrays, and a representation on one line."""
 
 from __future__ import annotations
 
@@ -90,11 +90,11 @@ class Result(Value):
             raise NotImplementedError
 
     def summary(self) -> str:
-        """What a person wants to know of the figures, as lines of text."""
+        """The main figures, as lines of text."""
         raise NotImplementedError
 
     def picture(self) -> bytes | None:
-        """A PNG; None where there is nothing to draw."""
+        """Picture as PNG; None if there is nothing to draw."""
         return None
 
     def __str__(self) -> str:

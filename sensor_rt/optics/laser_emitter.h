@@ -1,4 +1,4 @@
-// Light of the laser sheet: the only place with its equations.
+// Light of the laser sheet; its equations are implemented only here.
 #pragma once
 
 #include <Eigen/Dense>

@@ -265,7 +265,7 @@ def near_one_pose(rng: np.random.Generator) -> AxisReadings:
         (
             lambda rng: at_rest(rng, 12),
             ("tool.yaw",),
-            r"also = 'tool\.yaw': is no deviation of the cell; expected one of tool\.x",
+            r"also = 'tool\.yaw': is not a deviation of the cell; expected one of tool\.x",
         ),
     ],
     ids=["equal orientations", "table does not turn", "latency without motion", "too few exposures", "unknown name"],

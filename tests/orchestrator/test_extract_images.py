@@ -200,7 +200,7 @@ def test_only_indexed_frames_of_a_folder_are_used(tmp_path):
         ([], "lists no image with the laser on"),
         (["a,plus,off,a_plus.png"], "lists no image with the laser on"),
         (["a,plus,on,a_plus.png"], "no image of camera 'minus'"),
-        (["a,left,on,a_plus.png"], r"frames\.csv: camera 'left' is none of the sensor's \(plus, minus\)"),
+        (["a,left,on,a_plus.png"], r"frames\.csv: camera 'left' is not one of the sensor's \(plus, minus\)"),
         (["a,plus,on,b_plus.png"], r"frames\.csv: lists b_plus\.png: no such file"),
         (["a,plus,lit,a_plus.png"], r"line 2: laser = 'lit': expected on or off"),
         (["a,plus,on,a_plus.png", "a,minus,on"], r"line 3: has no file; expected the columns exposure, camera"),

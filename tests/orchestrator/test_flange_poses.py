@@ -216,7 +216,7 @@ def test_wrong_tables_are_refused(scanner, recording, tmp_path) -> None:
     refused({**good, "flange_wxyz_1": 2 * good["flange_wxyz_1"]}, "expected a quaternion of length 1")
     refused(position, "the orientation of the flange is missing; expected flange_CONVENTION_1")
     refused(position | recording.columns("xyz", named="orientation"), "needs a `convention`; expected one of matrix")
-    refused(good, "state another one; expected wxyz", convention="xyzw")
+    refused(good, "state another convention; expected wxyz", convention="xyzw")
     turned = recording.columns("matrix")
     turned["flange_matrix_9"] = -turned["flange_matrix_9"]
     refused(turned, "expected a right-handed orthonormal matrix")
@@ -257,7 +257,7 @@ def test_profiles_of_an_unequal_pose_are_refused(scanner, recording, tmp_path) -
     with pytest.raises(DescriptionError, match=r"entry 1 .*expected lists of equal length"):
         scanner.calibrate("tool", from_points=tmp_path / "bad.yaml")
     (tmp_path / "bad.yaml").write_text("exposure: 1")
-    with pytest.raises(DescriptionError, match="is no list of entries"):
+    with pytest.raises(DescriptionError, match="is not a list of entries"):
         scanner.calibrate("tool", from_points=tmp_path / "bad.yaml")
 
 

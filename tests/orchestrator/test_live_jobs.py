@@ -133,7 +133,7 @@ def test_monitor_speed_acts_on_job_and_other_commands_are_refused(cell: SteppedC
     paused = [state.joints[0] for state in cell.states[first + 55 : first + 64]]
     np.testing.assert_allclose(paused, paused[0], atol=1e-9)
     assert 0.01 < paused[0] - start[0] < 0.55
-    assert cell.states[first + 63].message == "move_joints: a move runs: cancel it first"
+    assert cell.states[first + 63].message == "move_joints: a move is running: cancel it first"
     np.testing.assert_allclose(cell.live.state.joints, start + AWAY, atol=1e-9)
 
 

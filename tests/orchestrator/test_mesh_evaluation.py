@@ -198,7 +198,7 @@ def test_best_fit_of_a_mirrored_cloud_asks_for_the_axis() -> None:
 
 def test_best_fit_to_another_part_is_doubted() -> None:
     found = evaluate_against_mesh(seen_from_above(WEDGE, 4000), Cylinder(0.03, 0.05).mesh(1e-3), "best-fit")
-    assert any("is the cloud one of this part" in warning for warning in found.warnings)
+    assert any("is this a cloud of the part" in warning for warning in found.warnings)
 
 
 @pytest.mark.parametrize(

@@ -147,7 +147,7 @@ def bad_voxels(tmp_path, **changes):
         ({"kind": np.array("other")}, "kind = 'other': expected 'scancell voxels 1'"),
         ({"kind": None}, "expected an array points_in_part_mm; found world_origin_mm"),
         ({"world_occupied": None}, "expected an array world_occupied, table_occupied or fixed"),
-        ({"world_spacing_mm": None}, "misses the array world_spacing_mm"),
+        ({"world_spacing_mm": None}, "lacks the array world_spacing_mm"),
         ({"world_origin_mm": np.array([0.0, np.nan, 0.0])}, "world_origin_mm = .*: expected 3 finite numbers"),
         ({"world_spacing_mm": np.array(-1.0)}, r"world_spacing_mm = -1.0: expected a positive number"),
         ({"world_occupied": np.ones((2, 2))}, r"world_occupied: float64 of shape \(2, 2\); expected bool with three"),

@@ -102,7 +102,7 @@ def test_bad_recordings_are_refused_with_line_and_column(tmp_path: Path, text: s
 
 def test_a_path_without_length_is_refused() -> None:
     point = WaypointDescription(x_mm=0.0, y_mm=0.0, z_mm=0.0)
-    with pytest.raises(PlanningError, match="all poses are at one place"):
+    with pytest.raises(PlanningError, match="all poses are at one position"):
         only(PathDescription(waypoint=(point, point)))
 
 

@@ -89,7 +89,7 @@ def test_riser_reaches_from_the_table_to_the_feet() -> None:
     ("part", "kind", "message"),
     [
         (block(0.5, 0.5, 0.5), PlanningError, "no resting pose of the part is feasible: .*too large for the table"),
-        (ball(), PlanningError, "rests stably in no pose; clamp it"),
+        (ball(), PlanningError, "has no stable resting pose; clamp it"),
         (Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int64), "empty.stl"), MeshError, "empty.stl: no triangles"),
     ],
     ids=["large", "ball", "empty"],

@@ -134,7 +134,7 @@ struct MotionCommand {
   }
 };
 
-/// Message for the person at the pendant.
+/// Message for the operator at the pendant.
 struct PendantCommand {
   std::string text;
   bool beep = false;

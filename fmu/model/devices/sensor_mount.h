@@ -1,4 +1,4 @@
-// What all sensors of the cell have in common: where they are, when they read, and what they see.
+// Common part of all sensors of the cell: pose, sampling times, and what they detect.
 #pragma once
 
 #include <Eigen/Geometry>

@@ -89,7 +89,7 @@ void Trigger::command(const CellInputs& inputs, std::int64_t now_us, const Motio
   }
 }
 
-/// Time from firing to the middle of an exposure that belongs to a place, s.
+/// Time from firing to the middle of an exposure that is triggered by position, s; else 0.
 double Trigger::lead() const {
   return mode_of(state_.command) == TriggerMode::kTime ? 0 : state_.exposure / 2;
 }

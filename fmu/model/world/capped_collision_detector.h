@@ -13,7 +13,7 @@ namespace robotcell {
 /// support a body as well as two hundred do, at a fraction of the solver's time; with two, a gripped body
 /// rotates about the line through them.
 ///
-/// Contacts are bounded for each pair and not in total, whatever the option says: a bound on the total would
+/// Contacts are bounded for each pair, and never in total as by the option: a bound on the total would
 /// leave later pairs without contacts. ODE itself finds up to `kMaxFound` contacts of a pair; pairs that
 /// reach it are counted, because those kept are chosen among a part of them.
 class CappedCollisionDetector : public dart::collision::OdeCollisionDetector {

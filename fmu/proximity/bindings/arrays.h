@@ -1,4 +1,4 @@
-// Checked arrays of the Python face.
+// Checked arrays of the Python bindings.
 #pragma once
 
 #include <pybind11/numpy.h>

@@ -1,4 +1,4 @@
-// Python face of PairDistances: arrays in, arrays out, checked.
+// Python bindings of PairDistances: arrays in, arrays out, checked.
 #include <pybind11/stl.h>
 
 #include <cmath>

@@ -1,4 +1,4 @@
-// Python face of CellMotion and MotionProof.
+// Python bindings of CellMotion and MotionProof.
 #pragma once
 
 #include <pybind11/pybind11.h>

@@ -85,7 +85,7 @@ def _convention(table: MeasuredTable, word: str, stated: str | None) -> str:
         return stated
     if stated is not None and stated != word:
         raise DescriptionError(
-            f"the columns {PREFIX}{word}_1 … of {table.path.name} state another one",
+            f"the columns {PREFIX}{word}_1 … of {table.path.name} state another convention",
             key="convention",
             value=stated,
             expected=word,
@@ -103,7 +103,7 @@ def flange_columns(flange: Array) -> dict[str, Array]:
 def refuse_misread(
     stated: StatedPoses, misfit: Callable[[Array], float], measured: str, compared: str, file: Path | None
 ) -> None:
-    """Raise `CalibrationError` if another reading of the poses fits what was measured much better.
+    """Raise `CalibrationError` if another convention or unit of the poses fits the measurements much better.
 
     `misfit` is the median distance, m, of what is `compared`, at poses (n, 4, 4) of the flange.
     """

@@ -105,7 +105,9 @@ def _read_yaml(path: Path) -> pa.Table:
     except (yaml.YAMLError, UnicodeDecodeError, OSError) as error:
         raise DescriptionError(" ".join(str(error).split()), file=path, expected="YAML") from None
     if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-        raise DescriptionError("is no list of entries", file=path, expected="a list of mappings from columns to values")
+        raise DescriptionError(
+            "is not a list of entries", file=path, expected="a list of mappings from columns to values"
+        )
     rows: list[dict[str, Any]] = []
     for number, entry in enumerate(entries, 1):
         counts = {str(name): len(values) for name, values in entry.items() if isinstance(values, list)}
@@ -120,7 +122,7 @@ def _read_yaml(path: Path) -> pa.Table:
 
 
 def _column(values: list[Any]) -> pa.Array:
-    """Numbers, or where one of them is none, words."""
+    """A column of numbers, or of words if any entry is not a number."""
     if all(value is None or (isinstance(value, int | float) and not isinstance(value, bool)) for value in values):
         return pa.array([None if value is None else float(value) for value in values], pa.float64())
     return pa.array([None if value is None else str(value) for value in values])

@@ -58,7 +58,7 @@ def dynamics_json(cell: CellDescription) -> dict[str, Any]:
     Raises
     ------
     MeshError
-        If a mesh that tells of masses cannot be used.
+        If a mesh that defines masses cannot be used.
     """
     robot = cell.robot
     links = [_body(joint.inertia, _mesh(joint.mesh), robot.link_density_kg_m3) for joint in robot.joint]

@@ -51,7 +51,7 @@ def _parse(word: str, units: Mapping[str, str | None]) -> tuple[str, float]:
 
 
 def expected_keys(units: Mapping[str, str | None]) -> list[str]:
-    """How a person writes each perturbation of the FMU, unit included."""
+    """Keys of all perturbations of the FMU, with units."""
     return [
         variable.removeprefix(_PREFIX) + _SUFFIXES_OF_UNIT.get(unit or "", ("",))[0]
         for variable, unit in units.items()

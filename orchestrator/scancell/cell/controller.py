@@ -85,7 +85,7 @@ class Operation(IntEnum):
 
 
 class JogFrame(IntEnum):
-    """Numbers of ``command.jog_frame``: whose axes a Cartesian jog follows.
+    """Numbers of ``command.jog_frame``: the frame whose axes a Cartesian jog follows.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ class JogFrame(IntEnum):
 
 
 class GripperMode(IntEnum):
-    """Numbers of ``command.gripper.mode``: go on as before, bring the pads apart, close with a force."""
+    """Numbers of ``command.gripper.mode``: keep the last command, open to a width, close with a force."""
 
     KEEP = 0
     WIDTH = 1

@@ -43,7 +43,7 @@ class DriveOptions:
 
 
 class Driver:
-    """Runs programs on one cell instance; `batches` receives the records while they come.
+    """Runs programs on one cell instance; `batches` receives the records as they arrive.
 
     The controller executes each segment as a whole, at the monitor speed in force. A communication step lasts at most
     one controller cycle.

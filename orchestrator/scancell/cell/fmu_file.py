@@ -211,7 +211,7 @@ def _json(description: Mapping[str, Any], indent: int | None = None) -> str:
 def build_fmu(
     description: Mapping[str, Any], path: str | Path, version: FmiVersion, options: FmuOptions | None = None
 ) -> None:
-    """Write the FMU of a cell to `path`; it appears whole or not at all.
+    """Write the FMU of a cell to `path` atomically.
 
     Parameters
     ----------

@@ -60,7 +60,7 @@ class FmuInfo:
         return found
 
     def lines(self, prefix: str = "") -> list[str]:
-        """Text for people: the FMU, then the variables that start with `prefix`, by causality and group."""
+        """Text for the terminal: the FMU, then the variables that start with `prefix`, by causality and group."""
         counts = ", ".join(f"{count} {causality}" for causality, count in self.causalities.items())
         groups: dict[str, list[FmuVariable]] = {}
         for variable in self.starting_with(prefix):
@@ -112,7 +112,7 @@ def _group_lines(title: str, variables: Iterable[FmuVariable]) -> list[str]:
 
 
 def _start(variable: Any) -> str:
-    """Start value as text; an empty string that a person may set is shown in quotes."""
+    """Start value as text; an empty string that the user may set is shown in quotes."""
     settable = variable.causality in ("input", "parameter")
     return str(variable.start or "") or ('""' if variable.type == "String" and settable else "")
 

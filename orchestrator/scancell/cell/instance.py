@@ -1,4 +1,4 @@
-"""One instance of the robot cell FMU, by variable name, for FMI 2 and FMI 3 alike."""
+"""One instance of the robot cell FMU, by variable name, for FMI 2 and FMI 3."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ class CellInstance(Closing):
         self._enter(cell_file, parameters)
 
     def reset(self, cell_file: Path | None = None, parameters: Mapping[str, float] | None = None) -> None:
-        """Begin anew at time 0, without loading again.
+        """Reset to time 0 without loading the FMU again.
 
         Nothing listens to the steps of the new run.
 

@@ -15,7 +15,7 @@ TriggerKind = Literal["off", "time", "table_angle", "path_distance", "request"]
 
 @dataclass(frozen=True)
 class TriggerRule:
-    """When the sensor fires.
+    """Rule by which the sensor is triggered.
 
     `interval` is in seconds (``time``), radians (``table_angle``) or metres (``path_distance``);
     it is 0 for ``off`` and ``request`` (one exposure on demand, as stop-and-look needs).
@@ -45,7 +45,7 @@ class Segment(Value):
         Seconds from the start of the segment; the first exposure fires at `trigger_from`, and so approach and
         run-out stay dark.
     name
-        What the segment scans, or where it leads, for people.
+        What the segment scans, or where it leads, for messages.
     """
 
     id: int

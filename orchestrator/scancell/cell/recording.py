@@ -300,7 +300,7 @@ class Recording(Value):
 
 
 def write_recording(recording: Recording, path: Path) -> None:
-    """Write Parquet (or CSV by suffix); the file appears whole or not at all.
+    """Write Parquet (or CSV by suffix) atomically.
 
     Raises
     ------
@@ -365,7 +365,7 @@ def _read(path: Path, with_truth: bool) -> Recording:
 
 
 def read_table(path: Path, convert: pyarrow.csv.ConvertOptions | None = None) -> pa.Table:
-    """Table of a CSV or Parquet file; `convert` says what values of CSV are.
+    """Table of a CSV or Parquet file; `convert` holds the types of the values of CSV.
 
     Raises
     ------

@@ -19,7 +19,7 @@ PATIENCE_US = 5_000_000
 
 @dataclass(frozen=True)
 class RecordBatches:
-    """Passes records on while they come: `size` at a time, fewer at the end."""
+    """Passes records on as they arrive: `size` at a time, fewer at the end."""
 
     size: int
     receive: Callable[[Recording], object]
@@ -76,7 +76,7 @@ class RecordCollector:
         batches.receive(self._recording(first))
 
     def finish(self) -> Recording:
-        """Step on until no record waits and none is on its way; all records.
+        """Step until no record is queued or pending; returns all records.
 
         Raises
         ------

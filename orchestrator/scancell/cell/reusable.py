@@ -1,4 +1,4 @@
-"""A cell that is started again and again, with one description after another, without loading its FMU each time."""
+"""A cell that can be restarted with other descriptions without loading its FMU again."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class ReusableCell(Closing):
         return self._instance
 
     def discard(self) -> None:
-        """Free the instance, which may be of no use after an error; the next `start` makes another."""
+        """Free the instance, which may be unusable after an error; the next `start` makes another."""
         instance, self._instance = self._instance, None
         if instance is not None:
             with suppress(Exception):
@@ -73,7 +73,7 @@ class ReusableCell(Closing):
 
 
 def _layout(description: Mapping[str, Any]) -> tuple[Any, ...]:
-    """What decides which variables an FMU has: cells with the same can follow one another in one instance."""
+    """Properties that determine the variables of an FMU; cells with equal ones can share an instance."""
     collisions = description["collision"]["outputs"]
     return (
         [part["stands_on"] == "table" for part in description["parts"]],

@@ -63,7 +63,7 @@ def simplified(cell: CellDescription, nominal: NominalCell) -> list[Simplified]:
 def sensing_json(cell: CellDescription, nominal: NominalCell, *, collision_outputs: bool = True) -> dict[str, Any]:
     """The keys ``bodies``, ``collision`` and those of the sensors in the FMU's description.
 
-    `collision_outputs` False leaves these outputs out, whatever the cell describes.
+    `collision_outputs` False leaves these outputs out, even if the cell describes them.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def sensing_json(cell: CellDescription, nominal: NominalCell, *, collision_outpu
 
 
 def _watched(nominal: NominalCell, meshes: dict[str, Mesh]) -> list[tuple[str, str]]:
-    """Fingers are there to touch parts."""
+    """Pairs of bodies to monitor: all but fingers with parts, which are meant to touch."""
     frame = {body.name: body.moves_with.partition("[")[0] for body in nominal.bodies}
     pairs = cell_scene(nominal, meshes).pairs
     return [(a, b) for a, b in pairs if {frame[a], frame[b]} != {"finger", "part"}]

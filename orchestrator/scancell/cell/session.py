@@ -146,7 +146,7 @@ class CellSession:
 
     @property
     def destination(self) -> Array:
-        """Joints and table angle (joints + 1,) to which the motion in force, or the last one, leads, rad."""
+        """Target of the running or last motion: joints and table angle (joints + 1,), rad."""
         return self._cell.get(self._destination).copy()
 
     def world_from_tool(self, tool: Tool = "sensor") -> Array:
@@ -338,7 +338,7 @@ class CellSession:
         self._start_jog(Mode.CARTESIAN_JOG, np.asarray(deflections, float))
 
     def renew_heartbeat(self) -> None:
-        """Tell the controller's watchdog that a jog is still wanted."""
+        """Renew the heartbeat for the controller's watchdog, so that a jog continues."""
         self._cell.set_integer("command.heartbeat", self._next("command.heartbeat"))
 
     def hold(self) -> None:
@@ -362,7 +362,7 @@ class CellSession:
         self._cell.set_boolean("command.emergency_stop", True)
 
     def release_emergency_stop(self) -> None:
-        """Release the button and reset the controller; what was stopped does not go on."""
+        """Release the button and reset the controller; stopped motions do not continue."""
         self._cell.set_boolean("command.emergency_stop", False)
         self.hold()
         self._cell.set_integer("command.reset", self._next("command.reset"))
@@ -546,7 +546,7 @@ class CellSession:
         self._finish_jog(Mode.CARTESIAN_JOG, "jog_sensor", duration)
 
     def run_program(self, program: Program, exposure: float, batches: RecordBatches | None = None) -> Recording:
-        """Run a program, which must start where the axes are.
+        """Run a program, which must start at the present joint and table angles.
 
         The monitor speed in force scales its speed, and may change while it runs (`on_step` of the instance).
 
@@ -572,7 +572,7 @@ class CellSession:
         return recording
 
     def check_start(self, program: Program) -> None:
-        """Raise `CommandError` where the controller would not run `program` from where the axes are."""
+        """Raise `CommandError` if the controller would reject `program` at the present joint and table angles."""
         self._cell.set_integer("command.mode", Mode.PROGRAM)
         self.wait(0.0)
         self._refuse("run_program")
@@ -613,7 +613,7 @@ class CellSession:
         self._wait_for_rest("emergency_stop")
 
     def reset(self) -> None:
-        """Release the emergency stop; what it stopped does not go on.
+        """Release the emergency stop; stopped motions do not continue.
 
         Raises
         ------
@@ -691,7 +691,7 @@ class CellSession:
             raise CommandError(f"{command}: {said}; {reason}" if said else f"{command}: {reason}")
 
     def _guard_text(self) -> str:
-        """Why the guard stops the robot or slows it down; empty where it does not, or there is none."""
+        """Reason why the guard stops or slows the robot; empty if it does neither, or without a guard."""
         return self._cell.get_string("command.pendant.text")
 
     def _wait_for_rest(self, command: str) -> None:

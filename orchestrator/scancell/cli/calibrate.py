@@ -59,7 +59,7 @@ def calibrate(
     ] = None,
     target: Annotated[
         list[str] | None,
-        typer.Option("--target", help="what the sensor sees: ball (default), step, checkered; repeatable"),
+        typer.Option("--target", help="target of the simulated sensor: ball (default), step, checkered; repeatable"),
     ] = None,
     from_points: Annotated[
         Path | None,
@@ -85,7 +85,7 @@ def calibrate(
     ] = None,
     board: Annotated[
         str | None,
-        typer.Option("--board", metavar="COLUMNSxROWSxMM", help="inner corners and side of its squares: 7x6x10"),
+        typer.Option("--board", metavar="COLUMNSxROWSxMM", help="inner corners, side of a square: 7x6x10"),
     ] = None,
     out: Annotated[
         Path, typer.Option("--out", help="folder for the calibrated description, figures and points")

@@ -76,7 +76,7 @@ for _name, _help in _WITH_SUBCOMMANDS.items():
 
 @dataclass
 class Outcome:
-    """Result of a command: `text` for people, `code` the exit status, the rest for the JSON object."""
+    """Result of a command: `text` for the terminal, `code` the exit status, the rest for the JSON object."""
 
     text: list[str] = field(default_factory=list)
     figures: Mapping[str, Any] = field(default_factory=dict)

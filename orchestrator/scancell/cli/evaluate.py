@@ -58,7 +58,7 @@ def mesh(
     out: Annotated[Path, typer.Option("--out", help="mesh file (STL, PLY, OBJ), mm")] = Path("out/surface.ply"),
     method: Annotated[
         Reconstruction,
-        typer.Option("--method", help="smooth surface, cut off where points are sparse; or points joined by triangles"),
+        typer.Option("--method", help="smooth surface, trimmed where points are sparse; or points joined by triangles"),
     ] = "poisson",
     spacing_mm: Annotated[
         float | None,

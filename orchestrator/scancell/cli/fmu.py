@@ -29,7 +29,7 @@ def fmu_build(
         typer.Option("--arrays", help="FMI 3: array variables instead of indexed scalars (few importers read arrays)"),
     ] = False,
     integers: Annotated[
-        bool, typer.Option("--integers", help="integers instead of enumerations, which libcosim and ecos do not know")
+        bool, typer.Option("--integers", help="integers instead of enumerations, for libcosim and ecos")
     ] = False,
 ) -> Outcome:
     """Write the co-simulation FMUs of a cell: RobotCell2.fmu (FMI 2.0) and RobotCell3.fmu (FMI 3.0)."""

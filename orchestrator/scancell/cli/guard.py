@@ -36,7 +36,7 @@ def guard_serve(
     ] = "udp",
     as_json: bool = False,
 ) -> Outcome:
-    """Answer the states of a cell (docs/guard_protocol.md) until Ctrl-C; no rated safety function."""
+    """Answer the states of a cell (docs/guard_protocol.md) until Ctrl-C; not a rated safety function."""
     from scancell.guard.server import serve_guard  # noqa: PLC0415
     from scancell.scanning.guard import guard_of  # noqa: PLC0415
 
@@ -53,7 +53,7 @@ def guard_serve(
 @command("guard check")
 def guard_check(
     part: Annotated[
-        Path, typer.Argument(help="mesh of a part on the table, which alternates with parts that stick out")
+        Path, typer.Argument(help="mesh of a part on the table; alternates with parts larger than the table")
     ],
     cell: Annotated[
         Path | None, typer.Option("--cell", help="cell description (TOML); default: all shipped cells in turn")

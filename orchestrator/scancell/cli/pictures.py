@@ -23,7 +23,7 @@ _ViewOption = Annotated[
     _View, typer.Option("--view", help="whole cell, part, once around the cell, or following the sensor")
 ]
 _SizeOption = Annotated[str, typer.Option("--size", metavar="WIDTHxHEIGHT", help="size in pixels")]
-_ColourOption = Annotated[_Colour, typer.Option("--colour", help="what the colours of the cloud show")]
+_ColourOption = Annotated[_Colour, typer.Option("--colour", help="quantity that the colours of the cloud show")]
 
 
 @command("picture")
@@ -58,7 +58,7 @@ def animate(
         float | None, typer.Option("--seconds", min=0.01, help="length of the animation, s; default: 10")
     ] = None,
     speed: Annotated[
-        float | None, typer.Option("--speed", min=1e-3, help="seconds of the run in one second; in place of --seconds")
+        float | None, typer.Option("--speed", min=1e-3, help="seconds of the run in one second; instead of --seconds")
     ] = None,
     colour: _ColourOption = "deviation",
     threads: ThreadsOption = 0,
@@ -92,7 +92,7 @@ def page(
     opened, warnings = _opened(run_folder, points)
     megabytes = write_page(opened, out, colour=colour, threads=threads) / 1e6
     if megabytes > _LARGE_MB:
-        warnings.append(f"{out}: {megabytes:.1f} MB are much for an e-mail; --points {points // 2} makes it smaller")
+        warnings.append(f"{out}: {megabytes:.1f} MB are large for an e-mail; --points {points // 2} makes it smaller")
     shown = 0 if opened.cloud is None else len(opened.cloud)
     figures = {"megabytes": megabytes, "points": shown}
     text = f"{out}: {megabytes:.1f} MB, {shown:,} of {opened.cloud_points:,} points"

@@ -39,7 +39,7 @@ def plan(
         Path | None, typer.Option("--out", help="JSON file for the plan, for `scancell scan --plan`")
     ] = None,
 ) -> Outcome:
-    """Plan a scan: collision-free motions of arm and table within all limits, and what they see of the part."""
+    """Plan a scan: collision-free motions of arm and table within all limits, and the surface that they see."""
     from scancell.scanner import Scanner  # noqa: PLC0415
 
     with Scanner(setup=options.setup(scan, path), threads=options.threads) as scanner:

@@ -1,4 +1,4 @@
-"""`scancell reconstruct` and `compare`: clouds of real measurements, and what the simulation predicts of them."""
+"""`scancell reconstruct` and `compare`: clouds of real measurements, and their comparison with the simulation."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def reconstruct(
         typer.Option(
             "--latency-ms",
             metavar="MS|estimate",
-            help="delay of the exposures after the joints; `estimate` finds it from the part; default: of the cell",
+            help="delay of the exposures after the latch; `estimate` finds it from the part; default: of the cell",
         ),
     ] = None,
     keep_all: Annotated[

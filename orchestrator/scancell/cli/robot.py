@@ -13,7 +13,7 @@ from scancell.cli.common import Outcome, command
 @command("robot from-urdf")
 def from_urdf(
     urdf: Annotated[Path, typer.Argument(help="URDF file of a serial arm of 4 to 8 joints")],
-    tip: Annotated[str, typer.Option("--tip", help="link at the end of the arm, on which the tool sits")],
+    tip: Annotated[str, typer.Option("--tip", help="link at the end of the arm, which carries the tool")],
     out: Annotated[Path, typer.Option("--out", help="robot file (TOML) to write; meshes go into a folder beside")],
     home: Annotated[
         str | None, typer.Option("--home", help="joint angles of the home position, deg, commas between them")

@@ -33,11 +33,9 @@ def scan(
     scan: ScanOption = None,
     path: PathOption = None,
     plan: Annotated[
-        Path | None, typer.Option("--plan", help="plan.json of `scancell plan --out` or a run, in place of a new plan")
+        Path | None, typer.Option("--plan", help="plan.json of `scancell plan --out` or a run, instead of a new plan")
     ] = None,
-    mode: Annotated[
-        ScanMode | None, typer.Option("--mode", help="how the sensor is moved; overrides the scan description")
-    ] = None,
+    mode: Annotated[ScanMode | None, typer.Option("--mode", help="scan mode; overrides the scan description")] = None,
     out: OutOption = Path("out/scan"),
 ) -> Outcome:
     """Scan a part with the simulated cell: cloud, deviation from the mesh, pictures."""
@@ -151,9 +149,9 @@ def extract(
     ] = None,
     sheet_um: Annotated[
         float | None,
-        typer.Option("--sheet-um", min=0, help="flag points that two cameras see farther off the laser sheet"),
+        typer.Option("--sheet-um", min=0, help="flag points farther than this off the sheet by two cameras"),
     ] = None,
-    peaks: Annotated[bool, typer.Option("--peaks", help="write every peak that was found, chosen or not")] = False,
+    peaks: Annotated[bool, typer.Option("--peaks", help="write all detected peaks, also rejected ones")] = False,
     out: OutOption = Path("out/extract"),
     threads: ThreadsOption = 0,
 ) -> Outcome:
@@ -184,7 +182,7 @@ def survey(
         typer.Option("--radius-mm", min=1, help="radius of the surveyed cylinder; default: that of the table + 50 mm"),
     ] = None,
     height_mm: Annotated[
-        float, typer.Option("--height-mm", min=1, help="its height above the table; space above it is taken as free")
+        float, typer.Option("--height-mm", min=1, help="its height above the table; space above it is assumed free")
     ] = 200.0,
     voxel_mm: Annotated[float, typer.Option("--voxel-mm", min=1, help="edge of the voxels")] = 10.0,
     pitch_mm: Annotated[

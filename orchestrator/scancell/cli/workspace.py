@@ -86,7 +86,7 @@ def run_program(
     no_guard: NoGuardOption = False,
     out: Annotated[Path, typer.Option("--out", help="folder for the files that the program saves")] = Path("out/run"),
 ) -> Outcome:
-    """Run a robot program in the simulated cell, with the collision guard in force (docs/programs.md)."""
+    """Run a robot program in the simulated cell, with the collision guard active (docs/programs.md)."""
     from scancell.programs import program as programs  # noqa: PLC0415
     from scancell.scanner import Scanner  # noqa: PLC0415
 

@@ -15,7 +15,7 @@ class ChannelDescription(Description):
 
     delay_ms: NonNegative = Field(default=0.0, description="minimum delay of a packet, ms")
     jitter_ms: NonNegative = Field(
-        default=0.0, description="mean of the exponentially distributed delay beyond, ms; packets overtake each other"
+        default=0.0, description="mean of the exponentially distributed extra delay, ms; packets overtake each other"
     )
     loss: Fraction = Field(default=0.0, description="probability that a packet is lost outside bursts")
     burst: Fraction = Field(default=0.0, description="probability per packet that a burst of losses begins with it")

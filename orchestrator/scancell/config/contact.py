@@ -23,8 +23,8 @@ class ContactPairDescription(Description):
     )
     response: bool = Field(
         default=True,
-        description="whether the two act on each other; if not, they pass through each other, and only the collision"
-        " outputs tell",
+        description="whether contact forces act between the two; false: they pass through each other, and only the"
+        " collision outputs report it",
     )
 
 

@@ -19,7 +19,7 @@ _Angle = Field(default=0.0, description="estimated deviation, deg; as as_built o
 
 
 class EstimatedToolDescription(Description):
-    """Of the sensor from its nominal pose on the flange: translation, then rotation XYZ', in its nominal frame."""
+    """Deviation of the sensor from its nominal pose on the flange: translation, then rotation XYZ', nominal frame."""
 
     x_mm: Finite = _Length
     y_mm: Finite = _Length
@@ -37,7 +37,7 @@ _Wobble = Field(
 
 
 class EstimatedTableDescription(Description):
-    """Of the table axis from its nominal pose, and its wobble."""
+    """Deviation of the table axis from its nominal pose, and its wobble."""
 
     x_mm: Finite = _Length
     y_mm: Finite = _Length

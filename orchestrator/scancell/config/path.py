@@ -12,7 +12,7 @@ _Elevation = Annotated[float, Field(ge=0.0, le=90.0)]
 
 
 class WaypointDescription(Description):
-    """Pose of the sensor in the part frame: where its laser line meets the surface, and how it looks there."""
+    """Pose of the sensor in the part frame: point where its laser line meets the surface, and viewing direction."""
 
     x_mm: Finite = Field(description="point that the sensor looks at, part frame, mm")
     y_mm: Finite = Field(description="point that the sensor looks at, part frame, mm")
@@ -85,7 +85,7 @@ class QualityDescription(Description):
 
 
 class PathDescription(FileDescription):
-    """A path of the sensor relative to the part; the table turns the part as suits the arm."""
+    """A path of the sensor relative to the part; planning chooses the motion of the table."""
 
     kind: ClassVar[str] = "path"
     shipped: ClassVar[str] = "paths/spiral.toml"
@@ -97,7 +97,7 @@ class PathDescription(FileDescription):
     spiral: SpiralDescription | None = Field(default=None, description="a spiral around the part")
     contour: ContourDescription | None = Field(default=None, description="the contour of the part at one height")
     waypoint: tuple[WaypointDescription, ...] = Field(
-        default=(), description="poses that the sensor passes through on straight lines, turning evenly"
+        default=(), description="poses that the sensor passes through on straight lines, with constant rotation rate"
     )
     recorded: str | None = Field(
         default=None,

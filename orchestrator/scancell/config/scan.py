@@ -70,14 +70,14 @@ class RasterDescription(Description):
 
 
 class PairClearanceDescription(Description):
-    """Clearance of one pair of bodies, in place of all other values for it."""
+    """Clearance of one pair of bodies, which overrides all other values for it."""
 
     bodies: tuple[str, str] = Field(description="names of the bodies: sensor, link4, table, part, an obstacle's …")
     clearance_mm: NonNegative = Field(description="minimum distance between the two bodies, mm")
 
 
 class CoverageDescription(Description):
-    """Choice of views by what they see of the measurable surface, in place of the fixed sweeps and passes.
+    """Choice of views by coverage of the measurable surface, instead of the fixed sweeps and passes.
 
     Sweeps at any elevation and short passes in any direction take part as far as `sweep` and `raster` are enabled;
     speeds, spacing and stand-off are theirs.
@@ -119,11 +119,11 @@ class ScanDescription(FileDescription):
     )
     max_planning_work: Positive = Field(
         default=300.0,
-        description="largest work of planning, counted and not timed: a unit is about a second of one core",
+        description="limit of the work of planning, counted and not timed: a unit is about a second of one core",
     )
     max_lost_share: Fraction = Field(
         default=0.2,
-        description="share of the surface seen by the requested sweeps and passes that infeasible ones may lose",
+        description="share of the surface seen by the requested sweeps and passes that may be lost to infeasible ones",
     )
     verify: bool = Field(
         default=True,

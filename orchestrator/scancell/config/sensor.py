@@ -129,8 +129,8 @@ class CameraDescription(Description):
     )
     distortion: Annotated[tuple[_Coefficient, ...], Field(min_length=5, max_length=5)] = Field(
         default=(0.0, 0.0, 0.0, 0.0, 0.0),
-        description="Brown-Conrady coefficients k1, k2, p1, p2, k3 (OpenCV order); the lens must have an inverse in the"
-        " whole image",
+        description="Brown-Conrady coefficients k1, k2, p1, p2, k3 (OpenCV order); the distortion must be invertible in"
+        " the whole image",
     )
     f_number: Positive = Field(
         description="working f-number: image distance over aperture diameter; sets light, defocus and speckle size"

@@ -26,7 +26,7 @@ class FittedSphereDescription(Description):
 
 
 class CalibrateDescription(Description):
-    """Calibration of every trial's cell before its scan, which the scan is reconstructed with."""
+    """Calibration of every trial's cell before its scan; the scan is reconstructed with the result."""
 
     what: CalibrationTarget = Field(default="all", description="what is calibrated: tool, table, latency, or all")
     artefact: str | None = Field(

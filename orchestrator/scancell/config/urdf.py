@@ -26,8 +26,8 @@ Array = NDArray[np.float64]
 
 _ROUNDED = 1e-5  # rad
 
-RAMP_TIME = 0.25  # s: to full speed, for a URDF file knows no accelerations
-_DIGITS = 10  # of lengths in mm and angles in deg that are kept behind the point
+RAMP_TIME = 0.25  # s: to full speed, because a URDF file contains no accelerations
+_DIGITS = 10  # decimal places of lengths in mm and angles in deg
 
 
 @dataclass(frozen=True)
@@ -252,7 +252,7 @@ class _Reader:
         element = joint.find(which)
         link = None if element is None else element.get("link")
         if link not in self._links:
-            raise self._fault(joint, f"{which} '{link}' is no link of the file")
+            raise self._fault(joint, f"{which} '{link}' is not a link of the file")
         return str(link)
 
     def _fault(self, joint: ET.Element, text: str) -> DescriptionError:

@@ -57,7 +57,7 @@ def check_request(points: Array, align: str) -> None:
 
 
 def best_fit_of_starts(points: Array, distances: Distances, bounds: Array) -> tuple[Array, list[str]]:
-    """Best fit from where the points (n, 3) are or, where that fits badly, the best of several turns; with warnings.
+    """Best fit from the present pose of the points (n, 3) or, if poor, the best of several rotations; with warnings.
 
     Raises `FitError` with fewer than six points.
 
@@ -76,8 +76,8 @@ def best_fit_of_starts(points: Array, distances: Distances, bounds: Array) -> tu
     if found < _BETTER * rest:
         angle = np.degrees(np.linalg.norm(pose.log_rotation(turned[:3, :3])))
         warnings.append(
-            f"best fit: from where the cloud lies a mean distance of {_mm(rest)} remains, from another start "
-            f"{_mm(found)}: that one is used, which turns the cloud by {angle:.0f} deg"
+            f"best fit: a mean distance of {_mm(rest)} remains from the given pose, {_mm(found)} from another start, "
+            f"which is used: it turns the cloud by {angle:.0f} deg"
         )
         start, rest = turned, found
     mirror = np.diag([-1.0, 1.0, 1.0])
@@ -89,8 +89,8 @@ def best_fit_of_starts(points: Array, distances: Distances, bounds: Array) -> tu
         )
     elif rest > _BADLY_FITTED * size:
         warnings.append(
-            f"best fit: a mean distance of {_mm(rest)} remains from {len(_turns())} starts: is the cloud one of this "
-            "part, and in this unit?"
+            f"best fit: a mean distance of {_mm(rest)} remains from {len(_turns())} starts: is this a cloud of the "
+            "part, and in the right unit?"
         )
     return best_fit(points, distances, start), warnings
 
@@ -138,7 +138,7 @@ def _mm(metres: float) -> str:
 def best_fit(points: Array, distances: Distances, start: Array | None = None, iterations: int = _ITERATIONS) -> Array:
     """Pose (4, 4) that moves points (n, 3) onto a surface: least sum of squared distances, without outliers.
 
-    Points that are farther than 5 robust standard deviations (of the median) away do not take part. `start` is the pose
+    Points that are farther than 5 robust standard deviations (of the median) away are not used. `start` is the pose
     (4, 4) to begin with, by default that of the points.
 
     Raises `FitError` with fewer than six points.

@@ -161,7 +161,7 @@ def _spacing(a: FittedFace, b: FittedFace) -> Characteristic:
 
 
 def _between_planes(a: FittedFace, b: FittedFace) -> Iterator[Characteristic]:
-    """Step height of planes that look the same way, length between opposite sides of a shape, angle of a groove."""
+    """Step height of planes with the same normal, length between opposite sides of a shape, angle of a groove."""
     angle = _angle(a.face.axis, b.face.axis)
     same_shape = a.face.shape == b.face.shape
     if angle < _PARALLEL:
@@ -200,7 +200,7 @@ def _opening(a: FittedFace, b: FittedFace) -> Characteristic:
 
 
 def _groove_depth(a: FittedFace, b: FittedFace, top: FittedFace) -> Iterator[Characteristic]:
-    """Depth of two flanks that look at each other below a plane across their bisector."""
+    """Depth of two flanks that face each other below a plane across their bisector."""
     if top is a or top is b or not _look_at_each_other(a, b):
         return
     middle = a.face.axis + b.face.axis

@@ -263,8 +263,8 @@ def _alignment(
     if len(planes) < 3:
         text = ", ".join(f"region {number} ({region_text(regions, number)})" for number in planes)
         warnings.append(
-            f"datum: the measured plane faces have {len(planes)} of three directions: {text}; motions that they leave "
-            "free are those of the best fit"
+            f"datum: the measured plane faces have {len(planes)} of three directions: {text}; the best fit "
+            "determines the remaining degrees of freedom"
         )
     return datum_fit(list(planes.values()), least=1) @ start, tuple(planes), warnings
 
@@ -280,7 +280,7 @@ class _DatumFaces:
     threads: int
 
     def named(self, numbers: Sequence[int]) -> dict[int, tuple[DatumPlane, Array]]:
-        """The planes that a person names, and their points."""
+        """The planes that the user names, and their points."""
         planes = {}
         for number in numbers:
             if not 0 <= number < len(self.regions) or not self.regions.is_plane[number]:
@@ -333,7 +333,7 @@ class _DatumFaces:
 
 
 def region_text(regions: Regions, number: int) -> str:
-    """Normal of a plane region and centre of any, for people."""
+    """Normal of a plane region and centre of any, as text."""
     centre = ", ".join(f"{1e3 * value:.1f}" for value in regions.centres[number])
     normal = ", ".join(f"{value + 0.0:.2f}" for value in regions.normals[number])
     return (f"plane, normal ({normal}), " if regions.is_plane[number] else "") + f"centre ({centre}) mm"

@@ -1,4 +1,4 @@
-"""What a sensor measures of a plane target: signed bias, standard deviation, repeatability, outliers, missing points.
+"""Measurement of a plane target by a sensor: signed bias, standard deviation, repeatability, outliers, missing points.
 
 The target is a rectangle that the laser line does not leave. All figures are of the signed distances of the points from
 it, positive towards the sensor.
@@ -188,7 +188,7 @@ def measure_plane(
     Parameters
     ----------
     ideal
-        The sensor without noise, whose view of the target says where points are expected.
+        The sensor without noise, whose view of the target determines where points are expected.
     """
     scene = sensor_rt.Scene()
     roughness = PRESETS["matt_white"].roughness

@@ -50,7 +50,7 @@ class Chain:
 
     @cached_property
     def _links(self) -> tuple[Array, Array, Array, Array]:
-        """What no angle changes: a, d and theta (joints,), and rotations ``Rx(alpha) Ry(beta)`` (joints, 3, 3)."""
+        """Constants of the chain: a, d and theta (joints,), and rotations ``Rx(alpha) Ry(beta)`` (joints, 3, 3)."""
         alpha, beta = self.column("alpha"), self.column("beta")
         twist = pose.rotation_about(0, alpha) @ pose.rotation_about(1, beta)
         return self.column("a"), self.column("d"), self.column("theta"), twist

@@ -252,7 +252,7 @@ def _distance(a: Complex, b: Complex) -> Array:
 
 
 def _bounded(theta: Complex, fallback: Complex) -> Complex:
-    """`theta` (6, m), and `fallback` for paths that left the numbers."""
+    """`theta` (6, m), and `fallback` for paths that are no longer finite."""
     usable = (np.isfinite(theta) & (np.abs(theta.imag) < 2 * _FAR)).all(0)
     return np.where(usable, theta, fallback)
 
@@ -270,7 +270,7 @@ def _solved(jacobian: Complex, twist: Complex) -> Complex:
 
 
 def _cross(a: Complex, b: Complex) -> Complex:
-    """Without conjugation, along the first axis."""
+    """Cross product without conjugation, along the first axis."""
     return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 

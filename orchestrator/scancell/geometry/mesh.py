@@ -217,8 +217,8 @@ class MassProperties:
 def load_mesh(path: str | Path, unit: str = "mm") -> Mesh:
     """Read an STL, OBJ or PLY file whose coordinates are in `unit` (mm, m or inch).
 
-    Equal vertices are joined, repeated faces removed and faces that certainly look the wrong way turned over;
-    `Mesh.warnings` says so. The order of the faces is that of the file.
+    Equal vertices are joined, repeated faces removed and faces that certainly point the wrong way flipped;
+    `Mesh.warnings` reports it. The order of the faces is that of the file.
 
     Raises `MeshError` with the file and the fault: missing, not a mesh, empty, NaN or infinite vertices, a face index
     out of range, no face with an area, or a size that cannot be meant.
@@ -352,7 +352,7 @@ def _moments(mesh: Mesh) -> tuple[float, Array, Array]:
 
 
 def is_stable_pose(mesh: Mesh, table_from_part: ArrayLike, tolerance: float = 1e-5) -> bool:
-    """Whether the part, standing by gravity on the plane z = 0 of the table, stays as it is.
+    """Whether the part rests stably by gravity on the plane z = 0 of the table.
 
     Stable: the vertices of the hull within `tolerance` (m) of the lowest one enclose the centre of mass,
     seen from above, with a margin of `tolerance`.

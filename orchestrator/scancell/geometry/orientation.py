@@ -1,4 +1,4 @@
-"""Winding of triangle meshes: whether faces look outwards, and which of them can be turned over with certainty.
+"""Winding of triangle meshes: whether faces point outwards, and which of them can be flipped with certainty.
 
 A *shell* is a set of faces connected through edges that exactly two faces share. Faces of one shell are wound
 consistently when each shared edge is run through once in each direction; a closed shell that is wound consistently has
@@ -50,7 +50,7 @@ class Winding:
 
 
 def is_closed(faces: Faces) -> bool:
-    """Whether every edge is run through equally often in both directions: closed, and wound consistently.
+    """Whether every edge is traversed equally often in both directions: closed, and wound consistently.
 
     `faces` (m, 3) number welded vertices. A random antisymmetric form is summed over all edges, modulo 2^64; the
     chance that a mesh with a rim sums to 0 is below 1e-15.
@@ -75,7 +75,7 @@ def _random_words(count: int, stream: int) -> NDArray[np.uint64]:
 
 
 def wind_outwards(vertices: Array, faces: Faces) -> Winding:
-    """Turn over the faces that certainly look the wrong way.
+    """Flip the faces that certainly point the wrong way.
 
     Faces of a shell are wound consistently. A closed shell looks outwards by the sign of its volume; one that lies in
     an odd number of others is a cavity and looks inwards if those had to be turned over. An open shell keeps the sense
@@ -170,7 +170,7 @@ def connected_components(count: int, one: NDArray[np.int64], other: NDArray[np.i
 
 
 def _wound_consistently(edges: _Edges, faces: int) -> tuple[NDArray[np.int64], Mask, Mask]:
-    """Shell (m,) of each face, whether it is to be turned over to agree with its shell, and whether nothing helps.
+    """Shell (m,) of each face, whether it is to be flipped to agree with its shell, and whether no flip can do so.
 
     Each face has two nodes, one for either sense; an edge between two faces joins the senses that agree. A shell
     whose senses end up connected with each other is one-sided.
@@ -200,7 +200,7 @@ def _closed_shells(edges: _Edges, shell: NDArray[np.int64], turn: Mask) -> Mask:
 
 
 def _inverted_shells(vertices: Array, faces: Faces, shell: NDArray[np.int64], closed: Mask) -> Mask:
-    """Which shells (s,) are to be turned over so that all closed ones bound their material."""
+    """Which shells (s,) are to be flipped so that all closed ones bound their material."""
     volume = np.bincount(shell, weights=_volumes(vertices, faces), minlength=len(closed))
     negative = closed & (volume < 0)
     if len(closed) == 1 or not negative.any():

@@ -37,7 +37,7 @@ class Convention:
     count
         How many numbers.
     text
-        The convention for people.
+        The convention as text for messages.
     rotations
         Rotations (n,) of numbers (n, count), angles in rad.
     is_angle
@@ -81,7 +81,7 @@ class PoseReading:
     axes: tuple[int, ...] = (0, 1, 2)
 
     def text(self) -> str:
-        """The reading for people."""
+        """The reading as text for messages."""
         convention = CONVENTIONS[self.convention]
         words = [f"{self.convention} ({convention.text})", f"position in {self.length}"]
         if convention.is_angle:

@@ -73,7 +73,7 @@ class ReducedMesh:
     error: float = 0.0
 
     def line(self, name: str) -> str:
-        """For people."""
+        """Line of text for messages."""
         return (
             f"{name}: {self.original_faces} triangles reduced to {len(self.mesh.faces)}, beyond which the body reaches"
             f" at most {1e3 * self.error:.2f} mm"

@@ -34,7 +34,7 @@ class RestingPose:
 
 
 def resting_poses(part: Mesh) -> list[RestingPose]:
-    """Stable poses of the part on a plane, those that are hardest to tip over first.
+    """Stable poses of the part on a plane, the most stable first.
 
     A part of uniform density rests on a face of its convex hull if its centre of mass is above the inside of that face.
     """

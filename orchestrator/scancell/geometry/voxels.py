@@ -19,7 +19,7 @@ MAX_VOXELS = 50_000_000
 class VoxelGrid:
     """Cubes of edge `spacing` (m) in a box; `origin` (3,) is the box's lower corner, m.
 
-    `occupied` (nx, ny, nz) says which of them hold something.
+    `occupied` (nx, ny, nz): which of them are occupied.
     """
 
     origin: Array

@@ -52,14 +52,14 @@ class Approach:
 
 @dataclass(frozen=True)
 class Contact:
-    """Contact of an approaching pair that a motion leads to, if it goes on.
+    """Predicted contact of an approaching pair if the motion continues.
 
     Attributes
     ----------
     approach
         The pair, now.
     path
-        How the motion goes on; None: as the controller shows.
+        Continuation of the motion; None: as the controller shows.
     free_until, contact_by
         Times between which the first contact is, s from the measured state; before, the motion is proved free.
     travel
@@ -160,7 +160,7 @@ class ManualCheck:
         return self._verdict(motions, only_stop)
 
     def check_shown(self, axes: Array, ahead: Array, spacing: float, only_stop: bool = False) -> Verdict:
-        """The same of a jog that the controller shows, which a person cannot change before a state shows the change.
+        """The same for a predicted jog, which the operator cannot change before a state contains the change.
 
         Parameters
         ----------
@@ -225,8 +225,8 @@ class ManualCheck:
     def _unstoppable(self, motion: _Motion, budget: Budget) -> Approach | None:
         """A pair for which the stop is not proved.
 
-        A pair that does not approach, whatever the error of the rates, needs no room for a stop, but may not come much
-        nearer on the way of the stop; one within its clearance may not come nearer at all.
+        A pair that does not approach for any error of the rates needs no distance for a stop, but must not come much
+        nearer during the stop; one within its clearance must not come nearer at all.
         """
         clearance, way = self._clearance, motion.way
         if self._unseen is not None:
@@ -283,15 +283,15 @@ class _Motion:
     Attributes
     ----------
     path
-        How it goes on; None: as the controller shows.
+        Its continuation; None: as the controller shows.
     now
-        Axes from which it goes on, (joints + 1,), rad.
+        Axes from which it continues, (joints + 1,), rad.
     rates, rate_error
         There, and a bound on their error, (joints + 1,), rad/s.
     stop, way
         The latest stop, and where it leads.
     axes, times
-        Where the motion leads if it goes on, (n, joints + 1), rad, at equally spaced times (n,), s.
+        Predicted axes of the motion if it continues, (n, joints + 1), rad, at equally spaced times (n,), s.
     """
 
     path: Path | None
@@ -305,7 +305,7 @@ class _Motion:
 
     @property
     def finer(self) -> int:
-        """Parts of a piece in which a contact is looked for, a power of 2."""
+        """Number of parts of a piece that are searched for a contact, a power of 2."""
         return max(1, _PARTS >> int(np.ceil(np.log2(len(self.times) - 1))))
 
 

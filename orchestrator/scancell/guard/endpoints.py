@@ -1,8 +1,8 @@
-"""The two ends of the connection between cell and guard, whatever carries the packets.
+"""The two ends of the connection between cell and guard, independent of the transport.
 
-They decide which packets count.  The cell numbers its sessions, the guard its service of each of them; both numbers are
-random.  A guard that was restarted knows no session, and only a session that the cell opens anew brings it back: a
-person's reset stands behind that (docs/guard_protocol.md).
+They decide which packets are accepted.  The cell numbers its sessions, the guard its service of each of them; both
+numbers are random.  A restarted guard has no session until the cell opens a new one, which requires a reset by an
+operator (docs/guard_protocol.md).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _Message = TypeVar("_Message", CellState, GuardMessage)
 
 
 class Outcome(StrEnum):
-    """What becomes of a packet."""
+    """Result of the checks of a packet."""
 
     ACCEPTED = "accepted"
     MALFORMED = "malformed"
@@ -48,7 +48,7 @@ class Answerer(Protocol):
     """A guard."""
 
     def answer(self, state: CellState) -> GuardMessage:
-        """Answer a state; a `MessageError` means that no robot of this guard is in such a state."""
+        """Answer a state; a `MessageError` means that the state is not one of this guard's robot."""
         ...
 
     def reset(self) -> None:
@@ -72,7 +72,7 @@ class Order:
         return Outcome.ACCEPTED if ahead < 2**31 else Outcome.OLD
 
     def advance(self, sequence: int) -> None:
-        """A message was accepted."""
+        """Record an accepted message."""
         self._last = sequence
 
 
@@ -110,7 +110,7 @@ class CellEndpoint:
         self.reset()
 
     def reset(self) -> None:
-        """Open a new session: nothing that was sent before counts."""
+        """Open a new session; answers to earlier packets are rejected."""
         self._session = _random_number()
         self._guard = 0
         self._order = Order()
@@ -125,7 +125,7 @@ class CellEndpoint:
         return state.encode(self._session, self._guard)
 
     def receive(self, packet: bytes, now: float) -> GuardMessage | None:
-        """The answer in a packet, if it counts; `now` by the clock that stamps the states, s."""
+        """The answer in a packet, if it is accepted; `now` by the clock that stamps the states, s."""
         found = _decoded(packet, GuardMessage, self.counts)
         if found is None:
             return None
@@ -178,7 +178,7 @@ class GuardEndpoint:
         self._pending: CellState | None = None
 
     def receive(self, packet: bytes, now: float) -> bool:
-        """Whether a packet counts: its state is the next to be answered; `now` by the guard's clock, s."""
+        """Whether a packet is accepted: its state is answered next; `now` by the guard's clock, s."""
         found = _decoded(packet, CellState, self.counts)
         if found is None:
             return False

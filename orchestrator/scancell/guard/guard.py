@@ -63,12 +63,12 @@ class Decision:
 
 
 class Guard:
-    """Guards the robot of one cell; `guard_of` makes one of descriptions.
+    """Guards the robot of one cell; `guard_of` makes one from descriptions.
 
     Parameters
     ----------
     nominal
-        The cell as the guard knows it, measured space included (`nominal_cell`).
+        The nominal cell of the guard, measured space included (`nominal_cell`).
     robot
         Description of the robot (``CellDescription.robot``): the limits of jogging.
     settings
@@ -131,7 +131,7 @@ class Guard:
         self.decision = Decision()
 
     def check(self, points: ArrayLike) -> MotionClash | None:
-        """None if a motion is proved free of contact, else a place where it is not.
+        """None if a motion is proved free of contact, else a point of it where it is not.
 
         Parameters
         ----------
@@ -168,7 +168,7 @@ class Guard:
             self._operation = state.operation
         decision = self._by_hand(state) if state.operation is Operation.MANUAL else self._on_path(state)
         self.decision = decision
-        # A stop goes on until the robot rests; then it is the controller that waits for a person's reset.
+        # A stop continues until the robot is at rest; then the controller waits for a reset by an operator.
         self._stopping = decision.stop or (self._stopping and state.moving)
         self._number = (self._number + 1) % 2**32
         # The reason of a stop stays on the pendant until it is over.
@@ -238,7 +238,7 @@ def _leads_away(ahead: Array) -> bool:
 
 
 def _refusal(verdict: Verdict, moving: bool) -> Decision:
-    """An emergency stop, or for a robot at rest the refusal of the jog that it shows."""
+    """An emergency stop, or the rejection of the predicted jog if the robot is at rest."""
     speed, word = (1.0, "stop") if moving else (0.0, "no jog")
     if not verdict.without_stop:
         return Decision(moving, speed, f"{word}: the motion changes too fast", True)

@@ -19,7 +19,7 @@ _AHEAD = 64  # points of the path ahead, a cycle of path clock apart
 
 
 class GuardedCell:
-    """Steps a cell that talks to its guard.
+    """Steps a cell that exchanges messages with its guard.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class GuardedCell:
     monitor_speed
         Of the operator, 0 to 1; the lower one of this and the guard's is in force.
     stop_pressed
-        Whether a person holds the emergency stop pressed, whatever the guard says.
+        Whether the operator keeps the emergency stop pressed, independently of the guard.
 
     Examples
     --------

@@ -45,7 +45,7 @@ class Identifier:
             raise ValueError(f"noise = {self._noise}: expected standard deviations above 0")
 
     def identify(self, states: Sequence[MeasuredState]) -> Identification:
-        """Motions that the last three (or two) states leave possible.
+        """Motions that are consistent with the last three (or two) states.
 
         The true path is missing with a probability of 1e-6, near singular positions somewhat more. Rates come from a
         straight line through the states: they are those in the middle of their time.
@@ -67,7 +67,7 @@ class Identifier:
         return Identification(kind, tuple(Hypothesis(path, states[-1], rates, error, age) for path in paths))
 
     def _plainest(self, window: _Window) -> tuple[Kind, Array]:
-        """The plainest kind of motion, and the rates (joints + 1,) of this kind that are nearest to the measured."""
+        """The simplest kind of motion, and the rates (joints + 1,) of this kind that are nearest to the measured."""
         rates = window.rates.copy()
         still = window.stillness
         freedom = len(window.times) - 1
@@ -114,7 +114,7 @@ def _limit(freedom: int, chance: float) -> float:
 
 
 class _Window:
-    """Measured axes (k, joints + 1) at `times` (k,), and what they say of constancy and straightness."""
+    """Measured axes (k, joints + 1) at `times` (k,), and tests of their constancy and straightness."""
 
     def __init__(self, tool: Tool, times: Array, axes: Array, noise: Array) -> None:
         self._tool, self.times, self._axes, self._noise = tool, times, axes, noise

@@ -28,11 +28,11 @@ class CellFaults:
         self._measured: deque[CellState] = deque(maxlen=description.stale_polls + 1)
 
     def clock(self, time: float) -> float:
-        """What the controller's clock shows at `time`, s."""
+        """Reading of the controller's clock at `time`, s."""
         return 1e-3 * self._description.clock_offset_ms + time * (1 + 1e-6 * self._description.clock_drift_ppm)
 
     def queried(self, state: CellState) -> CellState:
-        """What is sent in place of a state, whose times are true ones."""
+        """The state to send in place of one with true times."""
         self._measured.append(state)
         is_stale = self._rng.random() < self._description.stale
         sent = self._measured[0] if is_stale else state
@@ -73,7 +73,7 @@ class Link:
 
     @property
     def counts(self) -> Counter[str]:
-        """Numbers of packets received, by what became of them: ``accepted``, ``stale``, ``duplicate`` …"""
+        """Numbers of packets received, by result: ``accepted``, ``stale``, ``duplicate`` …"""
         return self._endpoint.counts
 
     def send(self, state: CellState, time: float) -> None:
@@ -82,7 +82,7 @@ class Link:
         self._transport.send(self._endpoint.packet(sent), time)
 
     def poll(self, time: float) -> list[GuardMessage]:
-        """New answers at `time`, s, in the order of their numbers; the last one counts.
+        """New answers at `time`, s, in the order of their numbers; the last one applies.
 
         Each has ``monitor_speed`` (0 to 1), ``emergency_stop``, ``text`` and ``beep`` for the pendant, and the time
         ``state_time``, s, of the state that it answers.
@@ -97,7 +97,7 @@ class Link:
         return self._endpoint.age(self._clock(time))
 
     def reset(self) -> None:
-        """Open a new session, with a guard that was restarted, too: only after a person's reset.
+        """Open a new session, also with a restarted guard; only after a reset by an operator.
 
         Raises
         ------
@@ -123,7 +123,7 @@ def faulty_link(
     seed: Annotated[int, Within(0)],
     kind: type[Link] = Link,
 ) -> Link:
-    """Make a link with faults, those of the same seed the same ones.
+    """Make a link with faults, which are the same for the same seed.
 
     Parameters
     ----------

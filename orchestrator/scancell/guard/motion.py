@@ -1,4 +1,4 @@
-"""What the guard knows of a robot: its measured states, and how it may be moving by hand."""
+"""Measured states of a robot, and hypotheses of its motion in manual operation."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Path(Enum):
 
 
 class Kind(Enum):
-    """The plainest motion that measured states agree with.
+    """The simplest kind of motion that is consistent with measured states.
 
     One of several joints cannot be distinguished from one that combines translation and rotation in a few states: both
     are `COMBINED`.
@@ -75,7 +75,7 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class Identification:
-    """The plainest motion that agrees with the measured states, and all that are possible."""
+    """The simplest motion that is consistent with the measured states, and all possible ones."""
 
     kind: Kind
     hypotheses: tuple[Hypothesis, ...]

@@ -1,8 +1,8 @@
-"""Pairs of bodies within their clearance: a motion may not bring them nearer than they were when they came there.
+"""Pairs of bodies within their clearance: a motion must not bring them nearer than they were when they came there.
 
-They have no room for a stop, so that nothing could move them apart if it were asked for.  A motion that never brings
-such a pair nearer is permitted.  What the errors of the measured angles feign is permitted as well, but once: the
-distance to be kept is remembered until the pair has its room again, however often motions begin and end meanwhile.
+They have no distance for a stop, so requiring one would prevent every motion that separates them.  A motion that never
+brings such a pair nearer is permitted.  An approach within the errors of the measured angles is permitted as well, but
+only once: the minimum distance is stored until the pair has its clearance again, over any number of motions.
 """
 
 from __future__ import annotations

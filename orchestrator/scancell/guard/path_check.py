@@ -1,4 +1,4 @@
-"""How far the path ahead is proved free in automatic operation, and how fast the robot may follow it.
+"""Proved free length of the path ahead in automatic operation, and the permitted speed on it.
 
 The controller scales time along its path: at the rate r of the path clock it goes on for r T in the reaction time T.
 It brakes on the path, too.  There an axis of speed v and deceleration a needs v / a, but may have to wait until another
@@ -34,7 +34,7 @@ RATE_SLOPE = 4.0
 
 @dataclass(frozen=True)
 class PathVerdict:
-    """What is proved of a path.
+    """Result of the proof of a path.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ class PathCheck:
         return PathVerdict(free, clash, speed, needed <= free)
 
     def _free(self, points: Array, spacing: float, needed: float) -> tuple[float, MotionClash | None]:
-        """Path clock that is proved free, s, and what is not behind it; the `needed` way of a stop is proved first."""
+        """Path clock that is proved free, s, and the clash beyond it; the part `needed` for a stop is proved first."""
         bend = np.abs(np.diff(points, n=2, axis=0)).max(0, initial=0.0) / 4 + self._angle_error
         moving = np.flatnonzero((np.diff(points, axis=0) != 0).any(1))
         last = int(moving[-1]) + 1 if len(moving) else 0
@@ -149,7 +149,7 @@ class PathCheck:
         return float(_LONGER * (speed / self._deceleration).max())
 
     def _advance(self, rate: float, allowed: float, braking: float) -> float:
-        """Path clock until the standstill in the worst case: the rate grows to `allowed` while nobody looks."""
+        """Path clock until standstill in the worst case: the rate grows to `allowed` during the reaction time."""
         growing = min((allowed - rate) / RATE_SLOPE, self._reaction)
         last = min(allowed, rate + RATE_SLOPE * self._reaction)
         return (rate + last) / 2 * growing + last * (self._reaction - growing) + last**2 * braking / 2

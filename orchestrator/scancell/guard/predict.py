@@ -1,4 +1,4 @@
-"""Where a motion by hand leads: axes along each path, for many times and hypotheses at once."""
+"""Prediction of motion in manual operation: axes along each path, for many times and hypotheses at once."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Predictor:
         return _continued(joints.reshape(guess.shape), met.reshape(times.shape), guess, times)
 
     def _solved(self, joints: Array, wanted: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Joints (n, joints) at which the tool has the poses (n, 4, 4), and where that is the case."""
+        """Joints (n, joints) at which the tool has the poses (n, 4, 4), and for which of them that is the case."""
         for _ in range(_STEPS):
             here, jacobian = self._tool.poses(joints)
             miss = np.concatenate(

@@ -40,7 +40,7 @@ def serve_guard(
 ) -> Counter[str]:
     """Answer states until SIGINT or SIGTERM; to be called in the main thread.
 
-    Packets that do not count are counted, and nothing else comes of them. Where the answerer raises an exception, the
+    Rejected packets are counted and have no other effect. If the answerer raises an exception, the
     state gets no answer, and without answers the robot stops; the first such exception is printed.
 
     Parameters
@@ -49,8 +49,8 @@ def serve_guard(
         The guard: a `Guard`, or any object with ``answer(state)``, which takes a `CellState` and returns a
         `GuardMessage`, and ``reset()``.
     host, port
-        Address to listen on; port 0: any free one. Packets are not authenticated: whoever reaches the address can open
-        a session, but only when no other one is in use.
+        Address to listen on; port 0: any free one. Packets are not authenticated: anyone who reaches the address can
+        open a session, but only when no other one is in use.
     protocol
         What carries the packets.
     started
@@ -96,7 +96,7 @@ class _Service:
         return self._endpoint.counts
 
     def receive(self, packet: bytes) -> bool:
-        """Whether a packet counts."""
+        """Whether a packet is accepted."""
         return self._attempted(lambda: self._endpoint.receive(packet, time.monotonic())) or False
 
     def answer(self) -> bytes | None:
@@ -140,7 +140,7 @@ class _Datagrams:
             self._disconnect()
 
     def _read(self, source: socket.socket) -> Any:
-        """Address from which the last packet that counts came; None if none did."""
+        """Sender address of the last accepted packet; None without one."""
         accepted = None
         for _ in range(_MAX_DATAGRAMS):
             try:
@@ -284,7 +284,7 @@ def _bound(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
 
 @contextlib.contextmanager
 def _stop_signals() -> Iterator[socket.socket]:
-    """A socket that SIGINT and SIGTERM make readable, in place of what they did before."""
+    """A socket that SIGINT and SIGTERM make readable, instead of calling their earlier handlers."""
     stop, waker = socket.socketpair()
     with stop, waker:
         waker.setblocking(False)

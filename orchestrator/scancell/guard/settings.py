@@ -32,7 +32,7 @@ class GuardSettings:
     latency
         Largest age of measured angles when the controller stamps them, s.
     position_error
-        By which bodies may be elsewhere than the nominal geometry says, m.
+        Largest deviation of bodies from their nominal position, m.
     mesh_error
         Largest error of the simplified meshes that the guard compares, m: it adds to the distance to be kept.
     deceleration

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class WorstCase:
-    """What a stop must be proved for; arrays are one for all axes or (joints + 1,).
+    """Assumptions for which a stop must be proved; arrays are one for all axes or (joints + 1,).
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class WorstCase:
     angle_error
         Of the measured angles, rad.
     unseen
-        Largest accelerations by which the person may change the motion unseen; without, it goes on as identified.
+        Largest accelerations of unseen changes of the motion by the operator; None: it continues as identified.
     """
 
     age: float
@@ -53,7 +53,7 @@ class WorstCase:
 
 @dataclass(frozen=True)
 class Stop:
-    """A stop as late as it can come.
+    """The latest possible stop.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Stop:
         Time from the beginning of braking to the standstill, s.
     deviation
         Bound on the deviation of the axes from the predicted motion on the way, (joints + 1,), rad, without changes by
-        the person.
+        the operator.
     unseen
         What such changes add to the way is what their accelerations do in half of this, s².
     """

@@ -52,6 +52,6 @@ class Tool:
         return rates
 
     def length(self, joints: Array) -> float:
-        """Length (m) of the way of the tool's origin through joints (n, joints)."""
+        """Length (m) of the path of the tool's origin through joints (n, joints)."""
         position = self.poses(joints)[0][:, :3, 3]
         return float(np.linalg.norm(np.diff(position, axis=0), axis=1).sum())

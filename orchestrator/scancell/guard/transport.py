@@ -129,7 +129,7 @@ class FaultyTransport:
         self._to_guard.send(packet, time)
 
     def receive(self, time: float) -> list[Arrival]:
-        """What has come through both channels until `time`, s."""
+        """Packets that have passed both channels until `time`, s."""
         for arrival in self._to_guard.receive(time):
             self._transport.send(arrival.packet, arrival.time)
         for answer in self._transport.receive(time):
@@ -137,7 +137,7 @@ class FaultyTransport:
         return self._to_cell.receive(time)
 
     def reset(self) -> None:
-        """Connect the transport again; what is on its way arrives nevertheless."""
+        """Connect the transport again; packets in transit still arrive."""
         self._transport.reset()
 
     def close(self) -> None:

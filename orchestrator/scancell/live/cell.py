@@ -33,7 +33,7 @@ class LiveCell:
     it.
 
     A job commands the session as a script does. However it steps the cell, at the end of each controller cycle the
-    state is read, the pace is kept, and a stop or `Cancel` ends the job out of its step. A job that goes on
+    state is read, the pace is kept, and a stop or `Cancel` ends the job out of its step. A job that continues
     nevertheless is ended again in every cycle, and the emergency stop pressed. A job that does not step the cell holds
     up everything until it does; a second stop, when it has not stepped for a second, interrupts its Python code.
 
@@ -42,7 +42,7 @@ class LiveCell:
     session
         A running cell, guarded or not, that nothing else steps.
     hold_time
-        Time for which a jog goes on without being renewed, s of `clock`.
+        Time for which a jog continues without being renewed, s of `clock`.
     clock
         Function that returns the time, s; by default that of the machine.
     state_cycles
@@ -129,7 +129,7 @@ class LiveCell:
         return submitted.future
 
     def between_cycles(self, work: Callable[[ScanSession], T]) -> Future[T]:
-        """Have `work` done at the end of the present cycle, also while a job runs; the future of what it returns.
+        """Run `work` at the end of the present cycle, also during a job; returns the future of its result.
 
         `work` gets the session, and must not step the cell.
         """
@@ -139,7 +139,7 @@ class LiveCell:
         return submitted.future
 
     def emergency_stop(self) -> None:
-        """Press the emergency stop, end the job, and drop all that was submitted; `Reset` ends the stop."""
+        """Press the emergency stop, end the job, and drop all submitted commands and jobs; `Reset` ends the stop."""
         with self._lock:
             dropped, self._submitted = self._submitted, deque()
             if self._stop_pressed and self._running and self._clock() - self._commands_read > _LOST:
@@ -205,7 +205,7 @@ class LiveCell:
                 self._message = str(error)
 
     def _end_cycle(self) -> None:
-        """Called at the end of every controller cycle, whatever stepped the cell."""
+        """Called at the end of every controller cycle, however the cell is stepped."""
         if self._between_cycles:
             raise CommandError("between_cycles: the work steps the cell, which it must not")
         self._between_cycles = True
@@ -279,7 +279,7 @@ class LiveCell:
 
     def _take_job(self, job: Work) -> None:
         if self._job is not None:
-            error = CommandError(f"{job.name}: {self._job.name} runs: cancel it first")
+            error = CommandError(f"{job.name}: {self._job.name} is running: cancel it first")
             job.refuse(error)
             raise error
         self._job = job
@@ -291,7 +291,7 @@ class LiveCell:
             self._end_job("cancelled")
             self._control.apply(command)
         elif self._job is not None and not isinstance(command, SetMonitorSpeed):
-            raise CommandError(f"{command.name}: {self._job.name} runs: cancel it first")
+            raise CommandError(f"{command.name}: {self._job.name} is running: cancel it first")
         else:
             self._control.apply(command)
 

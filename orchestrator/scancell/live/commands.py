@@ -1,4 +1,4 @@
-"""Commands of operators to a `LiveCell`; each checks its values where it is made.
+"""Commands of operators to a `LiveCell`; each checks its values when it is constructed.
 
 Each is named like the command of a session that does the same, with its parameters.
 """

@@ -1,4 +1,4 @@
-"""Contacts of a running cell, as it truly is."""
+"""True contacts of a running cell."""
 
 from __future__ import annotations
 

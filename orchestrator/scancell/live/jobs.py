@@ -23,7 +23,7 @@ CLOSED = "the cell is closed"  # why a job ends with the cell
 class JobStopped(BaseException):
     """Ends a job of a `LiveCell` out of the step in which it is stopped.
 
-    It is no `Exception`, so that a program which catches errors of its commands does not go on.
+    It is not an `Exception`, so that a program which catches errors of its commands does not continue.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def ready_to_move(session: ScanSession) -> NDArray[np.float64]:
 def while_stepping(session: ScanSession, work: Callable[[], T]) -> T:
     """Step a session in a job while another thread does `work`, and return its result or raise its error.
 
-    If the job is stopped, the other thread goes on and its result is dropped.
+    If the job is stopped, the other thread continues and its result is dropped.
     """
     future: Future[T] = Future()
 

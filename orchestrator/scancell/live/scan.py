@@ -84,7 +84,7 @@ class LiveScanState:
 
     @property
     def behind(self) -> int:
-        """Number of exposures by which sensing is behind the cell."""
+        """Number of exposures by which sensing lags the cell."""
         return self.taken - self.sensed
 
 
@@ -92,8 +92,8 @@ class LiveScan:
     """Plans and drives the scan of the session's descriptions, and senses it in another thread meanwhile.
 
     The arm moves from where it rests to the start of the program on a planned path free of collision; manual operation
-    is left before. The cell waits, and its time with it, while sensing is too far behind. Where the scan is stopped, or
-    the controller does not go on with it, what was measured until then is the result, with a warning.
+    is left before. The cell waits, and its time with it, while sensing is too far behind. If the scan is stopped, or
+    the controller does not continue it, the points measured until then are the result, with a warning.
 
     Parameters
     ----------

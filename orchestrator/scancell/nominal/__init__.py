@@ -1,1 +1,1 @@
-"""The cell as its descriptions say it is: bodies, frames and kinematics."""
+"""The nominal cell, from its descriptions: bodies, frames and kinematics."""

@@ -1,4 +1,4 @@
-"""The cell as its description says it is: what planning and reconstruction may know."""
+"""The nominal cell, from its description: the data that planning and reconstruction may use."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def table_limits(cell: CellDescription, part: Mesh, table_from_part: NDArray[np.
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Body(Value):
-    """A rigid thing that can occlude, be lit, or be hit.
+    """A rigid body that can occlude, be lit, or collide.
 
     `moves_with` names the frame that carries it: ``world``, ``link[1]`` …, ``sensor``, ``table``, ``part``
     and, for further parts, ``part[2]`` …, for a gripper ``finger[1]`` and ``finger[2]``; the mesh is given in that
@@ -80,7 +80,7 @@ class Body(Value):
 class Lamp:
     """An external light, W and metres, at a pose (4, 4) in the frame that `moves_with` names.
 
-    Either `in_band` or `spectrum` (wavelength, full width at half maximum) says what filters pass.
+    Either `in_band` or `spectrum` (wavelength, full width at half maximum) determines the share that filters pass.
     """
 
     name: str
@@ -251,7 +251,7 @@ def nominal_cell(cell: CellDescription, part: Mesh | None) -> NominalCell:
     MeshError
         If a mesh that the description names cannot be used.
     CellError
-        If the part is to stand freely and would not stay as it lies.
+        If the part is free and would not rest stably.
 
     Examples
     --------
@@ -381,12 +381,12 @@ def _gripper_bodies(cell: CellDescription) -> tuple[Body, ...]:
 
 
 def _refuse_unstable(part: Mesh, table_from_part: Array, description: PartDescription) -> None:
-    """A free part that rolls, tips over or falls would not be where the plan has it."""
+    """Raise `CellError` for a free part that would roll, tip over or fall."""
     hint = 'turn it with part.rx_deg, part.ry_deg, part.rz_deg, or clamp it (part.fixture = "clamped")'
     if description.z_mm != 0.0:
         raise CellError(f"a free part must touch the table (0); {hint}", key="part.z_mm", value=description.z_mm)
     if not is_stable_pose(part, table_from_part):
-        raise CellError(f"does not stand by itself in this pose; {hint}", file=part.source)
+        raise CellError(f"is not stable in this pose; {hint}", file=part.source)
 
 
 def _joint_fields(joint: dict[str, float]) -> dict[str, float]:

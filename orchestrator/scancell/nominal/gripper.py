@@ -39,7 +39,7 @@ def finger_mesh(gripper: GripperDescription) -> Mesh:
 
 
 def housing_mesh(gripper: GripperDescription) -> Mesh | None:
-    """What carries the fingers, in the gripper's frame, metres; None if nothing is described.
+    """Housing that carries the fingers, in the gripper's frame, metres; None if not described.
 
     Raises `MeshError` if a described mesh cannot be used.
     """

@@ -17,7 +17,7 @@ Series = tuple[Sequence[float], Sequence[tuple[float | None, float | None]]]
 
 
 def comparison_picture(path: Path, quantiles: NDArray[np.float64], noise: Series, shape: Series) -> None:
-    """Write a PNG of quantiles (k, 2), and of values at angles (deg) and at places along the profile (mm), µm.
+    """Write a PNG of quantiles (k, 2), and of values at angles (deg) and at positions along the profile (mm), µm.
 
     Each value is that of the real and that of the simulated measurements, None where there is none.
 

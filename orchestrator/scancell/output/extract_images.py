@@ -66,7 +66,7 @@ def extract_to_folder(request: ExtractionRequest, out: Path) -> RunReport:
     Raises
     ------
     ScancellError
-        With a message for people, whatever is wrong.
+        With a message for the user, for any error in the inputs.
     """
 
     def work(folder: RunFolder, watch: Stopwatch) -> RunReport:
@@ -191,7 +191,7 @@ def _write_profiles(path: Path, profiles: Mapping[str, NDArray[Any]], sets: Imag
 
 
 def _write_peaks(path: Path, peaks: Mapping[str, NDArray[Any]], sets: ImageSet) -> None:
-    """Every peak that was found, with flags that say why it was not used."""
+    """Every peak that was found, with flags for the reasons why it was not used."""
     columns = {name + unit: peaks[name].astype(float) for name, unit in _PEAK_COLUMNS.items()}
     _write_table(path, peaks, sets, columns, np.zeros(len(peaks["flags"]), bool))
 

@@ -219,7 +219,7 @@ def _indexed(index: Path, cameras: Sequence[str], laser: Laser) -> Iterator[tupl
         raise ImageError(f"lists no image with the laser {laser}", file=index)
     for frame in frames:
         if frame.camera not in cameras:
-            raise ImageError(f"camera '{frame.camera}' is none of the sensor's ({', '.join(cameras)})", file=index)
+            raise ImageError(f"camera '{frame.camera}' is not one of the sensor's ({', '.join(cameras)})", file=index)
         file = index.parent / frame.file
         if not file.is_file():
             raise ImageError(f"lists {frame.file}: no such file", file=index)

@@ -54,7 +54,7 @@ class SensorRange:
 
     @classmethod
     def of(cls, sensor: sensor_rt.Sensor) -> SensorRange:
-        """What all cameras see of the laser line, within the limits of the description."""
+        """Range in which all cameras see the laser line, within the limits of the description."""
         near, far = sensor.range
         corners = np.array([sensor.trapezoid(k) for k in range(len(sensor.cameras))])
         by_range = [camera[np.argsort(camera[:, 1])] for camera in corners]
@@ -99,7 +99,7 @@ class PlanningCell:
     pair_clearance
         Clearances (m) of pairs of bodies by their names, in place of all other values for them.
     work
-        Counts what is done with the cell, and ends it beyond a limit.
+        Counts the work done with the cell, and ends it beyond a limit.
     """
 
     nominal: NominalCell

@@ -1,4 +1,4 @@
-"""Occupied space that planning knows from measurements: voxels of a survey, or of a point cloud."""
+"""Measured occupied space for planning: voxels of a survey, or of a point cloud."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def _grids(item: OccupiedDescription, nominal: NominalCell) -> dict[str, VoxelGr
 
 
 def write_voxels(path: Path, grids: Mapping[str, VoxelGrid], **more: NDArray[np.generic]) -> None:
-    """Write grids by frame, see `occupied_bodies`, and further arrays as NPZ; it appears whole or not at all.
+    """Write grids by frame, see `occupied_bodies`, and further arrays as NPZ, atomically.
 
     Raises `OutputError` if the file cannot be written.
     """
@@ -117,7 +117,7 @@ def _grid(path: Path, frame: str, arrays: Mapping[str, NDArray[np.generic]]) -> 
     names = [f"{frame}_{key}" for key in ("origin_mm", "spacing_mm", "occupied")]
     missing = [name for name in names if name not in arrays]
     if missing:
-        raise DescriptionError(f"misses the array {missing[0]}", file=path)
+        raise DescriptionError(f"lacks the array {missing[0]}", file=path)
     origin, spacing, occupied = (arrays[name] for name in names)
     if origin.shape != (3,) or not np.isfinite(np.asarray(origin, float)).all():
         raise DescriptionError(file=path, key=names[0], value=origin.tolist(), expected="3 finite numbers")

@@ -51,7 +51,7 @@ class RasterOptions:
 
 @dataclass(frozen=True)
 class CoverageOptions:
-    """Choice of views by what they see: asked share of the measurable surface, and the budget (s)."""
+    """Choice of views by coverage: requested share of the measurable surface, and the budget (s)."""
 
     share: float
     max_views: int

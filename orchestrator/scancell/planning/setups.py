@@ -1,4 +1,4 @@
-"""Set-ups of a free part: how it rests, where on the table and at what height it is best scanned."""
+"""Set-ups of a free part: resting pose, position on the table and height for the best scan."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _FOOT = 2e-4  # m: height over the lowest point up to which the part is supporte
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SetUp(Value):
-    """A placement of the part and what is scanned there.
+    """A placement of the part and the surface that is scanned there.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class SetUp(Value):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SetUps(Result):
-    """One set-up, or two where one does not reach the asked share.
+    """One set-up, or two if one does not reach the requested share.
 
     Attributes
     ----------
@@ -192,7 +192,7 @@ class SetUpPlanner:
         self._coverage = replace(self._coverage, share=(1 + share) / 2)
         all_rests = resting_poses(part)
         if not all_rests:
-            raise PlanningError('rests stably in no pose; clamp it (part.fixture = "clamped")', file=part.source)
+            raise PlanningError('has no stable resting pose; clamp it (part.fixture = "clamped")', file=part.source)
         progress.stage("resting poses", min(len(all_rests), _MOST_RESTS), "poses")
         rests, seen, reasons = [], [], []
         for number, rest in enumerate(all_rests[:_MOST_RESTS], start=1):

@@ -1,4 +1,4 @@
-"""Which space around the table a sensor has seen to be free or occupied; all other space counts as occupied.
+"""Map of the space around the table that is measured free or occupied; all other space counts as occupied.
 
 The box of voxels lies in the frame of the table at angle 0, which is also the angle of the survey. The evidence:
 

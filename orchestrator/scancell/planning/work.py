@@ -17,11 +17,11 @@ SIGHT = 1e-6  # judgement of a sample from a pose
 
 
 class WorkLimitError(PlanningError):
-    """The limit of the work of planning is reached; the message states what is."""
+    """The limit of the work of planning is reached; the message states the current step and result."""
 
 
 class Work:
-    """Counts work and passes the time for cancelling; a `Progress` of parts, whose stages nobody sees.
+    """Counts work and passes the time for cancelling; a `Progress` of parts, whose stages are not displayed.
 
     Parameters
     ----------

@@ -81,7 +81,7 @@ def run_program(
     Raises
     ------
     ProgramError
-        With file and line, whatever goes wrong in the program: a command that the controller refuses, a stop by the
+        With file and line, for any error in the program: a command that the controller rejects, a stop by the
         guard, an error of Python.
     JobStopped
         With file and line, where the program ran in a `LiveCell` and was ended.

@@ -45,7 +45,7 @@ _TIMEOUT = 60.0  # s
 
 @dataclass(frozen=True)
 class Step:
-    """A command that was carried out: its name, what it was about, and simulated times of start and end, s."""
+    """An executed command: its name, its subject, and simulated times of start and end, s."""
 
     command: str
     about: str
@@ -97,7 +97,7 @@ class Robot:
     folder
         Where `save` writes; the working folder if not given.
     on_step
-        Receives each command that was carried out: its name ``command``, what it was about (``about``), and times
+        Receives each command that was carried out: its name ``command``, its subject (``about``), and times
         ``begin`` and ``end``, s.
 
     Attributes
@@ -276,7 +276,7 @@ class Robot:
     # Measurement
 
     def profile(self) -> Profile:
-        """The profile that the sensor measures now."""
+        """Measure a profile at the present pose."""
         with self._step("profile"):
             return self._session.profile(self._engine)
 

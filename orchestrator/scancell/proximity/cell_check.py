@@ -1,4 +1,4 @@
-"""Whether the bodies of a cell that do not belong to the arm intersect as they are described."""
+"""Check that described bodies of a cell that do not belong to the arm do not intersect."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _KEYS = {
 
 
 def check_cell(nominal: NominalCell) -> None:
-    """Refuse a cell whose standing bodies (robot base, table, belts, parts, obstacles) reach into each other.
+    """Raise `CellError` if standing bodies of a cell (robot base, table, belts, parts, obstacles) intersect.
 
     The table is at angle 0 and the arm does not count: its motion is checked by planning.
 

@@ -1,4 +1,4 @@
-"""Collisions along a motion by python-fcl: an independent judge of motions that our own distances found free."""
+"""Collisions along a motion by python-fcl: an independent check of motions that our own distances found free."""
 
 from __future__ import annotations
 

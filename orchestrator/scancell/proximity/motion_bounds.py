@@ -1,4 +1,4 @@
-"""Bounds on how far bodies of a cell move relative to each other while its axes move by bounded angles."""
+"""Bounds on the relative motion of the bodies of a cell while its axes move by bounded angles."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def _joints(nominal: NominalCell) -> Array:
 
 
 def _row(nominal: NominalCell, body: Body) -> Array:
-    """What the native kinematics knows of a body, (_COLUMNS,).
+    """Parameters of a body for the native kinematics, (_COLUMNS,).
 
     Number of joints that carry it, whether the table turns it, bounding sphere (centre and radius) in the frame of the
     carrier (last link, table or world), largest distance from the table's axis, and pose in that frame.

@@ -53,7 +53,7 @@ class Budget:
 
 @dataclass(frozen=True)
 class MotionClash(Clash):
-    """A place where motion number `index` violates a clearance, at `fraction` of its way from 0 to 1."""
+    """A violation of a clearance by motion number `index`, at `fraction` (0 to 1) of its path."""
 
     fraction: float
 
@@ -151,7 +151,7 @@ class MotionCheck:
         clearance: ArrayLike | None = None,
         budget: Budget | None = None,
     ) -> Array:
-        """Where the first pairs (pairs,) are not proved to keep their clearance on the way through `points`.
+        """Where the first pairs (pairs,) are not proved to keep their clearance on the path through `points`.
 
         It is the beginning of one of `parts` equal parts of the straight motions between two points, and counted in
         those; infinite for other pairs. `parts` is a power of 2; others as in `violations`.

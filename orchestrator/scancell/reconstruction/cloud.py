@@ -114,7 +114,7 @@ class Cloud(Value):
     def load(path: str | Path) -> Cloud:
         """The cloud of the PLY or NPZ file `path` that `save` or a scan has written.
 
-        Files hold mm, so positions may differ in the last digit; PLY rounds what is no position or time.
+        Files hold mm, so positions may differ in the last digit; PLY rounds all values but positions and times.
 
         Raises
         ------

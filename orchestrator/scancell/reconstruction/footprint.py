@@ -60,7 +60,7 @@ class Footprint:
     tolerance: float
 
     def part_points(self, points_in_table: Array) -> tuple[Flags, Flags]:
-        """Which low points (n, 3) are the part's, (n,), and for which place and height contradict each other, (n,)."""
+        """Which low points (n, 3) are the part's, (n,), and where position and height contradict each other, (n,)."""
         shape = np.array(self.covered.shape)
         index = np.floor((points_in_table[:, :2] - self.corner) / self.step)
         rows = np.flatnonzero(((index >= 0) & (index < shape)).all(1) & (points_in_table[:, 2] > self._floor))

@@ -30,7 +30,7 @@ _CONTACT = 1.5  # tolerances between surfaces of neighbour and part up to which 
 class Neighbour:
     """A body beside the part; `mesh` is in the frame of the table at angle 0, m.
 
-    `on_table` says whether it turns with the table.
+    `on_table`: whether it turns with the table.
     """
 
     name: str
@@ -49,7 +49,7 @@ class Neighbours:
 
     @cached_property
     def part_in_table(self) -> Mesh:
-        """The scanned part; says where neighbours touch it, nothing else."""
+        """The scanned part, used only to find where neighbours touch it."""
         return self.part.transformed(self.table_from_part)
 
 

@@ -53,7 +53,7 @@ class JointTriggers(Triggers, Protocol):
 
 
 PosesAfter = Callable[[float], Array]
-"""Poses (n, 4, 4) of the sensor in the part frame so many seconds after the latch."""
+"""Poses (n, 4, 4) of the sensor in the part frame, by seconds after the latch."""
 
 
 def poses_by_joints(triggers: JointTriggers, part_from_sensor: Callable[[Array, Array], Array]) -> PosesAfter:
@@ -200,7 +200,7 @@ def table_warnings(dropped: Dropped, table_margin_mm: float) -> list[str]:
 
 
 def why_empty(dropped: Dropped, envelope: Envelope) -> list[str]:
-    """Sentences that say where the points of an empty cloud went and which key to change, most points first."""
+    """Sentences that state why the points of an empty cloud were dropped and the key to change, most points first."""
     if not dropped.measured:
         return ["the sensor measured no point: no view meets the part within the measuring range"]
     margin_mm, radius_mm, height_mm = (1e3 * v for v in (envelope.lowest, envelope.radius, envelope.highest))

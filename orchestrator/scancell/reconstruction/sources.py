@@ -1,4 +1,4 @@
-"""Clouds and points from what a person names: a file of any format, a run folder, or the data."""
+"""Clouds and points from user input: a file of any format, a run folder, or the data."""
 
 from __future__ import annotations
 

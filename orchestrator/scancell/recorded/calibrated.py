@@ -1,4 +1,4 @@
-"""What a calibration has found of a sensor and of its place on the robot, from the folder that it left."""
+"""Results of a calibration for a sensor and its pose on the robot, from the folder of results."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def read_calibration(folder: Path) -> FoundByCalibration:
     except (OSError, ValueError) as error:
         raise DescriptionError(str(error), file=file, expected="the JSON of a calibration") from None
     if not isinstance(found, dict):
-        raise DescriptionError("is no object", file=file, expected="the JSON of a calibration")
+        raise DescriptionError("is not a JSON object", file=file, expected="the JSON of a calibration")
     cell, sensor = (file.parent / name for name in ("calibrated.toml", "calibrated_sensor.toml"))
     by_images = "quarter_turns" in found
     turns = found.get("quarter_turns", 0)

@@ -1,4 +1,4 @@
-"""Real measurements of a part beside those that the simulation makes at the same poses."""
+"""Comparison of real measurements of a part with the simulation at the same poses."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _NORMAL = 1.4826  # standard deviation by the median of absolute values
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """Points of the part: distance (n,) from it, m, range, place along the profile, m, angle of incidence, rad.
+    """Points of the part: distance (n,) from it, m, range, position along the profile, m, angle of incidence, rad.
 
     `exposure` (n,) is the row of the exposure, `camera` and `column` (n,) where in the image.
     """
@@ -107,7 +107,7 @@ class Pair:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ComparisonResult(Result):
-    """Real measurements of a part beside simulated ones.
+    """Comparison of real and simulated measurements of a part.
 
     Attributes
     ----------
@@ -162,7 +162,7 @@ class ComparisonResult(Result):
 
     @property
     def shape(self) -> list[Pair]:
-        """Mean distance from the part by place along the profile, m."""
+        """Mean distance from the part by position along the profile, m."""
         edges = np.linspace(float(self.real.along.min()), float(self.real.along.max()), _PLACES + 1)
         found = []
         for low, high in pairwise(edges.tolist()):
@@ -242,7 +242,7 @@ class ComparisonResult(Result):
 
     @checked_arguments
     def save(self, folder: str | Path, *, command_line: Sequence[str] | None = None) -> list[Path]:
-        """Write ``comparison.json``, ``comparison.png`` and the manifest, whole or not at all; return the files.
+        """Write ``comparison.json``, ``comparison.png`` and the manifest atomically; return the files.
 
         `command_line`: words that the manifest keeps; by default those of this process.
 
@@ -304,12 +304,12 @@ def compare_run(
 
 
 def _of_scan(folder: Path, setup: Setup) -> Measurements:
-    """What a simulated scan has measured."""
+    """Measurements of a simulated scan."""
     import pyarrow.parquet  # noqa: PLC0415  (takes 0.1 s to import)
 
     for name in ("recording.parquet", "profiles.parquet"):
         if not (folder / name).is_file():
-            raise DescriptionError("no such file", file=folder / name, expected="that of a run")
+            raise DescriptionError("no such file", file=folder / name, expected="the file of a run")
     measured = read_any_recording(folder / "recording.parquet").measured
     table = pyarrow.parquet.read_table(folder / "profiles.parquet")
     column = {name: np.asarray(table.column(name).to_numpy()) for name in table.column_names}

@@ -33,7 +33,7 @@ _MOST_NUMBER = 2**31 - 1
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Measurements(Value):
-    """Profiles of n exposures with what the robot stated, in the order of the exposures.
+    """Profiles of n exposures with the readings of the robot, in the order of the exposures.
 
     Attributes
     ----------
@@ -293,14 +293,14 @@ def _require_one_kind(table: MeasuredTable, flange: Path | None) -> None:
 
 
 def _require_radians(stated: StatedPoses, file: Path) -> None:
-    """Refuse angles that are called radians and exceed a turn."""
+    """Refuse angles that are labelled as radians and exceed a turn."""
     if stated.reading.angle != "rad":
         return
     largest = np.abs(stated.orientation).max(1)
     row = int(largest.argmax())
     if largest[row] > _MOST_RAD:
         raise DescriptionError(
-            "is more than a turn: degrees?",
+            "is more than a full turn: is it in degrees?",
             file=file,
             key=f"angles of the flange in rad, row {row + 1}",
             value=float(largest[row]),

@@ -84,7 +84,7 @@ class MeasuredCell:
 
 @dataclass(frozen=True)
 class ReconstructedData:
-    """A cloud with what it was made from.
+    """A cloud with its inputs.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""`reconstruct`: from what a person names to the measurements, the descriptions and the cloud."""
+"""`reconstruct`: from user input to the measurements, the descriptions and the cloud."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def calibrated_setup(
     for key, given, own in (("cell", cell, found.cell), ("sensor", sensor, found.sensor)):
         if given is not None and own is not None:
             raise DescriptionError(
-                f"{own} of the calibration is another one", key=key, value=str(given), expected="one of them"
+                f"conflicts with {own} of the calibration", key=key, value=str(given), expected="one of them"
             )
     setup = load_setup(cell or found.cell, sensor or found.sensor, None, settings)
     if found.flange_from_sensor is not None:

@@ -78,7 +78,7 @@ class ReconstructionResult(Result):
 
     @property
     def warnings(self) -> list[str]:
-        """What is doubtful."""
+        """Warnings about the result."""
         return list(self.data.warnings)
 
     @cached_property
@@ -129,7 +129,7 @@ class ReconstructionResult(Result):
     def save(
         self, folder: str | Path, formats: Sequence[str] = ("ply",), *, command_line: Sequence[str] | None = None
     ) -> list[Path]:
-        """Write the run folder, whole or not at all, and return its files.
+        """Write the run folder atomically, and return its files.
 
         Parameters
         ----------

@@ -29,7 +29,7 @@ def simulate(
     threads: int,
     progress: Progress,
 ) -> Measurements:
-    """What the described sensor measures at rest at the poses of measurements.
+    """Simulate the described sensor at rest at the poses of measurements.
 
     Without the arm, whose joints poses of the flange do not state, and without a gripper and further parts.
 

@@ -69,7 +69,7 @@ class FmuRunner(Closing):
         return instance
 
     def units(self, request: DriveRequest) -> dict[str, str | None]:
-        """Units of the deviations that the requested cell knows; raises what `start` raises."""
+        """Units of the deviations of the requested cell; raises the same errors as `start`."""
         return self.start(request).units()
 
     def run(

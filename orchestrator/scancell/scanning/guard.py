@@ -56,9 +56,9 @@ def guard_of(
     settings: GuardSettings | None = None,
     max_age: float | None = None,
 ) -> Guard:
-    """Make a guard that knows a cell's bodies, the part on its table, and the space that a scan says is occupied.
+    """Make a guard of a cell's bodies, the part on its table, and the occupied space of a scan description.
 
-    It does not know free parts that a belt or a gripper can move, and lets fingers touch parts.
+    It does not consider free parts that a belt or a gripper can move, and allows fingers to touch parts.
 
     Parameters
     ----------

@@ -177,7 +177,7 @@ class ScanPipeline(Closing):
         """The plan of the scan description, or a `saved` one checked again.
 
         It is cached by a digest of all inputs, unless there are `quality_factors`, see `planner.plan`. Any thread may
-        call; one that asks for the same plan meanwhile waits for it. `progress` may cancel; its steps are not counted.
+        call; one that requests the same plan meanwhile waits for it. `progress` may cancel; its steps are not counted.
 
         Raises `DescriptionError` if a file of occupied space cannot be used, or a pair with its own clearance does not
         exist; `PlanningError` naming the poses that cannot be reached, or the bodies that collide.
@@ -212,7 +212,7 @@ class ScanPipeline(Closing):
         goal: NDArray[np.float64],
         purpose: str,
     ) -> Program | None:
-        """Motions between joints and table angles (joints + 1,), rad; None from a place to itself.
+        """Motions between joints and table angles (joints + 1,), rad; None if both are the same.
 
         Raises `PlanningError` if no path free of collision is found, naming the bodies that collide on the direct one.
         """

@@ -240,7 +240,7 @@ class Scan:
         return sensed, tuple(kept)
 
     def _warnings(self, plan: Plan | None) -> tuple[str, ...]:
-        """What is doubtful about descriptions, mesh and plan."""
+        """Warnings about descriptions, mesh and plan."""
         ignored = ignored_by_geometric_engine(self.job.setup.sensor) if self.engine == "geometric" else []
         unused = (f"the geometric engine ignores {', '.join(ignored)}",) if ignored else ()
         planned = plan.warnings if plan is not None else ()

@@ -188,7 +188,7 @@ def expose(
     threads: int,
     images: bool,
 ) -> sensor_rt.ScanResult:
-    """What the sensor measures in exposures, with their images where these are wanted and the engine makes any.
+    """Measurements of exposures, with their images if requested and rendered by the engine.
 
     Raises `SensorError` if the library reports an error.
     """

@@ -76,7 +76,7 @@ class ScanSession(CellSession):
 
     @property
     def nominal(self) -> NominalCell:
-        """The cell as planning knows it."""
+        """The nominal cell, which planning uses."""
         return self.job.loaded.nominal
 
     @property
@@ -153,7 +153,7 @@ class ScanSession(CellSession):
         return si_value(self.job.setup.sensor.detector, "exposure_ms")
 
     def profile(self, engine: Engine = "ray-traced") -> Profile:
-        """What the sensor measures now, by the `engine`, see `scan_line`; the cell is not stepped, and may be moving.
+        """Profile at the present pose, by the `engine`, see `scan_line`; the cell is not stepped, and may be moving.
 
         Raises
         ------

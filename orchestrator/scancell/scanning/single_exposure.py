@@ -79,7 +79,7 @@ def measure_profile(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ShotData(Value):
-    """What one exposure from a given pose has measured; see `ShotResult` for the attributes."""
+    """Measurements of one exposure from a given pose; see `ShotResult` for the attributes."""
 
     part: str
     profile: ProfilePoints

@@ -1,4 +1,4 @@
-"""Survey of the space around the table: what the sensor finds there that the description of the cell does not hold.
+"""Survey of the space around the table: bodies that the description of the cell does not contain.
 
 The sensor looks down on a raster, the table at rest. It begins above the surveyed cylinder, in space that is taken as
 free, and goes down by layers: arm and sensor only enter space that a layer before has shown to be free.
@@ -94,7 +94,7 @@ class SurveyRegion:
 @checked_fields
 @dataclass(frozen=True, eq=False, repr=False)
 class SurveyResult(Result):
-    """What a survey found.
+    """Result of a survey.
 
     Attributes
     ----------

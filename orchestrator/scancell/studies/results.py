@@ -63,7 +63,7 @@ def timings_table(timings: Sequence[dict[str, Any]]) -> pa.Table:
 
 
 def write_table(table: pa.Table, path: Path) -> None:
-    """Write Parquet; the file appears whole or not at all.
+    """Write Parquet atomically.
 
     Raises
     ------

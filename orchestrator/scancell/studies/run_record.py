@@ -1,4 +1,4 @@
-"""The record of a results folder: everything that decides its results, so that only equal requests continue there.
+"""The record of a results folder: all inputs that determine its results, so that only equal requests continue there.
 
 A newer version may know keys that the folder was begun without. The results stay valid where every key that both know
 has the same value and every new one is at its default; finished tasks carry the digest of the record in the folder.

@@ -1,4 +1,4 @@
-"""One scan with drawn values, by a worker that keeps what many scans have in common."""
+"""One scan with drawn values, by a worker that keeps the data that many scans have in common."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ class ScanWorker:
         return self._scanner.pipeline.load(self.setup.cell, self._part).nominal
 
     def units(self) -> Units:
-        """Units of the deviations that the FMU knows."""
+        """Units of the deviations of the FMU."""
         setup, pipeline = self._scanner.setup, self._scanner.pipeline
         loaded = pipeline.load(setup.cell, self._part)
         return pipeline.runner.units(DriveRequest(setup, loaded.nominal, loaded.for_fmu(0)))

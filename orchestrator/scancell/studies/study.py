@@ -1,4 +1,4 @@
-"""A study: its trials, and what the workers left of them.
+"""A study: its trials, and the collection of their results.
 
 Besides the files of every `ScanSeries`, its folder holds:
 
@@ -92,7 +92,7 @@ class Study(ScanSeries):
 
 
 def open_study(path: Path, settings: Sequence[str] = ()) -> Study:
-    """Read a study and all that it names, and refuse what is wrong before anything runs.
+    """Read a study and the files that it names, and refuse errors before any trial runs.
 
     Raises
     ------

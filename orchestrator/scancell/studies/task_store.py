@@ -1,4 +1,4 @@
-"""Results of named tasks on disk: each appears whole or not at all, with the digest of its request.
+"""Results of named tasks on disk, each written atomically with the digest of its request.
 
 A task's files are written to a hidden folder, which is then renamed. Nothing is flushed to the disk (fsync): by the
 checksums in `DONE` a result that a power failure has damaged is detected.

@@ -33,8 +33,8 @@ class ColouredCloud:
 
     `normals` (n, 3) are those of the cloud, NaN where there are none.
     `total` counts the points of the whole cloud, of which these are evenly chosen. `spacing` is the typical distance
-    between neighbours when all are there, m. `scale` (k, 3) holds the displayed colours, 0 to 255, from one of the
-    values `limits` to the other; `title` says what they are.
+    between neighbours in the complete cloud, m. `scale` (k, 3) holds the displayed colours, 0 to 255, from one of the
+    values `limits` to the other; `title` is their name.
     """
 
     points_in_part: Array
@@ -52,7 +52,7 @@ class ColouredCloud:
         return int(np.searchsorted(self.time, time, side="right"))
 
     def draw(self, rendered: Rendered, camera: PinholeCamera, world_from_part: Array, time: float) -> None:
-        """Blend the points measured until `time` into the light of a picture, where its depth hides them not.
+        """Blend the points measured until `time` into the light of a picture, where its depth does not hide them.
 
         A point covers as many pixels as leave no gap to its neighbours; its mark fades out over one pixel. The laser's
         stripe stays on top.
@@ -78,7 +78,7 @@ class ColouredCloud:
         part += (np.minimum(weight, 1.0) * (1 - rendered.stripe[area]))[..., None] * (colour - part)
 
     def shaded(self, rows: NDArray[np.int64], world_from_part: Array) -> Array:
-        """Linear colours (k, 3) of points, shaded enough to show the shape, too little to shift a reading."""
+        """Linear colours (k, 3) of points, shaded to show the shape, but too little to change a reading."""
         cosine = np.clip(self.normals[rows] @ (world_from_part[:3, :3].T @ SUN), 0.0, 1.0)
         shade = _SHADED + (1 - _SHADED) * np.nan_to_num(cosine, nan=1.0)
         return np.asarray(self.colours[rows] * shade[:, None])

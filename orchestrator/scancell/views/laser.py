@@ -40,7 +40,7 @@ class LaserSheet:
         """Where the stripe is seen, shadows left aside: rows (k,) of rays and its brightness (k,), 0 to 1, there.
 
         Rays (n, 3) from `eye` (3,) meet surfaces at multiples `depth` (n,) of their directions, infinite for none;
-        `focal_px` says how wide a pixel is there.
+        `focal_px` gives the width of a pixel there.
         """
         start, normal = self._across(eye)
         x = np.abs(start + np.where(np.isfinite(depth), depth, 0.0) * (directions @ normal))

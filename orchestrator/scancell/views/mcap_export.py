@@ -229,7 +229,7 @@ def _write_cloud(run: RecordedRun, file: McapFile, threads: int) -> int:
 
 
 class SessionRecorder(Closing):
-    """Records a live cell as MCAP: hand it states, chunks of scans and camera frames as they come, from any thread.
+    """Records a live cell as MCAP: it takes states, chunks of scans and camera frames as they arrive, from any thread.
 
     ``/tf`` holds the poses of all bodies, ``/scene`` their meshes, ``/joints`` angles, ``/profiles`` points of scans,
     ``/camera1`` … images, and ``/log`` texts of the cell.

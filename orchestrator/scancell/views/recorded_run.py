@@ -33,7 +33,7 @@ MOST_RATIO, _ANY_RATIO = 50, 1 << 20  # of these files to the archive, beyond so
 MOST_SECONDS, MOST_MEMORY = 30, 3 << 29  # s of the processor and bytes in which a run must be read
 MOST_FACES = 2_000_000  # of the part
 
-# Files may hold far more than their size says, as tables of equal values do: only reading them shows it.
+# Files may be far larger when read than on disk, such as tables of equal values: only reading them shows it.
 _READ = """import resource, sys
 limits = resource.RLIMIT_CPU, resource.RLIMIT_DATA
 for limit, most in zip(limits, map(int, sys.argv[2:])):
@@ -190,7 +190,7 @@ def require_readable(folder: Path, name: str, seconds: int = MOST_SECONDS, memor
     if said.startswith("scancell: "):
         raise DescriptionError(said.removeprefix("scancell: ").replace(f"{folder}/", f"{name}: "))
     raise DescriptionError(
-        f"it cannot be read within {seconds} s of the processor and {memory / 1e6:.0f} MB of memory", file=name
+        f"it cannot be read within {seconds} s of processor time and {memory / 1e6:.0f} MB of memory", file=name
     )
 
 

@@ -100,7 +100,7 @@ def _webp_writer(path: Path, temporary: Path, size: tuple[int, int], fps: float)
 
 @contextmanager
 def _without_native_messages() -> Iterator[None]:
-    """OpenCV writes to the process's standard error that WebM knows no tag for VP9, which is harmless."""
+    """Suppress a harmless message of OpenCV on the process's standard error: WebM has no tag for VP9."""
     kept = os.dup(2)
     nowhere = os.open(os.devnull, os.O_WRONLY)
     try:

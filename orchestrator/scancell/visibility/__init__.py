@@ -1,1 +1,1 @@
-"""What the sensor can see of a part: measurable surface and occlusion."""
+"""Visibility of a part to the sensor: measurable surface and occlusion."""

@@ -1,4 +1,4 @@
-"""The measurable surface: what of a part the sensor could measure from poses that the arm can reach, whatever the plan.
+"""The measurable surface of a part: measurable from at least one pose that the arm reaches, independent of the plan.
 
 Definition. A surface sample is measurable when the pose grid below holds a pose from which
 

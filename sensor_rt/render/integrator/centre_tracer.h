@@ -1,4 +1,4 @@
-// What the centres of pixels show.
+// Lamp light and surfaces at the centres of pixels.
 #pragma once
 
 #include "sensor_rt/render/exposure_views.h"

@@ -1,4 +1,4 @@
-// Image that is stored by columns and knows which rows of each hold light.
+// Image that is stored by columns, with the range of rows of each that hold light.
 #pragma once
 
 #include <algorithm>

@@ -15,7 +15,7 @@ namespace sensor_rt {
 /// Lit surface at one instant, seen from one point of the laser source.
 ///
 /// A grid of laser rays samples the sheet along the fan and through its thickness. Four neighbouring rays
-/// whose hits lie on each other's tangent planes, and that every camera sees or does not see alike, bound a
+/// whose hits lie on each other's tangent planes, and of which each camera sees all or none, bound a
 /// quadrilateral. Elsewhere the grid is bisected until an edge or the border of a shadow is located to a
 /// small fraction of a pixel. Only closest hits count, so that steps, occlusions and several stripes per
 /// column need no special cases. A feature thinner than the ray spacing may be missed.

@@ -13,7 +13,7 @@ namespace {
 
 constexpr int kGrid = 16;                 // px between nodes of the defocus
 constexpr double kRadiusStep = 1.0 / 64;  // px between tabulated discs, or
-constexpr int kDiscs = 512;               // so many up to the largest radius in the image
+constexpr int kDiscs = 512;               // number of discs up to the largest radius in the image
 constexpr double kLargestRadius = 500.0;
 
 /// Returns the area of a disc of radius 1 between x = -1 and x.

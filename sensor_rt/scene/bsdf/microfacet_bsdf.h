@@ -1,4 +1,4 @@
-// Base of models with a GGX lobe above a diffuse rest.
+// Base of models with a GGX lobe above a diffuse component.
 #pragma once
 
 #include <cmath>

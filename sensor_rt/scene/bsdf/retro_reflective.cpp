@@ -1,4 +1,4 @@
-// Retro-reflective foil: glass beads or prisms send light back to where it came from.
+// Retro-reflective foil: glass beads or prisms return light towards its source.
 #include "sensor_rt/scene/bsdf/models.h"
 
 namespace sensor_rt {

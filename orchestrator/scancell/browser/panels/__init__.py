@@ -1,1 +1,1 @@
-"""What a person reads and operates."""
+"""Displays and inputs of the workspace."""

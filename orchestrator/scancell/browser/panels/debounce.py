@@ -15,7 +15,7 @@ class Debounce:
 
     @property
     def is_pending(self) -> bool:
-        """Whether there is a change that was not taken."""
+        """Whether a change is pending."""
         return self._changed is not None
 
     def change(self) -> None:
@@ -23,7 +23,7 @@ class Debounce:
         self._changed = self._clock()
 
     def take(self) -> bool:
-        """Whether a change is due; it is no longer pending then."""
+        """Whether a change is due; clears it if so."""
         if self._changed is None or self._clock() - self._changed < self._delay:
             return False
         self._changed = None

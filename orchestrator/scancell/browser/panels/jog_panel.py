@@ -40,7 +40,7 @@ class JogPanel:
         operator.add_inputs([self._axis, self._frame, self._deflection, minus, plus])
 
     def show(self, state: LiveState) -> None:
-        """Nothing here depends on the state."""
+        """Do nothing: no input depends on the state."""
 
     def _choose(self, name: str) -> Any:
         def choose() -> None:

@@ -55,7 +55,7 @@ class Plans:
 
     @property
     def state(self) -> LivePlanState:
-        """How far the plan is."""
+        """Progress of the plan."""
         return self._plans.state
 
     @property
@@ -65,7 +65,7 @@ class Plans:
 
     @property
     def motion(self) -> ProgramMotion | None:
-        """Of the plan."""
+        """Motion of the plan."""
         return self._motion
 
     @property
@@ -80,7 +80,7 @@ class Plans:
 
     @property
     def plays(self) -> bool:
-        """Whether the plan is played."""
+        """Whether playback of the plan is running."""
         return self._playing
 
     def start(self) -> None:

@@ -30,7 +30,7 @@ _SPEEDS = ("0.5 x", "1 x", "2 x", "5 x", "10 x", "20 x")
 
 
 class Playback:
-    """Plays a run back on a server of viser; all its browsers see and control the same.
+    """Plays a run back on a server of viser; all its browsers show and control the same time.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class Playback:
         self._show()
 
     def run(self, ended: Callable[[], bool]) -> None:
-        """Let time go on, while it plays, until `ended`."""
+        """Advance the time during playback, until `ended`."""
         pace, before = Pace(1 / _RATE), monotonic()
         while not ended():
             pace.wait()
@@ -90,10 +90,10 @@ class Playback:
             before = now
 
     def join(self, client: viser.ClientHandle) -> None:
-        """All browsers have the same panel."""
+        """Do nothing: all browsers share one panel."""
 
     def leave(self, client: viser.ClientHandle) -> None:
-        """Nothing is kept for a browser."""
+        """Do nothing: no data are kept per browser."""
 
     @property
     def time(self) -> float:
@@ -107,7 +107,7 @@ class Playback:
 
     @property
     def plays(self) -> bool:
-        """Whether time goes on."""
+        """Whether playback is running."""
         return self._playing
 
     def go_to(self, time: float) -> None:
@@ -116,7 +116,7 @@ class Playback:
             self._slider.value = time  # which shows it
 
     def play_or_pause(self) -> None:
-        """Play on, from the start after the end, or pause."""
+        """Resume playback, from the start after the end, or pause it."""
         with self._lock:
             self._playing = not self._playing
             if self._playing and self.time >= self._run.motion.duration:
@@ -124,7 +124,7 @@ class Playback:
             self._play.label = "Pause" if self._playing else "Play"
 
     def advance(self, seconds: float) -> None:
-        """Let `seconds` go by, if it plays; it ends with the run."""
+        """Advance the time by `seconds` during playback, which ends with the run."""
         with self._lock:
             if not self._playing:
                 return

@@ -63,6 +63,6 @@ class ProgramPanel:
         operator.add_inputs([start, cancel])
 
     def show(self, state: LiveState) -> None:
-        """Show whether the program runs, and what it did."""
+        """Show whether the program is running, and its last commands and output."""
         now = "<b>runs</b>" if state.job == self._program.file.name else ""
         set_changed(self._text, "content", small_html([now, *map(escape, self._program.lines)]))

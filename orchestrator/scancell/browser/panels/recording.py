@@ -39,7 +39,7 @@ class SessionRecording(Closing):
 
     @property
     def is_on(self) -> bool:
-        """Whether it records."""
+        """Whether recording is active."""
         return self._recorder is not None
 
     @property
@@ -49,11 +49,11 @@ class SessionRecording(Closing):
 
     @property
     def error(self) -> str:
-        """Why the last recording ended early; empty where it did not."""
+        """Reason why the last recording ended early; empty if it did not."""
         return self._error
 
     def start(self) -> None:
-        """Begin a file, unless it records.
+        """Begin a file, unless recording is active.
 
         Raises
         ------
@@ -75,13 +75,13 @@ class SessionRecording(Closing):
             self._thread.start()
 
     def stop(self) -> None:
-        """Complete the file, if it records."""
+        """Complete the file, if recording is active."""
         self._ending.set()
         if self._thread is not None:
             self._thread.join()
 
     def points(self, chunk: LiveChunk) -> None:
-        """Record points of a scan, if it records."""
+        """Record points of a scan, if recording is active."""
         with self._lock:
             if self._recorder is not None:
                 self._recorder.points(chunk)

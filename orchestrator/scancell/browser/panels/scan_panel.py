@@ -37,7 +37,7 @@ class ScanPanel:
         operator.add_inputs([self._engine, start, cancel, self._colour, save])
 
     def show(self, state: LiveState) -> None:
-        """Show how far the scan is."""
+        """Show the progress of the scan."""
         self._shown_colour.show(self._scans.cloud.colour)
         scan = self._scans.state
         if scan is None:

@@ -54,12 +54,12 @@ class Scans:
 
     @property
     def state(self) -> LiveScanState | None:
-        """Of the last scan; None before the first."""
+        """State of the last scan; None before the first."""
         return None if self._scan is None else self._scan.state
 
     @property
     def error(self) -> str:
-        """Why the last scan failed; empty where it did not."""
+        """Reason why the last scan failed; empty if it did not."""
         if self._scan is None or not self._scan.result.done():
             return ""
         error = self._scan.result.exception()
@@ -90,7 +90,7 @@ class Scans:
             if self._part is None:
                 raise CommandError("the table is empty: open a part first")
             if self._scan is not None and not self._scan.result.done():
-                raise CommandError("a scan runs: end it first")
+                raise CommandError("a scan is running: end it first")
             self.cloud.clear()
             scan = LiveScan(engine, on_points=lambda chunk: self._add(scan, chunk))
             self._scan = scan

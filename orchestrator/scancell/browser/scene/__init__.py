@@ -1,1 +1,1 @@
-"""What a browser shows of the cell."""
+"""The scene of the cell in a browser."""

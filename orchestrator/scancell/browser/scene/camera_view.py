@@ -111,7 +111,7 @@ class CameraView:
         }
 
     def _fit_range(self, z: NDArray[np.float64]) -> None:
-        """Let the profile fill a good part of the plot; other axes make a new plot, so not every frame changes them."""
+        """Fit the axes to the profile; new axes need a new plot, so not every frame changes them."""
         if not len(z):
             return
         low, high = float(z.min()), float(z.max())
@@ -137,7 +137,7 @@ def with_stripe(image: NDArray[np.uint8], stripe: NDArray[np.float64]) -> Rgb:
 
 
 def profile_data(frame: CameraFrame, cameras: int) -> tuple[NDArray[np.float64], ...]:
-    """The profile as a plot takes it, mm: y in order, and for each camera z, NaN where the point is another one's."""
+    """Data of a profile for a plot, mm: y in order, and z for each camera, NaN at points of other cameras."""
     if not len(frame.points_in_sensor):
         return (np.zeros(1), *[np.full(1, np.nan)] * cameras)
     order = np.argsort(frame.points_in_sensor[:, 1])

@@ -31,7 +31,7 @@ class GrowingCloud:
         self.count = 0  # of points
 
     def add(self, points_in_part: Array, colours: Image, size: float) -> int:
-        """Add a chunk of points (n, 3), m, of colours (n, 3) and a size, m, and return how many there was room for."""
+        """Add a chunk of points (n, 3), m, of colours (n, 3) and a size, m, and return the number that fitted."""
         kept = min(len(points_in_part), MOST_POINTS - self.count)
         if kept == 0:
             return 0

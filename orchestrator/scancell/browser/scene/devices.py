@@ -1,4 +1,4 @@
-"""Conveyors' marks, and presence sensors, distance sensors and light curtains with what they read."""
+"""Marks of conveyors, and presence sensors, distance sensors and light curtains with their readings."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class DeviceView:
         self._nodes = [*self._presence, *(ray.node for ray in self._rays), *curtains]
 
     def read(self, present: Sequence[bool], distances: Sequence[float | None]) -> None:
-        """Show what the sensors read; distances in m, None where the measurement was discarded."""
+        """Show the readings of the sensors; distances in m, None where the measurement was discarded."""
         for volume, detected in zip(self._presence, present, strict=True):
             volume.color = DETECTED if detected else FREE
         for ray, reading in zip(self._rays, distances, strict=True):

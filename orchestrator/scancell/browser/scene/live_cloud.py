@@ -52,7 +52,7 @@ class LiveCloud:
             self._chunks, self._limits = [], {}
 
     def add(self, chunk: LiveChunk, spacing: float) -> None:
-        """Show more points; `spacing` is the mean distance between neighbours when all are there, m."""
+        """Show more points; `spacing` is the mean distance between neighbours in the complete cloud, m."""
         with self._lock:
             if not self._chunks:
                 self._limits, self._size = _limits(chunk), _SIZE * spacing

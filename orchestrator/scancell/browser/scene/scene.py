@@ -1,4 +1,4 @@
-"""The cell in browsers: bodies as they move, what sensors see and read, and a cloud that grows."""
+"""The cell in browsers: moving bodies, fields of view and readings of sensors, and a growing cloud."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class CellScene:
     server
         Of viser.
     cell
-        Bodies and frames, with obstacles that planning does not know.
+        Bodies and frames, including obstacles that are unknown to planning.
     sensor
         Its measuring range and laser.
     description
@@ -98,7 +98,7 @@ class CellScene:
         self.move(frames)
 
     def show(self, state: LiveState) -> None:
-        """Show a running cell as it truly is."""
+        """Show the true state of a running cell."""
         with self._lock, self._server.atomic():
             self._state = state
             frames = self._frames(state)

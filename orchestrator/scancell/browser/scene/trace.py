@@ -20,7 +20,7 @@ _PIECE, _PIECES = 50, 40  # points of a piece, which alone is sent again while i
 
 
 class Trace:
-    """Pieces of a line; the oldest goes when there are too many.
+    """Pieces of a line; the oldest piece is removed when there are too many.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class Trace:
         return np.concatenate([np.zeros((0, 2, 3)), *(piece.points for piece in self._pieces)])
 
     def add(self, point: ArrayLike) -> None:
-        """Go on to a point (3,), world, m."""
+        """Append a point (3,), world, m."""
         point = np.array(point, float)
         step = np.linalg.norm(point - self._points[-1]) if self._points else 0.0
         if self._points and step < _STEP:
@@ -58,13 +58,13 @@ class Trace:
             self._points = [point]
 
     def show(self, shown: bool) -> None:
-        """Show the line or hide it; it goes on either way."""
+        """Show or hide the line; points are appended in both cases."""
         self._visible = shown
         for piece in self._pieces:
             piece.visible = shown
 
     def clear(self) -> None:
-        """Begin anew."""
+        """Remove all points."""
         while self._pieces:
             self._pieces.popleft().remove()
         self._points = []

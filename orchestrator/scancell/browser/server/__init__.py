@@ -1,1 +1,1 @@
-"""The server, and what it takes from browsers."""
+"""The server, and the validation of input from browsers."""

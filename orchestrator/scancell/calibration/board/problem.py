@@ -87,7 +87,7 @@ class Rig:
     sheet: Array
 
     def moved(self, x: Array) -> Rig:
-        """After a step (22,) of the unknowns, in the units of the solution."""
+        """The rig after a step (22,) of the unknowns, in the units of the solution."""
         x = x * _SCALES
         turned = pose.from_rotation(pose.exp_rotation([x[20], x[21], 0.0]), [0.0, 0.0, x[19]])
         return Rig(
@@ -98,7 +98,7 @@ class Rig:
         )
 
     def rays(self, pixels: Array) -> Array:
-        """Directions (n, 3) in the camera, z = 1, that it sees at pixels (n, 2)."""
+        """Directions (n, 3) of the rays through pixels (n, 2) in the camera frame, z = 1."""
         f, cx, cy, k1, k2, p1, p2 = self.intrinsics
         distorted = (pixels - [cx, cy]) / f
         point = distorted

@@ -125,7 +125,7 @@ class BoardCalibrationReport(SavedCalibration):
 
     @property
     def warnings(self) -> list[str]:
-        """What is doubtful."""
+        """Warnings about the result."""
         found = list(self.found_warnings)
         if self._described.sensor is None:
             found.append(f"the description of a sensor cannot state this one: {self._described.problem}")

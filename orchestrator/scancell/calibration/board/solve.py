@@ -90,7 +90,7 @@ def calibrate_cameras(views: Sequence[BoardView], size: tuple[int, int]) -> tupl
 
 @dataclass(frozen=True)
 class HandEye:
-    """Poses (4, 4) of camera and board, and how far (n,) each view's board is from the common one, m."""
+    """Poses (4, 4) of camera and board, and the distance (n,) of each view's board from the common one, m."""
 
     flange_from_camera: Array
     base_from_board: Array

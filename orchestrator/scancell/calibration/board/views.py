@@ -83,7 +83,7 @@ class Board:
     def find(self, image: Grey) -> Array | None:
         """Pixels (n, 2) of the corners; None if they are not all found.
 
-        The square between the first four corners is dark, which tells the two ends of the board.
+        The square between the first four corners is dark, which distinguishes the two ends of the board.
         """
         flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
         found, pixels = cv2.findChessboardCorners(image, (self.columns, self.rows), flags=flags)

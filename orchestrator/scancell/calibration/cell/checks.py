@@ -1,4 +1,4 @@
-"""Likely causes of doubtful calibrations: an artefact of another size or place, mirrored profiles, large deviations."""
+"""Likely causes of doubtful calibrations: wrong size or position of the artefact, mirrored profiles, large results."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _LEAST_SIZE_ERROR = 1e-6  # m
 _MOST_NAMED = 3
 _SHIFTED = 0.05e-3  # m: more than the chord error of the artefact's mesh
 _MIRRORED = np.radians(30.0)  # of half a turn about the sensor's z
-# Deviations from which a warning says so: several times what assembly leaves.
+# Deviations from which a warning is given: several times the errors of an assembly.
 _IMPLAUSIBLE = {"mm": 10.0, "deg": 5.0, "ms": 50.0}
 
 
@@ -60,7 +60,7 @@ def shift_text(shift: Array) -> str:
 
 
 def where_points_lie(problem: CalibrationProblem, part: Mesh) -> str:
-    """How far the points of a problem lie from the artefact at its nominal pose, as a sentence."""
+    """Sentence that states the distance of the points of a problem from the artefact at its nominal pose."""
     data, artefact = problem.observations, problem.artefact
     points = points_on_platter(data, problem.kinematics.poses(data.readings, problem.start))
     high = points[:, 2] > ABOVE_TABLE

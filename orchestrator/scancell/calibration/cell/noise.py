@@ -53,7 +53,7 @@ class Estimate:
 
 
 def estimate(moments: Moments, start: Array) -> Estimate:
-    """Generalised least squares at the variances of highest restricted likelihood.
+    """Generalised least squares at the variances that maximise the restricted likelihood.
 
     Parameters
     ----------

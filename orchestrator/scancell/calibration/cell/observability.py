@@ -78,7 +78,7 @@ def require_determined(problem: CalibrationProblem, moments: Moments, basis: Arr
 
 
 def _advice(problem: CalibrationProblem) -> str:
-    """What the exposures lack."""
+    """Measurements that the exposures lack."""
     readings = problem.observations.readings
     readings = readings.rows(np.unique(problem.observations.frame))
     poses = problem.kinematics.poses(readings, problem.start).platter_from_sensor

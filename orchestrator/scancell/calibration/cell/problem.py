@@ -56,7 +56,7 @@ class Observations:
     time_offset
         (m,) exposure of the point minus the latched instant, s: not 0 with a rolling shutter.
     shape
-        (m,) shape of the artefact to which the point belongs, -1 for none; None if `Surface.assign` is to tell.
+        (m,) shape of the artefact to which the point belongs, -1 for none; None: `Surface.assign` determines it.
     """
 
     readings: AxisReadings
@@ -76,7 +76,7 @@ class Observations:
         return cls(readings, points_in_sensor, sigma, direction, np.asarray(frame, np.intp), np.zeros(len(sigma)))
 
     def chosen(self, rows: NDArray[np.bool_]) -> Observations:
-        """Those of some points; all exposures are kept."""
+        """Observations of some of the points; all exposures are kept."""
         return Observations(
             self.readings,
             self.points_in_sensor[rows],

@@ -28,8 +28,8 @@ from scancell.output.run_files import write_json
 from scancell.output.run_folder import RunFolder
 from scancell.planning.plan import plan_json
 
-_DOUBTFUL = 3.0  # times the stated noise of points, from which a warning says so
-# Pose errors from exposure to exposure from which a warning says so: of a position (m) and an orientation (rad).
+_DOUBTFUL = 3.0  # times the stated noise of points, from which a warning is given
+# Pose errors from exposure to exposure from which a warning is given: of a position (m) and an orientation (rad).
 _DOUBTFUL_POSE = (0.2e-3, np.radians(0.03))
 
 
@@ -125,7 +125,7 @@ class CalibrationReport(SavedCalibration):
 
     @property
     def warnings(self) -> list[str]:
-        """What is doubtful."""
+        """Warnings about the result."""
         plan = self.calibration.plan
         found = list(plan.warnings) if plan is not None else []
         found += filter(None, [shift_text(self.calibration.shift), self._wrong_sizes])

@@ -26,7 +26,7 @@ _PASSES = 8
 @checked_fields
 @dataclass(frozen=True)
 class CalibrationRequest:
-    """What to calibrate, and how; None for what suits `what`.
+    """Quantities and options of a calibration; None selects the default for `what`.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class CalibrationRequest:
 
     @property
     def artefact(self) -> str:
-        """Shipped artefact that suits: a tilt of the table axis needs spheres at different distances from it."""
+        """Default artefact, a shipped one: a tilt of the table axis needs spheres at different distances from it."""
         return "artefacts/ball_plate.toml" if self.what in {"table", "all"} else "artefacts/sphere.toml"
 
     @property

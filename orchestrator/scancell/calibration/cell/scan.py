@@ -65,7 +65,7 @@ class CalibrationOptions:
     turn_table
         Whether exposures are at different table angles.
     is_pose_known
-        Whether the artefact is exactly where the description says; else its pose is found, too.
+        Whether the described pose of the artefact is exact; else its pose is found, too.
     is_size_known
         Whether its dimensions are exact; else the size of each of its shapes is found, too.
     designed
@@ -89,7 +89,7 @@ class CalibrationOptions:
 
 @dataclass(frozen=True)
 class Calibration:
-    """A calibration with what led to it; without a plan where the points came from a file.
+    """A calibration with its inputs; without a plan if the points came from a file.
 
     `measured` is the number of points, those beside the artefact included, which are no part of the problem.
     `shift` (3,) is that of the artefact's coordinates on the table, see `shift_of`.
@@ -108,7 +108,7 @@ def kinematics_of(nominal: NominalCell) -> CellKinematics:
 
 
 def readings_of(measured: TriggerRecords) -> AxisReadings:
-    """What the controller measured at every trigger, with the accelerations between triggers."""
+    """Readings of the controller at every trigger, with the accelerations between triggers."""
     names = [one.name for one in fields(AxisReadings) if one.name != "flange"]
     return AxisReadings(**{name: getattr(measured, name) for name in names})
 
@@ -136,7 +136,7 @@ def _meeting_point(camera: sensor_rt.Camera) -> Array:
 
 
 def artefact_of(nominal: NominalCell, options: CalibrationOptions) -> Artefact:
-    """The artefact where the description puts it.
+    """The artefact at its described pose.
 
     Raises `CalibrationError` if the sizes of a mesh are asked for.
     """
@@ -176,7 +176,7 @@ class CalibrationScan:
 
     @cached_property
     def plan(self) -> Plan:
-        """The poses and passes, connected without collision.
+        """Collision-free program of the poses and passes.
 
         Raises `CalibrationError` if too few views of the artefact are feasible; `PlanningError` if no collision-free
         path is found.
@@ -228,7 +228,7 @@ class CalibrationScan:
         return self.solve(measured.observations)
 
     def _causes(self, measured: Observations, problem: CalibrationProblem) -> Iterator[str]:
-        """What is likely to make the points unusable; the first cause that explains all is the only one."""
+        """Likely causes of unusable points; a cause that explains all of them is returned alone."""
         cause = wrong_sizes(problem, self._part) or mirrored(self.problem, measured)
         if cause:
             yield cause
@@ -266,7 +266,7 @@ class CalibrationScan:
         if len(seen) < options.poses:
             raise CalibrationError(
                 f"{len(seen)} of {len(found.q)} random views show {_LEAST_POINTS} points of it, {options.poses} poses"
-                " were asked for: place it where the sensor sees more of it",
+                " were requested: place it where the sensor sees more of it",
                 file=self._part.source,
             )
         if not options.designed:
@@ -276,7 +276,7 @@ class CalibrationScan:
         return Candidates(found.q[rows], found.table[rows])
 
     def _expected_observations(self, found: Candidates) -> Observations:
-        """What the nominal sensor measures from the candidates in the nominal cell, by ideal rays."""
+        """Observations of the nominal sensor from the candidates in the nominal cell, by ideal rays."""
         loaded, sensor = self.job.loaded, self.job.sensors.nominal
         frames = loaded.nominal.frame_poses(found.q, found.table)
         bodies = np.stack([frames[body.moves_with] for body in loaded.bodies], 1)

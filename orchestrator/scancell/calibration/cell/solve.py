@@ -136,7 +136,7 @@ def _check(problem: CalibrationProblem) -> None:
     unknown = [name for name in problem.free if name not in names]
     if unknown:
         raise CalibrationError(
-            "is no deviation of the cell", key="also", value=unknown[0], expected=f"one of {', '.join(names)}"
+            "is not a deviation of the cell", key="also", value=unknown[0], expected=f"one of {', '.join(names)}"
         )
     if problem.observations.readings.flange is not None:
         of_joints = [name for name in problem.free if name == LATENCY or name.startswith("dh[")]
@@ -247,7 +247,7 @@ def _converge(problem: CalibrationProblem, state: _State, log_variances: Array) 
             return found, replace(moments, design=moments.design @ basis), basis
         before = squares
         _apply(problem, state, _step(moments, basis, log_variances, 0.0))
-    raise CalibrationError(f"the calibration did not converge in {_MOST_STEPS} steps: are start and artefact right?")
+    raise CalibrationError(f"the calibration did not converge in {_MOST_STEPS} steps: check start and artefact")
 
 
 def _step(moments: Moments, basis: Array, log_variances: Array, damping: float) -> Array:

@@ -147,7 +147,7 @@ def sphere_start(
 def _linear_start(
     kinematics: CellKinematics, readings: AxisReadings, circles: Circles
 ) -> tuple[dict[str, float], Array]:
-    """Deviations of the tool and centre of the sphere on the platter, from no knowledge of either.
+    """Deviations of the tool and centre of the sphere on the platter, without start values.
 
     ``R_i (X p_i + x) + t_i = c`` is linear in the columns of the rotation X, in x and c. The column that multiplies the
     unknown side is the cross product of the other two, by the solution before.

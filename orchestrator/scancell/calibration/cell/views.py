@@ -38,7 +38,7 @@ _PRIOR = 1e-4  # information per unit² (10 mm, 100 ms ...): the first poses alo
 
 @dataclass(frozen=True)
 class Candidates:
-    """Joints (n, joints) and table angles (n,), rad, at which the sensor looks at the artefact and nothing is near."""
+    """Joints (n, joints) and table angles (n,), rad, at which the sensor views the artefact with clearance."""
 
     q: Array
     table: Array
@@ -72,7 +72,7 @@ def candidates(
             break
     if not total:
         raise CalibrationError(
-            f"the arm reaches no view of it without coming within {1e3 * clearance:g} mm of something:"
+            f"the arm reaches no view of it with a clearance of {1e3 * clearance:g} mm to all bodies:"
             " place it elsewhere (cell.part.x_mm, cell.part.y_mm)",
             file=cell.nominal.part.source,
         )
@@ -153,7 +153,7 @@ def _pass(part_from_sensor: Array, number: int) -> Pass:
 
 
 def plan_views(cell: PlanningCell, options: ScanOptions, still: Candidates, moving: Sequence[PlacedPass]) -> Plan:
-    """Collision-free program: one exposure at rest at each of `still`, each time the nearest in time; then the passes.
+    """Collision-free program: one exposure at rest at each of `still`, the nearest in time next; then the passes.
 
     Raises `PlanningError` if no collision-free path is found.
     """
@@ -192,7 +192,7 @@ class PoseDesign:
 
 
 def design_poses(candidates: CalibrationProblem, log_variances: Array, count: int) -> PoseDesign:
-    """Choose `count` of the exposures in a problem, each time the one that lowers the mean variance most (A-optimal).
+    """Choose `count` exposures of a problem greedily: each reduces the mean variance most (A-optimal).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Checkered target (ChArUco board): its pattern, its corners in images, and what OpenCV makes of them as a start."""
+"""Checkered target (ChArUco board): its pattern, its corners in images, and start values from them by OpenCV."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ def free_parameters(sensor: SensorDescription, poses_known: bool, checkered: boo
     poses_known
         Whether the targets' poses in the sensor frame are known. Otherwise the pose of the sensor frame itself is
         undetermined, and the six parameters that place it are held: the sheet's plane is X = 0, and the first camera
-        gives Y, Z and the rotation about X. The calibration of the tool transform takes up what they hold.
+        gives Y, Z and the rotation about X. The calibration of the tool transform absorbs their values.
     checkered
         Whether the cameras see a checkered target.
     """
@@ -114,8 +114,7 @@ class SensorParameters:
             return self.start.replace({n.removeprefix("sensor."): v for n, v in pairs if n != RADIUS_OFFSET})
         except DescriptionError as error:
             raise CalibrationError(
-                f"the calibration left the bounds of the sensor's description; are target, poses and start right?"
-                f"\n{error}"
+                f"the calibration left the bounds of the sensor's description; check target, poses and start\n{error}"
             ) from error
 
     def sensor(self, values: Array) -> sensor_rt.Sensor:

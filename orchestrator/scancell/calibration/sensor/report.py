@@ -120,7 +120,7 @@ class SensorCalibrationReport(SavedCalibration):
 
     @property
     def warnings(self) -> list[str]:
-        """What is doubtful."""
+        """Warnings about the result."""
         result, found = self.result, []
         scatter = float(np.sqrt(result.chi_square))
         if scatter > _DOUBTFUL:

@@ -27,7 +27,7 @@ _MOUNTING_MM, _MOUNTING_DEG = 0.5, 0.3  # standard deviations of a simulated sta
 @checked_fields
 @dataclass(frozen=True)
 class SensorCalibrationRequest:
-    """What a sensor is calibrated by, and what is known.
+    """Measurements for the calibration of a sensor, and assumptions about them.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ def calibrate_described(
 
 
 def _mounting(seed: int) -> NDArray[np.float64]:
-    """How far a simulated stage is from where it is said to be."""
+    """Mounting error (4, 4) of a simulated stage."""
     rng = np.random.default_rng(seed)
     shift, turn = rng.normal(size=(2, 3))
     return pose.from_euler_xyz(1e-3 * _MOUNTING_MM * shift, np.radians(_MOUNTING_DEG) * turn)

@@ -34,7 +34,7 @@ _BRIGHTNESS = 0.6  # of the full well, of white squares under the lamp
 
 @dataclass(frozen=True)
 class _Placed:
-    """A target at its poses (n, 4, 4) in the sensor frame, as they are said to be."""
+    """A target at its poses (n, 4, 4) in the sensor frame, as stated."""
 
     body: Body
     surface: ShapeGroup
@@ -67,7 +67,7 @@ def calibrate_from(
 
 
 def poses_known(exposures: Sequence[TargetExposure]) -> bool:
-    """Whether any exposure tells where the sensor frame is."""
+    """Whether any exposure determines the sensor frame."""
     return any(one.mounting is None for one in exposures)
 
 
@@ -94,8 +94,8 @@ def measure(
         ``ball``: 25 mm, at 45 places; ``step``: three treads of 4 mm rise at 25 poses; ``checkered``: a ChArUco board
         in 10 views of unknown poses, under a lamp and by the laser.
     displacement_as_built
-        How far (4, 4) the stage of ball and step block is from where it is said to be, which the solution does not
-        know; None: their poses in the sensor frame are known.
+        Mounting error (4, 4) of the stage of ball and step block, which is unknown to the solution; None: their poses
+        in the sensor frame are known.
     """
     built = as_built_sensor(sensor, as_built)
     # Cameras that are not calibrated yet cannot confirm each other's peaks.
@@ -120,7 +120,7 @@ def measure(
 
 
 def range_error(as_built: SensorDescription, used: SensorDescription, align: bool) -> float:
-    """RMS distance, m, between the points of a sensor as it is used and as it was built, over images and range.
+    """RMS distance, m, between the points of a sensor as described and as built, over images and range.
 
     Parameters
     ----------

@@ -73,7 +73,7 @@ def _text(parameters: SensorParameters, direction: Array, deviation: float) -> s
 def _missing(
     sensor: SensorDescription, parameters: SensorParameters, blocks: Sequence[Block], weak: Array
 ) -> list[str]:
-    """What would determine the weak directions (w, k)."""
+    """Measurements that would determine the weak directions (w, k)."""
     by_parameter = np.concatenate([block.by_parameter for block in blocks])
     direct = np.linalg.norm(by_parameter @ weak.T, axis=0)
     found = []
@@ -190,7 +190,7 @@ def _converged(
         state, blocks = _improved(equations, parameters, state, used, step, kept)
         if np.abs(step / np.sqrt(np.diag(system.covariance))).max(initial=0.0) < _SETTLED:
             return state, blocks
-    raise CalibrationError(f"the calibration did not converge in {_ITERATIONS} iterations: are start and poses right?")
+    raise CalibrationError(f"the calibration did not converge in {_ITERATIONS} iterations: check start and poses")
 
 
 def _improved(
@@ -210,9 +210,7 @@ def _improved(
             continue
         if _cost(chosen(blocks, kept)) <= before * (1.0 + _COST_TOLERANCE):
             return moved, blocks
-    raise CalibrationError(
-        "the calibration finds no better solution near its start: are target, poses and start right?"
-    )
+    raise CalibrationError("the calibration finds no better solution near its start: check target, poses and start")
 
 
 def _cost(blocks: list[Block]) -> float:

@@ -1,4 +1,4 @@
-"""What the native part brings along, and what it needs from the machine."""
+"""Bundled libraries of the native part, and its system requirements."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Bundle:
         return self.needs["GLIBC"]
 
     def dependencies(self) -> list[str]:
-        """What the machine must provide, a line each."""
+        """System requirements, one per line."""
         return [f"{_RUN_TIME[name]} with {name}_{version} or later" for name, version in sorted(self.needs.items())]
 
 
@@ -60,7 +60,7 @@ def read_bundle(runtime: Path) -> Bundle:
 
 
 def license_text(bundle: Bundle) -> str:
-    """Entry point of the licence folder: which text belongs to what."""
+    """Entry point of the licence folder: which text applies to which file."""
     lines = [
         "Licences of everything in this FMU. Each line: file, where it comes from, licence, name of the text beside",
         "this file. The FMU itself is scancell; the other libraries are bundled unchanged but for names and paths.",
@@ -71,7 +71,7 @@ def license_text(bundle: Bundle) -> str:
 
 
 def dependencies_text(bundle: Bundle) -> str:
-    """What the FMU needs from outside."""
+    """External dependencies of the FMU."""
     lines = ["The binaries need a 64-bit x86 Linux that provides:", ""]
     lines += [f"- {line}" for line in bundle.dependencies()]
     lines += ["", "Everything else lies beside the binary. The FMU opens no network connection."]

@@ -41,7 +41,7 @@ class FmuOptions:
         Merge indexed scalars into arrays (FMI 3): `measured.q` instead of `measured.q[1]` to `measured.q[6]`. Few
         importers read arrays.
     integers
-        Describe modes, states and errors as integers instead of enumerations, which libcosim and ecos do not know.
+        Describe modes, states and errors as integers instead of enumerations, which libcosim and ecos do not support.
 
     Examples
     --------
@@ -93,7 +93,7 @@ def fmu_contents(runtime: Path, cell: str, version: FmiVersion, options: FmuOpti
 
 
 def write_unpacked(folder: Path, runtime: Path, cell: str, version: FmiVersion) -> None:
-    """Make a folder with what an instance needs of an FMU, its libraries linked.
+    """Create a folder with the files of an FMU that an instance needs; libraries are linked.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def write_unpacked(folder: Path, runtime: Path, cell: str, version: FmiVersion) 
 
 
 def _documents(model_description: bytes, version: FmiVersion, bundle: Bundle, reference: Reference) -> dict[str, bytes]:
-    """Files for people and tools, which an instance does not need."""
+    """Files for users and tools, which an instance does not need."""
     description = _read(model_description)
     icon = assets_dir() / "fmu" / "icon.png"
     documents = {name: text.encode() for name, text in reference.files().items()}
@@ -125,7 +125,7 @@ def _documents(model_description: bytes, version: FmiVersion, bundle: Bundle, re
 
 
 def _read(model_description: bytes) -> Any:
-    """As FMPy reads it; it wants an archive."""
+    """Read it with FMPy, which requires an archive."""
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w") as file:
         file.writestr("modelDescription.xml", model_description)

@@ -26,7 +26,7 @@ class _Terminal:
             self.inside.setdefault(path[0], _Terminal()).add(path[1:], name)
 
     def write(self, parent: ET.Element) -> None:
-        """Members first, as the schema wants it."""
+        """Members first, as the schema requires."""
         for member, name in self.members.items():
             attributes = {"variableName": name, "memberName": member, "variableKind": "signal"}
             ET.SubElement(parent, "TerminalMemberVariable", attributes)

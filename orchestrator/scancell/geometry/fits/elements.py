@@ -26,7 +26,7 @@ _TINY = 1e-300  # keeps quotients finite at points on the axis
 class Element:
     """Reference point (3,), frame (3, 3) with the axes u, v, w as rows, sizes (k,).
 
-    `motions` are the shifts (0, 1, 2) and tilts (3, 4) that change the element, `lengths` says which sizes are lengths
+    `motions` are the shifts (0, 1, 2) and tilts (3, 4) that change the element, `lengths`: which sizes are lengths
     and not angles.
     """
 

@@ -25,7 +25,7 @@ _LIMITED = ("speed", "acceleration", "jerk")
 
 @dataclass(frozen=True)
 class Slowdown:
-    """Factor, at least 1, by which a motion lasts longer, and the limit that asks for it."""
+    """Factor, at least 1, by which a motion lasts longer, and the limit that requires it."""
 
     factor: float
     limit: str
@@ -60,5 +60,5 @@ def slowdown(cell: PlanningCell, positions: Callable[[Array], Array], duration: 
 
 
 def axis_name(cell: PlanningCell, axis: int) -> str:
-    """Name of an axis for people: the table is the one after the joints."""
+    """Name of an axis in messages: the table follows the joints."""
     return "the table" if axis == len(cell.nominal.arm.joints) else f"joint {axis + 1}"

@@ -1,4 +1,4 @@
-"""Torques that a motion asks of the joints, by the inverse dynamics of DART."""
+"""Joint torques of a motion, by the inverse dynamics of DART."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _SHARE = 0.8  # of the torque that gravity and friction leave: gears are elastic
 
 
 def joint_torques(cell: CellDescription, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
-    """Torques (n, joints), N m, that links, sensor and gripper housing of a cell's arm ask of its joints.
+    """Joint torques (n, joints), N m, that move links, sensor and gripper housing of a cell's arm.
 
     Friction and the inertia of motors are not included.
 
-    Raises `CellError` if a link has neither an inertia nor a mesh to compute it from; `MeshError` if a mesh that tells
-    of masses cannot be used.
+    Raises `CellError` if a link has neither an inertia nor a mesh to compute it from; `MeshError` if a mesh that
+    defines masses cannot be used.
 
     Parameters
     ----------

@@ -42,7 +42,7 @@ def coarse_steps(lattice: Lattice) -> Indices:
 
 
 def why_blocked(lattice: Lattice) -> str:
-    """Place on the path beyond which no table angle can be reached, and what forbids those next to it.
+    """Position on the path beyond which no table angle can be reached, and the constraints that forbid the next ones.
 
     By the coarse map and a table without inertia: where this one gets through, it is the limits of speed and
     acceleration that block the way.
@@ -64,7 +64,7 @@ def why_blocked(lattice: Lattice) -> str:
 
 
 def why_forbidden(map_: ConfigurationMap, column: int, row: int) -> str:
-    """What forbids an evaluated cell, with the bodies and distances that explain it; empty where it is free."""
+    """Constraint that forbids an evaluated cell, with the bodies and distances; empty if it is free."""
     cause = int(map_.cause[column, row])
     if cause == CLEARANCE:
         return describe(map_.worst_clashes(column, np.array([row]))[0])
@@ -72,7 +72,7 @@ def why_forbidden(map_: ConfigurationMap, column: int, row: int) -> str:
 
 
 def _widened(flags: NDArray[np.bool_], by: int) -> NDArray[np.bool_]:
-    """Whether a flag (n,) at most `by` places away, around a circle, is set."""
+    """Whether a flag (n,) at most `by` elements away, around a circle, is set."""
     if 2 * by + 1 >= len(flags):
         return np.full(len(flags), flags.any())
     return np.asarray(np.any([np.roll(flags, k) for k in range(-by, by + 1)], axis=0))

@@ -109,7 +109,7 @@ class PathPlanner:
         self._motions = cell.motion_check(clearance)
 
     def place(self, path: SensorPath) -> PlacedPath | str:
-        """The path at the speed and in the branch that its weights ask for; or why there is no motion."""
+        """The path at the speed and in the branch that its weights require; or why there is no motion."""
         if not self._cell.nominal.arm.has_named_branches:
             return f"{path.name}: paths need an arm whose branches have names, that is a closed form"
         found: list[tuple[float, PlacedPath]] = []

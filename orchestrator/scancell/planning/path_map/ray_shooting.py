@@ -2,8 +2,8 @@
 
 From every state, rays of constant acceleration are followed through the map; the table takes the first step of the ray
 of lowest cost (Dumitrache & Borangiu). The cost of a ray includes that of the way from its end to the end of the path
-on a coarse map, without inertia; rays alone would not see farther than their length. Where no ray goes on, the last
-step is taken back.
+on a coarse map, without inertia; rays alone would not see farther than their length. If no ray continues, the last step
+is undone.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Views of the part, sensor paths, and what they see."""
+"""Views of the part, sensor paths, and the surface that they see."""

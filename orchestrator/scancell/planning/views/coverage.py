@@ -8,8 +8,8 @@ The seen area is a submodular function of the set of views: a view adds less the
 therefore takes at most ``1 + ln(Q / (Q - f))`` times the least time to see the area Q, f being what is seen before the
 last view (Wolsey, Combinatorica 2 (1982) 385), and sees with a number of views at least 1 - 1/e of the most that as
 many views of equal time see (Nemhauser, Wolsey & Fisher, Mathematical Programming 14 (1978) 265). `least_time` is a
-bound for the instance at hand, usually much closer: whatever set of the candidates is added to those
-chosen so far, it adds no more than the sum of what each would add alone (Leskovec et al., KDD 2007, section 4).
+bound for the instance at hand, usually much closer: any set of candidates added to those
+chosen so far adds no more than the sum of what each would add alone (Leskovec et al., KDD 2007, section 4).
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ CHOICE_SHARE = 0.7  # of the limit of work, after which no further views are cho
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CoverageReport(Value):
-    """What the chosen views see of the measurable surface, and how good the choice is.
+    """Share of the measurable surface that the chosen views see, and bounds on the quality of the choice.
 
     Attributes
     ----------
@@ -242,7 +242,7 @@ class CoveragePlanner:
         )
 
     def _is_spent(self) -> bool:
-        """Whether the work is used up that the choice may take; the rest is for the motions between views."""
+        """Whether the choice has used its share of the work; the rest is for the motions between views."""
         return self._cell.work.spent > CHOICE_SHARE * self._cell.work.limit
 
     def _spent(self) -> float:

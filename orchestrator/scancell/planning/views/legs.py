@@ -24,7 +24,7 @@ _RANGES = (0.1, 0.35, 0.6)  # of the depth of field: where in the range targets 
 
 @dataclass(frozen=True)
 class Leg:
-    """A pass, and what it makes of each sample of the `Sight` (n,)."""
+    """A pass, and its result for each sample of the `Sight` (n,)."""
 
     view: Pass
     judged: Judgements

@@ -48,7 +48,7 @@ class PlacedSweep:
 class PlacedPass:
     """A pass with its table angle (rad), its run, the joints `q` (n, joints) of each cycle and at its `exposures`.
 
-    `note` says why it is slower than asked for.
+    `note` is the reason why it is slower than requested.
     """
 
     view: Pass
@@ -254,9 +254,9 @@ class Placer:
     def _try_pass(
         self, view: Pass, run: trajectory.Run, count: int, table: float, middle: Array, branch: int
     ) -> PlacedPass | Infeasible:
-        """The pass at one table angle (rad), in one branch, as slow as limits ask for; checks reach and collisions.
+        """The pass at one table angle (rad), in one branch, as slow as the limits require; checks reach and collisions.
 
-        The joints (joints,) in its middle tell the turn of those with several.
+        The joints (joints,) in its middle determine the turn of joints with several.
         """
         cell = self._cell
         turn = pose.from_rotation(pose.rotation_about(2, table))

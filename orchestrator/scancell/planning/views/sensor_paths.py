@@ -83,7 +83,7 @@ def _averaged(values: Array, window: Array) -> Array:
 
 
 def _refuse_loops(origin: Array, target: Array, contour: ContourDescription) -> None:
-    """The sensor must go forward wherever the contour does."""
+    """Raise `PlanningError` if the sensor would move backwards anywhere along the contour."""
     forward = (np.diff(origin, axis=0) * np.diff(target, axis=0)).sum(1)
     if (forward < 0).any():
         x, y = 1e3 * target[int(np.argmin(forward)), :2]
@@ -148,7 +148,7 @@ class SensorPath:
     Attributes
     ----------
     name
-        Name for people.
+                Name in messages.
     poses
         (n, 4, 4) ``table_from_sensor`` with the table at angle 0, m, n >= 2.
     speed
@@ -288,11 +288,11 @@ def recorded_poses(file: Path) -> Array:
 
 
 def _apart(poses: Array, name: str) -> Array:
-    """The poses without those that lie where the one before does."""
+    """The poses without those at the position of the one before."""
     step = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
     kept = poses[np.concatenate([[True], step > _LEAST_STEP])]
     if len(kept) < 2:
-        raise PlanningError("all poses are at one place", key=name, expected="a path")
+        raise PlanningError("all poses are at one position", key=name, expected="a path")
     return np.asarray(kept)
 
 
@@ -321,7 +321,7 @@ def _spiral(spiral: SpiralDescription, part: Mesh, standoff: float) -> Array:
 
 
 def _nearest(part: Mesh, target: Array, rotation: Array) -> float:
-    """How far the part extends towards the sensor from `target`, near the laser sheet, m."""
+    """Extent of the part towards the sensor from `target`, near the laser sheet, m."""
     at = (part.vertices - target) @ rotation
     in_sheet = np.abs(at[:, 0]) <= _SHEET
     return float(-at[in_sheet, 2].min(initial=0.0))

@@ -1,4 +1,4 @@
-"""What views truly see of the measurable surface: range, incidence, and occlusion of laser and cameras by rays."""
+"""Measurable surface that views see: range, incidence, and occlusion of laser and cameras by rays."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _MIN_COSINE = float(np.cos(INCIDENCE_LIMIT))
 
 
 class Sight:
-    """Judges what views measure of the measurable surface of a part.
+    """Determines which samples of the measurable surface of a part views measure.
 
     Occluders are the part and all bodies that rest on the table; what stands beside the table, the arm and the housing
     of the sensor are not, as in the geometric engine the housing is not.
@@ -98,7 +98,7 @@ class Sight:
         return Tracer(self.search.obstacles, self._threads)
 
     def judge(self, view: View) -> Judgements:
-        """(n,) what the view makes of each sample: `SEEN`, or the last check that it passes at no crossing."""
+        """(n,) result of each sample in the view: `SEEN`, or the last check that it passes at no crossing."""
         best = np.full(len(self.points), OUT_OF_RANGE, np.int8)
         for table_from_sensor in view.crossings(self.points):
             rows = np.flatnonzero(np.isfinite(table_from_sensor[:, 0, 3]) & (best < SEEN))

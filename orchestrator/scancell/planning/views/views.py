@@ -1,4 +1,4 @@
-"""Views of the part, ways to move the sensor past it, and which samples of its surface they see.
+"""Views of the part: motions of the sensor past it, and the samples of its surface that they see.
 
 All poses are in the frame of the table at angle 0 (origin on the top face, z along the axis), in which the part rests:
 a turn of the table counts as a turn of the sensor the other way.
@@ -119,7 +119,7 @@ class View(Protocol):
 
     @property
     def name(self) -> str:
-        """Name for people."""
+        """Name in messages."""
 
     def exposures(self, spacing: Spacing) -> float:
         """Number of exposures at a spacing."""

@@ -246,7 +246,7 @@ class AcceptanceReport(Result):
         return "\n".join(lines)
 
     def save(self, folder: str | Path, command_line: Sequence[str] | None = None) -> list[Path]:
-        """Write the report, whole or not at all; the page needs the extra ``studies``.
+        """Write the report atomically; the page needs the extra ``studies``.
 
         `command_line`: words that the manifest keeps; by default those of this process.
 

@@ -36,8 +36,8 @@ _HELD = 0.1  # rate of the path clock: a robot slows down more and more before a
 _LATER = 1.25  # factor on the duration of the twin, for a motion that the guard slows down on a path to a contact
 _ON_PATH = 5e-3  # m: distance at which a motion on a known path is stopped at most
 
-# Speed, m/s, and distance, m, at which a robot that a person jogs against something comes to rest (docs/guard.md),
-# where the controller shows jogs and where it does not.
+# Speed, m/s, and distance, m, at which a robot that is jogged towards a body comes to rest (docs/guard.md),
+# with a controller that predicts jogs and with one that does not.
 _SHOWN = (
     (0.0, 0.0031), (0.0025, 0.0033), (0.0125, 0.0046), (0.025, 0.0058), (0.0625, 0.011), (0.125, 0.02), (0.25, 0.035),
 )  # fmt: skip
@@ -61,7 +61,7 @@ class RunRow:
     speed
         Largest share of the full speed.
     motion
-        How the robot is moved: the modes of the controller, and `+ resets` where a person resets it after stops.
+        How the robot is moved: the modes of the controller, and `+ resets` if the operator resets it after stops.
     twin_contact_at, twin_contact
         Of the twin, s and pair; NaN and empty: none.
     twin_clearance

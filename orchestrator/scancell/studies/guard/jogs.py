@@ -108,7 +108,7 @@ class Draws:
         return Jog(mode, values / np.abs(values).max(), JogFrame(int(rng.integers(2))))
 
     def person(self, start: Array, speed: float, duration: float, rng: np.random.Generator) -> Scenario:
-        """A person who jogs one way after the other, at `speed` or down to a tenth of it."""
+        """An operator who jogs in one direction after another, at `speed` or down to a tenth of it."""
         commands: list[Command] = []
         time, before = BEGIN, None
         while time < duration:
@@ -123,7 +123,7 @@ class Draws:
         return Scenario(Operation.MANUAL, start, tuple(commands), duration, speed)
 
     def table_jog(self, start: Array, speed: float, duration: float, rng: np.random.Generator) -> Scenario:
-        """A person who jogs the table alone, one way."""
+        """An operator who jogs the table alone, in one direction."""
         values = np.append(np.zeros(len(start) - 1), speed * rng.choice([-1.0, 1.0]))
         return Scenario(Operation.MANUAL, start, (Command(BEGIN, Mode.JOINT_JOG, values),), duration, speed)
 

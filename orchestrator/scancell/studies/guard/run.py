@@ -204,7 +204,9 @@ def run_campaign(
     folder.mkdir(parents=True, exist_ok=True)
     described = folder / "campaign.json"
     if described.exists() and json.loads(described.read_text()) != asdict(options):
-        raise DescriptionError("another campaign", file=described, expected=f"another folder or {asdict(options)}")
+        raise DescriptionError(
+            "holds another campaign", file=described, expected=f"another folder or {asdict(options)}"
+        )
     described.write_text(json.dumps(asdict(options), indent=1))
     file = RowFile(folder / "rows.csv")
     done = {row.number for row in file.rows}

@@ -1,4 +1,4 @@
-"""Commands of a person or a program to the robot."""
+"""Commands of an operator or a program to the robot."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Scenario:
     speed
         Largest share of the full speed.
     resets
-        Number of stops after which the person resets the controller and gives the last command again.
+        Number of stops after which the operator resets the controller and gives the last command again.
     """
 
     operation: Operation
@@ -111,7 +111,7 @@ class Operator:
     def act(self, state: int) -> bool:
         """Give the next command if it is its time, or reset a stopped controller; to be called once a cycle.
 
-        Returns whether the person waits for nothing: False while there is a stop to reset.
+        Returns whether the operator waits for nothing: False while there is a stop to reset.
         """
         if state == _EMERGENCY_STOP and self._resets_left:
             self._reset()
@@ -177,7 +177,7 @@ def pressed(
     speed: float = 1.0,
     resets: int = 0,
 ) -> Scenario:
-    """A person who jogs from `start` (joints + 1,) with deflections `values` (joints + 1,).
+    """An operator who jogs from `start` (joints + 1,) with deflections `values` (joints + 1,).
 
     `presses` are times, s, at which the deflections change, and the factor that they have from then on; without, the
     jog is pressed all the time.

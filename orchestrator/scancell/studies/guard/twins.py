@@ -92,7 +92,7 @@ class Twins:
     seed
         Of all of them.
     is_clear
-        Whether a guard that knows the nominal cell lets the robot rest at axes (joints + 1,).
+        Whether a guard of the nominal cell lets the robot rest at axes (joints + 1,).
     """
 
     def __init__(self, simulation: Simulation, seed: int, is_clear: Callable[[Array], bool] = lambda _: True) -> None:
@@ -117,9 +117,9 @@ class Twins:
         raise RuntimeError(f"run {stratum.number}: none of {_DRAWS} scenarios is one of '{stratum.third}'")
 
     def persons(self, number: int, duration: float, of_table: bool = False) -> Twin:
-        """The twin with a number in which a person who jogs at random at full speed for `duration` s collides.
+        """The twin with a number in which random jogs at full speed for `duration` s end in a collision.
 
-        With `of_table` the person jogs the table alone, one way.
+        With `of_table` the operator jogs the table alone, in one direction.
         """
         draw = self._draws.table_jog if of_table else self._draws.person
         rng = np.random.default_rng([self._seed, number, 0])
@@ -145,7 +145,7 @@ class Twins:
         return Twin(scenario, course, contact, clearance, draws)
 
     def _scenarios(self, stratum: Stratum, rng: np.random.Generator) -> Iterator[Scenario | None]:
-        """Scenarios that may be of a stratum, without an end; None: one that is not."""
+        """Endless candidates for the scenario of a stratum; None: a rejected one."""
         manual = stratum.operation is Operation.MANUAL
         while True:
             speed = stratum.random_speed(rng)
@@ -320,7 +320,7 @@ class Twins:
     def _missed(
         self, approach: _Approach, first: int, speed: float, duration: float, rng: np.random.Generator
     ) -> Scenario:
-        """A person who lets go before the contact, retreats, or jogs another way."""
+        """An operator who releases the jog before the contact, retreats, or jogs in another direction."""
         jog, start = approach.jog, approach.axes[first]
         assert jog is not None
         kind = rng.random()
@@ -346,7 +346,7 @@ def _acceleration_time(simulation: Simulation) -> float:
 def _insisted(
     jog: Jog, start: Array, speed: float, duration: float, longest: float, silent: bool, rng: np.random.Generator
 ) -> Scenario:
-    """A person who jogs into a contact: all the time, with pauses, or to and fro, and perhaps again after each stop."""
+    """An operator who jogs into a contact: continuously, with pauses, or to and fro, perhaps again after each stop."""
     kind = rng.random()
     presses = [(BEGIN, 1.0)]
     if kind > 0.5:

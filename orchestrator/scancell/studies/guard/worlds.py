@@ -1,4 +1,4 @@
-"""Cells of a campaign, as their guards know them and as they are, and parts that stick out of the table."""
+"""Cells of a campaign, nominal (for the guard) and true, and parts that extend beyond the table."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def _box(size: tuple[float, float, float], centre: tuple[float, float, float], a
 
 @dataclass(frozen=True)
 class KnownWorld:
-    """A cell as its guard knows it.
+    """The nominal cell that a guard uses.
 
     Attributes
     ----------
@@ -145,10 +145,10 @@ def with_encoders(described: CellDescription, rng: np.random.Generator) -> CellD
 
 
 def true_world(known: KnownWorld, rng: np.random.Generator) -> NominalCell:
-    """A world that is as far off as the guard assumes: bodies displaced, surfaces outside the guard's meshes.
+    """A world with the errors that the guard assumes: bodies displaced, surfaces outside the guard's meshes.
 
     Either the bodies around the arm are displaced by up to `position_error`, or all by half of it, so that no two
-    bodies are nearer by more. Surfaces reach beyond the meshes that the guard compares by the error that it knows of.
+    bodies are nearer by more. Surfaces reach beyond the meshes that the guard compares by their known error.
     One world in four is as described.
     """
     if rng.random() < _TRUE:
