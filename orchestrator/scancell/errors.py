@@ -101,8 +101,8 @@ class ScancellError(Exception):
 
     def _message(self, subject: str) -> str:
         states_it = self.expected is None or self.problem.endswith(self.expected)
-        said = [self.problem] if states_it else [self.problem, f"expected {self.expected}"]
-        return ": ".join(filter(None, (self.file, subject, "; ".join(filter(None, said)))))
+        parts = [self.problem] if states_it else [self.problem, f"expected {self.expected}"]
+        return ": ".join(filter(None, (self.file, subject, "; ".join(filter(None, parts)))))
 
     def __reduce__(self) -> tuple[Any, ...]:
         state = dict(self.__dict__)

@@ -119,8 +119,8 @@ class GripperMode(IntEnum):
 
 
 _REFUSALS = {
-    1: "the cell is in manual operation, where no program moves the robot: change to automatic operation first",
-    2: "the cell is in automatic operation, where nobody jogs the robot: change to manual operation first",
+    1: "the cell is in manual operation, which runs no programs: change to automatic operation first",
+    2: "the cell is in automatic operation, which has no jogging: change to manual operation first",
     3: "an emergency stop is in force: release the stop button and reset the controller first",
     4: "no heartbeat came within command.max_age",
     5: "the target of {axis} is outside its limits",

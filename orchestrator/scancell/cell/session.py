@@ -687,8 +687,8 @@ class CellSession:
     def _refuse(self, command: str) -> None:
         reason = refusal(self._cell)
         if reason is not None:
-            said = self._guard_text()
-            raise CommandError(f"{command}: {said}; {reason}" if said else f"{command}: {reason}")
+            guard_text = self._guard_text()
+            raise CommandError(f"{command}: {guard_text}; {reason}" if guard_text else f"{command}: {reason}")
 
     def _guard_text(self) -> str:
         """Reason why the guard stops or slows the robot; empty if it does neither, or without a guard."""

@@ -15,4 +15,4 @@ Reconstruction = Literal["poisson", "ball-pivoting"]
 LatencyWord = Literal["estimate"]
 TransportProtocol = Literal["udp", "tcp"]
 
-LOOPBACK = "127.0.0.1"  # where servers listen unless told otherwise
+LOOPBACK = "127.0.0.1"  # address on which servers listen by default

@@ -150,7 +150,7 @@ def _problems(
     model: type[Description], data: Any, error: ValidationError, source: str, origins: Sequence[Origin]
 ) -> list[DescriptionError]:
     """One error per wrong key, where the alternatives of a key with several types are joined."""
-    said: dict[str, tuple[dict[str, Any], list[str]]] = {}
+    problems: dict[str, tuple[dict[str, Any], list[str]]] = {}
     found = error.errors()
     for item in found:
         # A list whose only item is wrong counts as too short as well.
@@ -163,8 +163,8 @@ def _problems(
         named = item["type"] in ("extra_forbidden", "missing") or isinstance(item["input"], dict | list | tuple)
         if subject["key"] and not named:
             subject["value"] = item["input"]
-        said.setdefault(repr(subject), (subject, []))[1].append(_expectation(model, item))
-    return [_joined(subject, list(dict.fromkeys(texts))) for subject, texts in said.values()]
+        problems.setdefault(repr(subject), (subject, []))[1].append(_expectation(model, item))
+    return [_joined(subject, list(dict.fromkeys(texts))) for subject, texts in problems.values()]
 
 
 def _joined(subject: Mapping[str, Any], texts: Sequence[str]) -> DescriptionError:

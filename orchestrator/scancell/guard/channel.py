@@ -52,20 +52,20 @@ class Channel:
     def send(self, packet: bytes, time: float) -> None:
         """Send a packet at `time`, s; times do not decrease."""
         change, loss, delay, duplication, delay_of_copy, replay = self._rng.random(6)
-        said = self._description
-        self._in_burst = change >= 1 / said.burst_packets if self._in_burst else change < said.burst
+        described = self._description
+        self._in_burst = change >= 1 / described.burst_packets if self._in_burst else change < described.burst
         self.counts["sent"] += 1
-        if self._is_dead(time) or loss < (said.burst_loss if self._in_burst else said.loss):
+        if self._is_dead(time) or loss < (described.burst_loss if self._in_burst else described.loss):
             self.counts["lost"] += 1
             return
         arrival = time + self._delay(delay)
         self._deliver(packet, arrival)
-        if duplication < said.duplication:
+        if duplication < described.duplication:
             self.counts["duplicated"] += 1
             self._deliver(packet, time + self._delay(delay_of_copy))
-        if replay < said.replay:
+        if replay < described.replay:
             self.counts["replayed"] += 1
-            self._deliver(packet, arrival + 1e-3 * said.replay_ms)
+            self._deliver(packet, arrival + 1e-3 * described.replay_ms)
 
     def receive(self, time: float) -> list[Arrival]:
         """What has arrived until `time`, s, and was not received before, in the order of arrival."""

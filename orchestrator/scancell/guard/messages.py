@@ -1,7 +1,7 @@
 """Messages between cell and guard, and their bytes (docs/guard_protocol.md).
 
 A packet is a header of fixed size, a body and a CRC-32 of both, all little-endian.  Values are checked where a message
-is made, so that one that was decoded and one that is sent obey the same rules.
+is made, so that the same rules hold for decoded messages and for those that are sent.
 """
 
 from __future__ import annotations

@@ -97,19 +97,19 @@ def extract_to_folder(request: ExtractionRequest, out: Path) -> RunReport:
 def _warnings(figures: Mapping[str, Any]) -> list[str]:
     if figures["points"] == 0:
         return ["no stripe was found in any image"]
-    said = []
+    warnings = []
     if figures["frames_without_points"]:
-        said.append(f"{figures['frames_without_points']} of {figures['exposures']} exposures give no point")
+        warnings.append(f"{figures['frames_without_points']} of {figures['exposures']} exposures give no point")
     sheet = figures.get("sheet_deviation")
     if sheet and not sheet["compared"]:
-        said.append("no point is seen by two cameras: the distance from the laser's sheet is unknown")
+        warnings.append("no point is seen by two cameras: the distance from the laser's sheet is unknown")
     elif sheet and sheet["beyond"]:
-        said.append(
+        warnings.append(
             f"{sheet['beyond']} of {sheet['compared']} points that two cameras see are more than"
             f" {sheet['limit_um']:g} um off the laser's sheet (median {sheet['median_um']:+.1f} um):"
             " is the sensor file this sensor's?"
         )
-    return said
+    return warnings
 
 
 def _sheet_figures(deviation: NDArray[np.float64], limit_um: float) -> dict[str, Any]:

@@ -223,8 +223,8 @@ def write_index(batch: Batch, out: Path, failed: Mapping[str, str]) -> BatchResu
             row = json.loads((folder / ROW).read_text())
             rows.append({**row, "scan": task.name, "mesh": task.payload["mesh"]})
         elif task.name in failed:
-            said = {"status": "failed", "message": failed[task.name], "as_built": [], "figures": {}, "files": []}
-            rows.append({**task.payload, **said, "scan": task.name, "scancell": None})
+            outcome = {"status": "failed", "message": failed[task.name], "as_built": [], "figures": {}, "files": []}
+            rows.append({**task.payload, **outcome, "scan": task.name, "scancell": None})
         else:
             missing.append(task.name)
     write_table(index_table(rows, batch.description.labels, batch.folder), out / INDEX)

@@ -48,15 +48,15 @@ class BatchWorker:
         try:
             row["as_built"] = list(self._factors.inputs(payload["values"]).as_built)
             row["figures"] = self._make(payload, folder)
-            said = {"status": "ok", "message": ""}
+            outcome = {"status": "ok", "message": ""}
         except Exception as error:  # a scan that fails is a result, too; the others go on
             if isinstance(error, OutputError) or disk_error(error):
                 raise
             for file in folder.iterdir():
                 file.unlink()
-            said = {"status": "failed", "message": f"{type(error).__name__}: {error}"}
+            outcome = {"status": "failed", "message": f"{type(error).__name__}: {error}"}
         files = sorted(file.name for file in folder.iterdir())
-        row = {"as_built": [], "figures": {}, **row, **said, "files": files, "scancell": build_version()}
+        row = {"as_built": [], "figures": {}, **row, **outcome, "files": files, "scancell": build_version()}
         (folder / ROW).write_text(json.dumps(row, indent=1, allow_nan=False) + "\n")
 
     def _make(self, payload: Mapping[str, Any], folder: Path) -> dict[str, Any]:

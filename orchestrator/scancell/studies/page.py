@@ -97,7 +97,9 @@ def _engine(
         "name": name,
         "trials": len(own.plain),
         "head": ["figure", *columns],
-        "figures": [[figure, *(said[key] for key in columns.values())] for figure, said in found["figures"].items()],
+        "figures": [
+            [figure, *(statistics[key] for key in columns.values())] for figure, statistics in found["figures"].items()
+        ],
         "sensitivity": sensitivity,
     }
 
@@ -184,14 +186,14 @@ def svg(width: float, height: float, columns: int, draw: Any) -> str:
     return text[text.index("<svg") :]
 
 
-def _distribution_plot(sample: Array, said: dict[str, Any], label: str) -> str:
+def _distribution_plot(sample: Array, statistics: dict[str, Any], label: str) -> str:
     """Histogram of a figure with its mean and both coverage intervals."""
 
     def draw(axes: Axes) -> None:
         axes.hist(sample, bins="auto" if len(sample) > 30 else 10, color=BLUE, alpha=0.75)
-        axes.axvline(said["mean"], color=INK, linewidth=1.5, label="mean")
+        axes.axvline(statistics["mean"], color=INK, linewidth=1.5, label="mean")
         for name, colour, style in (("symmetric", ORANGE, "-"), ("shortest", INK, ":")):
-            ends = said[f"interval_{name}"]
+            ends = statistics[f"interval_{name}"]
             for k, end in enumerate(ends or ()):
                 axes.axvline(end, color=colour, linestyle=style, label=f"{name} interval" if k == 0 else None)
         axes.set(xlabel=label, ylabel="trials")

@@ -113,9 +113,9 @@ class StudyReport(Result):
         """Trials, the largest contributions to each figure, failures and files, as lines of text."""
         made, missing = self.analysis["trials"], len(self.collected.missing)
         lines = [f"{self.analysis['name']}: {made} trials" + (f", {missing} missing" if missing else "")]
-        for engine, said in self.analysis["engines"].items():
-            for name, found in said["sensitivity"].items():
-                lines.extend(_figure_lines(engine, name, said["figures"][name], found))
+        for engine, engine_analysis in self.analysis["engines"].items():
+            for name, found in engine_analysis["sensitivity"].items():
+                lines.extend(_figure_lines(engine, name, engine_analysis["figures"][name], found))
         lines.extend(
             f"  failed     trial {f['trial']} (seed {f['seed']}): {f['message']}" for f in self.analysis["failed"][:5]
         )

@@ -48,13 +48,13 @@ class Comparison:
     @property
     def warnings(self) -> list[str]:
         """Warnings for a user who continues."""
-        said = []
+        warnings = []
         if self.new_keys:
-            said.append(f"{self.record} does not contain {', '.join(self.new_keys)}: their defaults are assumed")
+            warnings.append(f"{self.record} does not contain {', '.join(self.new_keys)}: their defaults are assumed")
         if self.versions:
             changed = ", ".join(f"{name} {before} (now {now})" for name, (before, now) in self.versions.items())
-            said.append(f"begun with {changed}: {self.record.parent} may contain results of both")
-        return said
+            warnings.append(f"begun with {changed}: {self.record.parent} may contain results of both")
+        return warnings
 
 
 def checksums(files: Iterable[str | Path]) -> dict[str, str]:

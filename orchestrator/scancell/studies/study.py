@@ -159,8 +159,8 @@ def collect(study: Study, out: Path, failed: Mapping[str, str] | None = None) ->
             rows.extend(json.loads((folder / ROWS).read_text()))
             timings.extend(json.loads((folder / TIMINGS).read_text()))
         elif failed and task.name in failed:
-            said = {"status": "failed", "message": failed[task.name], "figures": {}}
-            rows.extend({**plain, **said} for plain in task.payload)
+            outcome = {"status": "failed", "message": failed[task.name], "figures": {}}
+            rows.extend({**plain, **outcome} for plain in task.payload)
         else:
             missing.extend(trial_of(plain) for plain in task.payload)
     return Collected(rows, timings, missing)

@@ -186,9 +186,9 @@ def require_readable(folder: Path, name: str, seconds: int = MOST_SECONDS, memor
     done = subprocess.run(words, env=environment, capture_output=True, text=True, check=False)
     if done.returncode == 0:
         return
-    said = done.stderr.strip().rpartition("\n")[2]
-    if said.startswith("scancell: "):
-        raise DescriptionError(said.removeprefix("scancell: ").replace(f"{folder}/", f"{name}: "))
+    last_line = done.stderr.strip().rpartition("\n")[2]
+    if last_line.startswith("scancell: "):
+        raise DescriptionError(last_line.removeprefix("scancell: ").replace(f"{folder}/", f"{name}: "))
     raise DescriptionError(
         f"it cannot be read within {seconds} s of processor time and {memory / 1e6:.0f} MB of memory", file=name
     )

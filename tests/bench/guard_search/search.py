@@ -26,7 +26,7 @@ from scancell.geometry.mesh import Mesh
 from scancell.guard.tool import Tool
 from scancell.nominal.cell import nominal_cell
 from scancell.studies.guard.scenario import Command, Scenario
-from scancell.studies.guard.simulation import SAMPLES, Course, GuardedRuns, Simulation
+from scancell.studies.guard.simulation import SAMPLES, GuardedRuns, MotionRecord, Simulation
 from scancell.studies.guard.twins import Twins
 
 Array = NDArray[np.float64]
@@ -59,7 +59,7 @@ class Attempt:
     """
 
     scenario: Scenario
-    course: Course
+    course: MotionRecord
     dead_from: float | None
     clearance: float
     contact: str

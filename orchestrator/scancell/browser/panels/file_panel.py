@@ -56,10 +56,10 @@ class FilePanel:
         """Show the state and the file of the recording."""
         recording = self._recording
         self._shown_record.show(recording.is_on)
-        said = recording.error
-        if not said and recording.path is not None:
-            said = f"{'recording' if recording.is_on else 'recorded'}: {recording.path}"
-        set_changed(self._text, "content", small_html([escape(said)]))
+        text = recording.error
+        if not text and recording.path is not None:
+            text = f"{'recording' if recording.is_on else 'recorded'}: {recording.path}"
+        set_changed(self._text, "content", small_html([escape(text)]))
 
     def _switch_recording(self) -> None:
         if self._recording.is_on:

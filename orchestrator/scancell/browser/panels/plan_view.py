@@ -60,9 +60,9 @@ def map_html(map_: ConfigurationMap, motion: NDArray[np.float64] | None, picked:
 def pose_html(picked: MapPose) -> str:
     """Quality of a pose of the map, or the reason why it is forbidden."""
     colour = _BAD if picked.reason else _GOOD
-    said = f"forbidden: {picked.reason}" if picked.reason else f"free, quality {picked.quality:.2f}"
+    verdict = f"forbidden: {picked.reason}" if picked.reason else f"free, quality {picked.quality:.2f}"
     where = f"{100 * picked.share:.1f} % of the way, table at {np.degrees(picked.angle):.0f}°"
-    return f'<div style="{_TEXT}">{where}<br><b style="color:{colour}">{escape(said)}</b></div>'
+    return f'<div style="{_TEXT}">{where}<br><b style="color:{colour}">{escape(verdict)}</b></div>'
 
 
 def state_html(state: LivePlanState, plan: Plan | None) -> str:

@@ -36,7 +36,7 @@ class SensorCalibrationRequest:
     from_points
         Table of peaks of a real sensor (docs/calibration_sensor.md) in place of simulated targets.
     is_pose_known
-        Whether the simulated targets are where they are said to be in the sensor frame. Otherwise the stage that moves
+        Whether the simulated targets are at their stated positions in the sensor frame. Otherwise the stage that moves
         them is mounted elsewhere, at random, and only its travel is known.
     is_size_known
         Whether the balls' radius is exact; else it is found, too.

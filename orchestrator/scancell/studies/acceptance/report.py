@@ -54,7 +54,7 @@ _CSV_INTERVALS = ("interval_symmetric", "interval_shortest")
 def figure_row(one: Samples) -> dict[str, Any]:
     """Row of a characteristic at a station: statistics of its error over the repeats (JCGM 101)."""
     errors = np.array(one.errors)
-    said = summary(errors, PROBABILITY)
+    statistics = summary(errors, PROBABILITY)
     fitted = np.array(one.fit_uncertainty)
     known = fitted[np.isfinite(fitted)]
     return {
@@ -66,12 +66,12 @@ def figure_row(one: Samples) -> dict[str, Any]:
         "mode": one.station.mode,
         "unit": one.unit,
         "repeats": len(errors),
-        "mean": said["mean"],
-        "standard_uncertainty": said["standard_deviation"],
-        "interval_symmetric": said["interval_symmetric"],
-        "interval_shortest": said["interval_shortest"],
-        "minimum": said["minimum"],
-        "maximum": said["maximum"],
+        "mean": statistics["mean"],
+        "standard_uncertainty": statistics["standard_deviation"],
+        "interval_symmetric": statistics["interval_symmetric"],
+        "interval_shortest": statistics["interval_shortest"],
+        "minimum": statistics["minimum"],
+        "maximum": statistics["maximum"],
         "fit_uncertainty": float(np.sqrt((known**2).mean())) if len(known) else None,
         "errors": errors.tolist(),
     }

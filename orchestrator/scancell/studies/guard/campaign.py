@@ -22,7 +22,7 @@ from scancell.config.cell import CellDescription
 from scancell.config.channel import LinkDescription
 from scancell.geometry.mesh import Mesh
 from scancell.guard.guard import Guard
-from scancell.studies.guard.simulation import Course, GuardedRuns, Protection, Simulation
+from scancell.studies.guard.simulation import GuardedRuns, MotionRecord, Protection, Simulation
 from scancell.studies.guard.strata import DECADES, FAULTS, Stratum, random_network, stratum_of
 from scancell.studies.guard.twins import Twin, Twins
 from scancell.studies.guard.worlds import KnownWorld, known_world, world_of
@@ -206,7 +206,7 @@ class _Pair:
     block: _Block
     stratum: Stratum
     twin: Twin
-    course: Course
+    course: MotionRecord
     link: LinkDescription
 
     def row(self) -> RunRow:

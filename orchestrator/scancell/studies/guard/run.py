@@ -200,7 +200,7 @@ def run_campaign(
     ScancellError
         If the folder holds another campaign, or naming what is wrong with this one.
     """
-    campaign_of(options).close()  # what is wrong is said here, not in a worker
+    campaign_of(options).close()  # errors are raised here, not in a worker
     folder.mkdir(parents=True, exist_ok=True)
     described = folder / "campaign.json"
     if described.exists() and json.loads(described.read_text()) != asdict(options):

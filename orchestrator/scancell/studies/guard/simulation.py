@@ -55,7 +55,7 @@ _COMPUTE = 0.004  # s that an answer takes
 
 
 @dataclass(frozen=True)
-class Course:
+class MotionRecord:
     """Record of a run.
 
     Attributes
@@ -179,7 +179,7 @@ class Simulation(Closing):
         link: Callable[[], Link] | None = None,
         max_age: float = 0.0,
         rough: bool = False,
-    ) -> Course:
+    ) -> MotionRecord:
         """Run a scenario, with a guard behind a link or without.
 
         The run ends with a contact, or where nothing moves any more. Slow motion has fewer samples, and so does a
@@ -228,7 +228,7 @@ class Simulation(Closing):
         rate = float(cell.get(cell.real_group(["controller.rate"]))[0])
         recorded = np.array(times), np.array(axes)
         rejected = cell.get_integer("controller.error") != 0
-        return Course(*recorded, tuple(answers), stopped, refused, arrived, rate, touched, rejected)
+        return MotionRecord(*recorded, tuple(answers), stopped, refused, arrived, rate, touched, rejected)
 
     def _started(self, start: Array, seen: bool) -> CellInstance:
         described = self._described[seen]
@@ -249,21 +249,21 @@ class Simulation(Closing):
         """Distances (n,), m, of the one `pair` (pairs,) of the scene, however far."""
         return self.clearances(axes, np.where(pair, np.inf, 0.0))[:, pair][:, 0]
 
-    def clearance(self, course: Course, farthest: float, rough: bool = False) -> float:
+    def clearance(self, course: MotionRecord, farthest: float, rough: bool = False) -> float:
         """Smallest distance of the arm to other bodies, m, at most `farthest`."""
         outside = ~self.inner
         axes = course.axes[course.spaced(_MEASURED)]
         clearances = self.clearances(axes, np.where(outside, farthest, 0.0), rough)
         return float(clearances[:, outside].min())
 
-    def contact(self, course: Course) -> tuple[float, str] | None:
+    def contact(self, course: MotionRecord) -> tuple[float, str] | None:
         """Time and pair of the first contact that python-fcl finds in the recorded motion."""
         judged = course.spaced(_JUDGED)
         axes = course.axes[judged]
         found = self._judge.first_collision(self.nominal.body_poses(axes[:, :-1], axes[:, -1]))
         return None if found is None else (float(course.times[judged[found.index]]), f"{found.body_a} - {found.body_b}")
 
-    def fastest(self, course: Course, pair: tuple[str, str]) -> float:
+    def fastest(self, course: MotionRecord, pair: tuple[str, str]) -> float:
         """Largest speed, m/s, of a corner of the bounding box of one body of a pair, seen from the other."""
         kept = course.spaced(_MEASURED)
         axes, times = course.axes[kept], course.times[kept]
@@ -343,7 +343,7 @@ class GuardedRuns:
         self.log: list[tuple[float, Decision]] = []
         self._observed = _Observed(guard, self.log)
 
-    def run(self, scenario: Scenario, network: LinkDescription, seed: int = 0) -> Course:
+    def run(self, scenario: Scenario, network: LinkDescription, seed: int = 0) -> MotionRecord:
         """Record of a scenario; `seed` determines the faults of the network."""
         self._observed.reset()
 

@@ -17,7 +17,7 @@ from scancell.cell.controller import Mode, Operation
 from scancell.config.units import si_value, to_si
 from scancell.studies.guard.jogs import BEGIN, Draws, Jog, line_move
 from scancell.studies.guard.scenario import Command, Scenario, pressed
-from scancell.studies.guard.simulation import Course, Simulation
+from scancell.studies.guard.simulation import MotionRecord, Simulation
 from scancell.studies.guard.strata import THIRDS, Stratum
 
 Array = NDArray[np.float64]
@@ -53,7 +53,7 @@ class Twin:
     """A scenario without a guard: its course, the first contact, and the smallest distance to other bodies, m."""
 
     scenario: Scenario
-    course: Course
+    course: MotionRecord
     contact: tuple[float, str] | None
     clearance: float
     draws: int
