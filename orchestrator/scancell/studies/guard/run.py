@@ -6,14 +6,14 @@ import csv
 import json
 import os
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, fields
 from functools import cache, partial
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -39,8 +39,9 @@ class RowFile:
         self.rows: list[RunRow] = []
         if path.exists():
             self.rows = list(self._read())
-        lines = [",".join(field.name for field in fields(RunRow)), *(_line(row) for row in self.rows)]
-        path.write_text("\n".join(lines) + "\n")
+        with atomic_write(path) as temporary, temporary.open("w", newline="") as stream:
+            csv.writer(stream, lineterminator="\n").writerow([field.name for field in fields(RunRow)])
+            _write(stream, self.rows)
 
     def _read(self) -> Iterator[RunRow]:
         text = self._path.read_text()
@@ -54,12 +55,12 @@ class RowFile:
     def append(self, row: RunRow) -> None:
         """Add a row."""
         self.rows.append(row)
-        with self._path.open("a") as stream:
-            stream.write(_line(row) + "\n")
+        with self._path.open("a", newline="") as stream:
+            _write(stream, [row])
 
 
-def _line(row: RunRow) -> str:
-    return ",".join(str(value) for value in asdict(row).values())
+def _write(stream: TextIO, rows: Iterable[RunRow]) -> None:
+    csv.writer(stream, lineterminator="\n").writerows(asdict(row).values() for row in rows)
 
 
 def summary(rows: Sequence[RunRow]) -> dict[str, Any]:
