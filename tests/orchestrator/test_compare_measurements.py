@@ -7,14 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 import scancell
 from scancell.cell.recording import write_recording
 from scancell.config.loading import assets_dir
 from scancell.errors import DescriptionError
+from scancell.geometry.mesh import Mesh, box_mesh
 from scancell.output.manifest import resolved_toml
 from scancell.output.run_files import write_profiles
-from scancell.recorded.compare import Residuals
+from scancell.recorded.compare import Residuals, _from_edges
 
 PART = assets_dir() / "parts" / "sphere_on_foot.stl"
 SMALL = {
@@ -23,17 +25,20 @@ SMALL = {
 }
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory) -> Path:
+def run_of(folder: Path, part: Path, **more: object) -> Path:
     """What `compare` reads of the run folder of a ray-traced scan."""
-    folder = tmp_path_factory.mktemp("run")
-    with scancell.Scanner(settings=SMALL) as scanner:
-        result = scanner.scan(PART, seed=11)
+    with scancell.Scanner(settings={**SMALL, **more}) as scanner:
+        result = scanner.scan(part, seed=11)
     write_recording(result.recording, folder / "recording.parquet")
     write_profiles(result.profiles, result.recording.measured.index, result.camera_names, folder / "profiles.parquet")
-    made = {"part": str(PART), "unit": "mm", "engine": "ray-traced", "as_built": [], "seed": 11}
+    made = {"part": str(part), "unit": "mm", "engine": "ray-traced", "as_built": [], "seed": 11}
     (folder / "resolved.toml").write_text(resolved_toml(result.setup, made))
     return folder
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    return run_of(tmp_path_factory.mktemp("run"), PART)
 
 
 @pytest.fixture(scope="module")
@@ -82,9 +87,33 @@ def test_noise_from_point_to_point_is_that_of_the_points() -> None:
     column = np.arange(count)
     distance = 5e-6 * rng.normal(size=count) + 50e-6 * np.sin(column / 300)
     zero = np.zeros(count)
-    one = Residuals(distance, zero, zero, zero, column // 1000, np.zeros(count, np.int32), column.astype(np.int32))
+    camera = np.zeros(count, np.int32)
+    one = Residuals(distance, zero, zero, zero, column // 1000, camera, column.astype(np.int32), zero)
     noise, pairs = one.noise(np.ones(count, bool))
     assert noise == pytest.approx(5e-6, rel=0.05) and pairs == count - 4
+
+
+def test_errors_near_edges_are_those_of_the_points_there() -> None:
+    """Points on the top face of a box are as far from an edge as their coordinates say."""
+    rng, count = np.random.default_rng(4), 5000
+    box = box_mesh((0.04, 0.02, 0.01))
+    points = np.column_stack([*rng.uniform([[-0.02], [-0.01]], [[0.02], [0.01]], (2, count)), np.full(count, 5e-3)])
+    expected = np.minimum(0.02 - np.abs(points[:, 0]), 0.01 - np.abs(points[:, 1]))
+    found = _from_edges(points, box)
+    near = expected < 3.9e-3
+    assert np.abs(found - expected)[near].max() < 26e-6 and np.isinf(found[expected > 4.1e-3]).all()
+    ball = trimesh.creation.icosphere(4, 0.01)
+    assert np.isinf(_from_edges(points, Mesh(ball.vertices, ball.faces))).all()
+
+
+def test_edge_figures_of_a_simulated_run_agree_with_themselves(tmp_path) -> None:
+    steps = assets_dir() / "parts" / "step_block.stl"
+    found = scancell.compare(run_of(tmp_path, steps, **{"scan.max_profiles": 60, "scan.sweep.enabled": True}))
+    judged = [pair for pair in found.edges if min(pair.real_count, pair.simulated_count) > 300]
+    assert len(judged) > 1
+    assert all(pair.ratio == pytest.approx(1.0, abs=0.25) for pair in judged)
+    assert [part["from_mm"] for part in found.figures["rms_by_distance_from_edge_um"]] == [0, 0.25, 0.5, 1, 2]
+    assert "RMS by distance from a sharp edge" in found.summary()
 
 
 def test_run_without_a_part_is_refused(run, tmp_path) -> None:

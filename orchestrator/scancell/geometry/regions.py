@@ -47,18 +47,11 @@ class Regions:
 
 def smooth_regions(mesh: Mesh, sharp_deg: float = _SHARP_DEG) -> Regions:
     """Regions whose neighbouring faces meet at less than `sharp_deg`; edges of more than two faces separate, too."""
-    first, number = weld(mesh.vertices)
-    faces = first[number][mesh.faces]
-    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    owner = np.tile(np.arange(len(faces)), 3)
-    order = np.lexsort((edges[:, 1], edges[:, 0]))
-    edges, owner = edges[order], owner[order]
-    same = (edges[1:] == edges[:-1]).all(1)
-    # An edge of exactly two faces: equal to the next one, and to neither the one before nor the one after.
-    alone = same & ~np.append(same[1:], False) & ~np.append(False, same[:-1])
-    a, b = owner[:-1][alone], owner[1:][alone]
+    _, a, b = _edges(mesh)
+    shared = b >= 0
+    a, b = a[shared], b[shared]
     smooth = np.einsum("ni,ni->n", mesh.normals[a], mesh.normals[b]) > np.cos(np.radians(sharp_deg))
-    label = connected_components(len(faces), a[smooth], b[smooth])
+    label = connected_components(len(mesh.faces), a[smooth], b[smooth])
     areas = np.bincount(label, mesh.areas).astype(float)
     rank = np.empty(len(areas), np.int64)
     rank[np.argsort(-areas, kind="stable")] = np.arange(len(areas))
@@ -74,3 +67,26 @@ def smooth_regions(mesh: Mesh, sharp_deg: float = _SHARP_DEG) -> Regions:
     bent = np.bincount(of_face, ~aligned & (mesh.areas > 0))
     centres = moment / np.where(areas > 0, areas, 1.0)[:, None]
     return Regions(of_face, areas, normals, centres, (bent == 0) & (length[:, 0] > 0))
+
+
+def sharp_edges(mesh: Mesh, sharp_deg: float = _SHARP_DEG) -> Array:
+    """Ends (k, 2, 3), m, of the edges at which two faces meet at `sharp_deg` or more, or not exactly two faces."""
+    ends, a, b = _edges(mesh)
+    cosine = np.einsum("ni,ni->n", mesh.normals[a], mesh.normals[b])
+    has_area = mesh.areas > 0
+    is_bent = (cosine <= np.cos(np.radians(sharp_deg))) & has_area[a] & has_area[b]
+    return np.asarray(mesh.vertices[ends[is_bent | (b < 0)]], np.float64)
+
+
+def _edges(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Vertices (k, 2) of each edge, a face at it, and the other one; -1 where there are not exactly two faces."""
+    first, number = weld(mesh.vertices)
+    faces = first[number][mesh.faces]
+    ends = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    owner = np.tile(np.arange(len(faces)), 3)
+    order = np.lexsort((ends[:, 1], ends[:, 0]))
+    ends, owner = ends[order], owner[order]
+    begin = np.flatnonzero(np.append(True, (ends[1:] != ends[:-1]).any(1)))
+    count = np.diff(np.append(begin, len(ends)))
+    last = begin + count - 1
+    return ends[begin], owner[begin], np.where(count == 2, owner[last], -1)

@@ -19,6 +19,7 @@ from scancell.errors import DescriptionError, EmptyScanError
 from scancell.files import png_bytes
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
+from scancell.geometry.regions import sharp_edges
 from scancell.geometry.shapes import PartSurface
 from scancell.nominal.parts import load_part
 from scancell.output.comparison_picture import comparison_picture
@@ -37,7 +38,9 @@ Array = NDArray[np.float64]
 SHARES = np.array([0.005, 0.025, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95, 0.975, 0.995])
 _ANGLES = np.arange(0.0, 91.0, 15.0)  # deg
 _RANGES = 5
-_PLACES = 20  # along the profile
+_POSITIONS = 20  # along the profile
+_FROM_EDGE = 1e-3 * np.array([0.0, 0.25, 0.5, 1.0, 2.0, 4.0])  # m
+_EDGE_STEP = 0.05e-3  # m, of points on sharp edges
 _LEAST = 50  # points of a bin
 _NEIGHBOURS = 2  # columns between points whose difference is noise
 _SAME_POSITION, _SAME_TURN = 50e-6, np.radians(0.01)  # of poses that repeat
@@ -48,7 +51,8 @@ _NORMAL = 1.4826  # standard deviation by the median of absolute values
 class Residuals:
     """Points of the part: distance (n,) from it, m, range, position along the profile, m, angle of incidence, rad.
 
-    `exposure` (n,) is the row of the exposure, `camera` and `column` (n,) where in the image.
+    `exposure` (n,) is the row of the exposure, `camera` and `column` (n,) where in the image, `from_edge` (n,) the
+    distance from the nearest sharp edge, m.
     """
 
     distance: Array
@@ -58,6 +62,7 @@ class Residuals:
     exposure: NDArray[np.intp]
     camera: NDArray[np.int32]
     column: NDArray[np.int32]
+    from_edge: Array
 
     @classmethod
     def of(cls, data: ReconstructedData, part: Mesh, surface: PartSurface, threads: int) -> Residuals:
@@ -70,7 +75,8 @@ class Residuals:
         cosine = np.abs((part.normals[face] * laser).sum(1))
         angle = np.arccos(np.clip(cosine, 0.0, 1.0))
         cloud = made.cloud
-        return cls(distance, points[:, 2], points[:, 1], angle, exposure, cloud.camera, cloud.column)
+        from_edge = _from_edges(cloud.points_in_part, part)
+        return cls(distance, points[:, 2], points[:, 1], angle, exposure, cloud.camera, cloud.column, from_edge)
 
     def noise(self, chosen: NDArray[np.bool_]) -> tuple[float, int]:
         """Standard deviation from point to neighbouring point, m, robustly, and the number of differences."""
@@ -163,12 +169,24 @@ class ComparisonResult(Result):
     @property
     def shape(self) -> list[Pair]:
         """Mean distance from the part by position along the profile, m."""
-        edges = np.linspace(float(self.real.along.min()), float(self.real.along.max()), _PLACES + 1)
+        edges = np.linspace(float(self.real.along.min()), float(self.real.along.max()), _POSITIONS + 1)
         found = []
         for low, high in pairwise(edges.tolist()):
             parts = [one.distance[(one.along >= low) & (one.along < high)] for one in (self.real, self.simulated)]
             means = [float(np.mean(part)) if len(part) >= _LEAST else float("nan") for part in parts]
             found.append(Pair(float(low), float(high), _um(means[0]), _um(means[1]), *map(len, parts)))
+        return found
+
+    @property
+    def edges(self) -> list[Pair]:
+        """RMS distance from the part by distance from its nearest sharp edge, m."""
+        found = []
+        for low, high in pairwise(_FROM_EDGE.tolist()):
+            parts = [
+                one.distance[(one.from_edge >= low) & (one.from_edge < high)] for one in (self.real, self.simulated)
+            ]
+            rms = [_um(float(np.sqrt(np.mean(part**2)))) if len(part) >= _LEAST else None for part in parts]
+            found.append(Pair(float(low), float(high), rms[0], rms[1], *map(len, parts)))
         return found
 
     @property
@@ -199,13 +217,14 @@ class ComparisonResult(Result):
             "noise_by_angle_um": [_plain(one, "deg", 180 / np.pi) for one in self.noise_by_angle],
             "noise_by_range_um": [_plain(one, "mm", 1e3) for one in self.noise_by_range],
             "shape_along_profile_um": [_plain(one, "mm", 1e3) for one in self.shape],
+            "rms_by_distance_from_edge_um": [_plain(one, "mm", 1e3) for one in self.edges],
             "quantiles_um": [
                 {"share": float(share), "real": 1e6 * float(real), "simulated": 1e6 * float(simulated)}
                 for share, (real, simulated) in zip(SHARES, self.quantiles, strict=True)
             ],
             "repeatability_um": None if repeated is None else asdict(repeated),
             "fitted": list(self.fitted),
-            "predicted": ["points", "noise", "quantiles", "shape", "repeatability"],
+            "predicted": ["points", "noise", "quantiles", "shape", "edges", "repeatability"],
         }
 
     def summary(self) -> str:
@@ -219,12 +238,13 @@ class ComparisonResult(Result):
             f"  RMS        {rms['real']:.2f} / {rms['simulated']:.2f} um",
             *_lines("noise by angle, deg", self.noise_by_angle, 180 / np.pi),
             *_lines("noise by range, mm", self.noise_by_range, 1e3),
+            *_lines("RMS by distance from a sharp edge, mm", self.edges, 1e3, "points"),
         ]
         if (repeated := self.repeatability) is not None and repeated.real is not None:
             lines.append(f"  repeatability of profiles {repeated.real:.2f} / {_text(repeated.simulated)} um")
         fitted = ", ".join(self.fitted) or "none: all parameters are those of the descriptions"
         return "\n".join(
-            [*lines, f"  fitted     {fitted}", "  predicted  points, noise, quantiles, shape, repeatability"]
+            [*lines, f"  fitted     {fitted}", "  predicted  points, noise, quantiles, shape, edges, repeatability"]
         )
 
     def picture(self) -> bytes:
@@ -341,6 +361,21 @@ def _of_scan(folder: Path, setup: Setup) -> Measurements:
     )
 
 
+def _from_edges(points: Array, part: Mesh) -> Array:
+    """Distances of points (n, 3) from the nearest sharp edge of a part, m, to half of `_EDGE_STEP`; inf: no edge."""
+    from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
+
+    ends = sharp_edges(part)
+    if not len(ends):
+        return np.full(len(points), np.inf)
+    count = np.maximum(1, np.ceil(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / _EDGE_STEP)).astype(int)
+    edge = np.repeat(np.arange(len(ends)), count + 1)
+    number = np.arange(len(edge)) - np.repeat(np.cumsum(count + 1) - count - 1, count + 1)
+    share = (number / count[edge])[:, None]
+    on_edges = (1 - share) * ends[edge, 0] + share * ends[edge, 1]
+    return np.asarray(cKDTree(on_edges).query(points, distance_upper_bound=_FROM_EDGE[-1])[0], np.float64)
+
+
 def _repeated(poses: Array) -> list[list[int]]:
     """Rows of poses that repeat, two or more each."""
     left, groups = list(range(len(poses))), []
@@ -386,10 +421,11 @@ def _plain(one: Pair, unit: str, scale: float) -> dict[str, Any]:
     return {f"from_{unit}": low, f"to_{unit}": high, **plain, "simulated_over_real": one.ratio}
 
 
-def _lines(title: str, pairs: Sequence[Pair], scale: float) -> list[str]:
-    return [f"  {title}"] + [
-        f"    {scale * one.low:8.1f} to {scale * one.high:8.1f}   {_text(one.real)} / {_text(one.simulated)} um"
-        f"   ({one.real_count}, {one.simulated_count} differences)"
+def _lines(title: str, pairs: Sequence[Pair], scale: float, counted: str = "differences") -> list[str]:
+    lines = [
+        f"    {scale * one.low:8.2f} to {scale * one.high:8.2f}   {_text(one.real)} / {_text(one.simulated)} um"
+        f"   ({one.real_count}, {one.simulated_count} {counted})"
         for one in pairs
         if one.real is not None or one.simulated is not None
     ]
+    return [f"  {title}", *lines] if lines else []
