@@ -144,7 +144,7 @@ def test_job_waits_for_moves_and_excludes_others(cell: SteppedCell) -> None:
     second = cell.live.perform(go(), "the second")
     state = cell.cycle(4)
     assert state.job == "the first"
-    with pytest.raises(CommandError, match="the second: the first runs"):
+    with pytest.raises(CommandError, match="the second: the first is running"):
         second.result(0)
     cell.rests()
     cell.cycle(2)
