@@ -242,7 +242,7 @@ def test_joint_beside_chain_is_reported(tmp_path: Path) -> None:
         ("meshes/link3.stl", "seven_axis.urdf", "expected a file of .stl, .obj, .ply"),
         ('name="joint4" type="revolute"', 'name="joint4" type="prismatic"', "joint 'joint4': type 'prismatic'"),
         ('velocity="1.71042266695"', "", "joint 'joint1': no <limit> with a velocity"),
-        ('<parent link="link3"/>', '<parent link="link9"/>', "joint 'joint4': parent 'link9' is no link"),
+        ('<parent link="link3"/>', '<parent link="link9"/>', "joint 'joint4': parent 'link9' is not a link"),
         ('<parent link="link0"/>', '<parent link="flange"/>', "is part of a loop"),
         ('xyz="0 0.08 0"', 'xyz="0 eight 0"', "xyz = '0 eight 0': expected 3 numbers"),
         ('"flange"', '"hand"', "no link 'flange'; expected one of link0"),
