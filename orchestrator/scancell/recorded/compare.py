@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -166,28 +166,24 @@ class ComparisonResult(Result):
         edges[-1] = np.nextafter(edges[-1], np.inf)
         return self._noise_by("range", edges)
 
+    def _distance_by(self, name: str, edges: Array, statistic: Callable[[Array], float]) -> list[Pair]:
+        both, found = (self.real, self.simulated), []
+        for low, high in pairwise(edges.tolist()):
+            parts = [one.distance[(getattr(one, name) >= low) & (getattr(one, name) < high)] for one in both]
+            real, simulated = (statistic(part) if len(part) >= _LEAST else float("nan") for part in parts)
+            found.append(Pair(float(low), float(high), _um(real), _um(simulated), *map(len, parts)))
+        return found
+
     @property
     def shape(self) -> list[Pair]:
         """Mean distance from the part by position along the profile, m."""
         edges = np.linspace(float(self.real.along.min()), float(self.real.along.max()), _POSITIONS + 1)
-        found = []
-        for low, high in pairwise(edges.tolist()):
-            parts = [one.distance[(one.along >= low) & (one.along < high)] for one in (self.real, self.simulated)]
-            means = [float(np.mean(part)) if len(part) >= _LEAST else float("nan") for part in parts]
-            found.append(Pair(float(low), float(high), _um(means[0]), _um(means[1]), *map(len, parts)))
-        return found
+        return self._distance_by("along", edges, lambda distance: float(np.mean(distance)))
 
     @property
     def edges(self) -> list[Pair]:
         """RMS distance from the part by distance from its nearest sharp edge, m."""
-        found = []
-        for low, high in pairwise(_FROM_EDGE.tolist()):
-            parts = [
-                one.distance[(one.from_edge >= low) & (one.from_edge < high)] for one in (self.real, self.simulated)
-            ]
-            rms = [_um(float(np.sqrt(np.mean(part**2)))) if len(part) >= _LEAST else None for part in parts]
-            found.append(Pair(float(low), float(high), rms[0], rms[1], *map(len, parts)))
-        return found
+        return self._distance_by("from_edge", _FROM_EDGE, _rms)
 
     @property
     def quantiles(self) -> Array:
@@ -207,7 +203,7 @@ class ComparisonResult(Result):
     def figures(self) -> dict[str, Any]:
         """Plain figures, in the units that their names state."""
         counts = [len(one.distance) for one in (self.real, self.simulated)]
-        rms = [1e6 * float(np.sqrt(np.mean(one.distance**2))) for one in (self.real, self.simulated)]
+        rms = [1e6 * _rms(one.distance) for one in (self.real, self.simulated)]
         repeated = self.repeatability
         return {
             "is_simulated": self.is_simulated,
@@ -405,6 +401,10 @@ def _scatter_of_means(one: Residuals, groups: list[list[int]]) -> tuple[float, i
 def _middles(pairs: Sequence[Pair], scale: float) -> list[float]:
     """Middles of the ranges of figures."""
     return [scale * (one.low + one.high) / 2 for one in pairs]
+
+
+def _rms(distance: Array) -> float:
+    return float(np.sqrt(np.mean(distance**2)))
 
 
 def _um(value: float) -> float | None:

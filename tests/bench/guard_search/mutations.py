@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from scancell.cell.controller import Operation
-from scancell.config.robot import RobotDescription
 from scancell.guard.check import ManualCheck
 from scancell.guard.guard import Decision, Guard
 from scancell.guard.identify import Identifier, _Window
@@ -16,7 +16,6 @@ from scancell.guard.link import Link
 from scancell.guard.messages import CellState, GuardMessage, decode
 from scancell.guard.motion import Hypothesis, Kind, Path
 from scancell.guard.path_check import PathCheck
-from scancell.guard.settings import GuardSettings
 from scancell.nominal.cell import NominalCell
 from scancell.studies.guard.simulation import Protection
 from scancell.studies.guard.strata import Stratum
@@ -71,14 +70,8 @@ def _without(path: Path) -> Mutation:
     class OmitsHypothesis(Guard):
         """A guard that omits one path of the motion."""
 
-        def __init__(
-            self,
-            nominal: NominalCell,
-            robot: RobotDescription,
-            settings: GuardSettings | None = None,
-            ignored: Collection[tuple[str, str]] = (),
-        ) -> None:
-            super().__init__(nominal, robot, settings, ignored)
+        def __init__(self, nominal: NominalCell, *others: Any) -> None:
+            super().__init__(nominal, *others)
             self._identifier = OmitsPath(nominal, self.settings.noise)
 
     return Mutation(OmitsHypothesis)
@@ -87,14 +80,8 @@ def _without(path: Path) -> Mutation:
 class _NoClearance(Guard):
     """A guard that takes positions of bodies and its own meshes for exact."""
 
-    def __init__(
-        self,
-        nominal: NominalCell,
-        robot: RobotDescription,
-        settings: GuardSettings | None = None,
-        ignored: Collection[tuple[str, str]] = (),
-    ) -> None:
-        super().__init__(nominal, robot, settings, ignored)
+    def __init__(self, nominal: NominalCell, *others: Any) -> None:
+        super().__init__(nominal, *others)
         known, scene, worst = self.settings, self._manual._scene, self._manual._worst
         self._manual = ManualCheck(nominal, scene, 0.0, worst, known.horizon)
         self._automatic = PathCheck(nominal, scene, 0.0, known.reaction, worst.deceleration, known.angle_error)
