@@ -40,7 +40,6 @@ _ANGLES = np.arange(0.0, 91.0, 15.0)  # deg
 _RANGES = 5
 _POSITIONS = 20  # along the profile
 _FROM_EDGE = 1e-3 * np.array([0.0, 0.25, 0.5, 1.0, 2.0, 4.0])  # m
-_EDGE_STEP = 0.05e-3  # m, of points on sharp edges
 _LEAST = 50  # points of a bin
 _NEIGHBOURS = 2  # columns between points whose difference is noise
 _SAME_POSITION, _SAME_TURN = 50e-6, np.radians(0.01)  # of poses that repeat
@@ -75,7 +74,7 @@ class Residuals:
         cosine = np.abs((part.normals[face] * laser).sum(1))
         angle = np.arccos(np.clip(cosine, 0.0, 1.0))
         cloud = made.cloud
-        from_edge = _from_edges(cloud.points_in_part, part)
+        from_edge = _from_edges(cloud.points_in_part, part, threads)
         return cls(distance, points[:, 2], points[:, 1], angle, exposure, cloud.camera, cloud.column, from_edge)
 
     def noise(self, chosen: NDArray[np.bool_]) -> tuple[float, int]:
@@ -357,19 +356,13 @@ def _of_scan(folder: Path, setup: Setup) -> Measurements:
     )
 
 
-def _from_edges(points: Array, part: Mesh) -> Array:
-    """Distances of points (n, 3) from the nearest sharp edge of a part, m, to half of `_EDGE_STEP`; inf: no edge."""
-    from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
-
+def _from_edges(points: Array, part: Mesh, threads: int) -> Array:
+    """Distances (n,) of points (n, 3) from the nearest sharp edge of a part, m; inf: it has none."""
     ends = sharp_edges(part)
     if not len(ends):
         return np.full(len(points), np.inf)
-    count = np.maximum(1, np.ceil(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / _EDGE_STEP)).astype(int)
-    edge = np.repeat(np.arange(len(ends)), count + 1)
-    number = np.arange(len(edge)) - np.repeat(np.cumsum(count + 1) - count - 1, count + 1)
-    share = (number / count[edge])[:, None]
-    on_edges = (1 - share) * ends[edge, 0] + share * ends[edge, 1]
-    return np.asarray(cKDTree(on_edges).query(points, distance_upper_bound=_FROM_EDGE[-1])[0], np.float64)
+    as_faces = np.arange(2 * len(ends)).reshape(-1, 2)[:, [0, 1, 1]]  # without area: the edges themselves
+    return np.abs(PartSurface(Mesh(ends.reshape(-1, 3), as_faces)).distances(points, threads)[0])
 
 
 def _repeated(poses: Array) -> list[list[int]]:
