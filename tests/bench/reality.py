@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import argparse
 import ast
-import re
+import importlib.util
 import tempfile
-from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -21,7 +21,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest, t
 
+from bench.ball_prediction import prediction_lines
+from bench.ball_profiles import BALL_RADIUS, Circle, FoundBall, circle_of, read_profiles, repeated_poses
 from bench.board_prediction import displacement, prediction_error, seen_pose
+from bench.board_stripes import straightness_lines
 from scancell.calibration.board.problem import BoardView, Rig
 from scancell.calibration.board.solve import (
     calibrate_cameras,
@@ -31,7 +34,6 @@ from scancell.calibration.board.solve import (
     stripes_in_camera,
 )
 from scancell.calibration.board.views import Board, BoardViews, read_views
-from scancell.calibration.cell.sphere_start import circle_in
 from scancell.calibration.flange_poses import flange_columns
 from scancell.calibration.measured_table import write_measured_table
 from scancell.config.loading import load_setup
@@ -43,12 +45,10 @@ Array = NDArray[np.float64]
 REPORT = Path(__file__).resolve().parents[2] / "docs" / "reality.md"
 BOARD = Board(7, 6, 0.010)
 # Of the folders with images; those of calib5 are those of calib4.
+HAS_VISION_CALIBRATION = importlib.util.find_spec("vision_calibration") is not None
+HAS_ENGEOM = importlib.util.find_spec("engeom") is not None
 LEAST_HALF = 4  # images
 FOLDERS = (".", "calib1", "calib2", "calib3", "calib4", "calib6")
-BALL_RADIUS = 19.05e-3
-_NEAR = 40e-6  # m, of points of the ball in the first fit of its circle
-_LEAST_POINTS = 30
-_MOST_LAG = 50
 
 
 @dataclass(frozen=True)
@@ -94,6 +94,45 @@ def opencv_chain(views: Sequence[BoardView], size: tuple[int, int]) -> Rig:
     return replace(rig, sheet=plane_frame(stripes_in_camera(rig, views, boards)))
 
 
+def vision_calibration_chain(views: Sequence[BoardView]) -> tuple[Rig, float]:
+    """The package of that name: camera, hand-eye and board in one adjustment; plane through the stripes on the boards.
+
+    Returns the rig with one focal length, and the factor by which rows are stretched for it.
+    """
+    import vision_calibration as peer  # noqa: PLC0415  (not required)
+
+    def posed(view: BoardView) -> Any:
+        quaternion = Rotation.from_matrix(view.flange[:3, :3]).as_quat()
+        return peer.Pose(tuple(quaternion.tolist()), tuple(view.flange[:3, 3].tolist()))
+
+    seen = [
+        peer.SingleCamHandeyeView(
+            peer.Observation(
+                [tuple(point) for point in view.corners.tolist()], [tuple(p) for p in view.corner_pixels.tolist()]
+            ),
+            posed(view),
+        )
+        for view in views
+    ]
+    found = peer.run_single_cam_handeye(peer.SingleCamHandeyeDataset(seen), peer.SingleCamHandeyeCalibrationConfig())
+    camera, board = (
+        pose.from_rotation(Rotation.from_quat(one.rotation_xyzw).as_matrix(), np.array(one.translation_xyz))
+        for one in (found.gripper_se3_camera, found.base_se3_target)
+    )
+    k, d = found.camera.intrinsics, found.camera.distortion
+    aspect = k.fx / k.fy
+    rig = Rig(np.array([k.fx, k.cx, aspect * k.cy, d.k1, d.k2, d.p1, d.p2]), camera, board, np.eye(4))
+    stretched = [stretched_rows(view, aspect) for view in views]
+    sheet = plane_frame(stripes_in_camera(rig, stretched, np.stack([seen_pose(rig, view) for view in stretched])))
+    return replace(rig, sheet=sheet), aspect
+
+
+def stretched_rows(view: BoardView, factor: float) -> BoardView:
+    """The view with the rows of its image stretched."""
+    by = np.array([1.0, factor])
+    return replace(view, corner_pixels=view.corner_pixels * by, stripe=view.stripe * by)
+
+
 def held_errors(rig: Rig, view: BoardView) -> Held:
     """Errors of a rig at an image that it was not calibrated by."""
     board = rig.camera_from_board(view.flange)
@@ -108,6 +147,26 @@ def held_errors(rig: Rig, view: BoardView) -> Held:
     )
 
 
+def stripe_lines(data: Path) -> Iterator[str]:
+    """Table of how straight the stripes on the board's plane are."""
+    images = []
+    for folder in FOLDERS:
+        found = etna_views(data, folder)
+        rig = solve(found.views, start_rig(found.views, found.size)).rig
+        images += [(data / folder / view.name, rig, view) for view in found.views]
+    yield from straightness_lines(images)
+
+
+def ball_half_lines(data: Path) -> Iterator[str]:
+    """Table of what the simulation of one half of the poses predicts of the other."""
+    found = [
+        FoundBall(profile, circle)
+        for profile in read_profiles(data)
+        if profile.pose is not None and (circle := circle_of(profile.points)) is not None
+    ]
+    yield from prediction_lines(repeated_poses(found))
+
+
 @dataclass
 class FolderResult:
     """Calibration of a folder, and errors of every image by what the others give; `inside` (n, 6) of the intervals."""
@@ -118,6 +177,7 @@ class FolderResult:
     focal: tuple[float, float]
     ours: list[Held]
     chain: list[Held]
+    peer: list[Held]
     inside: NDArray[np.bool_]
 
 
@@ -127,12 +187,17 @@ def etna_folder(data: Path, folder: str) -> FolderResult:
     views, size = found.views, found.size
     whole = solve(views, start_rig(views, size))
     focal = (float(whole.rig.intrinsics[0]), float(whole.factor() * 10.0 * np.sqrt(whole.covariance[0, 0])))
-    result = FolderResult(folder.replace(".", "data"), len(views), whole.sizes, focal, [], [], np.zeros((0, 6), bool))
+    result = FolderResult(
+        folder.replace(".", "data"), len(views), whole.sizes, focal, [], [], [], np.zeros((0, 6), bool)
+    )
     for i, held in enumerate(views):
         others = [view for k, view in enumerate(views) if k != i]
         one = solve(others, start_rig(others, size))
         result.ours.append(held_errors(one.rig, held))
         result.chain.append(held_errors(opencv_chain(others, size), held))
+        if HAS_VISION_CALIBRATION:
+            rig, aspect = vision_calibration_chain(others)
+            result.peer.append(held_errors(rig, stretched_rows(held, aspect)))
         error = prediction_error(one, held)
         half = one.factor() * np.sqrt(np.diag(error.covariance))
         result.inside = np.vstack([result.inside, np.abs(error.displacement) < half])
@@ -209,86 +274,34 @@ def etna_lines(data: Path) -> Iterator[str]:
     yield ""
     yield "| folder | corners, px | board, mm | board, deg | stripe to board, mm | inside 95 % intervals |"
     yield "|---|---|---|---|---|---|"
-    every = FolderResult("all", 0, np.zeros(5), (0.0, 0.0), [], [], np.zeros((0, 6), bool))
+    every = FolderResult("all", 0, np.zeros(5), (0.0, 0.0), [], [], [], np.zeros((0, 6), bool))
     for one in results:
-        every.ours, every.chain = every.ours + one.ours, every.chain + one.chain
+        every.ours, every.chain, every.peer = every.ours + one.ours, every.chain + one.chain, every.peer + one.peer
         every.inside = np.vstack([every.inside, one.inside])
     for one in (*results, every):
         cells = [
-            f"{rms(one.ours, name):.2f} / {rms(one.chain, name):.2f}"
+            " / ".join(f"{rms(held, name):.2f}" if held else "-" for held in (one.ours, one.chain, one.peer))
             for name in ("corners", "position", "orientation", "stripe")
         ]
         inside = share(int(one.inside.sum()), one.inside.size)
         yield f"| {one.name if one is every else f'`{one.name}`'} | {' | '.join(cells)} | {inside} |"
 
 
-@dataclass(frozen=True)
-class Circle:
-    """Circle of a profile of the ball: centre and radius (3,), m, their covariance (3, 3), and its n points.
-
-    `distance` is the standard deviation of the points from the circle, `noise` that from point to point, m; the errors
-    of `lag` points count as one.
-    """
-
-    values: Array
-    covariance: Array
-    distance: float
-    noise: float
-    points: int
-    lag: float
-
-
-def circle_of(profile: Array) -> Circle | None:
-    """The circle of a ball in a profile (n, 2), m, without labels; None without one.
-
-    Neighbouring points share errors: the covariance is that of independent ones times the sum of the autocorrelation.
-    """
-    found = circle_in(profile, 10e-6, 1.01 * BALL_RADIUS, np.random.default_rng(0))
-    if found is None:
-        return None
-    values = np.array([*found[0], found[1]])
-    kept = np.zeros(len(profile), bool)
-    for limit in (3 * _NEAR, _NEAR, _NEAR):
-        for _ in range(5):
-            away = profile - values[:2]
-            length = np.linalg.norm(away, axis=1)
-            rest = length - values[2]
-            kept = np.abs(rest) < limit
-            if kept.sum() < _LEAST_POINTS:
-                return None
-            design = np.column_stack([away / length[:, None], np.ones(len(away))])[kept]
-            values = values + np.linalg.lstsq(design, rest[kept], rcond=None)[0]
-    rest = rest[kept]
-    distance = float(np.sqrt(rest @ rest / (len(rest) - 3)))
-    noise = float(np.std(np.diff(rest)) / np.sqrt(2))
-    lag = 1.0
-    for k in range(1, min(_MOST_LAG, len(rest) // 4)):
-        correlation = float(np.mean(rest[k:] * rest[:-k])) / float(np.mean(rest**2))
-        if correlation < 0:
-            break
-        lag += 2 * correlation
-    covariance = distance**2 * lag * np.linalg.inv(design.T @ design)
-    return Circle(values, covariance, distance, noise, int(kept.sum()), lag)
-
-
 def ball_lines(data: Path) -> Iterator[str]:
     """Tables of the profiles of the ball."""
-    groups: dict[tuple[str, str], list[Circle]] = defaultdict(list)
-    profiles, agree = 0, []
-    for file in sorted(data.rglob("*.csv")):
-        table = np.loadtxt(file, delimiter=",", ndmin=2)
-        found = circle_of(1e-3 * table[:, :2])
+    profiles, found, agree = 0, list[FoundBall](), []
+    for profile in read_profiles(data):
         profiles += 1
-        if found is None:
+        circle = circle_of(profile.points)
+        if circle is None:
             continue
-        labelled = circle_of(1e-3 * table[table[:, 2] == 1, :2]) if (table[:, 2] == 1).sum() > _LEAST_POINTS else None
+        found.append(FoundBall(profile, circle))
+        labelled = circle_of(profile.points[profile.is_ball])
         if labelled is not None:
-            agree.append(np.linalg.norm((labelled.values - found.values)[:2]))
-        match = re.fullmatch(r"(.*)_\d+", file.stem)
-        if match:
-            groups[file.parent.name, match[1]].append(found)
-    circles = [one for group in groups.values() for one in group]
-    repeated = {name: group for name, group in groups.items() if len(group) >= 3 and _is_same(group)}
+            agree.append(np.linalg.norm((labelled.values - circle.values)[:2]))
+    circles = [one.circle for one in found]
+    poses = repeated_poses(found)
+    repeated = [[one.circle for one in group] for group in poses]
     agreed = np.array(agree)
     yield "| | |"
     yield "|---|---|"
@@ -300,22 +313,38 @@ def ball_lines(data: Path) -> Iterator[str]:
     distance, noise = (1e6 * np.median([getattr(one, name) for one in circles]) for name in ("distance", "noise"))
     yield f"| deviation of points from the circle; from point to point; median | {distance:.1f}; {noise:.1f} µm |"
     yield f"| points whose errors count as one, median | {np.median([one.lag for one in circles]):.1f} |"
-    scatter = [np.std([one.values for one in group], axis=0, ddof=1) for group in repeated.values()]
-    stated = [np.sqrt(np.mean([np.diag(one.covariance) for one in group], axis=0)) for group in repeated.values()]
+    scatter = [np.std([one.values for one in group], axis=0, ddof=1) for group in repeated]
+    stated = [np.sqrt(np.mean([np.diag(one.covariance) for one in group], axis=0)) for group in repeated]
     for i, name in enumerate(("x of the centre", "z of the centre", "radius")):
         yield (
             f"| repeatability of the {name}: median (5 % to 95 %) of {len(scatter)} poses; stated, median |"
             f" {_quantiles([one[i] for one in scatter])}; {1e6 * np.median([one[i] for one in stated]):.1f} µm |"
         )
+    if HAS_ENGEOM:
+        yield from engeom_lines(poses)
     for title, effect in (("by the points of the profile alone", False), ("with an effect of the repeat", True)):
-        inside, count = _left_out(list(repeated.values()), effect)
+        inside, count = _left_out(repeated, effect)
         yield f"| left-out repeats inside the 95 % interval of x, z, radius, {title} | {share(inside, count)} |"
 
 
-def _is_same(group: Sequence[Circle]) -> bool:
-    """Whether repeats show the ball at one pose: some recordings share numbers."""
-    values = np.array([one.values for one in group])
-    return bool(np.abs(values - np.median(values, axis=0)).max() < 0.2e-3)
+def engeom_lines(poses: Sequence[Sequence[FoundBall]]) -> Iterator[str]:
+    """The circles of the package engeom (MAGSAC++ on all points of the profile) beside ours."""
+    away, scatter = [], []
+    for group in poses:
+        theirs = np.array([_circle_of_engeom(one.profile.points) for one in group])
+        away += np.linalg.norm(theirs[:, :2] - [one.circle.values[:2] for one in group], axis=1).tolist()
+        scatter.append(theirs.std(0, ddof=1))
+    x, z, radius = 1e6 * np.median(scatter, axis=0)
+    yield f"| centre by `engeom`, distance from ours, median | {1e6 * np.median(away):.1f} µm |"
+    yield f"| repeatability by `engeom`, median: x, z, radius | {x:.1f}, {z:.1f}, {radius:.1f} µm |"
+
+
+def _circle_of_engeom(profile: Array) -> Array:
+    """Centre and radius (3,), m, of the ball in a profile (n, 2), m."""
+    from engeom.geom2 import Circle2  # noqa: PLC0415  (not required)
+
+    found = Circle2.from_consensus(1e3 * profile, 0.04, max_r=1.01e3 * BALL_RADIUS, seed=0)
+    return 1e-3 * np.array([found.x, found.y, found.r])
 
 
 def _quantiles(values: Sequence[float]) -> str:
@@ -362,12 +391,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, required=True, help="folder with checkouts of the public repositories")
     parser.add_argument("--out", type=Path, default=REPORT, help="page with the marks")
-    parser.add_argument("--only", choices=("etna", "halves", "ball"), help="one of the tables")
+    parser.add_argument(
+        "--only", choices=("etna", "halves", "stripes", "ball", "ball halves"), help="one of the tables"
+    )
     given = parser.parse_args()
     sets = {
         "etna": ("etna_calib/data", etna_lines),
         "halves": ("etna_calib/data", half_lines),
+        "stripes": ("etna_calib/data", stripe_lines),
         "ball": ("data/Standard_sphere_seg_dataset_v1", ball_lines),
+        "ball halves": ("data/Standard_sphere_seg_dataset_v1", ball_half_lines),
     }
     for mark, (inner, lines) in sets.items():
         if given.only not in (None, mark):

@@ -28,16 +28,16 @@ def write_etna(folder: Path) -> Path:
 
 
 def write_ball(folder: Path, poses: int = 3, repeats: int = 5) -> Path:
-    """Profiles of a ball before a plane: x, z, label in mm, rounded to 5 µm."""
+    """Profiles of a ball before a plane: x, z (towards the sensor), label in mm, rounded to 5 µm."""
     data = folder / "ball" / "data" / "Standard_sphere_seg_dataset_v1"
     (data / "label_out_1").mkdir(parents=True)
     rng = np.random.default_rng(4)
     for number in range(1, poses + 1):
-        centre, radius = np.array([rng.uniform(-10, 10), rng.uniform(120, 200)]), rng.uniform(15, 18.5)
+        centre, radius = np.array([rng.uniform(-10, 10), rng.uniform(200, 240)]), rng.uniform(15, 18.5)
         for repeat in range(1, repeats + 1):
             x = np.linspace(-45, 45, 700)
             on_ball = np.abs(x - centre[0]) < 0.85 * radius
-            z = np.where(on_ball, centre[1] - np.sqrt(np.maximum(radius**2 - (x - centre[0]) ** 2, 0.0)), 260.0)
+            z = np.where(on_ball, centre[1] + np.sqrt(np.maximum(radius**2 - (x - centre[0]) ** 2, 0.0)), 110.0)
             z = np.round((z + rng.normal(scale=8e-3, size=len(z))) / 5e-3) * 5e-3
             np.savetxt(data / "label_out_1" / f"{number}_{repeat}.csv", np.column_stack([x, z, on_ball]), delimiter=",")
     return data
@@ -53,13 +53,39 @@ def test_profiles_of_a_ball(tmp_path) -> None:
 
 
 @pytest.mark.slow
+def test_half_of_the_ball_predicts_the_noise_of_the_other(tmp_path) -> None:
+    """The recordings have independent errors of 8 µm in each point."""
+    rows = {
+        row[1].strip(): row[2:4]
+        for row in (line.split("|") for line in reality.ball_half_lines(write_ball(tmp_path, 4)))
+    }
+    for cell in rows["noise"]:
+        real, simulated, ratio = (float(value) for value in cell.replace(";", ",").split(","))
+        assert 6.0 < real < 10.0
+        assert ratio == pytest.approx(simulated / real, abs=0.02)
+        assert ratio == pytest.approx(1.0, abs=0.25)
+
+
+@pytest.mark.slow
+def test_stripes_of_a_flat_board_are_straight(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(reality, "FOLDERS", (".",))
+    rows = [line.split("|") for line in reality.stripe_lines(write_etna(tmp_path))]
+    found = {row[1].strip(): row[2].strip() for row in rows[2:]}
+    for name in ("`gaussian`", "`steger`", "OpenCV, maximum after a Gaussian filter, parabola"):
+        deviation, count = found[name].rstrip(")").split(" (")
+        assert float(deviation) < 0.5 and int(count) > 100, name
+
+
+@pytest.mark.slow
 def test_command_writes_the_tables_between_the_marks(tmp_path, monkeypatch, capsys) -> None:
     write_etna(tmp_path)
     write_ball(tmp_path, poses=1)
+    monkeypatch.setattr(reality, "prediction_lines", lambda poses: [f"| {len(poses)} pose |"])
     page = tmp_path / "page.md"
     page.write_text(
         "Before\n<!-- etna -->\nstale\n<!-- end of etna -->\n<!-- halves -->\n<!-- end of halves -->\n"
-        "Between\n<!-- ball -->\n<!-- end of ball -->\nAfter\n"
+        "<!-- stripes -->\n<!-- end of stripes -->\nBetween\n<!-- ball -->\n<!-- end of ball -->\n"
+        "<!-- ball halves -->\n<!-- end of ball halves -->\nAfter\n"
     )
     monkeypatch.setattr(reality, "FOLDERS", (".",))
     monkeypatch.setattr("sys.argv", ["reality", "--data", str(tmp_path), "--out", str(page)])
@@ -67,8 +93,9 @@ def test_command_writes_the_tables_between_the_marks(tmp_path, monkeypatch, caps
     text = page.read_text()
     assert "stale" not in text and "Between" in text and text.endswith("After\n")
     (row,) = [line for line in text.splitlines() if line.startswith("| all |")]
-    ours, chain = (float(value) for value in row.split("|")[3].split("/"))
+    ours, chain = (float(value) for value in row.split("|")[3].split("/")[:2])
     assert ours < 1.0 and chain < 3.0  # mm, of the board at a left-out image
+    assert "| 1 pose |" in text and "`steger`" in text
     assert "of 30" in row  # six components of the board in five images
     capsys.readouterr()
     monkeypatch.setattr("sys.argv", ["reality", "--data", str(tmp_path / "etna"), "--out", str(page)])
