@@ -14,9 +14,11 @@ import pyarrow.parquet
 import pytest
 from orientations import ORIENTATIONS
 from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
 
 import scancell
 from scancell.calibration.measured_table import MeasuredTable, write_measured_table
+from scancell.cli import app
 from scancell.config.loading import assets_dir
 from scancell.errors import CalibrationError, DescriptionError, EmptyScanError, ImageError
 from scancell.geometry import pose
@@ -221,6 +223,20 @@ def test_run_folder_is_an_input_again(scanned, tmp_path) -> None:
     flange = run.motion.frames(float(scanned.recording.measured.time[3]))
     assert set(flange) >= {"sensor", "table", "part"}
     json.loads((tmp_path / "run" / "manifest.json").read_text())["inputs"][str(table)]
+
+
+def test_mesh_animate_and_export_take_the_run_folder(scanned, tmp_path) -> None:
+    table = write_table(scanned, tmp_path / "points.parquet", flange_columns_of(scanned, "xyzwpr"))
+    scancell.reconstruct(table, part=PART).save(tmp_path / "run")
+    surface = scancell.mesh(tmp_path / "run", tmp_path / "surface.ply", spacing_mm=1.0)
+    assert len(surface.faces) > 1000
+    size = ("--size", "160x120", "--seconds", "0.2", "--fps", "10", "--view", "part")
+    for words in (("animate", *size, "--out", tmp_path / "run.webp"), ("export", "--out", tmp_path / "run.mcap")):
+        done = CliRunner().invoke(app, [words[0], str(tmp_path / "run"), *map(str, words[1:]), "--json"])
+        assert done.exit_code == 0, done.output
+    assert cv2.imread(str(tmp_path / "run.webp")) is not None
+    figures = json.loads(done.stdout.splitlines()[-1])["figures"]
+    assert figures["points"] > 1000 and figures["messages"] > len(scanned.recording.measured.index)
 
 
 def test_run_without_a_part_is_drawn(scanned, tmp_path) -> None:
