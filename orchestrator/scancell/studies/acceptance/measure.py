@@ -29,6 +29,7 @@ from scancell.studies.factors import Inputs
 Array = NDArray[np.float64]
 
 ALL_ROUND = "all round"
+REPEATABILITY = "repeatability"  # in budgets: what no factor explains
 MODES: tuple[ScanMode, ...] = get_args(ScanMode)
 
 _TURNED = ("sphere", "ball_bar", "cylinder")  # artefacts that are also scanned from all sides

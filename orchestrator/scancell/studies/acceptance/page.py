@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from scancell.extras import require
-from scancell.studies.acceptance.report import REPEATABILITY
+from scancell.studies.acceptance.measure import REPEATABILITY
 from scancell.studies.page import BLUE, GREY, INK, ORANGE, rendered, svg
 
 if TYPE_CHECKING:

@@ -24,6 +24,7 @@ from scancell.output.tables import columns_of, write_csv
 from scancell.progress import Progress
 from scancell.scanner import Scanner
 from scancell.studies.acceptance.measure import (
+    REPEATABILITY,
     Measuring,
     Programme,
     Samples,
@@ -42,7 +43,6 @@ from scancell.values import Result
 Array = NDArray[np.float64]
 
 PROBABILITY = 0.95
-REPEATABILITY = "repeatability"
 
 WHAT = (
     "figures in the style of VDI/VDE 2634-2 and -3 and ISO 10360-8 and -13; least-squares elements; uncertainty after"
