@@ -24,6 +24,7 @@ def sections(largest: int) -> dict[str, Callable[[], Iterator[Row]]]:
     return {
         "images": sensor_speed.image_rows,
         "reflected": sensor_speed.reflected_rows,
+        "lenses": sensor_speed.lens_rows,
         "stations": sensor_speed.station_rows,
         "extraction": sensor_speed.single_station_rows,
         "geometric": sensor_speed.geometric_rows,

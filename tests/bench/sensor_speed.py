@@ -24,6 +24,13 @@ LIMIT_REFLECTED = 15.0
 LIMIT_GEOMETRIC = 10_000.0
 LIMIT_EXTRACTION_MS = 2.0
 DENSE_STEPS = (10_000, 100_000, 1_000_000)
+# Settings of a camera: point spread, and focus at both ends of the range, by the distance along the camera's axis.
+LENSES = {
+    "PSF 0.5 px": ("psf_sigma_px=0.5",),
+    "PSF 1.0 px": ("psf_sigma_px=1.0",),
+    "focus at 95 mm": ("focus_mm=95.0",),
+    "focus at 173 mm": ("focus_mm=173.0",),
+}
 REFLECTED = ("sensor.render.bounces=2", "sensor.speckle.contrast=1.0")
 
 
@@ -53,6 +60,16 @@ def reflected_rows() -> Iterator[Row]:
     """The same pairs with light that is reflected up to twice between surfaces, and speckle."""
     timing = _ray_traced(part_on_table(PART_TRIANGLES), 2, overrides=REFLECTED)
     yield _rate_row("two bounces and speckle, 2 threads", timing, FRAMES, "pairs/s", LIMIT_REFLECTED, 2)
+
+
+def lens_rows() -> Iterator[Row]:
+    """Lenses with point spread or defocus beside the same cameras as pinholes."""
+    scene = part_on_table(PART_TRIANGLES)
+    pinhole = scaled(_ray_traced(scene, 2), 1e3 / FRAMES)
+    for name, settings in LENSES.items():
+        overrides = tuple(f"sensor.camera[{number}].{setting}" for number in (1, 2) for setting in settings)
+        timing = scaled(_ray_traced(scene, 2, overrides=overrides), 1e3 / FRAMES)
+        yield processor_row(f"lens, {name}", timing, "ms/pair", "pinholes", pinhole.processor, "at most", 1.25)
 
 
 def station_rows() -> Iterator[Row]:
