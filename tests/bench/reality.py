@@ -1,7 +1,7 @@
 """Public recordings of real sensors: ``PYTHONPATH=tests python -m bench.reality --data FOLDER``.
 
-FOLDER holds checkouts of the public repositories, whatever their names: that with ``etna_calib/data`` and that with
-``data/Standard_sphere_seg_dataset_v1``. The tables go to docs/reality.md, between its marks.
+FOLDER holds checkouts of the public repositories, whatever their names: those with ``etna_calib/data``,
+``data/Standard_sphere_seg_dataset_v1`` and ``data/ScanData``. The tables go to docs/reality.md, between its marks.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from bench.ball_prediction import prediction_lines
 from bench.ball_profiles import BALL_RADIUS, Circle, FoundBall, circle_of, read_profiles, repeated_poses
 from bench.board_prediction import displacement, prediction_error, seen_pose
 from bench.board_stripes import straightness_lines
+from bench.robot_ball import robot_ball_lines
 from scancell.calibration.board.problem import BoardView, Rig
 from scancell.calibration.board.solve import (
     calibrate_cameras,
@@ -391,17 +392,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, required=True, help="folder with checkouts of the public repositories")
     parser.add_argument("--out", type=Path, default=REPORT, help="page with the marks")
-    parser.add_argument(
-        "--only", choices=("etna", "halves", "stripes", "ball", "ball halves"), help="one of the tables"
-    )
-    given = parser.parse_args()
     sets = {
         "etna": ("etna_calib/data", etna_lines),
         "halves": ("etna_calib/data", half_lines),
         "stripes": ("etna_calib/data", stripe_lines),
         "ball": ("data/Standard_sphere_seg_dataset_v1", ball_lines),
+        "robot ball": ("data/ScanData", robot_ball_lines),
         "ball halves": ("data/Standard_sphere_seg_dataset_v1", ball_half_lines),
     }
+    parser.add_argument("--only", choices=list(sets), help="one of the tables")
+    given = parser.parse_args()
     for mark, (inner, lines) in sets.items():
         if given.only not in (None, mark):
             continue

@@ -41,6 +41,14 @@ def scanner():
         yield scanner
 
 
+# Centre of a ball in the sensor, mm, in 15 poses: those of a public recording (docs/reality.md), rounded.
+ONE_SIDED = (
+    (-7, -17, -34, -7, -7, -7, -7, -7, -7, -13, -11, -11, -13, -21, -15),
+    (57, 57, 57, 57, 93, 6, 46, 54, 39, 57, 57, 57, 65, 67, 58),
+    (425, 425, 425, 444, 443, 445, 421, 428, 425, 428, 423, 419, 425, 425, 425),
+)
+
+
 class Recording:
     """Profiles of a sphere with flange poses (n, 4, 4), and the pose of the sensor on that flange."""
 
@@ -120,6 +128,49 @@ def test_tool_is_found_without_a_description_of_it(scanner, recording, tmp_path)
     report.save(tmp_path / "out")
     again = scanner.calibrate("tool", from_points=tmp_path / "out" / "points.parquet")
     assert again.flange_from_sensor == pytest.approx(report.flange_from_sensor, abs=1e-7)
+
+
+def one_sided_recording(path: Path, rng: np.random.Generator) -> np.ndarray:
+    """Profiles of a ball that is always on one side of the laser's plane, in poses that turn by 13° about one axis.
+
+    Returns the pose (4, 4) of the sensor on the flange, which carries it 0.7 m beside it.
+    """
+    tool = pose.from_euler_xyz((-0.15, 0.715, 0.083), (0.0, 0.01, np.pi))
+    radius, ball = 0.04, np.array([-0.04, 2.02, 0.02])
+    turns = np.zeros((15, 3))
+    for axis in range(3):
+        turns[6 + 3 * axis : 9 + 3 * axis, axis] = np.radians([4.0, 8.0, 13.0])
+    columns: dict[str, list[np.ndarray]] = {}
+    for exposure, turn in enumerate(turns, 1):
+        rotation = Rotation.from_euler("xyz", np.add([np.pi, 0.0, np.pi], turn)).as_matrix()
+        centre = 1e-3 * np.array([ONE_SIDED[0][exposure - 1], ONE_SIDED[1][exposure - 1], ONE_SIDED[2][exposure - 1]])
+        position = ball - rotation @ pose.transform_points(tool, centre[None])[0] + rng.normal(scale=0.2e-3, size=3)
+        angle = np.linspace(-1.0, 1.0, 100)
+        circle = np.sqrt(radius**2 - centre[0] ** 2) + rng.normal(scale=10e-6, size=100)
+        values = {
+            "exposure": np.full(100, exposure),
+            "y_mm": 1e3 * (centre[1] + circle * np.sin(angle)),
+            "z_mm": 1e3 * (centre[2] - circle * np.cos(angle)),
+            **{f"flange_{axis}_mm": np.full(100, 1e3 * position[i]) for i, axis in enumerate("xyz")},
+            **{f"flange_matrix_{i}": np.full(100, value) for i, value in enumerate(rotation.ravel(), 1)},
+        }
+        for name, column in values.items():
+            columns.setdefault(name, []).append(column)
+    joined = {name: np.concatenate(parts) for name, parts in columns.items()}
+    write_measured_table(path, joined | {"x_mm": np.zeros(len(joined["y_mm"]))})
+    return tool
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_ball_that_is_always_on_one_side_of_the_laser(scanner, tmp_path, seed: int) -> None:
+    """As in recordings of a real robot, where the side of each circle alone led to a wrong tool."""
+    tool = one_sided_recording(tmp_path / "p.parquet", np.random.default_rng(seed))
+    ball = tmp_path / "ball.toml"
+    ball.write_text('name = "ball"\n[[shape]]\nname = "ball"\nkind = "sphere"\ndiameter_mm = 80.0\n')
+    report = scanner.calibrate("tool", ball, from_points=tmp_path / "p.parquet")
+    error = pose.inverse(tool) @ report.flange_from_sensor
+    assert np.degrees(np.linalg.norm(pose.log_rotation(error[:3, :3]))) < 1.0
+    assert np.linalg.norm(error[:3, 3]) < 5e-3
 
 
 def test_intervals_contain_the_truth(scanner, tmp_path) -> None:

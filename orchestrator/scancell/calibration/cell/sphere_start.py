@@ -125,7 +125,8 @@ def sphere_start(
     """Deviations of the tool from the circles in profiles of a sphere; None with fewer than four.
 
     The side of the sphere's centre is chosen anew in every step of the fit, by what agrees better. With flange poses,
-    the fit also starts from a pose of the sensor that needs no description of it.
+    the fit also starts from poses of the sensor that need no description of it: with the sphere's centre near the plane
+    of the laser, and on the same side of it in all profiles.
 
     Parameters
     ----------
@@ -139,18 +140,20 @@ def sphere_start(
     own = readings.rows(circles.frame)
     found = _refined(kinematics, own, circles, dict.fromkeys(TOOL, 0.0), centre)
     if readings.flange is not None:
-        far = _refined(kinematics, own, circles, *_linear_start(kinematics, own, circles))
-        found = min(found, far, key=lambda one: float(np.median(one.away)))
+        starts = [_linear_start(kinematics, own, circles, is_one_sided) for is_one_sided in (False, True)]
+        others = [_refined(kinematics, own, circles, *start) for start in starts]
+        found = min(found, *others, key=lambda one: float(np.median(one.away)))
     return found
 
 
 def _linear_start(
-    kinematics: CellKinematics, readings: AxisReadings, circles: Circles
+    kinematics: CellKinematics, readings: AxisReadings, circles: Circles, is_one_sided: bool
 ) -> tuple[dict[str, float], Array]:
     """Deviations of the tool and centre of the sphere on the platter, without start values.
 
     ``R_i (X p_i + x) + t_i = c`` is linear in the columns of the rotation X, in x and c. The column that multiplies the
-    unknown side is the cross product of the other two, by the solution before.
+    unknown side is the cross product of the other two, by the solution before. At first it is left out, or, where the
+    centre `is_one_sided`, found with the others.
     """
     nominal = kinematics.flange_from_sensor
     platter_from_flange = kinematics.poses(readings, {}).platter_from_sensor @ pose.inverse(nominal)
@@ -159,6 +162,10 @@ def _linear_start(
     y, z = (rotation * circles.centre[:, i, None, None] for i in (0, 1))
     design = np.concatenate([y, z, rotation, identity], -1)
     across, weights = np.zeros_like(offset), np.ones(len(circles))
+    if is_one_sided:
+        x = rotation * circles.across[:, None, None]
+        whole = np.concatenate([x, design], -1).reshape(-1, 15)
+        across = x @ np.linalg.lstsq(whole, -offset.ravel(), rcond=None)[0][:3]
     found, centre = np.eye(4), np.zeros(3)
     for _ in range(_STEPS):
         w = np.sqrt(weights)[:, None]
