@@ -24,9 +24,6 @@ from scancell.arguments import (
     checked_arguments,
     checked_value,
 )
-from scancell.calibration.board.report import BoardCalibrationReport
-from scancell.calibration.board.request import calibrate_board
-from scancell.calibration.board.views import Board
 from scancell.calibration.cell.report import CalibrationReport
 from scancell.calibration.cell.request import CalibrationRequest
 from scancell.calibration.sensor.report import SensorCalibrationReport
@@ -69,6 +66,7 @@ from scancell.scanner import Scanner
 from scancell.scanning.survey import SurveyResult
 
 if TYPE_CHECKING:
+    from scancell.calibration.board.report import BoardCalibrationReport
     from scancell.evaluation.artefact import ArtefactEvaluation
     from scancell.evaluation.mesh_evaluation import MeshEvaluation
     from scancell.output.run_folder import RunReport
@@ -292,6 +290,9 @@ def calibrate_from_images(
     ...     print(error.expected)
     an odd and an even number of corners
     """
+    from scancell.calibration.board.request import calibrate_board  # noqa: PLC0415  (its solvers take 0.4 s to import)
+    from scancell.calibration.board.views import Board  # noqa: PLC0415
+
     setup = load_setup(None, sensor, None, assignments(settings))
     return calibrate_board(setup, Path(folder), Board.parse(board), convention, threads, as_progress(progress))
 
