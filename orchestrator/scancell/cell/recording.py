@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from scancell.arguments import checked_arguments
 from scancell.errors import DescriptionError
-from scancell.files import atomic_write
+from scancell.files import arrow_table, atomic_write
 from scancell.geometry import pose
 from scancell.values import Value
 
@@ -307,7 +307,7 @@ def write_recording(recording: Recording, path: Path) -> None:
     OutputError
         If the file cannot be written.
     """
-    table = pa.table({name: pa.array(values) for name, values in recording.columns.items()})
+    table = arrow_table(recording.columns)
     with atomic_write(path) as temporary:
         if path.suffix.lower() == ".csv":
             pyarrow.csv.write_csv(table, temporary)

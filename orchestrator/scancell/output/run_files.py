@@ -16,6 +16,7 @@ from scancell.cell.recording import write_recording
 from scancell.config.choices import CloudFrame
 from scancell.evaluation.coverage import Coverage
 from scancell.evaluation.deviation import Deviation
+from scancell.files import arrow_table
 from scancell.geometry.mesh import Mesh
 from scancell.output.deviation_picture import deviation_picture
 from scancell.output.image_files import FrameFiles, draw_stripes
@@ -113,8 +114,7 @@ def write_profiles(
 
     With `covariance` (m, 3, 3), m², also its columns, see `covariance_columns`.
     """
-    import pyarrow as pa  # noqa: PLC0415  (takes 0.1 s to import)
-    import pyarrow.parquet  # noqa: PLC0415
+    import pyarrow.parquet  # noqa: PLC0415  (takes 0.1 s to import)
 
     index = index.astype(np.int32)
     few_values = ["profile", "camera", "x_mm", "flags", "time_offset_s"]
@@ -134,7 +134,7 @@ def write_profiles(
                 "time_offset_s": np.asarray(profiles.time_offset[rows], np.float32),
                 **({} if covariance is None else covariance_columns(covariance[rows])),
             }
-            table = pa.table({name: pa.array(values) for name, values in columns.items()})
+            table = arrow_table(columns)
             table = table.replace_schema_metadata({"frame": "sensor", "cameras": ",".join(cameras)})
             writer = writer or pyarrow.parquet.ParquetWriter(
                 path, table.schema, compression="none", use_dictionary=few_values, write_statistics=False
