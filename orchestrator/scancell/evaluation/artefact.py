@@ -20,12 +20,12 @@ from scancell.evaluation.alignment import (
     datum_fit,
 )
 from scancell.evaluation.characteristics import Characteristic, FittedFace, characteristics, fitted_face
-from scancell.evaluation.deviation import DeviationFigures
+from scancell.evaluation.deviation import Deviation, DeviationFigures
 from scancell.evaluation.faces import Face, assign, faces_of
 from scancell.evaluation.mesh_evaluation import Evaluation, alignment_json
 from scancell.geometry import pose
-from scancell.geometry.mesh import sample_surface
-from scancell.geometry.shapes import ShapeGroup
+from scancell.geometry.mesh import Mesh, sample_surface
+from scancell.geometry.shapes import PartSurface, ShapeGroup
 
 Array = NDArray[np.float64]
 
@@ -93,6 +93,13 @@ class ArtefactEvaluation(Evaluation):
     guard: float
     datum: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+
+    def _drawn(self) -> tuple[Array, Deviation, Mesh]:
+        """What the picture shows: points on measured faces, their deviations, and the artefact as a mesh."""
+        mesh, shown = self.artefact.mesh(), np.flatnonzero(self.face >= 0)
+        points = self.points_in_artefact[shown]
+        face = PartSurface(mesh).distances(points)[1].astype(np.int32)
+        return points, Deviation(self.distance[shown], face, self.statistics, {}, {}), mesh
 
     @property
     def figures(self) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from scancell.arguments import checked_arguments
 from scancell.config.choices import Align
 from scancell.errors import FitError
 from scancell.evaluation.alignment import DatumPlane, best_fit_of_starts, check_request, datum_fit
-from scancell.evaluation.deviation import DeviationFigures, figures_by_label
+from scancell.evaluation.deviation import Deviation, DeviationFigures, figures_by_label
 from scancell.files import png_bytes
 from scancell.geometry import pose
 from scancell.geometry.mesh import METRES_PER_UNIT, Mesh, sample_surface
@@ -43,10 +43,14 @@ _SHOWN = 12  # of them in the summary
 
 
 class Evaluation(Result):
-    """A comparison of a cloud with a mesh or an artefact; its files and its picture are made by `scancell.output`."""
+    """A comparison of a cloud with a mesh or an artefact."""
 
     def rows(self) -> list[dict[str, Any]]:
         """One mapping for each characteristic or region, as in ``evaluation.csv``."""
+        raise NotImplementedError
+
+    def _drawn(self) -> tuple[Array, Deviation, Mesh]:
+        """What the picture shows: points (n, 3) in the part, m, their deviations, and the mesh."""
         raise NotImplementedError
 
     @checked_arguments
@@ -55,15 +59,25 @@ class Evaluation(Result):
 
         Raises `OutputError` if the folder cannot be written.
         """
-        from scancell.output.evaluation_files import save_evaluation  # noqa: PLC0415
+        from scancell.output.run_files import write_json  # noqa: PLC0415  (files are optional)
+        from scancell.output.run_folder import RunFolder  # noqa: PLC0415
+        from scancell.output.tables import columns_of, write_csv  # noqa: PLC0415
 
-        return save_evaluation(self, Path(folder))
+        with RunFolder(Path(folder)) as files:
+            write_json(files.path("evaluation.json"), self.figures)
+            write_csv(files.path("evaluation.csv"), columns_of(self.rows()))
+            self._draw(files.path("evaluation.png"))
+        return files.paths
 
     def picture(self) -> bytes:
         """The deviations on the part, as PNG."""
-        from scancell.output.evaluation_files import draw_evaluation  # noqa: PLC0415
+        return png_bytes(self._draw)
 
-        return png_bytes(lambda path: draw_evaluation(self, path))
+    def _draw(self, path: Path) -> None:
+        from scancell.output.deviation_picture import deviation_picture  # noqa: PLC0415  (imports OpenCV)
+
+        points, deviation, mesh = self._drawn()
+        deviation_picture(path, points, deviation, mesh, name=Path(mesh.source).stem)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -114,6 +128,11 @@ class MeshEvaluation(Evaluation):
     is_signed: bool
     datum: tuple[int, ...] = ()
     warnings: tuple[str, ...] = ()
+
+    def _drawn(self) -> tuple[Array, Deviation, Mesh]:
+        """What the picture shows: all points, their deviations, and the mesh."""
+        deviation = Deviation(self.distance, self.face, self.statistics, {}, {}, self.is_signed)
+        return self.points_in_part, deviation, self.mesh
 
     @property
     def figures(self) -> dict[str, Any]:
