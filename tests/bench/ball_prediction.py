@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import scancell
-from bench.ball_profiles import BALL_RADIUS, FoundBall
+from bench.ball_profiles import BALL_RADIUS, FoundBall, write_ball_artefact
 from scancell.calibration.flange_poses import flange_columns
 from scancell.calibration.measured_table import write_measured_table
 from scancell.geometry import pose
@@ -68,10 +68,7 @@ def compare_with_simulation(poses: Poses, contrast: float, seed: int) -> Compari
     """Real against simulated profiles of the ball, with a contrast of speckle."""
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)
-        ball = folder / "ball.toml"
-        ball.write_text(
-            f'name = "ball"\n[[shape]]\nname = "ball"\nkind = "sphere"\ndiameter_mm = {2e3 * BALL_RADIUS}\n'
-        )
+        ball = write_ball_artefact(folder, BALL_RADIUS)
         write_measured_table(folder / "points.csv", _table(poses))
         settings = [f"sensor.speckle.contrast={contrast}", f"cell.part.z_mm={1e3 * _ABOVE_TABLE}"]
         found = scancell.reconstruct(folder / "points.csv", sensor=SENSOR, settings=settings, part=ball, latency_ms=0.0)

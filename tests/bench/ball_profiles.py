@@ -109,6 +109,13 @@ def circle_of(profile: Array) -> Circle | None:
     return Circle(values, covariance, distance, noise, int(kept.sum()), lag)
 
 
+def write_ball_artefact(folder: Path, radius: float) -> Path:
+    """The artefact of a ball, m, as a file."""
+    file = folder / "ball.toml"
+    file.write_text(f'name = "ball"\n[[shape]]\nname = "ball"\nkind = "sphere"\ndiameter_mm = {2e3 * radius}\n')
+    return file
+
+
 def _is_same(group: Sequence[FoundBall]) -> bool:
     """Whether repeats show the ball at one pose."""
     values = np.array([one.circle.values for one in group])

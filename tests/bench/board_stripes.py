@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
 
@@ -42,22 +41,15 @@ _OPEN = {
 }
 
 
-@dataclass(frozen=True)
-class Stripe:
-    """Rows of the stripe in the columns of an image, NaN without a peak, and whether a column is saturated (width,)."""
-
-    rows: Array
-    saturated: NDArray[np.bool_]
-
-
 def _ours(detector: str) -> Callable[[Grey], Array]:
+    """Rows of the stripe in the columns of an image by a detector, NaN without a peak."""
+    shipped = load_setup().sensor.replace({**_OPEN, "extraction.detector": detector})
+
     def rows(image: Grey) -> Array:
-        shipped = load_setup().sensor
         camera = shipped.camera[0].model_copy(
             update={"width_px": image.shape[1], "height_px": image.shape[0], "cx_px": None, "cy_px": None}
         )
-        changes = {**_OPEN, "extraction.detector": detector}
-        description = shipped.replace(changes).model_copy(update={"camera": (camera,)})
+        description = shipped.model_copy(update={"camera": (camera,)})
         peaks = sensor_rt.extract(image[None, None].astype(np.uint16), make_sensor(description, 0), 1)
         good = (np.asarray(peaks.flags) & sensor_rt.PEAK_REJECTED) == 0
         found = np.full(image.shape[1], np.nan)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import scancell
+from bench.ball_profiles import write_ball_artefact
 from scancell.calibration.cell.report import CalibrationReport
 from scancell.calibration.cell.sphere_start import circle_in
 from scancell.calibration.flange_poses import flange_columns
@@ -33,27 +34,28 @@ _LARGEST = 1.01
 class BallProfiles:
     """Poses (n, 4, 4) of the flange, profiles (k, 3) in the sensor frame, m, and the stored result of the authors.
 
-    `stated` is flange_from_sensor (4, 4), in the same frame of the sensor.
+    `centres` (n, 3) are those of the ball in the sensor frame by the circles, on the side x > 0 of the laser's plane;
+    `stated` is flange_from_sensor (4, 4).
     """
 
     flange: Array
     profiles: tuple[Array, ...]
+    centres: Array
     stated: Array
 
     def rows(self, chosen: Sequence[int]) -> BallProfiles:
         """Those of some profiles."""
-        return BallProfiles(self.flange[list(chosen)], tuple(self.profiles[i] for i in chosen), self.stated)
+        of_them = list(chosen)
+        return BallProfiles(
+            self.flange[of_them], tuple(self.profiles[i] for i in of_them), self.centres[of_them], self.stated
+        )
 
-    @property
-    def centres(self) -> Array:
-        """Centres (n, 3) of the ball in the sensor frame by the circles, on the side x > 0 of the laser's plane."""
-        found = []
-        for profile in self.profiles:
-            circle = circle_in(profile[:, 1:], _NOISE, _LARGEST * RADIUS, np.random.default_rng(0))
-            if circle is None:
-                raise ValueError("a profile shows no circle")
-            found.append([np.sqrt(max(RADIUS**2 - circle[1] ** 2, 0.0)), *circle[0]])
-        return np.array(found)
+
+def _centre(profile: Array) -> Array:
+    circle = circle_in(profile[:, 1:], _NOISE, _LARGEST * RADIUS, np.random.default_rng(0))
+    if circle is None:
+        raise ValueError("a profile shows no circle")
+    return np.array([np.sqrt(max(RADIUS**2 - circle[1] ** 2, 0.0)), *circle[0]])
 
 
 def read_robot_ball(data: Path) -> BallProfiles:
@@ -74,15 +76,14 @@ def read_robot_ball(data: Path) -> BallProfiles:
     theirs = pose.from_rotation(matrix[:3, :3], 1e-3 * matrix[:3, 3])
     # Their sensor frame: x along the line, z towards the sensor, y across.
     own = pose.from_rotation(np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]]), [0.0, 0.0, _SENSOR_Z])
-    return BallProfiles(flange, tuple(profiles), theirs @ own)
+    return BallProfiles(flange, tuple(profiles), np.array([_centre(one) for one in profiles]), theirs @ own)
 
 
 def calibrated(data: BallProfiles) -> CalibrationReport:
     """``scancell calibrate tool`` by the profiles."""
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)
-        ball = folder / "ball.toml"
-        ball.write_text(f'name = "ball"\n[[shape]]\nname = "ball"\nkind = "sphere"\ndiameter_mm = {2e3 * RADIUS}\n')
+        ball = write_ball_artefact(folder, RADIUS)
         row = np.repeat(np.arange(len(data.flange)), [len(one) for one in data.profiles])
         points = 1e3 * np.concatenate(data.profiles)
         columns = {
@@ -138,7 +139,7 @@ def robot_ball_lines(data: Path) -> Iterator[str]:
     away: dict[str, list[float]] = {
         "this calibration": [],
         "linear equations": [],
-        "the authors, stored (not left out)": [],
+        "the authors, stored: nothing left out": [],
     }
     for i in range(count):
         rest, one = found.rows([k for k in range(count) if k != i]), found.rows([i])

@@ -15,7 +15,7 @@ from scancell.arguments import checked_arguments
 from scancell.cell.recording import Recording, write_recording
 from scancell.config.loading import Setup
 from scancell.evaluation.deviation import Deviation, deviation_from_mesh
-from scancell.files import png_bytes
+from scancell.files import arrow_table, png_bytes
 from scancell.geometry.mesh import Mesh
 from scancell.output.deviation_picture import deviation_picture
 from scancell.output.manifest import command_words, manifest, resolved_toml
@@ -169,10 +169,9 @@ class ReconstructionResult(Result):
 
     def _write_covariance(self, path: Path) -> None:
         """Covariances of the points of the cloud, in its order and frame."""
-        import pyarrow as pa  # noqa: PLC0415  (takes 0.1 s to import)
-        import pyarrow.parquet  # noqa: PLC0415
+        import pyarrow.parquet  # noqa: PLC0415  (takes 0.1 s to import)
 
-        pyarrow.parquet.write_table(pa.table(covariance_columns(self.covariance)), path)
+        pyarrow.parquet.write_table(arrow_table(covariance_columns(self.covariance)), path)
 
     def _recording(self) -> Recording | None:
         """Readings as trigger records for pictures; None where the described arm does not reach poses of the flange."""
