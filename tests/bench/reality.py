@@ -220,7 +220,7 @@ def half_lines(data: Path) -> Iterator[str]:
     """Table of what halves of the board's images predict of the others."""
     yield "| folder | fitted, predicted images | board, mm: predicted, measured | board, deg: predicted, measured |"
     yield "|---|---|---|---|"
-    total, count = np.zeros((2, 2)), 0
+    halves, counts = [], []
     for folder in FOLDERS:
         found = etna_views(data, folder)
         for first in (0, 1):
@@ -228,23 +228,31 @@ def half_lines(data: Path) -> Iterator[str]:
             if min(len(fitted), len(others)) < LEAST_HALF:
                 continue
             squares = board_errors(fitted, others, found.size)
-            total, count = total + len(others) * squares, count + len(others)
+            halves.append(len(others) * squares)
+            counts.append(len(others))
             cells = " | ".join(_predicted_measured(squares))
             print("half of", folder, "done", flush=True)
             yield f"| `{folder.replace('.', 'data')}` | {len(fitted)}, {len(others)} | {cells} |"
-    if not count:
+    if not halves:
         return
-    ratios = np.sqrt(total[0] / total[1])
-    cells = (
-        f"{cell}; ratio {ratio:.2f}" for cell, ratio in zip(_predicted_measured(total / count), ratios, strict=True)
-    )
-    yield f"| all | {count} | {' | '.join(cells)} |"
+    sums = np.array(halves)
+    ratios = [rms_ratio(sums[:, 0, i], sums[:, 1, i]) for i in range(2)]
+    said = _predicted_measured(sums.sum(0) / sum(counts))
+    cells = (f"{cell}; ratio {ratio}" for cell, ratio in zip(said, ratios, strict=True))
+    yield f"| all | {sum(counts)} | {' | '.join(cells)} |"
 
 
 def _predicted_measured(squares: Array) -> list[str]:
     """Predicted and measured RMS of position, mm, and orientation, deg, of mean squares (2, 2) in mm² and mrad²."""
     roots = np.sqrt(squares) * [1.0, np.degrees(1e-3)]
     return [f"{predicted:.2f}, {measured:.2f}" for predicted, measured in roots.T.tolist()]
+
+
+def rms_ratio(above: Array, below: Array) -> str:
+    """Root of the ratio of sums of squares (n,), with its 95 % interval: the n pairs are drawn with replacement."""
+    drawn = np.random.default_rng(0).integers(0, len(above), (10_000, len(above)))
+    low, high = np.quantile(np.sqrt(above[drawn].sum(1) / below[drawn].sum(1)), [0.025, 0.975])
+    return f"{np.sqrt(above.sum() / below.sum()):.2f} [{low:.2f}, {high:.2f}]"
 
 
 def rms(held: Sequence[Held], name: str) -> float:
@@ -286,6 +294,11 @@ def etna_lines(data: Path) -> Iterator[str]:
         ]
         inside = share(int(one.inside.sum()), one.inside.size)
         yield f"| {one.name if one is every else f'`{one.name}`'} | {' | '.join(cells)} | {inside} |"
+    ratios = []
+    for name in ("corners", "position", "orientation", "stripe"):
+        ours, chain = (np.nan_to_num([getattr(one, name) for one in held]) ** 2 for held in (every.ours, every.chain))
+        ratios.append(rms_ratio(ours, chain))
+    yield f"| this over OpenCV | {' | '.join(ratios)} | |"
 
 
 def ball_lines(data: Path) -> Iterator[str]:
