@@ -13,6 +13,9 @@ CALLS ?= 100000
 RUNS ?= 20000
 SLOWEST ?= 15
 
+# Each process would compile the package again.
+unexport PYTHONDONTWRITEBYTECODE
+
 VENV := .venv
 BIN := $(VENV)/bin
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
