@@ -26,6 +26,13 @@ def test_the_shortest_interval_of_an_exponential_sample_begins_at_0() -> None:
     assert symmetric_interval(sample, 0.95) == pytest.approx((-np.log(0.975), -np.log(0.025)), abs=0.05)
 
 
+def test_figures_of_a_sample_follow_from_its_values() -> None:
+    said = summary(np.array([1.0, 2.0, 3.0, 4.0]), 0.95)
+    assert (said["minimum"], said["mean"], said["maximum"]) == (1.0, 2.5, 4.0)
+    assert said["standard_deviation"] == pytest.approx(np.sqrt(5 / 3))
+    assert said["standard_error"] == pytest.approx(np.sqrt(5 / 3) / 2)
+
+
 @pytest.mark.parametrize("count", [0, 1, 5, 9])
 def test_a_small_sample_has_none(count) -> None:
     said = summary(np.arange(float(count)), 0.95)

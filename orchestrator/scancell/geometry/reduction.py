@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
@@ -116,7 +117,9 @@ def protrusion_bound(mesh: Mesh, solid: Mesh, tolerance: float = _TOLERANCE, lim
         largest = max(largest, float(distance.max(initial=0.0)))
         bound = distance + radius
         rest = np.flatnonzero(bound > largest + tolerance)
-        from_face = _from_triangles(triangles[rest].reshape(-1, 3), np.repeat(faces[nearest[rest]], 3, axis=0))
+        corners = triangles[rest].reshape(-1, 3)
+        on_face = trimesh.triangles.closest_point(np.repeat(faces[nearest[rest]], 3, axis=0), corners)
+        from_face = np.linalg.norm(corners - on_face, axis=1)
         bound[rest] = np.minimum(bound[rest], from_face.reshape(-1, 3).max(1))
         rest = rest[bound[rest] > largest + tolerance]
         if not len(rest) or 4 * len(rest) > _MAX_TRIANGLES:
@@ -129,27 +132,6 @@ def _distances(surface: sensor_rt.MeshSurface, solid: Mesh, points: Array) -> tu
     """Distances (n,) from a mesh, negative inside if it is closed, and the nearest faces (n,)."""
     signed, face = surface.signed_distances(np.ascontiguousarray(points))
     return np.asarray(signed if solid.is_closed else np.abs(signed)), np.asarray(face)
-
-
-def _from_triangles(points: Array, triangles: Array) -> Array:
-    """Distances (n,) of points (n, 3) from triangles (n, 3, 3)."""
-    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
-    normal = np.cross(b - a, c - a)
-    area = np.linalg.norm(normal, axis=1)
-    normal /= np.where(area > 0, area, 1.0)[:, None]
-    edges = [(a, b), (b, c), (c, a)]
-    sides = [((np.cross(end - start, points - start) * normal).sum(1)) for start, end in edges]
-    above = (area > 0) & (np.array(sides) >= 0).all(0)
-    height = np.abs(((points - a) * normal).sum(1))
-    beside = np.array([_from_segments(points, *edge) for edge in edges]).min(0)
-    return np.asarray(np.where(above, height, beside))
-
-
-def _from_segments(points: Array, start: Array, end: Array) -> Array:
-    along = end - start
-    length = (along**2).sum(1)
-    fraction = np.clip(((points - start) * along).sum(1) / np.where(length > 0, length, 1.0), 0.0, 1.0)
-    return np.asarray(np.linalg.norm(points - start - fraction[:, None] * along, axis=1))
 
 
 def _divided(triangles: Array) -> Array:
