@@ -40,8 +40,9 @@ Engine to_engine(const std::string& name) {
 }
 
 PyScanResult py_scan(const Scene& scene, const Sensor& sensor, const Exposures& exposures,
-                     const std::string& engine, unsigned threads, bool keep_images, const Sensor* as_built) {
-  const ScanOptions options{to_engine(engine), threads, keep_images};
+                     const std::string& engine, unsigned threads, bool keep_images, const Sensor* as_built,
+                     bool keep_rejected) {
+  const ScanOptions options{to_engine(engine), threads, keep_images, keep_rejected};
   ScanResult result = without_gil(
       [&] { return scan(scene, as_built == nullptr ? sensor : *as_built, sensor, exposures, options); });
   PyScanResult converted{py::cast(std::move(result.profiles)), timings(result)};
@@ -75,7 +76,7 @@ void bind_pipeline(py::module_& module) {
       .def_readonly("background", &PyScanResult::background);
   module.def("scan", &py_scan, py::arg("scene"), py::arg("sensor"), py::arg("exposures"),
              py::arg("engine") = "ray-traced", py::arg("threads") = 0, py::arg("keep_images") = false,
-             py::arg("as_built") = nullptr);
+             py::arg("as_built") = nullptr, py::arg("keep_rejected") = false);
   module.def(
       "check_engine",
       [](const Sensor& sensor, const std::string& engine) { check_engine(sensor, to_engine(engine)); },

@@ -101,6 +101,9 @@ ScanResult scan(const Scene& scene, const Sensor& as_built, const Sensor& sensor
   if (options.engine == Engine::kGeometric && options.keep_images) {
     throw std::invalid_argument("keep_images: the geometric engine makes no images");
   }
+  if (options.keep_rejected && sensor.triangulation.fusion != Fusion::kNone) {
+    throw std::invalid_argument("keep_rejected: points of several cameras are fused");
+  }
   ScanResult result;
   OrderedProfiles ordered(exposures.count * points_per_exposure(sensor, options.engine));
   if (options.engine == Engine::kGeometric) {
@@ -131,7 +134,10 @@ ScanResult scan(const Scene& scene, const Sensor& as_built, const Sensor& sensor
     };
     const auto workers = run_workers<RayTracedWorker>(
         exposures.count, options.threads,
-        [&] { return std::make_unique<RayTracedWorker>(sensor, plan, background.get(), detector); },
+        [&] {
+          return std::make_unique<RayTracedWorker>(sensor, plan, background.get(), detector,
+                                                   options.keep_rejected);
+        },
         [&](RayTracedWorker& worker, std::size_t e) {
           Profiles profiles = ordered.acquire();
           worker.run(scene, exposures, e, kept(e), profiles);

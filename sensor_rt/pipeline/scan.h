@@ -20,6 +20,8 @@ struct ScanOptions {
   Engine engine = Engine::kRayTraced;
   unsigned threads = 0;      ///< 0: one per hardware thread
   bool keep_images = false;  ///< requires cameras of equal size
+  /// Also returns the points of peaks that are rejected by their flags; ray-traced engine only.
+  bool keep_rejected = false;
 };
 
 struct ScanResult {

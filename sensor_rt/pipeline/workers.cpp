@@ -26,11 +26,14 @@ void ImageWorker::expose(const Exposures& exposures, std::size_t exposure, std::
 }
 
 RayTracedWorker::RayTracedWorker(const Sensor& sensor, const RenderPlan& plan, const RenderPlan* background,
-                                 const Detector& detector)
+                                 const Detector& detector, bool keep_rejected)
     : sensor_(sensor),
+      triangulation_(sensor.triangulation),
       images_(plan, detector),
       background_(background == nullptr ? nullptr : std::make_unique<ImageWorker>(*background, detector)),
-      extractor_(make_extractor(sensor, false)) {}
+      extractor_(make_extractor(sensor, false)) {
+  triangulation_.keep_rejected = keep_rejected;
+}
 
 RayTracedWorker::Image RayTracedWorker::expose(ImageWorker& worker, const Exposures& exposures,
                                                std::size_t exposure, std::size_t camera, std::uint16_t* kept,
@@ -65,7 +68,7 @@ void RayTracedWorker::run(const Scene& scene, const Exposures& exposures, std::s
     extractor_.finish(exposures.index[exposure], peaks_);
   }
   const Stopwatch watch(images_.seconds()[kTriangulate]);
-  triangulate(peaks_, sensor_.cameras, sensor_.triangulation, out);
+  triangulate(peaks_, sensor_.cameras, triangulation_, out);
 }
 
 StageSeconds RayTracedWorker::seconds() const {

@@ -45,9 +45,9 @@ class ImageWorker {
 /// Ray-traced engine: poses to points via images.
 class RayTracedWorker {
  public:
-  /// `background`: plan of the background frames (laser off); null: none.
+  /// `background`: plan of the background frames (laser off); null: none. `keep_rejected`: see ScanOptions.
   RayTracedWorker(const Sensor& sensor, const RenderPlan& plan, const RenderPlan* background,
-                  const Detector& detector);
+                  const Detector& detector, bool keep_rejected);
 
   /// Output buffers for the images of all cameras of an exposure; null: images are not kept.
   struct Kept {
@@ -69,6 +69,7 @@ class RayTracedWorker {
                std::uint16_t* kept, std::vector<std::uint16_t>& scratch) const;
 
   const Sensor& sensor_;
+  TriangulationOptions triangulation_;
   ImageWorker images_;
   std::unique_ptr<ImageWorker> background_;
   Extractor extractor_;

@@ -29,7 +29,7 @@ def rolling():
 
 
 def figures(line, recording: Recording, nominal, true, engine: str = "ray-traced") -> dict[str, float]:
-    points = line.sense(recording, engine, sensors=Sensors(nominal, true))
+    points = line.sense(recording, engine, sensors=Sensors(nominal, true, line.setup.sensor))
     cloud = line.cloud(recording, points, normals=False)
     assert len(cloud) > 15_000
     return figures_um(line.signed(cloud))

@@ -14,8 +14,8 @@ from scancell.cell.program import Program, Segment, TriggerKind
 from scancell.cell.program_file import temporary_program_file
 from scancell.cell.recording import Recording
 from scancell.cell.records import PATIENCE_US, RecordBatches, RecordCollector
+from scancell.config.exposure_times import exposure_span
 from scancell.config.loading import Setup
-from scancell.config.units import si_value
 from scancell.errors import CellError, CommandError
 
 TRIGGER_MODES: dict[TriggerKind, int] = {"off": 0, "time": 1, "table_angle": 2, "path_distance": 3, "request": 4}
@@ -31,7 +31,7 @@ _REQUEST_STEPS = 4
 
 @dataclass(frozen=True)
 class DriveOptions:
-    """Controller cycle (µs) and duration of the exposures (s)."""
+    """Controller cycle (µs) and duration of the exposures of a profile (s)."""
 
     cycle_us: int
     exposure: float
@@ -39,7 +39,7 @@ class DriveOptions:
     @classmethod
     def of(cls, setup: Setup) -> Self:
         """As described."""
-        return cls(setup.cell.world.controller_cycle_us, si_value(setup.sensor.detector, "exposure_ms"))
+        return cls(setup.cell.world.controller_cycle_us, exposure_span(setup.sensor))
 
 
 class Driver:

@@ -190,6 +190,10 @@ class Recording(Value):
     def __len__(self) -> int:
         return len(self.columns["trigger.index"])
 
+    def __getitem__(self, rows: slice) -> Recording:
+        """The recording of some of its rows."""
+        return Recording({name: values[rows] for name, values in self.columns.items()})
+
     @property
     def measured(self) -> TriggerRecords:
         """The part of the recording that reconstruction may use.
@@ -243,21 +247,28 @@ class Recording(Value):
         )
         return np.asarray(pose.from_rotation(pose.rotation_from_quaternion(orientation), position))
 
-    def truth_for_rows(self, readout: float) -> ExposureTruth:
-        """`truth` for a rolling shutter, whose last row is exposed `readout` seconds after the first one."""
-        duration = self._stack(["trigger.exposure"])[:, 0]
+    def truth_for_rows(self, readout: float, windows: Array | None = None) -> ExposureTruth:
+        """`truth` for a rolling shutter, whose last row is exposed `readout` seconds after the first one.
+
+        `windows` (n or 1, k, 2) gives k exposures in each row instead of the recorded one: their middles after the
+        recorded middle, and durations, s. The truth has n k of them, those of a row one after another.
+        """
+        if windows is None:
+            windows = np.stack([np.zeros(len(self)), self._stack(["trigger.exposure"])[:, 0]], -1)[:, None]
+        offset, duration = (np.broadcast_to(one, (len(self), one.shape[1])) for one in np.moveaxis(windows, -1, 0))
         frames = RecordLayout.of(self.columns).frames
         position, orientation, velocity, rate = (
             np.stack([self._stack(_indexed(f"{_TRUTH}{frame}.{part}", count)) for frame in frames])
             for part, count in _PARTS_OF_POSE
         )
-        middle = pose.rotation_from_quaternion(orientation)
-        time_offset = 0.5 * (duration + readout)[:, None]
-        ends = [
-            pose.from_rotation(pose.exp_rotation(rate * offset) @ middle, position + velocity * offset)
-            for offset in (-time_offset, time_offset)
-        ]
-        return ExposureTruth(duration, dict(zip(frames, np.stack(ends, 2), strict=True)))
+        middle = pose.rotation_from_quaternion(orientation)[:, :, None]
+        ends = []
+        for end in (-0.5, 0.5):
+            after = (offset + end * (duration + readout))[..., None]
+            turn = pose.exp_rotation(rate[:, :, None] * after)
+            ends.append(pose.from_rotation(turn @ middle, position[:, :, None] + velocity[:, :, None] * after))
+        poses = np.stack(ends, 3).reshape(len(frames), -1, 2, 4, 4)
+        return ExposureTruth(duration.ravel(), dict(zip(frames, poses, strict=True)))
 
     def _stack(self, names: list[str]) -> Array:
         return np.stack([np.asarray(self.columns[name], float) for name in names], -1)

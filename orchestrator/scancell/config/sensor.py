@@ -15,6 +15,7 @@ from scancell.config.description import Description, FileDescription, Finite, Fr
 from scancell.config.units import si_value, to_si
 
 _Pixels = Annotated[int, Field(ge=16, le=16_384)]
+_ExposureTime = Annotated[float, Field(gt=0.0, le=1000.0)]
 _Lean = Annotated[float, Field(ge=-40.0, le=40.0)]
 _Coefficient = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 _Small = Annotated[float, Field(ge=-10.0, le=10.0)]
@@ -174,7 +175,9 @@ class DetectorDescription(Description):
     is exposed around the trigger's latch instant.
     """
 
-    exposure_ms: Annotated[float, Field(gt=0.0, le=1000.0)] = Field(description="exposure time of a pixel, ms")
+    exposure_ms: _ExposureTime = Field(
+        description="exposure time of a pixel, ms; of the first image where section [exposure] asks for others"
+    )
     quantum_efficiency: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
         description="electrons per photon at the laser's wavelength, 0..1"
     )
@@ -196,7 +199,9 @@ class DetectorDescription(Description):
         default="global", description="global: all rows at once; rolling: row after row"
     )
     row_readout_us: Annotated[float, Field(gt=0.0, le=1000.0)] | None = Field(
-        default=None, description="rolling: delay between the exposures of neighbouring rows, µs"
+        default=None,
+        description="time in which a row is read, µs; rolling: the delay between the exposures of neighbouring rows;"
+        " global: an image is read while the next one is exposed, and no time is taken unless given",
     )
 
     laser_off_frame: bool = Field(
@@ -207,8 +212,49 @@ class DetectorDescription(Description):
 
     @model_validator(mode="after")
     def _shutter_is_complete(self) -> Self:
-        if (self.shutter == "rolling") != (self.row_readout_us is not None):
-            raise ValueError('shutter = "rolling" and row_readout_us must be given together')
+        if self.shutter == "rolling" and self.row_readout_us is None:
+            raise ValueError('shutter = "rolling" needs row_readout_us')
+        return self
+
+
+class ExposureDescription(Description):
+    """How the exposure time of each profile is chosen.
+
+    ``fixed``: always ``detector.exposure_ms``. ``automatic``: the time of a profile follows from the image `delay`
+    profiles before, so that its stripe reaches the share `target` of saturation; the first profiles have
+    ``detector.exposure_ms``. ``multiple``: every profile has several exposures, one after another, and each column of a
+    camera keeps the point of one of them: of one without saturated pixels, if there is one, the one with the smallest
+    standard deviation; none if this peak is rejected. Each point belongs to the time of its own exposure.
+    """
+
+    mode: Literal["fixed", "automatic", "multiple"] = Field(
+        default="fixed", description="fixed, automatic (from the last images) or multiple (several for each profile)"
+    )
+    further_ms: Annotated[tuple[_ExposureTime, ...], Field(max_length=7)] = Field(
+        default=(), description="multiple: exposure times after the first one, detector.exposure_ms, in this order, ms"
+    )
+    shortest_ms: _ExposureTime | None = Field(default=None, description="automatic: shortest exposure time, ms")
+    longest_ms: _ExposureTime | None = Field(default=None, description="automatic: longest exposure time, ms")
+    target: Annotated[float, Field(ge=0.05, le=0.95)] = Field(
+        default=0.6, description="automatic: wanted signal of the stripe over that of saturation, 0.05..0.95"
+    )
+    percentile: Annotated[float, Field(ge=1.0, le=100.0)] = Field(
+        default=90.0,
+        description="automatic: share of the columns with light, in percent, whose signal is to stay below target",
+    )
+    delay: Annotated[int, Field(ge=1, le=64)] = Field(
+        default=2, description="automatic: number of profiles from an image to the first one that it sets"
+    )
+
+    @model_validator(mode="after")
+    def _mode_is_complete(self) -> Self:
+        if (self.mode == "multiple") != bool(self.further_ms):
+            raise ValueError('mode = "multiple" and further_ms must be given together')
+        limits = (self.shortest_ms, self.longest_ms)
+        if any((self.mode == "automatic") != (limit is not None) for limit in limits):
+            raise ValueError('mode = "automatic", shortest_ms and longest_ms must be given together')
+        if self.shortest_ms is not None and self.longest_ms is not None and self.shortest_ms > self.longest_ms:
+            raise ValueError(f"shortest_ms ({self.shortest_ms:g}) must not exceed longest_ms ({self.longest_ms:g})")
         return self
 
 
@@ -374,6 +420,9 @@ class SensorDescription(FileDescription):
         description="the cameras, with unique names"
     )
     detector: DetectorDescription = Field(description="image sensor of every camera")
+    exposure: ExposureDescription = Field(
+        default=ExposureDescription(), description="choice of the exposure time of each profile"
+    )
     ambient: AmbientDescription = Field(default=AmbientDescription(), description="uniform external light")
     band_pass: BandPassDescription = Field(default=BandPassDescription(), description="filter of every camera")
     speckle: SpeckleDescription = Field(default=SpeckleDescription(), description="speckle of the laser light")
@@ -390,6 +439,24 @@ class SensorDescription(FileDescription):
         for name, count in Counter(camera.name for camera in self.camera).items():
             if count > 1:
                 raise ValueError(f"camera: {count} cameras have the name '{name}'; names must be unique")
+        return self
+
+    @model_validator(mode="after")
+    def _first_exposure_is_within_the_limits(self) -> Self:
+        low, first, high = self.exposure.shortest_ms, self.detector.exposure_ms, self.exposure.longest_ms
+        if low is not None and high is not None and not low <= first <= high:
+            raise ValueError(
+                f"detector.exposure_ms ({first:g}) must lie between exposure.shortest_ms ({low:g}) and"
+                f" exposure.longest_ms ({high:g})"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _several_exposures_are_not_fused(self) -> Self:
+        if self.exposure.mode == "multiple" and self.extraction.fusion != "none":
+            raise ValueError(
+                'exposure.mode = "multiple" needs extraction.fusion = "none": each column has the time of one exposure'
+            )
         return self
 
     @model_validator(mode="after")
@@ -427,7 +494,7 @@ def ignored_by_geometric_engine(sensor: SensorDescription) -> list[str]:
 
 def sensor_json(sensor: SensorDescription, seed: int) -> dict[str, Any]:
     """SI description of the sensor as the native library reads it; `seed` is the random seed of the images."""
-    data: dict[str, Any] = to_si(sensor.model_dump(exclude={"camera", "detector", "laser"}))
+    data: dict[str, Any] = to_si(sensor.model_dump(exclude={"camera", "detector", "exposure", "laser"}))
     data["detector"] = _detector_json(sensor.detector)
     data["laser"] = _laser_json(sensor.laser)
     data["cameras"] = [_camera_json(camera, sensor.laser.wavelength_nm) for camera in sensor.camera]
@@ -439,7 +506,7 @@ def sensor_json(sensor: SensorDescription, seed: int) -> dict[str, Any]:
 
 def _detector_json(detector: DetectorDescription) -> dict[str, Any]:
     data: dict[str, Any] = to_si(detector.model_dump(exclude={"shutter", "row_readout_us"}))
-    data["row_readout"] = 1e-6 * (detector.row_readout_us or 0.0)  # 0: global
+    data["row_readout"] = 1e-6 * (detector.row_readout_us or 0.0) if detector.shutter == "rolling" else 0.0
     return data
 
 

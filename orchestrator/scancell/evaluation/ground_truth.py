@@ -79,7 +79,8 @@ class CloudTruth:
 class TrueWorld:
     """Bodies and sensor with their true poses at the middle of every exposure.
 
-    Raises `SensorError` if the sensor has a rolling shutter: one pose per exposure does not describe its rows.
+    Raises `SensorError` if the sensor has a rolling shutter, as one pose per exposure does not describe its rows, or
+    chooses its exposure times.
 
     Parameters
     ----------
@@ -97,6 +98,10 @@ class TrueWorld:
         if sensor.detector.shutter == "rolling":
             raise SensorError(
                 "ground truth needs a global shutter", file=sensor.name, key="detector.shutter", value="rolling"
+            )
+        if sensor.exposure.mode != "fixed":
+            raise SensorError(
+                "ground truth needs fixed exposures", file=sensor.name, key="exposure.mode", value=sensor.exposure.mode
             )
         rays = min(_MAX_RAYS, _RAYS_PER_COLUMN * max(camera.width_px for camera in sensor.camera))
         exact = {

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 from concurrent.futures import TimeoutError as NotDone
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -20,6 +20,7 @@ from scancell.config.keys import Assignments, assignments
 from scancell.config.loading import require_sensor_words, sensor_words
 from scancell.errors import ScancellError
 from scancell.live.cell import LiveCell
+from scancell.scanning.exposure_control import ExposureControl
 from scancell.scanning.pipeline import Job
 from scancell.scanning.sense import ExposureImages, Sensors, make_sensors
 from scancell.scanning.session import ScanSession
@@ -106,7 +107,7 @@ class CameraFeed(Closing):
         self._live, self._job, self._threads = live, session.job, session.pipeline.threads
         self._on_frame = on_frame
         words = tuple(sensor_words(self._job.as_built))
-        self._setting = _Setting(engine, words, self._job.sensors)
+        self._setting = _Setting(engine, words, self._job.sensors, self._job.sensors.control())
         self._frame: CameraFrame | None = None
         self._wanted, self._closed = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="cameras", daemon=True)
@@ -137,7 +138,7 @@ class CameraFeed(Closing):
     @engine.setter
     def engine(self, value: Engine) -> None:
         engine = checked_value("engine", value, Engine)
-        self._setting = _Setting(engine, self._setting.as_built, self._setting.sensors)
+        self._setting = replace(self._setting, engine=engine, control=self._setting.sensors.control())
 
     @property
     def as_built(self) -> tuple[str, ...]:
@@ -162,8 +163,8 @@ class CameraFeed(Closing):
         words = tuple(assignments(as_built))
         require_sensor_words(words, "the cameras show the cell as it is")
         made = make_sensors(self._job.setup.sensor, words, self._job.seed)
-        sensors = Sensors(self._job.sensors.nominal, made.true, made.bit_depth)
-        self._setting = _Setting(self._setting.engine, words, sensors)
+        sensors = replace(made, nominal=self._job.sensors.nominal)
+        self._setting = _Setting(self._setting.engine, words, sensors, sensors.control())
 
     def close(self) -> None:
         """End the thread."""
@@ -174,7 +175,7 @@ class CameraFeed(Closing):
     # In the thread of the feed
 
     def _run(self) -> None:
-        shown: tuple[bytes, _Setting] | None = None
+        shown: tuple[bytes, _Setting, float | None] | None = None
         request: Future[Recording] | None = None
         number = 0
         while not self._closed.is_set():
@@ -188,7 +189,7 @@ class CameraFeed(Closing):
             # Asked now, the next poses are there when this frame is made: rendering does not wait for a cycle.
             request = self._ask()
             setting = self._setting
-            key = (_poses(recording), setting)
+            key = (_poses(recording), setting, setting.control.first)
             if key != shown:
                 number += 1
                 self._frame = _made(number, self._job, recording, setting, self._threads)
@@ -219,6 +220,7 @@ class _Setting:
     engine: Engine
     as_built: tuple[str, ...]
     sensors: Sensors
+    control: ExposureControl
 
 
 def _poses(recording: Recording) -> bytes:
@@ -229,7 +231,7 @@ def _poses(recording: Recording) -> bytes:
 
 def _made(number: int, job: Job, recording: Recording, setting: _Setting, threads: int) -> CameraFrame:
     try:
-        found = measure_profile(job.loaded, recording, setting.sensors, setting.engine, threads)
+        found = measure_profile(job.loaded, recording, setting.sensors, setting.engine, threads, setting.control)
     except ScancellError as error:
         nothing = np.zeros((0, 3))
         return CameraFrame(

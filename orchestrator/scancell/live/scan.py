@@ -26,6 +26,7 @@ from scancell.planning.plan import Plan
 from scancell.progress import NullProgress
 from scancell.reconstruction.cloud import Cloud
 from scancell.results import ScanResult
+from scancell.scanning.exposure_control import ExposureControl
 from scancell.scanning.scan import SAMPLE_IMAGES, Exposed, Scan
 from scancell.scanning.sense import ExposureImages, SensingResult, sample_rows
 from scancell.scanning.session import ScanSession
@@ -228,10 +229,10 @@ class LiveScan:
     def _sense_all(self, session: ScanSession, plan: Plan) -> None:
         job = session.job
         scan = Scan(session.pipeline, job, self._engine, setup_warnings=tuple(setup_warnings(job.setup)))
-        samples = np.array(sample_rows(self._planned, SAMPLE_IMAGES))
+        samples, control = np.array(sample_rows(self._planned, SAMPLE_IMAGES)), job.sensors.control()
         try:
             while (chunk := self._next()) is not None:
-                self._sense(chunk, scan, samples)
+                self._sense(chunk, scan, samples, control)
             if not self._given_up.is_set() and self._parts:
                 self._finish(session, plan, scan)
             elif self._ended_by:
@@ -249,10 +250,10 @@ class LiveScan:
                     break
         return None
 
-    def _sense(self, chunk: Recording, scan: Scan, samples: NDArray[np.int64]) -> None:
+    def _sense(self, chunk: Recording, scan: Scan, samples: NDArray[np.int64], control: ExposureControl) -> None:
         rows = samples[(samples >= self._sensed) & (samples < self._sensed + len(chunk))] - self._sensed
         with self._watch.measure("sense"):
-            sensed, images = scan.sense(chunk, NullProgress(), rows.tolist())
+            sensed, images = scan.sense(chunk, NullProgress(), rows.tolist(), control)
         self._parts.append((sensed, chunk))
         self._images += images
         with self._watch.measure("reconstruct"):

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.config.exposure_times import profile_time
 from scancell.config.loading import Setup
 from scancell.config.robot import JointDescription, RobotDescription
 from scancell.config.sensor import CameraDescription, SensorDescription, sensor_json
@@ -182,17 +183,9 @@ def _motion_warnings(setup: Setup) -> list[str]:
         (sweep.enabled, "sweep", "angle_step_deg", "speed_deg_s", 1e3 * sweep.angle_step_deg / speed),
         (raster.enabled, "raster", "pitch_mm", "speed_mm_s", 1e3 * raster.pitch_mm / raster.speed_mm_s),
     ]
-    needed = _exposure_ms(sensor)
+    needed = 1e3 * profile_time(sensor)
     for enabled, name, step, key, period in periods:
         if enabled and needed > period:
             asked = f"scan.{name}.{step} and {key} ask for an exposure every {period:.3g} ms"
             warnings.append(f"{asked}, but one takes {needed:.3g} ms: reduce scan.{name}.{key} or the exposure time")
     return warnings
-
-
-def _exposure_ms(sensor: SensorDescription) -> float:
-    """Time from the start of an exposure to the earliest start of the next, ms."""
-    detector = sensor.detector
-    rows = max(camera.height_px for camera in sensor.camera)
-    readout = 1e-3 * (detector.row_readout_us or 0.0) * (rows - 1)
-    return (detector.exposure_ms + readout) * (2 if detector.laser_off_frame else 1)

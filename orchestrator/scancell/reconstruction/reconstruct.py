@@ -90,7 +90,7 @@ class ProfilePoints(Value):
     flags
         (m,) warning flags of the peak.
     time_offset
-        (m,) exposure time of the point minus latch time of its trigger, s; not 0 with a rolling shutter only.
+        (m,) time of the point minus latch time of its trigger, s; not 0 with a rolling shutter or several exposures.
     """
 
     points_in_sensor: Array
@@ -101,6 +101,10 @@ class ProfilePoints(Value):
     frame: NDArray[np.integer[Any]]
     flags: NDArray[np.uint32]
     time_offset: Array
+
+    def __getitem__(self, rows: NDArray[Any]) -> Self:
+        """The points of some rows."""
+        return type(self)(**{field.name: getattr(self, field.name)[rows] for field in fields(self)})
 
     @classmethod
     def concatenate(cls, batches: Iterable[ProfilePoints]) -> Self:
@@ -256,7 +260,7 @@ def reconstruct_points(
     triggers
         With the measured table angle at mid-exposure.
     poses_after
-        By measurements; times other than 0 are used with a rolling shutter.
+        By measurements; times other than 0 are used with a rolling shutter or several exposures.
     table_from_part
         Nominal pose (4, 4) of the part on the table.
     normals

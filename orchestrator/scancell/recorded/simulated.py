@@ -36,7 +36,7 @@ def simulate(
     Raises `SensorError` if the sensor library reports an error.
     """
     sensor = make_sensor(setup.sensor, seed)
-    sensors = Sensors(sensor, sensor, setup.sensor.detector.bit_depth)
+    sensors = Sensors(sensor, sensor, setup.sensor)
     cell = measured.cell
     count = len(readings)
     frames = {

@@ -118,11 +118,20 @@ def readout_time(sensor: sensor_rt.Sensor) -> float:
     return float(sensor.row_readout * (max(camera.height_px for camera in sensor.cameras) - 1))
 
 
-def still_exposure(world_from_sensor: Array, world_from_body: Array, duration: float) -> sensor_rt.Exposures:
-    """One exposure of `duration` (s) without motion: pose of the sensor (4, 4), of the bodies (bodies, 4, 4)."""
+def still_exposures(world_from_sensor: Array, world_from_body: Array, durations: Array) -> sensor_rt.Exposures:
+    """Exposures of `durations` (k,), s, without motion: pose of the sensor (4, 4), of the bodies (bodies, 4, 4)."""
+    count = len(durations)
     return sensor_rt.Exposures(
-        world_from_sensor[None, None], world_from_body[None, :, None], np.array([duration]), np.array([1], np.int64)
+        np.repeat(world_from_sensor[None, None], count, 0),
+        np.repeat(world_from_body[None, :, None], count, 0),
+        durations,
+        sub_indices(np.array([1]), count),
     )
+
+
+def sub_indices(index: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """Indices (n count,) of `count` exposures for each trigger index (n,), which select their random numbers."""
+    return (index[:, None] * count + np.arange(count)).ravel()
 
 
 def _recorded(frame: str) -> str:

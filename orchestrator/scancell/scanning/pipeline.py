@@ -50,6 +50,7 @@ from scancell.reconstruction.footprint import footprint_of
 from scancell.reconstruction.foreign import neighbours_of
 from scancell.reconstruction.reconstruct import Dropped, Envelope, ProfilePoints, poses_by_joints, reconstruct_points
 from scancell.scanning.drive import DriveRequest, FmuRunner, PreScanHook
+from scancell.scanning.exposure_control import ExposureControl
 from scancell.scanning.exposures import build_scene, visible_bodies
 from scancell.scanning.sense import OnImages, Sensing, SensingResult, Sensors, sense
 from scancell.visibility.measurable import MeasurableSurface, cache_folder, measurable_surface
@@ -251,10 +252,11 @@ class ScanPipeline(Closing):
         progress: Progress,
         on_images: OnImages | None = None,
         image_rows: Sequence[int] | None = None,
+        control: ExposureControl | None = None,
     ) -> SensingResult:
-        """Profiles of all exposures of a recording, see `scancell.scanning.sense.sense`."""
-        task = Sensing(recording, loaded.bodies, loaded.scene, sensors, engine, self.threads)
-        return sense(task, progress, on_images, image_rows)
+        """Profiles of a recording, see `scancell.scanning.sense.sense`."""
+        task = Sensing(loaded.bodies, loaded.scene, sensors, engine, self.threads)
+        return sense(task, recording, progress, on_images, image_rows, control)
 
     def reconstruct(
         self, nominal: NominalCell, recording: Recording, profiles: ProfilePoints, setup: Setup, normals: bool = True

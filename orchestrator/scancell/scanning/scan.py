@@ -29,6 +29,7 @@ from scancell.progress import Progress
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.reconstruct import Dropped, ProfilePoints, table_warnings, why_empty
 from scancell.scanning.drive import PreScanHook
+from scancell.scanning.exposure_control import ExposureControl
 from scancell.scanning.pipeline import Job, ScanPipeline, envelope_of
 from scancell.scanning.sense import ExposureImages, OnImages, SensingResult, Sensors, sample_rows
 from scancell.stopwatch import Stopwatch
@@ -220,9 +221,12 @@ class Scan:
         return self.pipeline.reconstruct(job.loaded.estimated, recording, sensed.profiles, job.setup, normals=False)[0]
 
     def sense(
-        self, recording: Recording, progress: Progress, rows: Sequence[int]
+        self, recording: Recording, progress: Progress, rows: Sequence[int], control: ExposureControl | None = None
     ) -> tuple[SensingResult, tuple[ExposureImages, ...]]:
-        """Profiles, and the images of the exposures in `rows`; `on_images` receives the images of all."""
+        """Profiles, and the images of those in `rows`; `on_images` receives the images of all.
+
+        `control` is that of `scancell.scanning.sense.sense`.
+        """
         on_images = self.on_images
         if on_images is not None and self.engine == "geometric":
             raise DescriptionError("makes no images to keep", key="engine", value="geometric", expected="ray-traced")
@@ -236,7 +240,7 @@ class Scan:
                 kept.append(images)
 
         wanted, job = rows if on_images is None else None, self.job
-        sensed = self.pipeline.sense(job.loaded, recording, job.sensors, self.engine, progress, keep, wanted)
+        sensed = self.pipeline.sense(job.loaded, recording, job.sensors, self.engine, progress, keep, wanted, control)
         return sensed, tuple(kept)
 
     def _warnings(self, plan: Plan | None) -> tuple[str, ...]:

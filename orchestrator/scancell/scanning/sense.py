@@ -6,7 +6,7 @@ import json
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +14,15 @@ from numpy.typing import NDArray
 from scancell import sensor as sensor_rt
 from scancell.cell.recording import Recording
 from scancell.config.choices import Engine
+from scancell.config.exposure_times import exposure_windows
 from scancell.config.loading import as_built_sensor
-from scancell.config.sensor import SensorDescription, sensor_json
+from scancell.config.sensor import DetectorDescription, SensorDescription, sensor_json
 from scancell.errors import DescriptionError, SensorError
 from scancell.nominal.cell import Body, Lamp
 from scancell.progress import Progress
 from scancell.reconstruction.reconstruct import ProfilePoints
-from scancell.scanning.exposures import exposures_from_truth, readout_time
+from scancell.scanning.exposure_control import AutomaticExposure, ExposureControl, SameExposures
+from scancell.scanning.exposures import exposures_from_truth, readout_time, sub_indices
 from scancell.values import Value
 
 # Exposures per call: enough to use all cores, few enough for responsive interrupts and progress.
@@ -36,7 +38,7 @@ class ExposureImages(Value):
     trigger
         Index of the trigger record.
     images
-        (cameras, height, width) digital numbers.
+        (cameras, height, width) digital numbers; of several exposures of a profile, those of the first.
     background
         Laser-off images of the same shape to subtract; None unless the sensor takes them.
     bit_depth
@@ -73,10 +75,14 @@ OnImages = Callable[[ExposureImages], None]
 
 @dataclass(frozen=True)
 class SensingResult:
-    """Points of all exposures in the sensor frame, and processor time (s) by step of the ray tracer."""
+    """Points of all profiles in the sensor frame, and processor time (s) by step of the ray tracer.
+
+    `durations` (n, k) are those of the k exposures of each profile, s.
+    """
 
     profiles: ProfilePoints
     timings: dict[str, float]
+    durations: NDArray[np.float64]
 
     @classmethod
     def joined(cls, parts: Sequence[SensingResult], exposures: Sequence[int]) -> Self:
@@ -89,16 +95,32 @@ class SensingResult:
         timings: Counter[str] = Counter()
         for part in parts:
             timings.update(part.timings)
-        return cls(ProfilePoints.concatenate(shifted), dict(timings))
+        durations = np.concatenate([part.durations for part in parts])
+        return cls(ProfilePoints.concatenate(shifted), dict(timings), durations)
 
 
 @dataclass(frozen=True)
 class Sensors:
-    """Sensor models: `nominal` (or calibrated) interprets the images, `true` renders them; one object if equal."""
+    """Sensor models: `nominal` (or calibrated) interprets the images, `true` renders them; one object if equal.
+
+    `description` is that of the true sensor, which chooses its exposures.
+    """
 
     nominal: sensor_rt.Sensor
     true: sensor_rt.Sensor
-    bit_depth: int = 16
+    description: SensorDescription
+
+    @property
+    def windows(self) -> NDArray[np.float64]:
+        """Middle (s after that of all) and duration (s) of the exposures of a profile (k, 2); of automatic ones, of the
+        first."""
+        return exposure_windows(self.description)
+
+    def control(self) -> ExposureControl:
+        """A new choice of the exposure times of the profiles of a recording."""
+        if self.description.exposure.mode == "automatic":
+            return AutomaticExposure(self.description)
+        return SameExposures(self.windows if self.description.exposure.mode == "multiple" else None)
 
 
 def make_sensor(description: SensorDescription, seed: int) -> sensor_rt.Sensor:
@@ -132,7 +154,7 @@ def make_sensors(
     interpreting = make_sensor(nominal if estimated is None else estimated, seed)
     true = as_built_sensor(nominal, as_built)
     same = estimated is None and true is nominal
-    return Sensors(interpreting, interpreting if same else make_sensor(true, seed), true.detector.bit_depth)
+    return Sensors(interpreting, interpreting if same else make_sensor(true, seed), true)
 
 
 def _require_same_images(nominal: SensorDescription, estimated: SensorDescription) -> None:
@@ -148,9 +170,8 @@ def _require_same_images(nominal: SensorDescription, estimated: SensorDescriptio
 
 @dataclass(frozen=True)
 class Sensing:
-    """Inputs of sensing: recording, bodies in the order of the scene, scene, sensors, engine and threads (0: all)."""
+    """Bodies in the order of the scene, scene, sensors, engine and threads (0: all)."""
 
-    recording: Recording
     bodies: tuple[Body | Lamp, ...]
     scene: sensor_rt.Scene
     sensors: Sensors
@@ -159,25 +180,56 @@ class Sensing:
 
 
 def sense(
-    task: Sensing, progress: Progress, on_images: OnImages | None = None, image_rows: Collection[int] | None = None
+    task: Sensing,
+    recording: Recording,
+    progress: Progress,
+    on_images: OnImages | None = None,
+    image_rows: Collection[int] | None = None,
+    control: ExposureControl | None = None,
 ) -> SensingResult:
-    """Profiles of all exposures; `frame` is the row of the recording.
+    """Profiles of a recording; `frame` is its row.
 
     Raises `SensorError` if the library reports an error.
 
     Parameters
     ----------
     on_images
-        Called with the camera images of each exposure, in order; never with the geometric engine.
+        Called with the camera images of each profile, in order; never with the geometric engine.
     image_rows
         Rows of the recording whose images are passed on; None for all.
+    control
+        Chooses the exposure times. Recordings of one scan that are sensed one after another share it; by default a new
+        one.
     """
+    control = control or task.sensors.control()
+    wants = on_images is not None and task.engine != "geometric"
+    batches = _batches(len(recording), image_rows if wants else None, wants)
     timings: Counter[str] = Counter()
-    progress.stage("sensing", len(task.recording), "profiles")
-    profiles = ProfilePoints.concatenate(_sensed(task, progress, timings, on_images, image_rows))
+    durations: list[NDArray[np.float64]] = []
+
+    def sensed() -> Iterator[ProfilePoints]:
+        for batch, wanted in batches:
+            first = batch.start
+            while first < batch.stop:
+                windows = control.next(batch.stop - first)
+                rows = slice(first, batch.stop if windows is None else first + len(windows))
+                taken = profiles_of(task, recording[rows], windows, wanted or control.looks)
+                if on_images is not None and wanted:
+                    for images in taken.images():
+                        on_images(images)
+                yield taken.points
+                if control.looks:
+                    control.learn(taken.signals())
+                durations.append(taken.windows[..., 1])
+                timings.update(taken.result.timings)
+                progress.advance(rows.stop - rows.start)
+                first = rows.stop
+
+    progress.stage("sensing", len(recording), "profiles")
+    profiles = ProfilePoints.concatenate(sensed())
     # The library numbers exposures by trigger index, which selects their noise; reconstruction by row.
-    frame = np.searchsorted(task.recording.measured.index, profiles.frame).astype(np.int32)
-    return SensingResult(replace(profiles, frame=frame), dict(timings))
+    frame = np.searchsorted(recording.measured.index, profiles.frame).astype(np.int32)
+    return SensingResult(replace(profiles, frame=frame), dict(timings), np.concatenate(durations))
 
 
 def expose(
@@ -187,40 +239,112 @@ def expose(
     engine: Engine,
     threads: int,
     images: bool,
+    keep_rejected: bool = False,
 ) -> sensor_rt.ScanResult:
-    """Measurements of exposures, with their images if requested and rendered by the engine.
+    """Measurements of exposures, with their images if requested and rendered by the engine; see `scancell.sensor.scan`.
 
     Raises `SensorError` if the library reports an error.
     """
     try:
         keep = images and engine == "ray-traced"
-        return sensor_rt.scan(scene, sensors.nominal, exposures, engine, threads, keep, as_built=sensors.true)
+        return sensor_rt.scan(scene, sensors.nominal, exposures, engine, threads, keep, sensors.true, keep_rejected)
     except (ValueError, RuntimeError) as error:
         raise SensorError(str(error)) from error
 
 
-def _sensed(
-    task: Sensing,
-    progress: Progress,
-    timings: Counter[str],
-    on_images: OnImages | None,
-    image_rows: Collection[int] | None,
-) -> Iterator[ProfilePoints]:
-    """Points of successive batches of exposures; adds the processor time of each to `timings`."""
-    recording, sensors = task.recording, task.sensors
-    truth, index = recording.truth_for_rows(readout_time(sensors.true)), recording.measured.index
-    if task.engine == "geometric":
-        on_images = None
-    for rows, keep in _batches(len(recording), None if on_images is None else image_rows, on_images is not None):
-        exposures = exposures_from_truth(truth, index, task.bodies, rows)
-        result = expose(task.scene, sensors, exposures, task.engine, task.threads, keep)
-        for i, trigger in enumerate(index[rows]):
-            images = ExposureImages.of(result, i, int(trigger), sensors.bit_depth)
-            if on_images is not None and images is not None:
-                on_images(images)
-        yield points_of(result.profiles, sensors.nominal, task.engine)
-        timings.update(result.timings)
-        progress.advance(rows.stop - rows.start)
+@dataclass(frozen=True)
+class Taken:
+    """Profiles (n,) of one call of the library: their points (`frame`: trigger index), and the image row of each, px.
+
+    `result` holds all exposures, k for each profile one after another, with middles and durations `windows` (n, k, 2).
+    """
+
+    points: ProfilePoints
+    row: NDArray[np.float64]
+    result: sensor_rt.ScanResult
+    windows: NDArray[np.float64]
+    index: NDArray[np.int64]
+    detector: DetectorDescription
+
+    def images(self) -> Iterator[ExposureImages]:
+        """Images of the first exposure of each profile; none unless they were kept."""
+        for number, trigger in enumerate(self.index):
+            images = ExposureImages.of(
+                self.result, number * self.windows.shape[1], int(trigger), self.detector.bit_depth
+            )
+            if images is not None:
+                yield images
+
+    def signals(self) -> list[NDArray[np.float64]]:
+        """Brightest digital number of each column of the images, by profile; without images, of the stripe."""
+        if self.result.images is not None:
+            return [images.images.max(1).ravel().astype(float) for images in self.images()]
+        first, last = (np.searchsorted(self.points.frame, self.index, side) for side in ("left", "right"))
+        heights = self.detector.black_level_dn + np.asarray(self.points.intensity, float)
+        return [heights[a:b] for a, b in zip(first, last, strict=True)]
+
+
+def take(
+    task: Sensing, exposures: sensor_rt.Exposures, index: NDArray[np.int64], windows: NDArray[np.float64], images: bool
+) -> Taken:
+    """Profiles (n,) of the trigger indices `index`, with the images of all exposures if requested.
+
+    Raises `SensorError` if the library reports an error.
+
+    Parameters
+    ----------
+    exposures
+        k of each profile, one after another, of `sub_indices`.
+    windows
+        (n, k, 2) times from the latch to their middles, the same for all profiles, and durations, s.
+    """
+    offsets = windows[0, :, 0]
+    sensors = task.sensors
+    several = offsets.size > 1
+    result = expose(task.scene, sensors, exposures, task.engine, task.threads, images, keep_rejected=several)
+    points, row = points_of(result.profiles, sensors.nominal, task.engine), np.asarray(result.profiles.row)
+    if several:
+        points, number = replace(points, frame=points.frame // offsets.size), points.frame % offsets.size
+        chosen = surest(points, number)
+        points, row = points[chosen], row[chosen]
+        points = replace(points, time_offset=points.time_offset + offsets[number[chosen]])
+    return Taken(points, row, result, windows, index, sensors.description.detector)
+
+
+def surest(points: ProfilePoints, number: NDArray[np.integer[Any]]) -> NDArray[np.intp]:
+    """Rows (k,) of the points, ordered by profile, camera and column, that are kept of several exposures (m,) of each.
+
+    A column of a camera keeps the points of one exposure: of one without saturated pixels, if there is one, that with
+    the peak of the smallest standard deviation. Where this peak is rejected, the column keeps no point: the noise of
+    the others may hide what it shows, such as the border of a dark and a bright region.
+    """
+    flags = np.asarray(points.flags)
+    saturated = (flags & sensor_rt.PEAK_FLAGS["saturated"]) != 0
+    order = np.lexsort((number, points.sigma, saturated, points.column, points.camera, points.frame))
+    begins = _changes(*(np.asarray(part)[order] for part in (points.frame, points.camera, points.column)))
+    best = number[order[begins]][np.cumsum(begins) - 1]
+    return np.asarray(order[(number[order] == best) & ((flags[order] & sensor_rt.PEAK_REJECTED) == 0)])
+
+
+def _changes(*values: NDArray[Any]) -> NDArray[np.bool_]:
+    """Whether any of the values (m,) differs from that before it; True for the first."""
+    differs = np.ones(len(values[0]), bool)
+    differs[1:] = np.any([one[1:] != one[:-1] for one in values], axis=0)
+    return differs
+
+
+def profiles_of(task: Sensing, recording: Recording, windows: NDArray[np.float64] | None, images: bool) -> Taken:
+    """Profiles of a recording, each of the exposures `windows` (n, k, 2), see `Recording.truth_for_rows`; None: of one,
+    as recorded.
+
+    Raises `SensorError` if the library reports an error.
+    """
+    index = recording.measured.index
+    if windows is None:
+        windows = np.stack([np.zeros(len(recording)), recording.measured.exposure], -1)[:, None]
+    truth = recording.truth_for_rows(readout_time(task.sensors.true), windows)
+    exposures = exposures_from_truth(truth, sub_indices(index, windows.shape[1]), task.bodies)
+    return take(task, exposures, index, windows, images)
 
 
 def _batches(count: int, image_rows: Collection[int] | None, images: bool) -> Iterator[tuple[slice, bool]]:

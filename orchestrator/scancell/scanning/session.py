@@ -10,7 +10,7 @@ from scancell.cell.controller import Operation
 from scancell.cell.instance import CellInstance
 from scancell.cell.session import CellSession
 from scancell.config.choices import Engine
-from scancell.config.units import si_value
+from scancell.config.exposure_times import exposure_span
 from scancell.guard.guard import Guard
 from scancell.guard.guarded_cell import GuardedCell
 from scancell.guard.link import Link
@@ -149,8 +149,8 @@ class ScanSession(CellSession):
 
     @property
     def exposure(self) -> float:
-        """Duration of the exposures of the description, s."""
-        return si_value(self.job.setup.sensor.detector, "exposure_ms")
+        """Duration of the exposures of a profile of the description, s."""
+        return exposure_span(self.job.setup.sensor)
 
     def profile(self, engine: Engine = "ray-traced") -> Profile:
         """Profile at the present pose, by the `engine`, see `scan_line`; the cell is not stepped, and may be moving.

@@ -15,9 +15,10 @@ from scancell.geometry import pose
 from scancell.planning.model import PlanningCell, SensorRange
 from scancell.planning.views.placement import PlacedPose, Placer
 from scancell.reconstruction.reconstruct import ProfilePoints
-from scancell.scanning.exposures import exposures_from_truth, readout_time, still_exposure
+from scancell.scanning.exposure_control import ExposureControl
+from scancell.scanning.exposures import still_exposures
 from scancell.scanning.pipeline import Job, LoadedCell
-from scancell.scanning.sense import ExposureImages, Sensors, expose, points_of
+from scancell.scanning.sense import ExposureImages, Sensing, Sensors, profiles_of, take
 from scancell.values import Value
 
 Array = NDArray[np.float64]
@@ -54,26 +55,33 @@ class Profile(Value):
 
 
 def measure_profile(
-    loaded: LoadedCell, recording: Recording, sensors: Sensors, engine: Engine, threads: int
+    loaded: LoadedCell,
+    recording: Recording,
+    sensors: Sensors,
+    engine: Engine,
+    threads: int,
+    control: ExposureControl | None = None,
 ) -> Profile:
-    """The profile of a recording of one exposure.
+    """The profile of a recording of one profile; `control` is that of `scancell.scanning.sense.sense`.
 
     Raises `SensorError` if the sensor library reports an error.
     """
     cell = loaded.estimated
     measured = recording.measured.after(cell.trigger_latency)
-    truth = recording.truth_for_rows(readout_time(sensors.true))
-    exposures = exposures_from_truth(truth, measured.index, loaded.bodies)
-    result = expose(loaded.scene, sensors, exposures, engine, threads, images=True)
-    profile = points_of(result.profiles, sensors.nominal, engine)
+    control = control or sensors.control()
+    task = Sensing(loaded.bodies, loaded.scene, sensors, engine, threads)
+    taken = profiles_of(task, recording, control.next(1), images=True)
+    if control.looks:
+        control.learn(taken.signals())
+    profile = taken.points
     points = np.array(profile.points_in_sensor, float)
     base_from_world = pose.inverse(cell.arm.world_from_base)
     return Profile(
         replace(profile, frame=np.zeros(len(points), np.int32)),
-        np.array(result.profiles.row),
+        np.array(taken.row),
         pose.transform_points(base_from_world @ cell.world_from_sensor(measured.q[0]), points),
         pose.transform_points(cell.part_from_sensor(measured.q[0], measured.table[0]), points),
-        ExposureImages.of(result, 0, int(measured.index[0]), sensors.bit_depth),
+        next(taken.images(), None),
     )
 
 
@@ -97,19 +105,19 @@ def take_shot(job: Job, part_from_sensor: Array, engine: Engine, threads: int) -
     """
     loaded, sensors = job.loaded, job.sensors
     cell = PlanningCell(loaded.nominal, SensorRange.of(sensors.nominal), 1.0, threads=threads)
-    exposure, warnings = _posture(cell, job, part_from_sensor)
-    result = expose(loaded.scene, sensors, exposure, engine, threads, images=True)
-    images = ExposureImages.of(result, 0, trigger=1)
-    profile = points_of(result.profiles, sensors.nominal, engine)
+    exposures, warnings = _posture(cell, job, part_from_sensor)
+    task = Sensing(loaded.bodies, loaded.scene, sensors, engine, threads)
+    taken = take(task, exposures, np.array([1]), sensors.windows[None], images=True)
+    profile = taken.points
     points = pose.transform_points(part_from_sensor, np.array(profile.points_in_sensor, float))
     if not len(points):
         warnings = (*warnings, "the sensor sees nothing from this pose")
-    rows = np.array(result.profiles.row, float)
-    return ShotData(loaded.nominal.part.source, profile, rows, points, images, sensors.nominal, warnings)
+    images = next(taken.images(), None)
+    return ShotData(loaded.nominal.part.source, profile, taken.row, points, images, sensors.nominal, warnings)
 
 
 def _posture(cell: PlanningCell, job: Job, part_from_sensor: Array) -> tuple[sensor_rt.Exposures, tuple[str, ...]]:
-    """The exposure with the arm where it holds the sensor at the pose; far away where it cannot."""
+    """The exposures with the arm where it holds the sensor at the pose; far away where it cannot."""
     nominal = cell.nominal
     azimuth = si_value(job.setup.scan.sweep, "azimuth_deg")
     placed = Placer(cell, azimuth, 0.0).poses(part_from_sensor[None])[0]
@@ -122,8 +130,8 @@ def _posture(cell: PlanningCell, job: Job, part_from_sensor: Array) -> tuple[sen
         frames = {name: away @ value if _moves_with_arm(name) else value for name, value in frames.items()}
         warnings = (f"the arm is left out: {placed.reason}",)
     world_from_body = np.stack([frames[body.moves_with] for body in job.loaded.bodies])
-    duration = si_value(job.setup.sensor.detector, "exposure_ms")
-    return still_exposure(frames["part"] @ part_from_sensor, world_from_body, duration), warnings
+    durations = job.sensors.windows[:, 1]
+    return still_exposures(frames["part"] @ part_from_sensor, world_from_body, durations), warnings
 
 
 def _moves_with_arm(frame: str) -> bool:

@@ -327,10 +327,13 @@ def scan(
     threads: int = 0,
     keep_images: bool = False,
     as_built: Sensor | None = None,
+    keep_rejected: bool = False,
 ) -> ScanResult:
     """Simulate the profiles of all exposures.
 
     `as_built` is the true sensor, which generates the images; `sensor` is the nominal sensor used to evaluate them.
+    `keep_rejected`: also return the points of peaks with one of the flags ``PEAK_REJECTED``; not with ``geometric``,
+    which rejects none, and not where points of several cameras are fused.
 
     ``ray-traced`` renders the images of all cameras, adds detector noise, extracts the stripe and triangulates.
     ``geometric`` casts the laser rays at mid-exposure without rendering images. With ``render.noise`` of the sensor as
