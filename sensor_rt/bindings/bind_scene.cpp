@@ -190,6 +190,20 @@ py::tuple py_signed_distances(const MeshSurface& surface, const Doubles& points,
   return query_surface(surface, points, threads, false);
 }
 
+py::tuple py_triangle_distances(const MeshSurface& surface, const Doubles& triangles, bool is_signed,
+                                unsigned threads) {
+  require_shape(triangles, "triangles", {-1, 3, 3});
+  const py::ssize_t count = triangles.shape(0);
+  const auto n = static_cast<std::size_t>(count);
+  LargeVector<double> centre(n);
+  LargeVector<double> bound(n);
+  {
+    const py::gil_scoped_release release;
+    surface.triangle_distances(triangles.data(), n, threads, is_signed, centre.data(), bound.data());
+  }
+  return py::make_tuple(to_array(std::move(centre), {count}), to_array(std::move(bound), {count}));
+}
+
 }  // namespace
 
 void bind_scene(py::module_& module) {
@@ -223,7 +237,9 @@ void bind_scene(py::module_& module) {
 
   py::class_<MeshSurface>(module, "MeshSurface", py::module_local())
       .def(py::init(&make_surface), py::arg("vertices"), py::arg("faces"))
-      .def("signed_distances", &py_signed_distances, py::arg("points"), py::arg("threads") = 0);
+      .def("signed_distances", &py_signed_distances, py::arg("points"), py::arg("threads") = 0)
+      .def("triangle_distances", &py_triangle_distances, py::arg("triangles"), py::arg("is_signed"),
+           py::arg("threads") = 0);
 
   module.def("tree_builds", &tree_builds);
   module.def("cast_rays", &py_cast_rays, py::arg("scene"), py::arg("world_from_body"), py::arg("origins"),

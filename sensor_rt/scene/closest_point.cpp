@@ -166,4 +166,33 @@ void MeshSurface::closest_points(const double* points, std::size_t count, unsign
   });
 }
 
+void MeshSurface::triangle_distances(const double* triangles, std::size_t count, unsigned threads,
+                                     bool is_signed, double* centre, double* bound) const {
+  using Triangle = Eigen::Map<const Eigen::Matrix3d>;  // corners in its columns
+  std::vector<double> centres(3 * count);
+  for (std::size_t i = 0; i < count; ++i) {
+    const Eigen::Vector3d middle = Triangle(triangles + 9 * i).rowwise().mean();
+    std::copy_n(middle.data(), 3, &centres[3 * i]);
+  }
+  std::vector<std::uint32_t> nearest(count);
+  closest_points(centres.data(), count, threads, {nullptr, nearest.data(), centre});
+  for (std::size_t i = 0; i < count; ++i) {
+    const Triangle corners(triangles + 9 * i);
+    const Eigen::Map<const Eigen::Vector3d> middle(&centres[3 * i]);
+    const std::size_t face = nearest[i];
+    double radius2 = 0.0;
+    double from_face2 = 0.0;
+    for (int k = 0; k < 3; ++k) {
+      const Eigen::Vector3d corner = corners.col(k);
+      const Eigen::Vector3d on_face =
+          closest_on_triangle(corner, mesh_.corner(face, 0), mesh_.corner(face, 1), mesh_.corner(face, 2))
+              .point;
+      radius2 = std::max(radius2, (corner - middle).squaredNorm());
+      from_face2 = std::max(from_face2, (corner - on_face).squaredNorm());
+    }
+    if (!is_signed) centre[i] = std::abs(centre[i]);
+    bound[i] = std::min(centre[i] + std::sqrt(radius2), std::sqrt(from_face2));
+  }
+}
+
 }  // namespace sensor_rt

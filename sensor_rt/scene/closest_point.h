@@ -31,6 +31,14 @@ class MeshSurface {
   void closest_points(const double* points, std::size_t count, unsigned threads,
                       const ClosestPoints& result) const;
 
+  /// Computes, for `triangles` (count, 3, 3), the distance of each triangle's centre from the mesh and an
+  /// upper bound on the distance of all of its points: the smaller of the centre's plus the triangle's radius
+  /// about it (a distance changes by no more than the way), and the largest distance of its corners from the
+  /// face nearest to the centre (the distance from one face is a convex function). `is_signed`: negative
+  /// inside.
+  void triangle_distances(const double* triangles, std::size_t count, unsigned threads, bool is_signed,
+                          double* centre, double* bound) const;
+
  private:
   /// Bounding box of a face relative to the mesh centre, rounded outwards.
   struct Box {

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
@@ -101,37 +100,22 @@ def reduced(mesh: Mesh, max_faces: int, max_error: float) -> ReducedMesh:
 def protrusion_bound(mesh: Mesh, solid: Mesh, tolerance: float = _TOLERANCE, limit: float = np.inf) -> float:
     """Bound (m) on the distance by which any point of a mesh lies outside a solid, or off an open surface.
 
-    The signed distance s of a triangle's centre gives s + r for the whole triangle, where r is its radius about the
-    centre (a distance changes by no more than the way). The distance from one face of the solid is a convex function,
-    whose largest value is at a corner. Triangles for which neither is below the largest distance found so far plus
-    `tolerance` are divided in four. Beyond `limit` the bound is not sought: the result is a distance above it.
+    Triangles whose bound, see `scancell.sensor.MeshSurface.triangle_distances`, exceeds the largest distance found so
+    far by more than `tolerance` are divided in four. Beyond `limit` the bound is not sought: the result is a distance
+    above it.
     """
     surface = sensor_rt.MeshSurface(solid.vertices, solid.faces.astype(np.uint32))
-    faces = solid.vertices[solid.faces]
     triangles = mesh.vertices[mesh.faces]
-    largest = max(0.0, float(_distances(surface, solid, mesh.vertices[np.unique(mesh.faces)])[0].max()))
+    corners = surface.signed_distances(mesh.vertices[np.unique(mesh.faces)])[0]
+    largest = max(0.0, float((corners if solid.is_closed else np.abs(corners)).max()))
     while largest <= limit:
-        centre = triangles.mean(1)
-        radius = np.linalg.norm(triangles - centre[:, None], axis=-1).max(1)
-        distance, nearest = _distances(surface, solid, centre)
+        distance, bound = surface.triangle_distances(triangles, solid.is_closed)
         largest = max(largest, float(distance.max(initial=0.0)))
-        bound = distance + radius
         rest = np.flatnonzero(bound > largest + tolerance)
-        corners = triangles[rest].reshape(-1, 3)
-        on_face = trimesh.triangles.closest_point(np.repeat(faces[nearest[rest]], 3, axis=0), corners)
-        from_face = np.linalg.norm(corners - on_face, axis=1)
-        bound[rest] = np.minimum(bound[rest], from_face.reshape(-1, 3).max(1))
-        rest = rest[bound[rest] > largest + tolerance]
         if not len(rest) or 4 * len(rest) > _MAX_TRIANGLES:
             return max(largest + tolerance, float(bound[rest].max(initial=0.0)))
         triangles = _divided(triangles[rest])
     return largest
-
-
-def _distances(surface: sensor_rt.MeshSurface, solid: Mesh, points: Array) -> tuple[Array, NDArray[np.uint32]]:
-    """Distances (n,) from a mesh, negative inside if it is closed, and the nearest faces (n,)."""
-    signed, face = surface.signed_distances(np.ascontiguousarray(points))
-    return np.asarray(signed if solid.is_closed else np.abs(signed)), np.asarray(face)
 
 
 def _divided(triangles: Array) -> Array:

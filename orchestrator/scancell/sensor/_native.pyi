@@ -398,6 +398,14 @@ class MeshSurface:
     def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None: ...
     def signed_distances(self, points: ArrayLike, threads: int = 0) -> tuple[NDArray[np.float64], NDArray[np.uint32]]:
         """Return distances (n,) of points (n, 3), m, negative inside, and closest faces (n,); double precision."""
+    def triangle_distances(
+        self, triangles: ArrayLike, is_signed: bool, threads: int = 0
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return distances (n,) of the centres of triangles (n, 3, 3), m, and upper bounds (n,) for all their points.
+
+        The bound is the smaller of the centre's distance plus the radius about it, and the largest distance of the
+        corners from the face nearest to the centre. `is_signed`: negative inside.
+        """
 
 def estimate_normals(
     points: ArrayLike, frame: ArrayLike, camera: ArrayLike, column: ArrayLike, light: ArrayLike, threads: int = 0
