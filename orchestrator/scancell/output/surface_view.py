@@ -19,6 +19,7 @@ Image = NDArray[np.uint8]
 
 _INK = (34, 40, 49)
 _FINE = 2  # pixels of the drawing along each side of a pixel of the image, which smooths outlines
+_ROWS = 64  # of pixels that are cast at a time
 _MOST_POINTS = 150_000
 _MANY_FACES = 150_000  # from which on the surface is drawn from a coarser mesh
 _CELLS = 250  # of that mesh along the largest extent
@@ -76,9 +77,11 @@ class SurfaceView:
     def _draw_surface(self, canvas: _Canvas) -> None:
         light = np.abs(self._surface.normals @ canvas.axes[2])
         grey = np.append(255 * (0.5 + 0.3 * light), 255).astype(np.uint8)  # the last one is the background, face -1
-        for row, pixels in enumerate(canvas.colour):
-            face = self._cast(canvas.pixel_positions(row) + self._far * canvas.axes[2], -canvas.axes[2])
-            pixels[:] = grey[face][:, None]
+        for first in range(0, len(canvas.colour), _ROWS):
+            pixels = canvas.colour[first : first + _ROWS]
+            start = canvas.pixel_positions(first, len(pixels)) + self._far * canvas.axes[2]
+            face = self._cast(start.reshape(-1, 3), -canvas.axes[2])
+            pixels[:] = grey[face].reshape(pixels.shape[:2])[..., None]
 
     def _draw_points(self, canvas: _Canvas) -> None:
         light_of_face = self._mesh.normals @ canvas.axes[2]
@@ -133,11 +136,12 @@ class _Canvas:
         self._corner = np.array([low[0], high[1], seen[:, 2].mean()])  # upper left corner of the part
         self._rim = _RIM_PX * _FINE
 
-    def pixel_positions(self, row: int) -> Array:
-        """(width, 3) middles of the pixels of a row, counted from the top, on a plane through the part."""
+    def pixel_positions(self, first: int, rows: int) -> Array:
+        """(rows, width, 3) middles of the pixels of rows, counted from the top, on a plane through the part."""
         x = self._corner[0] + (np.arange(self.colour.shape[1]) + 0.5 - self._rim) / self.scale
-        y = self._corner[1] - (row + 0.5 - self._rim) / self.scale
-        return np.asarray(y * self.axes[1] + self._corner[2] * self.axes[2] + x[:, None] * self.axes[0])
+        y = self._corner[1] - (np.arange(first, first + rows) + 0.5 - self._rim) / self.scale
+        middle = self._corner[2] * self.axes[2]
+        return np.asarray(y[:, None, None] * self.axes[1] + middle + x[:, None] * self.axes[0])
 
     def mark(self, points: Array, paint: Image, radius: float) -> None:
         """Draw discs of `radius` px at points (n, 3) in colours (n, 3), the nearest to the viewer last."""
