@@ -19,7 +19,7 @@ Image = NDArray[np.uint8]
 
 _INK = (34, 40, 49)
 _FINE = 2  # pixels of the drawing along each side of a pixel of the image, which smooths outlines
-_ROWS = 64  # of pixels that are cast at a time
+_ROWS = 32  # of pixels that are cast at a time
 _MOST_POINTS = 150_000
 _MANY_FACES = 150_000  # from which on the surface is drawn from a coarser mesh
 _CELLS = 250  # of that mesh along the largest extent

@@ -100,7 +100,7 @@ class ProfilePoints(Value):
     column: NDArray[np.int32]
     frame: NDArray[np.integer[Any]]
     flags: NDArray[np.uint32]
-    time_offset: Array
+    time_offset: NDArray[np.floating[Any]]
 
     def __getitem__(self, rows: NDArray[Any]) -> Self:
         """The points of some rows."""
@@ -278,9 +278,9 @@ def reconstruct_points(
         )
     poses = poses_after(0.0)
     points = np.asarray(profiles.points_in_sensor, float)
-    time_offset = np.asarray(profiles.time_offset, float)
+    time_offset = np.asarray(profiles.time_offset)
     if time_offset.any():
-        points = _rolling_points_in_part(points, frame, time_offset, poses_after)
+        points = _rolling_points_in_part(points, frame, time_offset.astype(float), poses_after)
     else:
         points = points_in_part(points, frame, poses)
     kept, dropped = _sort_out(

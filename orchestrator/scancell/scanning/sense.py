@@ -307,7 +307,8 @@ def take(
         points, number = replace(points, frame=points.frame // offsets.size), points.frame % offsets.size
         chosen = surest(points, number)
         points, row = points[chosen], row[chosen]
-        points = replace(points, time_offset=points.time_offset + offsets[number[chosen]])
+        late = (points.time_offset + offsets[number[chosen]]).astype(np.float32)
+        points = replace(points, time_offset=late)
     return Taken(points, row, result, windows, index, sensors.description.detector)
 
 
@@ -362,7 +363,9 @@ def _batches(count: int, image_rows: Collection[int] | None, images: bool) -> It
 def points_of(profiles: sensor_rt.Profiles, sensor: sensor_rt.Sensor, engine: Engine) -> ProfilePoints:
     """Points with the time offsets of their image rows from the latch, by the nominal `sensor`."""
     rolls = engine == "ray-traced"
-    time_offset = row_time_offset(sensor, profiles.row, profiles.camera) if rolls else np.zeros(len(profiles))
+    time_offset = (
+        row_time_offset(sensor, profiles.row, profiles.camera) if rolls else np.zeros(len(profiles), np.float32)
+    )
     return ProfilePoints(
         points_in_sensor=profiles.points_in_sensor,
         sigma=profiles.sigma,
@@ -377,10 +380,10 @@ def points_of(profiles: sensor_rt.Profiles, sensor: sensor_rt.Sensor, engine: En
 
 def row_time_offset(
     sensor: sensor_rt.Sensor, row: NDArray[np.float64], camera: NDArray[np.int32]
-) -> NDArray[np.float64]:
+) -> NDArray[np.float32]:
     """Time (m,) from the latch to the exposure of image rows (m,) of the cameras (m,), s; 0 of a global shutter."""
     middle = np.array([(one.height_px - 1) / 2 for one in sensor.cameras])
-    return np.asarray(sensor.row_readout * (row - middle[camera]))
+    return np.asarray(sensor.row_readout * (row - middle[camera]), np.float32)
 
 
 def sample_rows(count: int, samples: int) -> list[int]:
