@@ -55,6 +55,8 @@ CLASSES = {
 }
 """By the name of the preset."""
 
+FOLDERS = ("", "realistic/")
+
 
 @dataclass(frozen=True)
 class Simulated:
@@ -73,7 +75,7 @@ class Simulated:
 
 
 def preset_file(name: str) -> Path:
-    """Description of a preset."""
+    """Description of a preset; ``realistic/...`` of one with a real lens."""
     return assets_dir() / "sensors" / f"{name}.toml"
 
 
@@ -114,7 +116,7 @@ def main() -> None:
     given = parser.parse_args()
     print("| preset | line, mm | points | noise, um | repeatability, um | linearity, % | of the mean, % |")
     print("|---|---|---|---|---|---|---|")
-    for name, wanted in CLASSES.items():
+    for name, wanted in ((f"{folder}{name}", wanted) for folder in FOLDERS for name, wanted in CLASSES.items()):
         found = simulate(name, given.engine, given.exposures, given.positions)
         line = ", ".join(f"{simulated:.1f} ({said:g})" for simulated, said in zip(found.line, wanted.line, strict=True))
         noise = ", ".join(f"{value:.2g}" for value in found.noise)
