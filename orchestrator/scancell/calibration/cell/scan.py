@@ -41,7 +41,7 @@ from scancell.progress import Progress
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.pipeline import Job, ScanPipeline
 from scancell.scanning.scan import Scan
-from scancell.scanning.sense import expose, points_of
+from scancell.scanning.sense import Sensors, expose, points_of
 
 Array = NDArray[np.float64]
 
@@ -282,7 +282,7 @@ class CalibrationScan:
         bodies = np.stack([frames[body.moves_with] for body in loaded.bodies], 1)
         duration, index = np.full(len(found.q), sensor.exposure), np.arange(len(found.q), dtype=np.int64)
         exposures = sensor_rt.Exposures(frames["sensor"][:, None], bodies[:, :, None], duration, index)
-        sensors = replace(self.job.sensors, true=sensor)
+        sensors = Sensors(sensor, sensor, self.job.setup.sensor)
         result = expose(loaded.scene, sensors, exposures, "geometric", self.pipeline.threads, images=False)
         profiles = points_of(result.profiles, sensor, "geometric")
         return observations_of(profiles, AxisReadings.at_rest(found.q, found.table), sensor)
