@@ -247,14 +247,19 @@ class Recording(Value):
         )
         return np.asarray(pose.from_rotation(pose.rotation_from_quaternion(orientation), position))
 
+    @property
+    def windows(self) -> Array:
+        """Middle of each exposure after the recorded middle, 0, and its duration (n, 1, 2), s."""
+        duration = self._stack(["trigger.exposure"])
+        return np.stack([np.zeros_like(duration), duration], -1)
+
     def truth_for_rows(self, readout: float, windows: Array | None = None) -> ExposureTruth:
         """`truth` for a rolling shutter, whose last row is exposed `readout` seconds after the first one.
 
         `windows` (n or 1, k, 2) gives k exposures in each row instead of the recorded one: their middles after the
         recorded middle, and durations, s. The truth has n k of them, those of a row one after another.
         """
-        if windows is None:
-            windows = np.stack([np.zeros(len(self)), self._stack(["trigger.exposure"])[:, 0]], -1)[:, None]
+        windows = self.windows if windows is None else windows
         offset, duration = (np.broadcast_to(one, (len(self), one.shape[1])) for one in np.moveaxis(windows, -1, 0))
         frames = RecordLayout.of(self.columns).frames
         position, orientation, velocity, rate = (

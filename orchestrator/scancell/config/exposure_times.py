@@ -16,9 +16,8 @@ def exposure_windows(sensor: SensorDescription) -> Array:
     With a rolling shutter these are the times of the middle row.
     """
     durations = _durations(sensor)
-    starts = _starts(sensor)[:-1]
-    middles = starts + durations / 2
-    return np.column_stack([middles - (starts[0] + starts[-1] + durations[-1]) / 2, durations])
+    middles = _starts(sensor)[:-1] + durations / 2
+    return np.column_stack([middles - exposure_span(sensor) / 2, durations])
 
 
 def exposure_span(sensor: SensorDescription) -> float:

@@ -75,14 +75,10 @@ OnImages = Callable[[ExposureImages], None]
 
 @dataclass(frozen=True)
 class SensingResult:
-    """Points of all profiles in the sensor frame, and processor time (s) by step of the ray tracer.
-
-    `durations` (n, k) are those of the k exposures of each profile, s.
-    """
+    """Points of all profiles in the sensor frame, and processor time (s) by step of the ray tracer."""
 
     profiles: ProfilePoints
     timings: dict[str, float]
-    durations: NDArray[np.float64]
 
     @classmethod
     def joined(cls, parts: Sequence[SensingResult], exposures: Sequence[int]) -> Self:
@@ -95,8 +91,7 @@ class SensingResult:
         timings: Counter[str] = Counter()
         for part in parts:
             timings.update(part.timings)
-        durations = np.concatenate([part.durations for part in parts])
-        return cls(ProfilePoints.concatenate(shifted), dict(timings), durations)
+        return cls(ProfilePoints.concatenate(shifted), dict(timings))
 
 
 @dataclass(frozen=True)
@@ -205,7 +200,6 @@ def sense(
     wants = on_images is not None and task.engine != "geometric"
     batches = _batches(len(recording), image_rows if wants else None, wants)
     timings: Counter[str] = Counter()
-    durations: list[NDArray[np.float64]] = []
 
     def sensed() -> Iterator[ProfilePoints]:
         for batch, wanted in batches:
@@ -220,7 +214,6 @@ def sense(
                 yield taken.points
                 if control.looks:
                     control.learn(taken.signals())
-                durations.append(taken.windows[..., 1])
                 timings.update(taken.result.timings)
                 progress.advance(rows.stop - rows.start)
                 first = rows.stop
@@ -229,7 +222,7 @@ def sense(
     profiles = ProfilePoints.concatenate(sensed())
     # The library numbers exposures by trigger index, which selects their noise; reconstruction by row.
     frame = np.searchsorted(recording.measured.index, profiles.frame).astype(np.int32)
-    return SensingResult(replace(profiles, frame=frame), dict(timings), np.concatenate(durations))
+    return SensingResult(replace(profiles, frame=frame), dict(timings))
 
 
 def expose(
@@ -341,8 +334,7 @@ def profiles_of(task: Sensing, recording: Recording, windows: NDArray[np.float64
     Raises `SensorError` if the library reports an error.
     """
     index = recording.measured.index
-    if windows is None:
-        windows = np.stack([np.zeros(len(recording)), recording.measured.exposure], -1)[:, None]
+    windows = recording.windows if windows is None else windows
     truth = recording.truth_for_rows(readout_time(task.sensors.true), windows)
     exposures = exposures_from_truth(truth, sub_indices(index, windows.shape[1]), task.bodies)
     return take(task, exposures, index, windows, images)
