@@ -42,7 +42,7 @@ float SpeckleNoise::of_sums() const {
 SpeckleNoise speckle_noise(const Camera& camera, double wavelength, double contrast) {
   SpeckleNoise noise;
   if (contrast <= 0.0) return noise;
-  const double grain_px = wavelength * camera.f_number / camera.pixel_pitch;
+  const double grain_px = camera.grain_px(wavelength);
   for (int k = 0; k < kSpeckleRows; ++k) {
     noise.covariance[k] = static_cast<float>(contrast * contrast * pixel_covariance(grain_px, k));
   }

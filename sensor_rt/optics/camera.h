@@ -47,6 +47,8 @@ struct Camera {
 
   double image_distance() const { return focal_px * pixel_pitch; }
   double aperture_radius() const { return 0.5 * image_distance() / f_number; }
+  /// Returns the width of a grain of speckle on the image, px.
+  double grain_px(double wavelength) const { return wavelength * f_number / pixel_pitch; }
 
   /// Returns the inverse depth, 1/m, at which the direction (x, y, 1) is in focus. A thin lens maps the
   /// sensor plane to a plane of focus, so that this is linear in x and y: 1/focus on the axis, less where the

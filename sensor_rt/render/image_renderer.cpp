@@ -39,8 +39,8 @@ void draw_stripe(const RenderPlan& plan, const Scene& scene, const Exposures& ex
   speckle.reserve(cameras);
   for (std::size_t c = 0; c < cameras; ++c) {
     const Camera& optics = plan.stripe_cameras[c].optics;
-    buffers.stripe[c].resize(optics.width_px, optics.height_px);
     speckle.emplace_back(plan, scene, buffers.samples.track(), c);
+    buffers.stripe[c].resize(optics.width_px, optics.height_px, speckle[c].enabled());
     rasters.emplace_back(plan, buffers.mesh, buffers.samples, c,
                          speckle[c].enabled() ? &speckle[c] : nullptr);
   }
@@ -57,7 +57,7 @@ void draw_stripe(const RenderPlan& plan, const Scene& scene, const Exposures& ex
     if (camera.blur) {
       camera.blur->apply(buffers.stripe[c], duration, buffers.blur, images[c]);
     } else {
-      buffers.stripe[c].move_to(images[c], 0, 0, camera.optics.width_px, camera.optics.height_px, duration);
+      buffers.stripe[c].move_to(images[c], camera.optics.width_px, camera.optics.height_px, duration);
     }
   }
 }

@@ -9,6 +9,7 @@
 #include "sensor_rt/render/row_views.h"
 #include "sensor_rt/render/sparse_image.h"
 #include "sensor_rt/render/stripe/laser_mesh.h"
+#include "sensor_rt/render/stripe/stripe_image.h"
 
 namespace sensor_rt {
 
@@ -16,7 +17,7 @@ namespace sensor_rt {
 struct RenderBuffers {
   StripeSamples samples;
   LaserMesh mesh;
-  std::vector<ColumnImage> stripe;  ///< per camera
+  std::vector<StripeImage> stripe;  ///< per camera
   std::vector<float> row_shares;
   LensBlur::Buffers blur;
   PoseTrack track;

@@ -118,7 +118,13 @@ RenderPlan::RenderPlan(const RenderSettings& given)
       sensor_from_reference(given.model.laser.sensor_from_sheet),
       lane_sources(spread_sources(given.model.laser, pattern)) {
   const SensorModel& model = settings.model;
-  if (settings.speckle_contrast > 0.0) speckle_tile = SpeckleTile::shared(settings.speckle_contrast);
+  if (settings.speckle_contrast > 0.0) {
+    speckle_tile = SpeckleTile::shared(settings.speckle_contrast);
+    for (const Camera& camera : model.cameras) {
+      pixel_speckle.push_back(
+          speckle_tile->averaged(SpeckleTile::kPerGrain / camera.grain_px(model.laser.wavelength)));
+    }
+  }
   sources =
       in_packets(pattern.padded_size(), [this](std::size_t packet, int l) { return source(packet, l); });
   slope = largest_slope(model);

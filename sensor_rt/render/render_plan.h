@@ -76,6 +76,7 @@ struct RenderPlan {
   std::vector<CameraSamples> samples;               ///< per camera
   std::vector<Projector> projectors;                ///< per camera
   std::shared_ptr<const SpeckleTile> speckle_tile;  ///< null: no speckle
+  std::vector<SpeckleTile> pixel_speckle;           ///< per camera: the tile averaged over a pixel
   std::vector<StripeCamera> stripe_cameras;
   /// Points that the stripe averages over: a single one for a point source and lenses that need no sampling.
   std::vector<LatticePoint> stripe_lattice;

@@ -140,11 +140,14 @@ def test_speckle_does_not_depend_on_threads_and_is_off_by_default() -> None:
     assert np.any(one != expected_electrons(plane(), sensor(0.7, seed=2), exposures))
 
 
-def test_path_tracing_shows_same_speckle() -> None:
+@pytest.mark.parametrize("lens", [{}, {"psf_sigma_px": 0.6}, {"focus": 0.18}], ids=str)
+def test_path_tracing_shows_same_speckle(lens: dict[str, float]) -> None:
+    """Blur by the lens spreads the light, not the grains."""
     images = []
     for mode in ("fast", "path"):
-        render = {"noise": False, "mode": mode}
-        tracing = make_sensor(160, 128, cameras=2, render=render, speckle={"contrast": 1.0}, camera={"f_number": 44.0})
+        render = {"noise": False, "mode": mode, "samples_per_pixel": 256 if lens else 16}
+        options = {"camera": {"f_number": 44.0} | lens, "laser": {"sheet_sigma": 1.5e-3} if lens else {}}
+        tracing = make_sensor(160, 128, cameras=2, render=render, speckle={"contrast": 1.0}, **options)
         images.append(one_plane(tracing, pose((0, 0, Z))))
     np.testing.assert_allclose(images[0], images[1], rtol=1e-2, atol=3e-2 * images[0].max())
 

@@ -17,11 +17,11 @@ constexpr double kCellShift[3] = {0.3819, 0.2361, 0.1459};
 }  // namespace
 
 Speckle::Speckle(const RenderPlan& plan, const Scene& scene, const PoseTrack& track, std::size_t number)
-    : plan_(plan), camera_(number) {
+    : plan_(plan), track_(track), camera_(number) {
   if (!enabled()) return;
   const Camera& camera = plan.settings.model.cameras[number];
   camera_from_sensor_ = camera.sensor_from_camera.inverse();
-  const double grain_px = plan.settings.model.laser.wavelength * camera.f_number / camera.pixel_pitch;
+  const double grain_px = camera.grain_px(plan.settings.model.laser.wavelength);
   steps_per_pixel_ = SpeckleTile::kPerGrain / grain_px;
   cell_size_ = kGrainsPerCell * grain_px * plan.pixel_size;
   for (std::size_t s = 0; s < scene.shapes().size(); ++s) {
@@ -54,26 +54,39 @@ void Speckle::enter(std::int32_t shape, const Eigen::Vector3d& point_in_shape, C
   cell.from_pixel = piece - steps_per_pixel_ * seen;
 }
 
-/// Returns the image displacement, px, of a surface point relative to mid-exposure; distortion is neglected
-/// over this short distance.
-Eigen::Vector2d Speckle::motion(std::int32_t shape, const Eigen::Vector3d& point,
-                                const Eigen::Vector3d& point_in_shape) const {
-  const double focal = plan_.settings.model.cameras[camera_].focal_px;
-  const Eigen::Vector3d now = camera_from_sensor_ * point;
-  const Eigen::Vector3d then =
-      camera_from_sensor_ * (reference_from_shape_[static_cast<std::size_t>(shape)] * point_in_shape);
-  return focal * (now.head<2>() / now.z() - then.head<2>() / then.z());
+/// Returns where a pinhole without distortion shows a point, px from the principal point: for displacements.
+Eigen::Vector2d Speckle::image(const Eigen::Vector3d& point) const {
+  const Eigen::Vector3d in_camera = camera_from_sensor_ * point;
+  return plan_.settings.model.cameras[camera_].focal_px / in_camera.z() * in_camera.head<2>();
 }
 
-double Speckle::factor(const PoseTrack& track, std::size_t instant, std::int32_t shape,
-                       const Eigen::Vector3d& point, const Eigen::Vector2d& pixel, Cell& cell) const {
-  const Eigen::Vector3d point_in_shape =
-      track.shape_from_reference(static_cast<std::size_t>(shape), instant) * point;
+/// Returns the offset from pixel coordinates to steps of the tile at a point that has moved since
+/// mid-exposure.
+Eigen::Vector2d Speckle::from_pixel(std::size_t instant, std::int32_t shape, const Eigen::Vector3d& point,
+                                    Cell& cell) const {
+  const auto number = static_cast<std::size_t>(shape);
+  const Eigen::Vector3d point_in_shape = track_.shape_from_reference(number, instant) * point;
   enter(shape, point_in_shape, cell);
-  Eigen::Vector2d at_middle = pixel;
-  if (track.instants() > 1) at_middle -= motion(shape, point, point_in_shape);
-  const Eigen::Vector2d step = steps_per_pixel_ * at_middle + cell.from_pixel;
-  return static_cast<double>(plan_.speckle_tile->at(std::lround(step.x()), std::lround(step.y())));
+  if (track_.instants() == 1) return cell.from_pixel;
+  const Eigen::Vector2d motion = image(point) - image(reference_from_shape_[number] * point_in_shape);
+  return cell.from_pixel - steps_per_pixel_ * motion;
+}
+
+double Speckle::at_point(std::size_t instant, std::int32_t shape, const Eigen::Vector3d& point,
+                         const Eigen::Vector2d& pixel, Cell& cell) const {
+  return static_cast<double>(
+      plan_.speckle_tile->at(steps_per_pixel_ * pixel + from_pixel(instant, shape, point, cell)));
+}
+
+Speckle::Patch Speckle::patch(std::size_t instant, std::int32_t shape, const Eigen::Vector3d& point,
+                              const Eigen::Vector3d& travel, Cell& cell) const {
+  const Eigen::Vector2d middle = from_pixel(instant, shape, point, cell);
+  if (travel.isZero()) return {1, {middle, middle}};
+  // Gauss-Legendre nodes of the time interval.
+  const double node = 0.5 / std::sqrt(3.0);
+  const Eigen::Vector2d motion =
+      node * steps_per_pixel_ * (image(point + 0.5 * travel) - image(point - 0.5 * travel));
+  return {2, {middle - motion, middle + motion}};
 }
 
 }  // namespace sensor_rt

@@ -64,21 +64,24 @@ std::vector<Complex> random_waves(int steps, int grains, std::uint32_t number) {
   return waves;
 }
 
+/// Changes each row, then each column, of a square of kSide values.
+template <typename Value, typename Change>
+void for_lines(std::vector<Value>& values, const Change& change) {
+  std::vector<Value> line(kSide);
+  for (const auto& [start, step] : {std::pair{kSide, std::size_t{1}}, std::pair{std::size_t{1}, kSide}}) {
+    for (std::size_t k = 0; k < kSide; ++k) {
+      for (std::size_t i = 0; i < kSide; ++i) line[i] = values[k * start + i * step];
+      change(line);
+      for (std::size_t i = 0; i < kSide; ++i) values[k * start + i * step] = line[i];
+    }
+  }
+}
+
 /// Computes the `number`-th fully developed pattern.
 std::vector<double> pattern(std::uint32_t number) {
   std::vector<Complex> field =
       random_waves(SpeckleTile::kSteps, SpeckleTile::kSteps / SpeckleTile::kPerGrain, number);
-  std::vector<Complex> line(kSide);
-  for (std::size_t row = 0; row < kSide; ++row) {
-    std::copy_n(&field[row * kSide], kSide, line.begin());
-    inverse_fourier(line);
-    std::copy_n(line.begin(), kSide, &field[row * kSide]);
-  }
-  for (std::size_t column = 0; column < kSide; ++column) {
-    for (std::size_t i = 0; i < kSide; ++i) line[i] = field[i * kSide + column];
-    inverse_fourier(line);
-    for (std::size_t i = 0; i < kSide; ++i) field[i * kSide + column] = line[i];
-  }
+  for_lines(field, inverse_fourier);
   std::vector<double> intensity;
   for (const Complex& value : field) intensity.push_back(std::norm(value));
   return intensity;
@@ -99,6 +102,35 @@ std::vector<double> shares(double contrast) {
   return all;
 }
 
+/// Replaces the values of a periodic sequence by their means over `width` steps around each.
+void average(double width, std::vector<double>& values) {
+  const std::size_t count = values.size();
+  std::vector<double> sum(count + 1, 0.0);
+  std::partial_sum(values.begin(), values.end(), sum.begin() + 1);
+  const auto integral = [&](double to) {  // from the start of step 0
+    const double periods = std::floor(to / static_cast<double>(count));
+    const double rest = to - periods * static_cast<double>(count);
+    const auto step = std::min(static_cast<std::size_t>(rest), count - 1);
+    return periods * sum[count] + sum[step] + (rest - static_cast<double>(step)) * values[step];
+  };
+  std::vector<double> means;
+  for (std::size_t i = 0; i < count; ++i) {
+    const double middle = static_cast<double>(i) + 0.5;
+    means.push_back((integral(middle + 0.5 * width) - integral(middle - 0.5 * width)) / width);
+  }
+  values.swap(means);
+}
+
+/// Compensates for what linear interpolation takes from the contrast: to second order in frequency.
+void sharpen(std::vector<double>& values) {
+  constexpr double kShare = 1.0 / 12.0;
+  const std::size_t count = values.size();
+  const std::vector<double> given = values;
+  for (std::size_t i = 0; i < count; ++i) {
+    values[i] -= kShare * (given[(i + count - 1) % count] - 2.0 * given[i] + given[(i + 1) % count]);
+  }
+}
+
 }  // namespace
 
 SpeckleTile::SpeckleTile(double contrast) {
@@ -113,8 +145,17 @@ SpeckleTile::SpeckleTile(double contrast) {
   for (const double value : sum) square += (value - 1.0) * (value - 1.0);
   // Corrects the deviation of the contrast caused by the finite number of grains.
   const double scale = contrast / std::sqrt(square / static_cast<double>(sum.size()));
-  for (const double value : sum)
-    steps_.push_back(static_cast<float>(std::max(0.0, 1.0 + scale * (value - 1.0))));
+  for (double& value : sum) value = 1.0 + scale * (value - 1.0);
+  for_lines(sum, sharpen);
+  for (const double value : sum) steps_.push_back(static_cast<float>(std::max(0.0, value)));
+}
+
+SpeckleTile SpeckleTile::averaged(double width) const {
+  std::vector<double> values(steps_.begin(), steps_.end());
+  for_lines(values, [&](std::vector<double>& line) { average(width, line); });
+  SpeckleTile tile;
+  tile.steps_.assign(values.begin(), values.end());
+  return tile;
 }
 
 std::shared_ptr<const SpeckleTile> SpeckleTile::shared(double contrast) {

@@ -1,6 +1,7 @@
 // Precomputed speckle pattern.
 #pragma once
 
+#include <Eigen/Dense>
 #include <cstdint>
 #include <memory>
 #include <vector>
@@ -23,12 +24,29 @@ class SpeckleTile {
   /// Returns the shared tile of this contrast; the last one is cached.
   static std::shared_ptr<const SpeckleTile> shared(double contrast);
 
-  /// Returns the intensity at a step; coordinates may be negative.
-  float at(std::int64_t x, std::int64_t y) const {
-    return steps_[static_cast<std::size_t>((y & (kSteps - 1)) * kSteps + (x & (kSteps - 1)))];
+  /// Returns the tile whose intensity at each point is the mean over a square of `width` steps around it.
+  SpeckleTile averaged(double width) const;
+
+  /// Returns the intensity at a point, interpolated between steps; coordinates, in steps, may be negative.
+  float at(const Eigen::Vector2d& point) const {
+    constexpr double kPositive = kSteps * (1LL << 32);  // a number of tiles, so that truncation is floor
+    const double x = point.x() + kPositive;
+    const double y = point.y() + kPositive;
+    const auto column = static_cast<std::int64_t>(x);
+    const auto row = static_cast<std::int64_t>(y);
+    const auto u = static_cast<float>(x - static_cast<double>(column));
+    const auto v = static_cast<float>(y - static_cast<double>(row));
+    const float* above = &steps_[static_cast<std::size_t>((row & (kSteps - 1)) * kSteps)];
+    const float* below = &steps_[static_cast<std::size_t>(((row + 1) & (kSteps - 1)) * kSteps)];
+    const std::int64_t left = column & (kSteps - 1);
+    const std::int64_t right = (column + 1) & (kSteps - 1);
+    return (1.0f - v) * ((1.0f - u) * above[left] + u * above[right]) +
+           v * ((1.0f - u) * below[left] + u * below[right]);
   }
 
  private:
+  SpeckleTile() = default;
+
   std::vector<float> steps_;
 };
 

@@ -63,8 +63,8 @@ double PathTracer::laser_light(const Packet& packet, int depth) const {
       const std::size_t sample =
           plan_.pattern.sample_of(packet.number * kLanes + static_cast<std::size_t>(l));
       const Eigen::Vector2d offset(plan_.pattern.column[sample], plan_.pattern.row[sample]);
-      light[l] *= speckle_.factor(packet.views.query.track(), instants[l], packet.hits.shape[l],
-                                  surface(packet, l).position, pixel + offset, cell);
+      light[l] *= speckle_.at_point(instants[l], packet.hits.shape[l], surface(packet, l).position,
+                                    pixel + offset, cell);
     }
   }
   double sum = 0.0;

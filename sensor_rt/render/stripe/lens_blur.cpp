@@ -245,16 +245,42 @@ void LensBlur::convolve(ColumnImage& in, ColumnImage& out, std::vector<float>& c
   }
 }
 
-void LensBlur::apply(ColumnImage& sharp, float scale, Buffers& buffers, SparseImage& out) const {
-  const int rows = sharp.rows() + 2 * padding_;
-  buffers.spread.resize(sharp.columns(), rows);
-  spread(sharp, buffers.spread);
+/// Multiplies blurred light by the factors of speckle and clears them. Light that was blurred beyond the
+/// sharp stripe gets the mirrored factors of its edge.
+void LensBlur::add_grains(ColumnImage& factors, ColumnImage& light) const {
+  for (int column = 0; column < factors.columns(); ++column) {
+    const int first = factors.first(column);
+    const int last = factors.last(column);
+    if (last < 0) continue;
+    for (int row = light.first(column); row <= light.last(column); ++row) {
+      int from = row - padding_;
+      if (from < first) from = std::min(2 * first - 1 - from, last);
+      if (from > last) from = std::max(2 * last + 1 - from, first);
+      light.column(column)[row] *= factors.column(column)[from];
+    }
+    factors.clear(column);
+  }
+}
+
+void LensBlur::apply(StripeImage& sharp, float scale, Buffers& buffers, SparseImage& out) const {
+  const int columns = sharp.even.columns();
+  const int rows = sharp.even.rows() + 2 * padding_;
+  for (int column = 0; column < sharp.grainy.columns(); ++column) {  // from light to factors
+    const float* even = sharp.even.column(column);
+    float* grains = sharp.grainy.column(column);
+    for (int row = sharp.grainy.first(column); row <= sharp.grainy.last(column); ++row) {
+      grains[row] = even[row] > 0.0f ? grains[row] / even[row] : 1.0f;
+    }
+  }
+  buffers.spread.resize(columns, rows);
+  spread(sharp.even, buffers.spread);
   ColumnImage* light = &buffers.spread;
   if (gaussian_.size() > 1) {
-    buffers.blurred.resize(sharp.columns(), rows);
+    buffers.blurred.resize(columns, rows);
     convolve(buffers.spread, buffers.blurred, buffers.column);
     light = &buffers.blurred;
   }
+  if (sharp.has_speckle()) add_grains(sharp.grainy, *light);
   light->move_to(out, margin_, margin_ + padding_, camera_.width_px, camera_.height_px, scale);
 }
 

@@ -5,7 +5,7 @@
 
 #include "sensor_rt/optics/camera.h"
 #include "sensor_rt/render/sparse_image.h"
-#include "sensor_rt/render/stripe/column_image.h"
+#include "sensor_rt/render/stripe/stripe_image.h"
 
 namespace sensor_rt {
 
@@ -41,8 +41,9 @@ class LensBlur {
   /// image.
   Camera sharp_camera() const;
 
-  /// Appends the image of the lens, times `scale`, to `out`, and clears that of the pinhole camera.
-  void apply(ColumnImage& sharp, float scale, Buffers& buffers, SparseImage& out) const;
+  /// Appends the image of the lens, times `scale`, to `out`, and clears that of the pinhole camera. The
+  /// grains of speckle stay sharp.
+  void apply(StripeImage& sharp, float scale, Buffers& buffers, SparseImage& out) const;
 
  private:
   /// Rows of one column of a disc: from row + start to row + end (edges of pixels), uniformly lit.
@@ -61,6 +62,7 @@ class LensBlur {
   static Disc make_disc(double radius);
   const Disc& disc(int column, int row) const;
   void spread(ColumnImage& image, ColumnImage& out) const;
+  void add_grains(ColumnImage& factors, ColumnImage& light) const;
   void convolve(ColumnImage& in, ColumnImage& out, std::vector<float>& column) const;
 
   Camera camera_;

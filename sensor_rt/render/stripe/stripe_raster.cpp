@@ -18,15 +18,9 @@ struct Lines {
   std::array<double, kFine> offset{};
 };
 
-Lines gauss_lines(int pairs) {
-  Lines lines;
-  const double node = 0.5 / std::sqrt(3.0) / pairs;
-  for (int k = 0; k < pairs; ++k) {
-    const double middle = (k + 0.5) / pairs - 0.5;
-    lines.offset[static_cast<std::size_t>(lines.count++)] = middle - node;
-    lines.offset[static_cast<std::size_t>(lines.count++)] = middle + node;
-  }
-  return lines;
+Lines gauss_lines() {
+  const double node = 0.5 / std::sqrt(3.0);
+  return {2, {-node, node}};
 }
 
 Lines even_lines() {
@@ -34,12 +28,6 @@ Lines even_lines() {
   for (int k = 0; k < kFine; ++k) lines.offset[static_cast<std::size_t>(k)] = (k + 0.5) / kFine - 0.5;
   lines.count = kFine;
   return lines;
-}
-
-/// Returns a number in [-0.5, 0.5) of an additive sequence of low discrepancy.
-double even_offset(std::size_t index, double step) {
-  const double value = 0.5 + step * static_cast<double>(index);
-  return value - std::floor(value) - 0.5;
 }
 
 /// Multiplies the light by the mean of e^(-x²/2) over each piece: Gauss-Legendre quadrature with four nodes.
@@ -63,18 +51,23 @@ void weigh(const float* __restrict start, const float* __restrict step, float* _
 /// Collects sixteen pieces of segments, each within a pixel, and adds their light to the image.
 class StripeRaster::PieceAdder {
  public:
+  explicit PieceAdder(StripeImage& image)
+      : even_(image.even.column(0)), grainy_(image.has_speckle() ? image.grainy.column(0) : nullptr) {}
+
   /// `start`: distance from the centre of the sheet, standard deviations; `step`: its change; `light`: of the
-  /// piece if it were at the centre of the sheet.
-  void add(float start, float step, float light, float* pixel) {
+  /// piece if it were at the centre of the sheet; `speckle`: factor of the pixel.
+  void add(float start, float step, float light, float speckle, std::size_t pixel) {
     start_[count_] = start;
     step_[count_] = step;
     light_[count_] = light;
+    speckle_[count_] = speckle;
     pixel_[count_] = pixel;
     if (++count_ == kLanes) finish();
   }
   void finish() {
     weigh(start_, step_, light_);
-    for (int l = 0; l < count_; ++l) *pixel_[l] += light_[l];
+    for (int l = 0; l < count_; ++l) even_[pixel_[l]] += light_[l];
+    for (int l = 0; l < count_ && grainy_ != nullptr; ++l) grainy_[pixel_[l]] += speckle_[l] * light_[l];
     count_ = 0;
   }
 
@@ -82,46 +75,56 @@ class StripeRaster::PieceAdder {
   alignas(64) float start_[kLanes] = {};
   alignas(64) float step_[kLanes] = {};
   alignas(64) float light_[kLanes] = {};
-  float* pixel_[kLanes] = {};
+  alignas(64) float speckle_[kLanes] = {};
+  std::size_t pixel_[kLanes] = {};
   int count_ = 0;
+  float* even_;
+  float* grainy_;  ///< null: no speckle
 };
 
 StripeRaster::StripeRaster(const RenderPlan& plan, const LaserMesh& mesh, const StripeSamples& samples,
                            std::size_t camera, const Speckle* speckle)
     : mesh_(mesh),
-      track_(samples.track()),
+      samples_(samples),
       camera_(camera),
       speckle_(speckle),
-      speckle_grid_(samples.size() >= 4 ? 2 : 4),
       width_(plan.stripe_cameras[camera].optics.width_px),
       height_(plan.stripe_cameras[camera].optics.height_px),
       first_pixel_(plan.settings.model.cameras[camera].cx_px - plan.stripe_cameras[camera].optics.cx_px,
                    plan.settings.model.cameras[camera].cy_px - plan.stripe_cameras[camera].optics.cy_px) {}
 
-void StripeRaster::draw(std::size_t sample, const std::vector<float>& row_shares, ColumnImage& image) const {
-  PieceAdder adder;
-  for (const LaserMesh::Quad& quad : mesh_.quads()) draw_quad(quad, sample, row_shares, image, adder);
+void StripeRaster::draw(std::size_t sample, const std::vector<float>& row_shares, StripeImage& image) const {
+  PieceAdder adder(image);
+  Speckle::Cell cell;
+  for (const LaserMesh::Quad& quad : mesh_.quads()) {
+    const auto is_seen = [&](std::uint32_t k) {
+      return mesh_.image(camera_, k).state == LaserMesh::State::kSeen;
+    };
+    if (!std::all_of(quad.corner.begin(), quad.corner.end(), is_seen)) continue;
+    Speckle::Patch patch;
+    if (speckle_ != nullptr) {
+      const LaserMesh::Vertex& vertex = mesh_.vertex(quad.corner[0]);
+      const Eigen::Vector3d travel = samples_.travel(vertex.shape, sample, vertex.point);
+      patch = speckle_->patch(sample, vertex.shape, vertex.point, travel, cell);
+    }
+    draw_quad(quad, patch, row_shares, image, adder);
+  }
   adder.finish();
 }
 
-void StripeRaster::draw_quad(const LaserMesh::Quad& quad, std::size_t sample,
-                             const std::vector<float>& row_shares, ColumnImage& image,
+void StripeRaster::draw_quad(const LaserMesh::Quad& quad, const Speckle::Patch& patch,
+                             const std::vector<float>& row_shares, StripeImage& image,
                              PieceAdder& adder) const {
-  static const Lines kCoarseLines = gauss_lines(1);
-  static const Lines kSpeckleLines = gauss_lines(2);
+  static const Lines kCoarseLines = gauss_lines();
   static const Lines kFineLines = even_lines();
   std::array<const LaserMesh::Image*, 4> corners{};
-  for (std::size_t k = 0; k < 4; ++k) {
-    corners[k] = &mesh_.image(camera_, quad.corner[k]);
-    if (corners[k]->state != LaserMesh::State::kSeen) return;
-  }
+  for (std::size_t k = 0; k < 4; ++k) corners[k] = &mesh_.image(camera_, quad.corner[k]);
   const auto [left, right] =
       std::minmax({corners[0]->column, corners[1]->column, corners[2]->column, corners[3]->column});
   const int first = std::max(0, static_cast<int>(std::floor(left + 0.5)));
   const int last = std::min(width_ - 1, static_cast<int>(std::floor(right + 0.5)));
   for (int column = first; column <= last; ++column) {
-    const Lines& regular = speckle_ != nullptr && speckle_grid_ == 4 ? kSpeckleLines : kCoarseLines;
-    const Lines& lines = mesh_.has_edge(camera_, column) ? kFineLines : regular;
+    const Lines& lines = mesh_.has_edge(camera_, column) ? kFineLines : kCoarseLines;
     for (int n = 0; n < lines.count; ++n) {
       const double at = column + lines.offset[static_cast<std::size_t>(n)];
       if (at < left || at >= right) continue;
@@ -134,7 +137,7 @@ void StripeRaster::draw_quad(const LaserMesh::Quad& quad, std::size_t sample,
         if ((a.column <= at) == (b.column <= at)) continue;
         const double t = (at - a.column) / (b.column - a.column);
         crossings[count++] = {a.row + t * (b.row - a.row), a.across + t * (b.across - a.across),
-                              a.light + t * (b.light - a.light), static_cast<int>(k), t};
+                              a.light + t * (b.light - a.light)};
       }
       if (count == 4) {  // a folded quadrilateral
         std::sort(crossings.begin(), crossings.end(),
@@ -142,22 +145,16 @@ void StripeRaster::draw_quad(const LaserMesh::Quad& quad, std::size_t sample,
       }
       for (std::size_t k = 0; k + 1 < count; k += 2) {
         const bool is_upwards = crossings[k].row <= crossings[k + 1].row;
-        const Segment segment{column, at, 1.0 / lines.count, crossings[is_upwards ? k : k + 1],
+        const Segment segment{column, 1.0 / lines.count, crossings[is_upwards ? k : k + 1],
                               crossings[is_upwards ? k + 1 : k]};
-        draw_segment(quad, segment, sample, row_shares, image, adder);
+        draw_segment(segment, patch, row_shares, image, adder);
       }
     }
   }
 }
 
-Eigen::Vector3d StripeRaster::point(const LaserMesh::Quad& quad, const Crossing& crossing) const {
-  const auto edge = static_cast<std::size_t>(crossing.edge);
-  const Eigen::Vector3d& from = mesh_.vertex(quad.corner[edge]).point;
-  return from + crossing.share * (mesh_.vertex(quad.corner[(edge + 1) % 4]).point - from);
-}
-
-void StripeRaster::draw_segment(const LaserMesh::Quad& quad, const Segment& segment, std::size_t sample,
-                                const std::vector<float>& row_shares, ColumnImage& image,
+void StripeRaster::draw_segment(const Segment& segment, const Speckle::Patch& patch,
+                                const std::vector<float>& row_shares, StripeImage& image,
                                 PieceAdder& adder) const {
   constexpr double kWidest = 2.0;  // standard deviations, of a piece
   const Crossing& a = segment.from;
@@ -179,33 +176,25 @@ void StripeRaster::draw_segment(const LaserMesh::Quad& quad, const Segment& segm
   if (!(start < end)) return;
   const int first = static_cast<int>(std::floor(start + 0.5));
   const int last = std::min(height_ - 1, static_cast<int>(std::floor(end + 0.5)));
-  float* light = image.column(segment.column);
+  const std::size_t top = static_cast<std::size_t>(segment.column) * static_cast<std::size_t>(height_);
   image.touch(segment.column, first, last);
   const double widest = kWidest / std::max(std::abs(per_row), 1e-300);
-  const double longest = speckle_ != nullptr ? std::min(widest, 1.0 / speckle_grid_) : widest;
-  Speckle::Cell cell;
   for (int row = first; row <= last; ++row) {
     const double lower = std::max(start, row - 0.5);
     const double height = std::min(end, row + 0.5) - lower;
     if (!(height > 0.0)) continue;
-    const int pieces = height <= longest ? 1 : static_cast<int>(height / longest) + 1;
+    const int pieces = height <= widest ? 1 : static_cast<int>(height / widest) + 1;
     const double step = height / pieces;
     const double share =
         segment.weight * step * static_cast<double>(row_shares[static_cast<std::size_t>(row)]);
     for (int piece = 0; piece < pieces; ++piece) {
       const double from_a = lower - a.row + piece * step;
       const double middle = from_a + 0.5 * step;
-      double value = share * (a.light + light_per_row * middle);
-      if (speckle_ != nullptr) {
-        const Eigen::Vector3d from = point(quad, a);
-        const Eigen::Vector3d at = from + middle / length * (point(quad, b) - from);
-        const Eigen::Vector2d pixel(segment.line + even_offset(sample, 0.7548776662) / (2 * speckle_grid_),
-                                    a.row + middle + even_offset(sample, 0.5698402910) * step);
-        value *= speckle_->factor(track_, sample, mesh_.vertex(quad.corner[0]).shape, at,
-                                  pixel + first_pixel_, cell);
-      }
+      const double value = share * (a.light + light_per_row * middle);
+      const Eigen::Vector2d at(segment.column, a.row + middle);
+      const float speckle = speckle_ != nullptr ? speckle_->over_pixel(first_pixel_ + at, patch) : 1.0f;
       adder.add(static_cast<float>(a.across + per_row * from_a), static_cast<float>(per_row * step),
-                static_cast<float>(value), light + row);
+                static_cast<float>(value), speckle, top + static_cast<std::size_t>(row));
     }
   }
 }

@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "sensor_rt/render/emitter/speckle.h"
-#include "sensor_rt/render/stripe/column_image.h"
 #include "sensor_rt/render/stripe/laser_mesh.h"
+#include "sensor_rt/render/stripe/stripe_image.h"
 
 namespace sensor_rt {
 
@@ -22,38 +22,32 @@ class StripeRaster {
                std::size_t camera, const Speckle* speckle);
 
   /// Adds the light of sample `sample`, electrons per second, times the share of each row.
-  void draw(std::size_t sample, const std::vector<float>& row_shares, ColumnImage& image) const;
+  void draw(std::size_t sample, const std::vector<float>& row_shares, StripeImage& image) const;
 
  private:
   class PieceAdder;
 
-  /// Point where a line meets an edge of a quadrilateral: `share` of the way along it.
+  /// Point where a line meets an edge of a quadrilateral.
   struct Crossing {
     double row, across, light;
-    int edge;
-    double share;
   };
 
   /// Part of a line within a quadrilateral, with ascending rows.
   struct Segment {
     int column;
-    double line;    ///< px
     double weight;  ///< of the line in its column
     Crossing from, to;
   };
 
-  void draw_quad(const LaserMesh::Quad& quad, std::size_t sample, const std::vector<float>& row_shares,
-                 ColumnImage& image, PieceAdder& adder) const;
-  void draw_segment(const LaserMesh::Quad& quad, const Segment& segment, std::size_t sample,
-                    const std::vector<float>& row_shares, ColumnImage& image, PieceAdder& adder) const;
-  Eigen::Vector3d point(const LaserMesh::Quad& quad, const Crossing& crossing) const;
+  void draw_quad(const LaserMesh::Quad& quad, const Speckle::Patch& patch,
+                 const std::vector<float>& row_shares, StripeImage& image, PieceAdder& adder) const;
+  void draw_segment(const Segment& segment, const Speckle::Patch& patch, const std::vector<float>& row_shares,
+                    StripeImage& image, PieceAdder& adder) const;
 
   const LaserMesh& mesh_;
-  const PoseTrack& track_;
+  const StripeSamples& samples_;
   std::size_t camera_;
   const Speckle* speckle_;
-  /// Points along the edge of a pixel at which the pattern is evaluated: fewer with more samples.
-  int speckle_grid_;
   int width_;
   int height_;
   Eigen::Vector2d first_pixel_;  ///< px of the image with margin from that of the camera

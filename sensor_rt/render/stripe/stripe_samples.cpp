@@ -7,9 +7,8 @@
 namespace sensor_rt {
 namespace {
 
-constexpr double kStep = 0.5;      // px of motion between samples that are instants
-constexpr double kInterval = 1.0;  // px of motion in the time interval of a sample
-constexpr double kSpeckleInterval = 0.5;
+constexpr double kStep = 0.5;         // px of motion between samples that are instants
+constexpr double kInterval = 1.0;     // px of motion in the time interval of a sample
 constexpr double kMaxMotion = 512.0;  // px
 
 struct LinePoint {
@@ -106,9 +105,8 @@ void StripeSamples::set(const RenderPlan& plan, const Scene& scene, const Exposu
     // Motion that is not linear in time, unless it is small, has a sample for each of its parts.
     constexpr double kSmall = 0.1;  // px
     const auto parts = std::min(steps, static_cast<std::size_t>(std::ceil(motion_px / kSmall)));
-    const double interval = plan.speckle_tile != nullptr ? kSpeckleInterval : kInterval;
     const std::size_t count =
-        std::max({static_cast<std::size_t>(std::ceil(motion_px / interval)), parts, std::size_t{1}});
+        std::max({static_cast<std::size_t>(std::ceil(motion_px / kInterval)), parts, std::size_t{1}});
     fractions_.clear();
     for (std::size_t i = 0; i < count; ++i)
       fractions_.push_back((static_cast<double>(i) + 0.5) / static_cast<double>(count));
