@@ -7,15 +7,17 @@
 namespace sensor_rt {
 namespace {
 
-constexpr int kSlopes = 7;         ///< grid rays through the thickness of the sheet
-constexpr double kFlat = 0.025;    ///< px: largest distance of the surface from a straight edge of the mesh
-constexpr double kClose = 0.5;     ///< px: largest distance of a vertex from the tangent plane of another
-constexpr double kLargest = 4.0;   ///< px: size up to which a quadrilateral is linear in the image
-constexpr double kSmallest = 0.5;  ///< px: size below which an edge is not bisected further
-constexpr double kMargin = 8.0;    ///< px around an image, beyond the largest quadrilateral
-constexpr int kMaxAlong = 6;       ///< bisections along the fan at an edge
-constexpr int kMaxAcross = 7;      ///< the same across the fan
-constexpr int kMaxSteep = 9;       ///< bisections of a steep surface, from the width of an image to kLargest
+constexpr int kSlopes = 7;        ///< grid rays through the thickness of the sheet
+constexpr double kFlat = 0.025;   ///< px: largest distance of the surface from a straight edge of the mesh
+constexpr double kClose = 0.5;    ///< px: largest distance of a vertex from the tangent plane of another
+constexpr double kLargest = 4.0;  ///< px: size up to which a quadrilateral is linear in the image
+constexpr double kEven = 0.15;    ///< relative difference of brightness that is linear up to that size
+constexpr double kLargestUneven = 1.0;  ///< px: the same size where brightness differs more
+constexpr double kSmallest = 0.5;       ///< px: size below which an edge is not bisected further
+constexpr double kMargin = 8.0;         ///< px around an image, beyond the largest quadrilateral
+constexpr int kMaxAlong = 6;            ///< bisections along the fan at an edge
+constexpr int kMaxAcross = 7;           ///< the same across the fan
+constexpr int kMaxSteep = 9;  ///< bisections of a steep surface, from the width of an image to kLargest
 
 }  // namespace
 
@@ -231,6 +233,21 @@ bool LaserMesh::may_see(std::size_t number, const Quad& quad) const {
   return !box.isEmpty() && box.intersects(field);
 }
 
+/// Returns whether the brightness changes much within a quadrilateral, as between facets at grazing
+/// incidence.
+bool LaserMesh::is_uneven(const Quad& quad) const {
+  return std::any_of(images_.begin(), images_.end(), [&](const std::vector<Image>& images) {
+    double least = std::numeric_limits<double>::infinity();
+    double most = 0.0;
+    for (const std::uint32_t corner : quad.corner) {
+      if (images[corner].state != State::kSeen) continue;
+      least = std::min(least, images[corner].light);
+      most = std::max(most, images[corner].light);
+    }
+    return most > (1.0 + kEven) * least;
+  });
+}
+
 LaserMesh::Fit LaserMesh::fit(const Quad& quad) const {
   const auto& [a, b, c, d] = quad.corner;
   double least = std::numeric_limits<double>::infinity();
@@ -258,7 +275,8 @@ LaserMesh::Fit LaserMesh::fit(const Quad& quad) const {
   const bool is_broken_along = !are_continuous(a, b) || !are_continuous(d, c);
   const bool is_broken_across = !are_continuous(a, d) || !are_continuous(b, c);
   if (!is_broken_along && !is_broken_across) {
-    if (std::max(along, across) <= kLargest || std::max(quad.along, quad.across) >= kMaxSteep)
+    const double largest = is_uneven(quad) ? kLargestUneven : kLargest;
+    if (std::max(along, across) <= largest || std::max(quad.along, quad.across) >= kMaxSteep)
       return Fit::kWhole;
     return along > across ? Fit::kSplitAlong : Fit::kSplitAcross;
   }

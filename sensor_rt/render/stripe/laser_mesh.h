@@ -85,6 +85,7 @@ class LaserMesh {
   bool are_continuous(std::uint32_t a, std::uint32_t b) const;
   bool may_see(std::size_t camera, const Quad& quad) const;
   void mark_edge(const Quad& quad);
+  bool is_uneven(const Quad& quad) const;
 
   const RenderPlan* plan_ = nullptr;
   const Scene* scene_ = nullptr;
