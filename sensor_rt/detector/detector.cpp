@@ -31,6 +31,9 @@ void validate(const DetectorParameters& p) {
   not_negative("black_level_dn", p.black_level_dn);
   not_negative("prnu", p.prnu);
   not_negative("dsnu_e", p.dsnu_e);
+  not_negative("row_noise_e", p.row_noise_e);
+  not_negative("hot_pixel_e_per_s", p.hot_pixel_e_per_s);
+  require(p.hot_pixels >= 0.0 && p.hot_pixels <= 1.0, "hot_pixels", p.hot_pixels, "a number from 0 to 1");
   require(p.full_well_e > 0.0 && std::isfinite(p.full_well_e), "full_well_e", p.full_well_e,
           "a finite number > 0");
   require(p.gain_dn_per_e > 0.0 && std::isfinite(p.gain_dn_per_e), "gain_dn_per_e", p.gain_dn_per_e,
@@ -51,9 +54,20 @@ PixelModel Detector::pixel_model(const FrameId& id) const {
 }
 
 void Detector::expose_dark(const PixelModel& model, int camera, ImageView<std::uint16_t> out) const {
+  expose_usual(model, camera, out);
+  if (!model.has_hot_pixels()) return;
+  const auto width = static_cast<std::uint32_t>(out.width);
+  for (const std::uint32_t pixel :
+       *hot_pixels(model, camera, std::size_t{width} * static_cast<std::size_t>(out.height))) {
+    out.at(static_cast<int>(pixel / width), static_cast<int>(pixel % width)) =
+        model.lit(static_cast<int>(pixel / width), pixel, 0.0f);
+  }
+}
+
+void Detector::expose_usual(const PixelModel& model, int camera, ImageView<std::uint16_t> out) const {
   const double dark = model.dark_e();
   if (!noise_) {
-    const std::uint16_t value = model.lit(0, 0.0f);
+    const std::uint16_t value = model.without_noise(0.0);
     for (int y = 0; y < out.height; ++y) std::fill_n(out.row(y), out.width, value);
     return;
   }
@@ -62,7 +76,7 @@ void Detector::expose_dark(const PixelModel& model, int camera, ImageView<std::u
     for (int y = 0; y < out.height; ++y) {
       const auto first = static_cast<std::uint32_t>(y) * static_cast<std::uint32_t>(out.width);
       for (int x = 0; x < out.width; ++x)
-        out.at(y, x) = model.lit(first + static_cast<std::uint32_t>(x), 0.0f);
+        out.at(y, x) = model.lit(y, first + static_cast<std::uint32_t>(x), 0.0f);
     }
     return;
   }
@@ -94,6 +108,20 @@ std::shared_ptr<const std::vector<float>> Detector::dark_pattern(const PixelMode
   return kept;
 }
 
+std::shared_ptr<const std::vector<std::uint32_t>> Detector::hot_pixels(const PixelModel& model, int camera,
+                                                                       std::size_t pixels) const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  std::shared_ptr<const std::vector<std::uint32_t>>& kept = hot_[{camera, pixels}];
+  if (!kept) {
+    std::vector<std::uint32_t> found;
+    for (std::uint32_t pixel = 0; pixel < pixels; ++pixel) {
+      if (model.is_hot(pixel)) found.push_back(pixel);
+    }
+    kept = std::make_shared<const std::vector<std::uint32_t>>(std::move(found));
+  }
+  return kept;
+}
+
 void Detector::expose(const FrameId& id, const std::uint32_t* pixels, const float* electrons,
                       std::size_t count, ImageView<std::uint16_t> out) const {
   const PixelModel model = pixel_model(id);
@@ -105,8 +133,8 @@ void Detector::expose(const FrameId& id, const std::uint32_t* pixels, const floa
     if (pixels[i] >= size) {
       throw std::invalid_argument("pixel index " + std::to_string(pixels[i]) + " lies outside the image");
     }
-    out.at(static_cast<int>(pixels[i] / width), static_cast<int>(pixels[i] % width)) =
-        model.lit(pixels[i], electrons[i]);
+    const auto row = static_cast<int>(pixels[i] / width);
+    out.at(row, static_cast<int>(pixels[i] % width)) = model.lit(row, pixels[i], electrons[i]);
   }
 }
 
@@ -121,7 +149,7 @@ void Detector::expose(const FrameId& id, ImageView<const float> electrons,
     const float* light = electrons.row(y);
     const auto first = static_cast<std::uint32_t>(y) * static_cast<std::uint32_t>(out.width);
     for (int x = 0; x < out.width; ++x) {
-      if (light[x] > 0.0f) out.at(y, x) = model.lit(first + static_cast<std::uint32_t>(x), light[x]);
+      if (light[x] > 0.0f) out.at(y, x) = model.lit(y, first + static_cast<std::uint32_t>(x), light[x]);
     }
   }
 }

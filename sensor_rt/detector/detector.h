@@ -29,6 +29,9 @@ struct DetectorParameters {
   double black_level_dn = 0.0;  ///< mean digital number without light and dark current
   double prnu = 0.0;    ///< photo-response non-uniformity: standard deviation of the relative sensitivity
   double dsnu_e = 0.0;  ///< dark signal non-uniformity: standard deviation of the dark offset, electrons
+  double row_noise_e = 0.0;        ///< temporal noise that all pixels of a row share, standard deviation
+  double hot_pixels = 0.0;         ///< share of pixels with a large dark current
+  double hot_pixel_e_per_s = 0.0;  ///< mean of their additional dark current; distributed exponentially
 };
 
 /// Frame and camera of an exposure. With the seed and the pixel index they determine every random number.
@@ -46,7 +49,7 @@ struct FrameId {
 /// may have another. Lit pixels get a Poisson number of electrons (exact inversion below a mean of 16; above
 /// it the asymptotic inverse of M. B. Giles, "Algorithm 955", ACM TOMS 42 (2016), which reproduces the
 /// skewness with an error below 1e-4 in probability), clipped at the full well, then read noise. Fixed
-/// patterns depend on seed, camera and pixel only.
+/// patterns and hot pixels depend on seed, camera and pixel only.
 class Detector {
  public:
   /// Throws std::invalid_argument that names the parameter out of range.
@@ -65,11 +68,16 @@ class Detector {
   PixelModel pixel_model(const FrameId& id) const;
   /// Fills the image with dark pixels.
   void expose_dark(const PixelModel& model, int camera, ImageView<std::uint16_t> out) const;
+  /// Fills it without the additional current of hot pixels.
+  void expose_usual(const PixelModel& model, int camera, ImageView<std::uint16_t> out) const;
   /// Returns the quantile table of this dark charge. Cached, because exposure times rarely differ.
   std::shared_ptr<const QuantileTable> dark_table(double dark) const;
   /// Returns the fixed pattern (DSNU) of this camera. Cached, because it is the same in every image.
   std::shared_ptr<const std::vector<float>> dark_pattern(const PixelModel& model, int camera,
                                                          std::size_t pixels) const;
+  /// Returns the hot pixels of this camera, in ascending order. Cached like the pattern.
+  std::shared_ptr<const std::vector<std::uint32_t>> hot_pixels(const PixelModel& model, int camera,
+                                                               std::size_t pixels) const;
 
   DetectorParameters parameters_;
   bool noise_;
@@ -77,6 +85,8 @@ class Detector {
   mutable std::mutex mutex_;
   mutable std::vector<std::pair<double, std::shared_ptr<const QuantileTable>>> tables_;
   mutable std::map<int, std::shared_ptr<const std::vector<float>>> patterns_;  ///< per camera
+  mutable std::map<std::pair<int, std::size_t>, std::shared_ptr<const std::vector<std::uint32_t>>>
+      hot_;  ///< per camera and size of its image
 };
 
 }  // namespace sensor_rt

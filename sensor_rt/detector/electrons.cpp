@@ -9,7 +9,7 @@
 namespace sensor_rt {
 namespace {
 
-enum Purpose : std::uint32_t { kDark = 1, kLit = 2, kDsnu = 3, kPrnu = 4 };
+enum Purpose : std::uint32_t { kDark = 1, kLit = 2, kDsnu = 3, kPrnu = 4, kRow = 5, kHot = 6 };
 
 /// Returns an independent random key for a purpose, camera and frame.
 std::array<std::uint32_t, 2> purpose_key(std::uint64_t seed, Purpose purpose, int camera,
@@ -105,19 +105,19 @@ RareBits rare_bits(const DarkScale& s, const QuantileTable& table, float farthes
   return {limit(0), limit(1u << 31)};
 }
 
-SENSOR_RT_MULTIVERSION void write_uniform(const DarkScale& s, const Draw& __restrict draw, int count,
-                                          std::uint16_t* __restrict out) {
+SENSOR_RT_MULTIVERSION void write_uniform(const DarkScale& s, const Draw& __restrict draw, float offset,
+                                          int count, std::uint16_t* __restrict out) {
   for (int i = 0; i < count; ++i) {
-    out[i] = quantise_dark(s, draw.segments[i].value + draw.segments[i].slope * draw.along[i]);
+    out[i] = quantise_dark(s, draw.segments[i].value + draw.segments[i].slope * draw.along[i] + offset);
   }
 }
 
 SENSOR_RT_MULTIVERSION void write_patterned(const DarkScale& s, const Draw& __restrict draw,
-                                            const float* __restrict pattern, int count,
+                                            const float* __restrict pattern, float offset, int count,
                                             std::uint16_t* __restrict out) {
   for (int i = 0; i < count; ++i) {
     const float electrons = draw.segments[i].value + draw.segments[i].slope * draw.along[i];
-    out[i] = quantise_dark(s, electrons + pattern[i]);
+    out[i] = quantise_dark(s, electrons + (pattern[i] + offset));
   }
 }
 
@@ -161,28 +161,57 @@ PixelModel::PixelModel(const DetectorParameters& p, bool noise, std::uint64_t se
       max_dn_(std::exp2(p.bit_depth) - 1.0),
       prnu_(static_cast<float>(p.prnu)),
       dsnu_e_(static_cast<float>(p.dsnu_e)),
+      row_noise_e_(static_cast<float>(p.row_noise_e)),
+      hot_below_(static_cast<std::uint64_t>(0x1p32 * p.hot_pixels)),
+      hot_e_(p.hot_pixel_e_per_s * id.exposure),
       dark_key_(purpose_key(seed, kDark, id.camera, id.frame)),
       lit_key_(purpose_key(seed, kLit, id.camera, id.frame)),
       dsnu_key_(purpose_key(seed, kDsnu, id.camera, 0)),
-      prnu_key_(purpose_key(seed, kPrnu, id.camera, 0)) {}
+      prnu_key_(purpose_key(seed, kPrnu, id.camera, 0)),
+      row_key_(purpose_key(seed, kRow, id.camera, id.frame)),
+      hot_key_(purpose_key(seed, kHot, id.camera, 0)) {}
 
 std::uint16_t PixelModel::quantise(double electrons) const {
   return static_cast<std::uint16_t>(std::clamp(black_ + gain_ * electrons, 0.0, max_dn_) + 0.5);
 }
 
-std::uint16_t PixelModel::lit(std::uint32_t pixel, float electrons) const {
+std::uint16_t PixelModel::without_noise(double electrons) const {
+  return quantise(std::min(electrons + dark_e_, full_well_e_));
+}
+
+bool PixelModel::is_hot(std::uint32_t pixel) const {
+  return pixel_bits(pixel, hot_key_[0], hot_key_[1]) < hot_below_;
+}
+
+/// Returns the mean additional charge of a pixel, electrons.
+double PixelModel::hot_charge(std::uint32_t pixel) const {
+  if (hot_below_ == 0 || !is_hot(pixel)) return 0.0;
+  const auto random = philox4x32({pixel, 0, 0, 0}, hot_key_);
+  return -hot_e_ * std::log((random[0] + 0.5) * 0x1p-32);
+}
+
+/// Returns what the read-out of a row adds to all of its pixels, electrons.
+float PixelModel::row_offset(int row) const {
+  if (row_noise_e_ == 0.0f) return 0.0f;
+  const auto random = philox4x32({static_cast<std::uint32_t>(row), 0, 0, 0}, row_key_);
+  return row_noise_e_ * standard_normal().sample(random[0]);
+}
+
+std::uint16_t PixelModel::lit(int row, std::uint32_t pixel, float electrons) const {
   // Saturates for certain above this bound, which keeps the arithmetic finite.
   const double light = std::min(static_cast<double>(electrons), 16.0 * full_well_e_ + 1e4);
-  if (!noise_) return quantise(std::min(light + dark_e_, full_well_e_));
+  if (!noise_) return without_noise(light);
   const QuantileTable& normal = standard_normal();
   double mean = light;
   if (prnu_ > 0.0f) {
     mean *= std::max(0.0f, 1.0f + prnu_ * normal.sample(pixel_bits(pixel, prnu_key_[0], prnu_key_[1])));
   }
   const auto random = philox4x32({pixel, 0, 0, 0}, lit_key_);
-  double charge = poisson(mean + dark_e_, random[0]);
+  const double dark = std::min(dark_e_ + hot_charge(pixel), 16.0 * full_well_e_ + 1e4);
+  double charge = poisson(mean + dark, random[0]);
   if (dsnu_e_ > 0.0f) charge += dsnu_e_ * normal.sample(pixel_bits(pixel, dsnu_key_[0], dsnu_key_[1]));
-  return quantise(std::min(charge, full_well_e_) + read_noise_e_ * normal.sample(random[1]));
+  return quantise(std::min(charge, full_well_e_) + read_noise_e_ * normal.sample(random[1]) +
+                  row_offset(row));
 }
 
 void PixelModel::dark_pixels(const QuantileTable& table, const float* pattern,
@@ -190,7 +219,7 @@ void PixelModel::dark_pixels(const QuantileTable& table, const float* pattern,
   constexpr double kRare = 0.02;
   const DarkScale scale{static_cast<float>(gain_), static_cast<float>(black_), static_cast<float>(max_dn_)};
   const std::uint16_t usual = quantise_dark(scale, table.sample(0x7FFFFFFFu));
-  const float farthest = dsnu_e_ * standard_normal().sample(1u << 31);
+  const float farthest = (dsnu_e_ + row_noise_e_) * standard_normal().sample(1u << 31);
   const RareBits rare = rare_bits(scale, table, farthest, usual);
   if (rare.probability() < kRare) {
     // The gaps between independent rare pixels are distributed geometrically.
@@ -203,23 +232,24 @@ void PixelModel::dark_pixels(const QuantileTable& table, const float* pattern,
       next += std::floor(pixels_per_log * std::log((random[0] + 0.5) * 0x1p-32));
       if (!(next < size)) return;
       const auto pixel = static_cast<int>(next);
-      const float offset = pattern == nullptr ? 0.0f : pattern[pixel];
-      out.at(pixel / out.width, pixel % out.width) =
-          quantise_dark(scale, table.sample(rare.draw(random[1])) + offset);
+      const int row = pixel / out.width;
+      const float offset = (pattern == nullptr ? 0.0f : pattern[pixel]) + row_offset(row);
+      out.at(row, pixel % out.width) = quantise_dark(scale, table.sample(rare.draw(random[1])) + offset);
       next += 1.0;
     }
   }
   Draw draw;
   for (int y = 0; y < out.height; ++y) {
+    const float offset = row_offset(y);
     for (int x = 0; x < out.width; x += kBlock) {
       const int block = std::min(kBlock, out.width - x);
       const auto first = static_cast<std::uint32_t>(y * out.width + x);
       find_positions(first, dark_key_[0], dark_key_[1], draw);
       look_up(table, draw);
       if (pattern != nullptr) {
-        write_patterned(scale, draw, pattern + first, block, out.row(y) + x);
+        write_patterned(scale, draw, pattern + first, offset, block, out.row(y) + x);
       } else {
-        write_uniform(scale, draw, block, out.row(y) + x);
+        write_uniform(scale, draw, offset, block, out.row(y) + x);
       }
     }
   }

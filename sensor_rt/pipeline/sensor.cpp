@@ -131,12 +131,15 @@ void read_detector(JsonObject json, Sensor& sensor) {
   d.black_level_dn = json.non_negative("black_level_dn");
   d.prnu = json.fraction("prnu");
   d.dsnu_e = json.non_negative("dsnu_e");
+  d.row_noise_e = json.non_negative("row_noise_e");
+  d.hot_pixels = json.fraction("hot_pixels");
+  d.hot_pixel_e_per_s = json.non_negative("hot_pixel_e_per_s");
   sensor.row_readout = json.non_negative("row_readout");
   sensor.laser_off_frame = json.boolean("laser_off_frame");
   json.finish();
   sensor.image_noise = {d.black_level_dn,
                         d.gain_dn_per_e,
-                        d.read_noise_e,
+                        std::hypot(d.read_noise_e, d.row_noise_e),  // alike within a column
                         d.full_well_e,
                         d.bit_depth,
                         d.dsnu_e,

@@ -183,3 +183,57 @@ def test_sparse_and_dense_input_give_same_bytes():
     assert 0 < (light > 0.0).mean() < 0.1
     images = render(scene, sensor, still(place, first=3))
     np.testing.assert_array_equal(images, expose(light[None], sensor, np.array([5e-4]), np.array([3])))
+
+
+@pytest.mark.parametrize("electrons", [0.0, 100.0])
+@pytest.mark.parametrize("dsnu", [0.0, 5.0])
+def test_row_noise_is_common_to_a_row_and_new_in_every_image(electrons, dsnu):
+    detector = QUIET | {"black_level_dn": 500.0, "read_noise_e": 3.0, "row_noise_e": 8.0, "dsnu_e": dsnu}
+    images = flat(make_sensor(512, 480, detector=detector), electrons, frames=4)[:, 0].astype(float)
+    within = electrons + 3.0**2 + dsnu**2 + 1 / 12
+    rows = images.mean(axis=2)
+    assert rows.std() == pytest.approx(np.sqrt(8.0**2 + within / 512), rel=0.07)
+    assert np.abs(np.corrcoef(rows)[np.triu_indices(4, 1)]).max() < 0.2
+    assert np.abs(np.corrcoef(rows[:, :-1].ravel(), rows[:, 1:].ravel())[0, 1]) < 0.1
+    assert (images - rows[..., None]).std() == pytest.approx(np.sqrt(within), rel=0.02)
+
+
+def test_coarsely_quantised_row_noise_has_its_size():
+    """Most pixels have the digital number of the black level; the share of the others tells the noise."""
+    detector = QUIET | {"read_noise_e": 4.0, "row_noise_e": 3.0, "black_level_dn": 10.0, "gain_dn_per_e": 0.04}
+    image = flat(make_sensor(640, 512, detector=detector), 0.0, frames=16)
+    expected = 2 * stats.norm.sf(0.5 / (0.04 * 5.0))
+    assert np.mean(image != 10) == pytest.approx(expected, rel=0.1)
+
+
+def test_hot_pixels_are_fixed_and_have_exponential_dark_current():
+    detector = QUIET | {"bit_depth": 16, "hot_pixels": 0.002, "hot_pixel_e_per_s": 4e6}
+    sensor = make_sensor(640, 512, cameras=2, detector=detector)
+    short, long = (flat(sensor, 0.0, frames=2, duration=t).astype(float) for t in (2.5e-4, 5e-4))
+    hot = long > 0
+    assert (hot[0] != hot[1]).sum() < 0.01 * hot[0].sum()  # a small charge may be no electron
+    for camera in range(2):
+        assert hot[0, camera].mean() == pytest.approx(0.002, rel=0.15)
+        current = long[0, camera][hot[0, camera]]
+        assert current.mean() == pytest.approx(2000.0, rel=0.15)
+        assert current.std() == pytest.approx(current.mean(), rel=0.15)
+    assert (hot[0, 0] & hot[0, 1]).mean() < 1e-4
+    assert np.median(short[hot] / long[hot]) == pytest.approx(0.5, rel=0.02)
+
+
+def test_light_adds_to_hot_pixels():
+    detector = QUIET | {"bit_depth": 16, "hot_pixels": 0.01, "hot_pixel_e_per_s": 4e6}
+    sensor = make_sensor(320, 256, detector=detector)
+    dark, lit = (flat(sensor, electrons).astype(float) for electrons in (0.0, 400.0))
+    hot = dark > 200.0
+    assert (lit - dark)[hot].mean() == pytest.approx(400.0, abs=10.0)
+
+
+def test_no_noise_means_no_row_noise_and_no_hot_pixels():
+    detector = QUIET | {"row_noise_e": 5.0, "hot_pixels": 0.1, "hot_pixel_e_per_s": 1e6}
+    assert not flat(make_sensor(64, 48, detector=detector, render={"noise": False}), 0.0).any()
+
+
+def test_share_of_hot_pixels_reaches_one():
+    detector = QUIET | {"hot_pixels": 1.0, "hot_pixel_e_per_s": 1e8}
+    assert (flat(make_sensor(64, 48, detector=detector), 0.0) > 0).mean() > 0.99

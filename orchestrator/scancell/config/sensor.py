@@ -195,6 +195,18 @@ class DetectorDescription(Description):
     dsnu_e: NonNegative = Field(
         default=0.0, description="dark signal non-uniformity: standard deviation of offset between pixels, electrons"
     )
+    row_noise_e: NonNegative = Field(
+        default=0.0,
+        description="standard deviation of an offset that all pixels of an image row share, new in every image,"
+        " electrons; part of the stated standard deviation of every point",
+    )
+    hot_pixels_ppm: Annotated[float, Field(ge=0.0, le=10_000.0)] = Field(
+        default=0.0, description="hot pixels in a million, the same ones in every image"
+    )
+    hot_pixel_e_per_s: NonNegative = Field(
+        default=0.0,
+        description="mean of the additional dark current of hot pixels, distributed exponentially, electrons/s",
+    )
     shutter: Literal["global", "rolling"] = Field(
         default="global", description="global: all rows at once; rolling: row after row"
     )
@@ -214,6 +226,12 @@ class DetectorDescription(Description):
     def _shutter_is_complete(self) -> Self:
         if self.shutter == "rolling" and self.row_readout_us is None:
             raise ValueError('shutter = "rolling" needs row_readout_us')
+        return self
+
+    @model_validator(mode="after")
+    def _hot_pixels_are_complete(self) -> Self:
+        if (self.hot_pixels_ppm > 0.0) != (self.hot_pixel_e_per_s > 0.0):
+            raise ValueError("hot_pixels_ppm and hot_pixel_e_per_s must be given together")
         return self
 
 
@@ -386,6 +404,8 @@ class GeometricDescription(Description):
 
 IMAGE_ONLY_KEYS = (
     "laser.source_length_mm",
+    "detector.hot_pixels_ppm",
+    "detector.hot_pixel_e_per_s",
     "render.samples_per_pixel",
     "render.rays_across_fan",
     "render.photons",
@@ -505,7 +525,8 @@ def sensor_json(sensor: SensorDescription, seed: int) -> dict[str, Any]:
 
 
 def _detector_json(detector: DetectorDescription) -> dict[str, Any]:
-    data: dict[str, Any] = to_si(detector.model_dump(exclude={"shutter", "row_readout_us"}))
+    data: dict[str, Any] = to_si(detector.model_dump(exclude={"shutter", "row_readout_us", "hot_pixels_ppm"}))
+    data["hot_pixels"] = 1e-6 * detector.hot_pixels_ppm
     data["row_readout"] = 1e-6 * (detector.row_readout_us or 0.0) if detector.shutter == "rolling" else 0.0
     return data
 
