@@ -221,7 +221,9 @@ double FanCaster::lamp_light(const SceneQuery& query, std::size_t p, const View&
   int l = kLanes / 2;
   for (int k = 0; k < kLanes && !unoccluded(l); ++k) l = (l + 1) % kLanes;
   const Shape& shape = query.scene().shapes()[static_cast<std::size_t>(hits_[p].shape[l])];
-  const SurfacePoint at(shape, lane(hit_points.point, l), lane(hit_points.normal, l),
+  const auto& from_reference =
+      query.track().shape_from_reference(static_cast<std::size_t>(hits_[p].shape[l]), 0);
+  const SurfacePoint at(shape, from_reference, lane(hit_points.point, l), lane(hit_points.normal, l),
                         -lane(view.direction, l).normalized());
   return lamps.brightness(at, *shape.surface, 0);
 }
@@ -241,7 +243,10 @@ void FanCaster::measure_stripes(const SceneQuery& query, std::size_t number, std
     if (!shape.surface->is_lambert()) {
       const Eigen::Vector3d normal = lane(hit_points.normal, l);
       const Eigen::Vector3d to_viewpoint = -lane(view.direction, l).normalized();
-      direct = shape.surface->pi_brdf(normal, -lane(directions_[p], l), to_viewpoint);
+      const auto& from_reference =
+          query.track().shape_from_reference(static_cast<std::size_t>(hits_[p].shape[l]), 0);
+      const SurfaceFrame surface = shape.frame(from_reference, lane(hit_points.point, l), normal);
+      direct = shape.surface->pi_brdf(surface, -lane(directions_[p], l), to_viewpoint);
       even = shape.surface->albedo(normal.dot(to_viewpoint));
     }
     const double electrons = seen.responsivity[l] * duration_;

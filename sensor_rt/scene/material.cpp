@@ -30,6 +30,12 @@ void validate_material(const Material& material, const std::string& what) {
   require(what, "reflectance", material.reflectance, 0.0, 1.0);
   require(what, "roughness", material.roughness, model.min_roughness, 1.0);
   require(what, "refractive_index", material.refractive_index, 1.0, 3.0);
+  if (!model.has_grooves) return;
+  require(what, "roughness_along", material.roughness_along, model.min_roughness, 1.0);
+  if (!(material.grooves.axis.norm() > 0.0) || !material.grooves.axis.allFinite() ||
+      !material.grooves.centre.allFinite()) {
+    throw std::invalid_argument(what + ": " + model.name + " needs a groove_axis other than zero");
+  }
 }
 
 std::unique_ptr<const Bsdf> make_bsdf(const Material& material) {

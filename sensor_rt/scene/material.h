@@ -1,12 +1,20 @@
 // Surface materials: parameters of reflection models.
 #pragma once
 
+#include <Eigen/Dense>
 #include <memory>
 #include <string>
 
 #include "sensor_rt/scene/bsdf/bsdf.h"
 
 namespace sensor_rt {
+
+/// Direction of grooves, in the body frame: of `axis`, as far as it lies in the surface, or around it.
+struct Grooves {
+  Eigen::Vector3d axis = Eigen::Vector3d::Zero();  ///< of any length; zero: no grooves
+  bool around = false;  ///< circles around the axis through `centre`, as by turning
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();
+};
 
 /// Material parameters at the laser wavelength.
 struct Material {
@@ -18,6 +26,9 @@ struct Material {
   /// alpha, 0.01..1.
   double roughness = 0.0;
   double refractive_index = 1.0;  ///< of the dielectric's coat, 1..3
+  /// Grooved conductor: GGX alpha along the grooves, 0.01..1; `roughness` is that across them.
+  double roughness_along = 0.0;
+  Grooves grooves = {};
 };
 
 /// Throws std::invalid_argument, naming `what` and the parameter, when one is out of its range.

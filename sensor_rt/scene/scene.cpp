@@ -81,6 +81,9 @@ void Scene::add_shape(const std::string& body, Shape shape, const Material& mate
   shape.body = body_number(body);
   shape.surface = make_bsdf(material);
   shape.reflectance = shape.surface->albedo(1.0);
+  shape.grooves = material.grooves;
+  shape.grooves.axis = shape.shape_from_body.rotation * material.grooves.axis;
+  shape.grooves.centre = shape.shape_from_body * material.grooves.centre;
   shapes_.push_back(std::move(shape));
 }
 

@@ -31,6 +31,7 @@ struct Shape {
   int body = 0;
   double reflectance = 0.0;  ///< directional-hemispherical, at normal incidence
   std::shared_ptr<const Bsdf> surface;
+  Grooves grooves;  ///< in the frame of the shape
   Rigid3 shape_from_body;
   /// Half extents of the bounding box. For a sphere, a box and a rectangle, which lies in z = 0, these are
   /// the dimensions.
@@ -38,6 +39,19 @@ struct Shape {
   Frustum frustum;                ///< frusta only
   std::vector<FacePlane> planes;  ///< meshes only, one per face
   SceneHandle embree;             ///< meshes only
+
+  /// Returns normal and grooves at a point, in the reference frame.
+  SurfaceFrame frame(const Rigid3& shape_from_reference, const Eigen::Vector3d& point,
+                     const Eigen::Vector3d& normal) const {
+    if (grooves.axis.isZero()) return normal;
+    const Rigid3 reference_from_shape = shape_from_reference.inverse();
+    Eigen::Vector3d along = reference_from_shape.rotation * grooves.axis;
+    if (grooves.around) along = along.cross(point - reference_from_shape * grooves.centre);
+    along -= along.dot(normal) * normal;
+    const double length = along.norm();
+    return length > 1e-9 * grooves.axis.norm() ? SurfaceFrame(normal, along / length) : SurfaceFrame(normal);
+  }
+
   /// Returns the distance, m, by which secondary rays start above the surface so as not to hit it again: 1
   /// µm, or some units in the last place of single precision at the rim of a large shape.
   double ray_offset() const { return std::max(1e-6, 1e-6 * half_size.norm()); }

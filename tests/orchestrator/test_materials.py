@@ -2,27 +2,65 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
 import pytest
 from cells import ball
+from pydantic import ValidationError
 
 from scancell import sensor as sensor_rt
 from scancell.config.loading import load_setup
 from scancell.config.material import PRESETS, MaterialDescription
 from scancell.nominal.cell import nominal_cell
-from scancell.scanning.exposures import build_scene
+from scancell.scanning.exposures import build_scene, native_material
 
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_ray_tracer_accepts_presets(name: str) -> None:
     preset = MaterialDescription.model_validate({"preset": name}).resolved()
-    material = sensor_rt.Material(preset.reflectance, preset.model, preset.roughness, preset.refractive_index)
-    assert 0.0 < material.albedo([0.7])[0] < 1.0
+    assert 0.0 < native_material(preset).albedo([0.7])[0] < 1.0
 
 
 def test_values_override_preset() -> None:
     steel = MaterialDescription.model_validate({"preset": "polished_steel", "roughness": 0.2}).resolved()
     assert steel.roughness == 0.2
     assert steel.reflectance == PRESETS["polished_steel"].reflectance
+
+
+BRUSHED = {
+    "model": "grooved_conductor",
+    "reflectance": 0.7,
+    "roughness": 0.35,
+    "roughness_along": 0.08,
+    "groove_axis": [0, 1, 0],
+}
+
+
+def test_ray_tracer_gets_grooves_in_metres() -> None:
+    """Circular grooves around an axis 300 mm beside the origin run along x there, as straight ones along x do."""
+    given = {"groove_axis": [0, 0, 1], "groove_centre_mm": [0, 300, 0]}
+    turned = MaterialDescription.model_validate(BRUSHED | given).resolved()
+    a, b = [[0.3, 0.1, 0.9]], [[-0.2, 0.3, 0.8]]
+    expected = sensor_rt.Material(0.7, "grooved_conductor", 0.35, 1.5, 0.08, [1, 0, 0])
+    np.testing.assert_allclose(native_material(turned).pi_brdf(a, b), expected.pi_brdf(a, b), rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"roughness_along": None}, "needs roughness_along and groove_axis"),
+        ({"groove_axis": None}, "needs roughness_along and groove_axis"),
+        ({"groove_axis": [0, 0, 0]}, "must not be zero"),
+        ({"model": "rough_conductor"}, "belong to grooved_conductor, not rough_conductor"),
+        ({"roughness_along": 0.001}, "roughness_along"),
+        ({"groove_axis": [0, 1]}, "groove_axis"),
+        ({"groove_axis": [0, float("nan"), 1]}, "groove_axis"),
+    ],
+)
+def test_incomplete_grooves_are_rejected(change: dict[str, Any], complaint: str) -> None:
+    with pytest.raises(ValidationError, match=complaint):
+        MaterialDescription.model_validate(BRUSHED | change)
 
 
 def test_materials_of_part_table_and_robot() -> None:

@@ -35,7 +35,9 @@ std::vector<Material> materials() {
   std::vector<Material> all;
   for (const BsdfModel* model : bsdf_models()) {
     for (const double roughness : {0.15, 0.4, 1.0}) {
-      for (const double reflectance : {0.3, 1.0}) all.push_back({model->name, reflectance, roughness, 1.5});
+      for (const double reflectance : {0.3, 1.0}) {
+        all.push_back({model->name, reflectance, roughness, 1.5, 0.4 * roughness, {}});
+      }
     }
   }
   return all;
@@ -67,11 +69,11 @@ TEST_P(EveryBsdf, IsReciprocalAndPositiveAboveTheSurfaceOnly) {
 TEST_P(EveryBsdf, SampledWeightsSumToAlbedoBelowOne) {
   constexpr std::uint32_t kCount = 20'000;
   for (const double cosine : {0.2, 0.6, 0.95}) {
-    const Vector from = direction(cosine, 0.4);
     double sum = 0.0;
     double sum2 = 0.0;
     for (std::uint32_t i = 0; i < kCount; ++i) {
       const auto u = uniforms(i, 3);
+      const Vector from = direction(cosine, 2.0 * M_PI * uniforms(i, 6)[0]);
       const BsdfSample sample = bsdf->sample(kNormal, from, u[0], u[1], u[2]);
       sum += sample.weight;
       sum2 += sample.weight * sample.weight;

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scenes import Array, one_plane, plane, pose, probe, still, stripe_centres
 
-from scancell.sensor import Material, expected_electrons
+from scancell.sensor import Material, expected_electrons, scan
 
 MATERIALS = {
     "lambert": Material(1.0),
@@ -18,6 +20,9 @@ MATERIALS = {
     "brushed metal": Material(1.0, "rough_conductor", 0.35, 1.0),
     "blasted metal": Material(1.0, "rough_conductor", 1.0, 1.0),
     "foil": Material(1.0, "retro_reflective", 0.2, 1.0),
+    "grooves along the light": Material(1.0, "grooved_conductor", 0.35, 1.0, 0.1, [1.0, 0.0, 0.0]),
+    "grooves across the light": Material(1.0, "grooved_conductor", 0.35, 1.0, 0.1, [0.0, 1.0, 0.0]),
+    "slanted grooves": Material(1.0, "grooved_conductor", 0.6, 1.0, 0.15, [1.0, 0.7, 0.0]),
 }
 COSINES = np.array([0.08, 0.25, 0.5, 0.8, 0.99])
 
@@ -86,6 +91,75 @@ def test_smooth_coat_reflects_by_fresnel(index: float) -> None:
     assert coat.albedo([1.0])[0] == pytest.approx(((index - 1) / (index + 1)) ** 2, rel=2e-3)
 
 
+def scattered(count: int = 400) -> tuple[Array, Array]:
+    """Pairs of directions (n, 3) above the surface."""
+    rng = np.random.default_rng(8)
+    a, b = (towards(rng.uniform(0.1, 1, count), rng.uniform(0, 2 * np.pi, count)) for _ in range(2))
+    return a, b
+
+
+@pytest.mark.parametrize("roughness", [0.1, 0.5, 1.0])
+def test_grooves_of_equal_widths_are_rough_metal(roughness: float) -> None:
+    a, b = scattered()
+    grooved = Material(0.6, "grooved_conductor", roughness, 1.0, roughness, [0.3, 1.0, 0.0])
+    plain = Material(0.6, "rough_conductor", roughness, 1.0)
+    np.testing.assert_allclose(grooved.pi_brdf(a, b), plain.pi_brdf(a, b), rtol=3e-3, atol=1e-3)
+    np.testing.assert_allclose(grooved.albedo(COSINES), plain.albedo(COSINES), atol=2e-3)
+
+
+def test_lobe_is_as_wide_as_the_roughness_across_and_along_grooves() -> None:
+    """Retro-reflection at an angle t sees D at a slope tan t: alpha where 1 + tan² t / alpha² = 2, D a quarter."""
+    metal = Material(1.0, "grooved_conductor", 0.3, 1.0, 0.03, [1.0, 0.0, 0.0])
+    for azimuth, width in ((0.0, 0.03), (np.pi / 2, 0.3)):
+        top, side = (towards(np.cos(t), azimuth) for t in (0.0, np.arctan(width)))
+        peak, half = metal.pi_brdf([top, side], [top, side])
+        assert half / peak == pytest.approx(0.25 * (1 + width**2) ** 2, rel=0.1)
+
+
+def test_grooves_follow_axis_and_circles() -> None:
+    a, b = scattered()
+
+    def grooved(axis: tuple[float, float, float], centre: tuple[float, float, float] | None = None) -> Array:
+        return Material(0.6, "grooved_conductor", 0.4, 1.0, 0.1, axis, centre).pi_brdf(a, b)
+
+    straight = grooved((1.0, 0.0, 0.0))
+    np.testing.assert_allclose(
+        grooved((-2.0, 0.0, 5.0)), straight, rtol=1e-9
+    )  # length, sign and normal part do not count
+    np.testing.assert_allclose(grooved((0.0, 0.0, 1.0), (0.0, 0.2, -3.0)), straight, rtol=1e-9)
+    assert abs(grooved((0.0, 1.0, 0.0)) / straight - 1).max() > 0.5
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    turned = Material(0.6, "grooved_conductor", 0.4, 1.0, 0.1, (0.0, 1.0, 0.0)).pi_brdf(a @ turn.T, b @ turn.T)
+    np.testing.assert_allclose(turned, straight, rtol=1e-9)
+
+
+@pytest.mark.parametrize("grooves", [((0.0, 1.0, 0.0), None), ((0.0, 0.0, 1.0), (0.0, 0.004, 0.0))])
+def test_grooved_plane_looks_alike_in_all_engines(
+    grooves: tuple[tuple[float, float, float], tuple[float, float, float] | None],
+) -> None:
+    """A turned plane; paths, the mesh of the lit surface and the geometric engine find the same grooves."""
+    metal = Material(0.6, "grooved_conductor", 0.5, 1.0, 0.2, *grooves)
+    world_from_plane = pose((0.001, 0.002, 0.12), (0.1, np.radians(-12.0), 0.7))
+    light = []
+    for mode in ("fast", "path"):
+        sensor = probe(render={"mode": mode, "noise": False})
+        image = expected_electrons(plane(metal), sensor, still(world_from_plane))[0]
+        light.append([stripe_centres(one)[1] for one in image])
+    np.testing.assert_allclose(light[0], light[1], rtol=5e-3, atol=1e-3 * np.max(light[1]))
+    exposures, noisy = still(world_from_plane), probe(render={"noise": True})
+    profiles = (
+        scan(plane(metal), noisy, exposures, "ray-traced").profiles,
+        scan(plane(metal), noisy, exposures, "geometric").profiles,
+    )
+    y = np.linspace(-0.01, 0.01, 21)
+    for camera in range(2):
+        traced, cast = ([p.intensity[p.camera == camera], p.points_in_sensor[p.camera == camera, 1]] for p in profiles)
+        order = [np.argsort(one[1]) for one in (traced, cast)]
+        seen = [np.interp(y, one[1][k], one[0][k]) for one, k in zip((traced, cast), order, strict=True)]
+        np.testing.assert_allclose(seen[1], seen[0], rtol=0.05, atol=2.0)  # noise of the amplitude
+        assert np.ptp(seen[1]) > 0.2 * seen[1].mean()
+
+
 def test_mirror_samples_single_direction() -> None:
     out, weight, _ = Material(0.8, "mirror", 0.0, 1.0).sample([towards(0.6, 0.3)], [[0.1, 0.2, 0.3]])
     np.testing.assert_allclose(out[0], towards(0.6, 0.3 + np.pi), atol=1e-12)
@@ -145,8 +219,13 @@ def test_uniform_light_on_lossless_surface_hides_shape() -> None:
         ((0.5, "oren_nayar", 1.5, 1.0), "roughness"),
         ((0.5, "rough_dielectric", 0.3, 0.5), "refractive_index"),
         ((0.5, "velvet", 0.3, 1.5), "velvet"),
+        ((0.5, "grooved_conductor", 0.3, 1.5), "roughness_along"),
+        ((0.5, "grooved_conductor", 0.3, 1.5, 0.1), "groove_axis"),
+        ((0.5, "grooved_conductor", 0.3, 1.5, 0.1, [0.0, 0.0, 0.0]), "groove_axis"),
+        ((0.5, "grooved_conductor", 0.3, 1.5, 0.1, [0.0, np.nan, 0.0]), "groove_axis"),
+        ((0.5, "grooved_conductor", 0.3, 1.5, 0.1, [0.0, 1.0, 0.0], [np.inf, 0.0, 0.0]), "groove"),
     ],
 )
-def test_invalid_materials_are_rejected(arguments: tuple[float, str, float, float], complaint: str) -> None:
+def test_invalid_materials_are_rejected(arguments: tuple[Any, ...], complaint: str) -> None:
     with pytest.raises(ValueError, match=complaint):
         Material(*arguments)

@@ -7,11 +7,14 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from scancell.config.description import Description, Fraction
+from scancell.config.description import Description, Finite, Fraction
 
-Model = Literal["lambert", "oren_nayar", "rough_dielectric", "rough_conductor", "mirror", "retro_reflective"]
+Vector = tuple[Finite, Finite, Finite]
+Model = Literal[
+    "lambert", "oren_nayar", "rough_dielectric", "rough_conductor", "grooved_conductor", "mirror", "retro_reflective"
+]
 # Models with a GGX lobe.
-_WITH_LOBE: tuple[Model, ...] = ("rough_dielectric", "rough_conductor", "retro_reflective")
+_WITH_LOBE: tuple[Model, ...] = ("rough_dielectric", "rough_conductor", "grooved_conductor", "retro_reflective")
 Preset = Literal["matt_white", "machined_aluminium", "polished_steel", "black_rubber", "painted_plastic"]
 
 _SMOOTHEST_GGX = 0.01
@@ -25,6 +28,9 @@ class Material:
     model: Model = "lambert"
     roughness: float = 1.0
     refractive_index: float = 1.5
+    roughness_along: float | None = None
+    groove_axis: Vector | None = None
+    groove_centre_mm: Vector | None = None
 
 
 # Typical reflectance and roughness in red light; measured values override them.
@@ -44,7 +50,8 @@ class MaterialDescription(Description):
     model: Model | None = Field(
         default=None,
         description="BRDF: lambert, oren_nayar (rough diffuse), rough_dielectric (GGX coat on a diffuse base),"
-        " rough_conductor (GGX metal), mirror, retro_reflective (foil with a GGX lobe back to the source)",
+        " rough_conductor (GGX metal), grooved_conductor (brushed, milled or turned metal: GGX with two widths),"
+        " mirror, retro_reflective (foil with a GGX lobe back to the source)",
     )
     reflectance: Fraction | None = Field(
         default=None,
@@ -53,10 +60,23 @@ class MaterialDescription(Description):
     roughness: Annotated[float, Field(ge=0.0, le=1.0)] | None = Field(
         default=None,
         description="oren_nayar: standard deviation of the slope angle over 90 deg, 0..1; models with a lobe: GGX"
-        " alpha, 0.01..1",
+        " alpha, 0.01..1; grooved_conductor: that across the grooves",
     )
     refractive_index: Annotated[float, Field(ge=1.0, le=3.0)] | None = Field(
         default=None, description="refractive index of the coat of rough_dielectric"
+    )
+    roughness_along: Annotated[float, Field(ge=_SMOOTHEST_GGX, le=1.0)] | None = Field(
+        default=None, description="grooved_conductor: GGX alpha along the grooves, 0.01..1"
+    )
+    groove_axis: Vector | None = Field(
+        default=None,
+        description="grooved_conductor: direction of the grooves in the frame of the body (of a part: of its mesh), as"
+        " far as it lies in the surface; with groove_centre_mm the axis around which they run",
+    )
+    groove_centre_mm: Vector | None = Field(
+        default=None,
+        description="grooved_conductor: the grooves are circles around groove_axis through this point of the body's"
+        " frame, as turning leaves them, mm; default: straight grooves",
     )
 
     @model_validator(mode="after")
@@ -67,6 +87,15 @@ class MaterialDescription(Description):
         if material.model in _WITH_LOBE and material.roughness < _SMOOTHEST_GGX:
             raise ValueError(
                 f"roughness ({material.roughness:g}) of {material.model} must be at least 0.01; or use mirror"
+            )
+        if material.model == "grooved_conductor":
+            if material.roughness_along is None or material.groove_axis is None:
+                raise ValueError("grooved_conductor needs roughness_along and groove_axis")
+            if not any(material.groove_axis):
+                raise ValueError(f"groove_axis must not be zero: {list(material.groove_axis)}")
+        elif material.roughness_along is not None or material.groove_axis or material.groove_centre_mm:
+            raise ValueError(
+                f"roughness_along, groove_axis and groove_centre_mm belong to grooved_conductor, not {material.model}"
             )
         return self
 

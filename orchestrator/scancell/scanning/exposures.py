@@ -43,7 +43,7 @@ def _add_body(scene: sensor_rt.Scene, body: Body) -> None:
     """Add the exact shapes of the body, or one mesh per material, all under its name, so that they move together."""
     if isinstance(body.mesh, ShapeMesh):
         for placed in body.mesh.shapes.shapes:
-            _add_shape(scene, body.name, placed, _native(body.material))
+            _add_shape(scene, body.name, placed, native_material(body.material))
         return
     patched = np.zeros(len(body.mesh.faces), bool)
     for patch in body.patches:
@@ -51,7 +51,7 @@ def _add_body(scene: sensor_rt.Scene, body: Body) -> None:
     for patch in (Patch(np.flatnonzero(~patched), body.material), *body.patches):
         if len(patch.faces) == 0:
             continue
-        material = _native(patch.material)
+        material = native_material(patch.material)
         if len(patch.faces) == len(patched):
             scene.add_mesh(body.name, body.mesh.vertices, body.mesh.faces, material)
         else:
@@ -78,8 +78,12 @@ def _add_shape(scene: sensor_rt.Scene, name: str, placed: PlacedShape, material:
             raise TypeError(f"{name}: the ray tracer has no {type(shape).__name__}")
 
 
-def _native(m: Material) -> sensor_rt.Material:
-    return sensor_rt.Material(m.reflectance, m.model, m.roughness, m.refractive_index)
+def native_material(m: Material) -> sensor_rt.Material:
+    """The material as the ray tracer takes it."""
+    centre = None if m.groove_centre_mm is None else 1e-3 * np.array(m.groove_centre_mm)
+    return sensor_rt.Material(
+        m.reflectance, m.model, m.roughness, m.refractive_index, m.roughness_along or 0.0, m.groove_axis, centre
+    )
 
 
 def exposures_from_truth(

@@ -71,18 +71,34 @@ class Material:
         0..1: of the diffuse base (lambert, oren_nayar, rough_dielectric), at normal incidence (rough_conductor), at
         every angle (mirror)
     model
-        lambert, oren_nayar, rough_dielectric (GGX coat on a diffuse base), rough_conductor (GGX), mirror or
-        retro_reflective
+        lambert, oren_nayar, rough_dielectric (GGX coat on a diffuse base), rough_conductor (GGX), grooved_conductor
+        (GGX with two widths), mirror or retro_reflective
     roughness
         oren_nayar: 0..1, standard deviation of the slope angle over pi/2; GGX alpha: 0.01..1; otherwise unused
     refractive_index
         of the coat, 1..3; otherwise unused
+    roughness_along
+        grooved_conductor: GGX alpha along the grooves, 0.01..1; `roughness` is that across them
+    groove_axis
+        (3,) in the body frame: direction of straight grooves, or axis of circular ones; only its part in the surface
+        counts
+    groove_centre
+        (3,) m, point of the axis of circular grooves; None: straight ones
     """
 
     @overload
     def __init__(self, reflectance: float) -> None: ...
     @overload
-    def __init__(self, reflectance: float, model: str, roughness: float, refractive_index: float) -> None: ...
+    def __init__(
+        self,
+        reflectance: float,
+        model: str,
+        roughness: float,
+        refractive_index: float,
+        roughness_along: float = 0.0,
+        groove_axis: ArrayLike | None = None,
+        groove_centre: ArrayLike | None = None,
+    ) -> None: ...
     @property
     def model(self) -> str: ...
     @property
@@ -91,8 +107,13 @@ class Material:
     def roughness(self) -> float: ...
     @property
     def refractive_index(self) -> float: ...
+    @property
+    def roughness_along(self) -> float: ...
     def pi_brdf(self, a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
-        """Return pi times the BRDF, (n,), for directions (n, 3) that point away from a surface with normal +z."""
+        """Return pi times the BRDF, (n,), for directions (n, 3) that point away from a surface with normal +z.
+
+        The surface is at the origin of the body frame.
+        """
     def albedo(self, cosine: ArrayLike) -> NDArray[np.float64]:
         """Return the directional albedo (n,) at these cosines of incidence."""
     def sample(

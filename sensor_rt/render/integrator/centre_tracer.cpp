@@ -32,7 +32,7 @@ LampView CentreTracer::lamp_light(int column, int row) const {
   Lanes3 origin;
   set_lane(origin, 0, plan_.settings.model.cameras[rays_.camera()].sensor_from_camera.translation);
   const SceneQuery& query = centre.views.query;
-  const SurfacePoint at(query.scene(), origin, centre.direction, centre.hits, 0);
+  const SurfacePoint at(query, centre.views.middle_instant(), origin, centre.direction, centre.hits, 0);
   const SensorModel& model = plan_.settings.model;
   const Lamps lamps(query, model.band_pass, model.laser.wavelength);
   const double light = lamps.brightness(at, query.brdf(shape), centre.views.middle_instant());

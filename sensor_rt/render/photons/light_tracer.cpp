@@ -121,9 +121,10 @@ bool LightTracer::reflect(Packet& packet, int depth) const {
     for (int k = 0; depth == 0 && k < 3; ++k) {
       u[static_cast<std::size_t>(k)] = wrap(recurrence(photon, 2 + k) + shift[static_cast<std::size_t>(k)]);
     }
-    const SurfacePoint at(views_.query.scene(), packet.origin, packet.direction, packet.hits, l);
+    const SurfacePoint at(views_.query, views_.instants(packet.number)[l], packet.origin, packet.direction,
+                          packet.hits, l);
     const Bsdf& brdf = views_.brdf(packet.hits.shape[l]);
-    const BsdfSample out = brdf.sample(at.normal, at.back, u[0], u[1], u[2]);
+    const BsdfSample out = brdf.sample(at.surface, at.back, u[0], u[1], u[2]);
     if (!(out.weight > 0.0)) continue;
     packet.power[l] *= out.weight;
     packet.spacing[l] += packet.cone_spread[l] * (at.position - lane(packet.origin, l)).norm();
@@ -223,7 +224,8 @@ void LightTracer::splat(const Packet& packet, std::size_t number, const Lanes3& 
         !(row[l] > -0.5) || !(row[l] < camera.height_px - 0.5)) {
       continue;
     }
-    const SurfacePoint at(views_.query.scene(), packet.origin, packet.direction, packet.hits, l);
+    const SurfacePoint at(views_.query, views_.instants(packet.number)[l], packet.origin, packet.direction,
+                          packet.hits, l);
     const Eigen::Vector3d to_image = lane(seen, l) - lane(viewpoints, l);
     const double distance = to_image.norm();
     const std::size_t instant = views_.lane_instants[packet.number * kLanes + static_cast<std::size_t>(l)];
@@ -240,7 +242,7 @@ void LightTracer::splat(const Packet& packet, std::size_t number, const Lanes3& 
     // A point of intensity I = power * brdf * cosine gives the irradiance I / distance² per steradian of the
     // pixels; their share of the aperture's cos⁴ is reduced by the cos³ of their solid angle.
     amount[l] = packet.power[l] * facing / (distance * distance) * (depth / distance) * px_per_slope2 *
-                views_.brdf(packet.hits.shape[l]).pi_brdf(at.normal, at.back, towards) *
+                views_.brdf(packet.hits.shape[l]).pi_brdf(at.surface, at.back, towards) *
                 plan_.electrons_per_irradiance[number];
     const double spacing = packet.spacing[l] + packet.cone_spread[l] *
                                                    (at.position - lane(packet.origin, l)).norm() /

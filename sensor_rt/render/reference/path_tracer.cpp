@@ -30,7 +30,8 @@ PathTracer::PathTracer(const RenderPlan& plan, Mode mode, const ExposureViews& v
       speckle_(plan, views.query.scene(), views.query.track(), camera) {}
 
 SurfacePoint PathTracer::surface(const Packet& packet, int l) const {
-  return {packet.views.query.scene(), packet.origin, packet.direction, packet.hits, l};
+  const std::size_t instant = packet.views.instants(packet.number)[l];
+  return {packet.views.query, instant, packet.origin, packet.direction, packet.hits, l};
 }
 
 double PathTracer::laser_light(const Packet& packet, int depth) const {
@@ -134,7 +135,7 @@ void PathTracer::reflect(Packet& packet, int depth) const {
     const SurfacePoint at = surface(packet, l);
     const auto sample = static_cast<std::uint32_t>(packet.number) * kLanes + static_cast<std::uint32_t>(l);
     const auto u = random.at(packet.pixel, sample, static_cast<std::uint32_t>(depth));
-    const BsdfSample out = brdf.sample(at.normal, at.back, u[0], u[1], u[2]);
+    const BsdfSample out = brdf.sample(at.surface, at.back, u[0], u[1], u[2]);
     if (!(out.weight > 0.0)) continue;
     packet.carried[l] *= out.weight;
     packet.alive[l] = -1;

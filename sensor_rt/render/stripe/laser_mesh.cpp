@@ -185,7 +185,10 @@ void LaserMesh::illuminate(std::size_t number, const Vertex& vertex, Image& imag
       irradiance *
       (shape.surface->is_lambert()
            ? shape.reflectance
-           : shape.surface->pi_brdf(vertex.normal, -from_source.normalized(), to_viewpoint.normalized()));
+           : shape.surface->pi_brdf(shape.frame(samples_->track().shape_from_reference(
+                                                    static_cast<std::size_t>(vertex.shape), sample_),
+                                                vertex.point, vertex.normal),
+                                    -from_source.normalized(), to_viewpoint.normalized()));
   const double along_axis = camera.sensor_from_camera.rotation.col(2).dot(to_viewpoint);
   const double cosine2 = along_axis * along_axis / to_viewpoint.squaredNorm();
   const double area = camera.is_tilted() ? camera.tilt_area({image.column, image.row}) : 1.0;

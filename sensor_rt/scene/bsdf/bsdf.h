@@ -5,6 +5,17 @@
 
 namespace sensor_rt {
 
+/// Unit normal of a surface at a point, on the side of the incident and reflected light, and the direction of
+/// grooves.
+struct SurfaceFrame {
+  Eigen::Vector3d normal;
+  Eigen::Vector3d along = Eigen::Vector3d::Zero();  ///< unit, in the surface; zero: none
+
+  SurfaceFrame(const Eigen::Vector3d& given) : normal(given) {}  // NOLINT: most surfaces have no grooves
+  SurfaceFrame(const Eigen::Vector3d& given, const Eigen::Vector3d& grooves)
+      : normal(given), along(grooves) {}
+};
+
 /// A sampled direction of reflection.
 struct BsdfSample {
   Eigen::Vector3d towards = Eigen::Vector3d::Zero();
@@ -12,15 +23,15 @@ struct BsdfSample {
   double pdf = 0.0;     ///< 1/sr; 0 for a specular surface, whose distribution is a delta function
 };
 
-/// Reflection by an opaque surface. All directions are unit vectors that point away from the surface,
-/// `normal` on the side of the incident and reflected light. Every model is reciprocal and conserves energy.
+/// Reflection by an opaque surface. All directions are unit vectors that point away from the surface. Every
+/// model is reciprocal and conserves energy.
 class Bsdf {
  public:
   virtual ~Bsdf() = default;
 
   /// Returns pi times the BSDF (1/sr): the reflectance of a Lambertian surface of equal radiance. 0 for
   /// directions below the surface and for a specular surface.
-  virtual double pi_brdf(const Eigen::Vector3d& normal, const Eigen::Vector3d& a,
+  virtual double pi_brdf(const SurfaceFrame& surface, const Eigen::Vector3d& a,
                          const Eigen::Vector3d& b) const = 0;
 
   /// Returns the directional albedo: the fraction of light reflected at this cosine of incidence, which is
@@ -29,11 +40,11 @@ class Bsdf {
 
   /// Samples a direction of reflection for light from `from`, using three uniform numbers. By default with
   /// the pdf cosine / pi.
-  virtual BsdfSample sample(const Eigen::Vector3d& normal, const Eigen::Vector3d& from, double u0, double u1,
+  virtual BsdfSample sample(const SurfaceFrame& surface, const Eigen::Vector3d& from, double u0, double u1,
                             double u2) const;
 
   /// Returns the pdf (1/sr) with which `sample` chooses `towards`.
-  virtual double pdf(const Eigen::Vector3d& normal, const Eigen::Vector3d& from,
+  virtual double pdf(const SurfaceFrame& surface, const Eigen::Vector3d& from,
                      const Eigen::Vector3d& towards) const;
 
   /// Returns true for a mirror, whose BSDF is a delta function.

@@ -10,9 +10,10 @@ namespace sensor_rt {
 /// Orthonormal frame whose z axis is the surface normal.
 class TangentFrame {
  public:
-  explicit TangentFrame(const Eigen::Vector3d& normal) : z_(normal), x_(normal.unitOrthogonal()) {
-    y_ = z_.cross(x_);
-  }
+  explicit TangentFrame(const Eigen::Vector3d& normal) : TangentFrame(normal, normal.unitOrthogonal()) {}
+  /// `x`: unit, perpendicular to the normal.
+  TangentFrame(const Eigen::Vector3d& normal, const Eigen::Vector3d& x)
+      : z_(normal), x_(x), y_(normal.cross(x)) {}
   Eigen::Vector3d to_local(const Eigen::Vector3d& v) const { return {v.dot(x_), v.dot(y_), v.dot(z_)}; }
   Eigen::Vector3d to_world(const Eigen::Vector3d& v) const { return v.x() * x_ + v.y() * y_ + v.z() * z_; }
 

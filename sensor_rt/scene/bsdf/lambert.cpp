@@ -8,8 +8,9 @@ class Lambert : public Bsdf {
  public:
   explicit Lambert(const Material& material) : reflectance_(material.reflectance) {}
 
-  double pi_brdf(const Eigen::Vector3d& normal, const Eigen::Vector3d& a,
+  double pi_brdf(const SurfaceFrame& surface, const Eigen::Vector3d& a,
                  const Eigen::Vector3d& b) const override {
+    const Eigen::Vector3d& normal = surface.normal;
     return normal.dot(a) > 0.0 && normal.dot(b) > 0.0 ? reflectance_ : 0.0;
   }
   double albedo(double) const override { return reflectance_; }

@@ -30,8 +30,9 @@ double CosineTable::mean() const {
   return sum;
 }
 
-double MicrofacetBsdf::pi_brdf(const Eigen::Vector3d& normal, const Eigen::Vector3d& a,
+double MicrofacetBsdf::pi_brdf(const SurfaceFrame& surface, const Eigen::Vector3d& a,
                                const Eigen::Vector3d& b) const {
+  const Eigen::Vector3d& normal = surface.normal;
   const double cos_a = normal.dot(a);
   const double cos_b = normal.dot(b);
   if (!(cos_a > 0.0) || !(cos_b > 0.0)) return 0.0;
@@ -48,8 +49,9 @@ double MicrofacetBsdf::specular_share(double cosine) const {
   return std::clamp(single / std::max(single + rest, kTiny), 0.1, 0.99);
 }
 
-BsdfSample MicrofacetBsdf::sample(const Eigen::Vector3d& normal, const Eigen::Vector3d& from, double u0,
+BsdfSample MicrofacetBsdf::sample(const SurfaceFrame& surface, const Eigen::Vector3d& from, double u0,
                                   double u1, double u2) const {
+  const Eigen::Vector3d& normal = surface.normal;
   BsdfSample result;
   const double cosine = normal.dot(from);
   if (!(cosine > 0.0)) return result;
@@ -59,14 +61,15 @@ BsdfSample MicrofacetBsdf::sample(const Eigen::Vector3d& normal, const Eigen::Ve
   const Eigen::Vector3d out = u0 < share ? sample_ggx(local, alpha_, u1, u2) : sample_cosine(u1, u2);
   if (!(out.z() > 0.0)) return result;
   result.towards = frame.to_world(out);
-  result.pdf = pdf(normal, from, result.towards);
+  result.pdf = pdf(surface, from, result.towards);
   if (!(result.pdf > 0.0)) return result;
-  result.weight = pi_brdf(normal, from, result.towards) * (out.z() / M_PI) / result.pdf;
+  result.weight = pi_brdf(surface, from, result.towards) * (out.z() / M_PI) / result.pdf;
   return result;
 }
 
-double MicrofacetBsdf::pdf(const Eigen::Vector3d& normal, const Eigen::Vector3d& from,
+double MicrofacetBsdf::pdf(const SurfaceFrame& surface, const Eigen::Vector3d& from,
                            const Eigen::Vector3d& towards) const {
+  const Eigen::Vector3d& normal = surface.normal;
   const double cosine = normal.dot(from);
   const double out = normal.dot(towards);
   if (!(cosine > 0.0) || !(out > 0.0)) return 0.0;

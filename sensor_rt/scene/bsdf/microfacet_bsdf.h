@@ -31,11 +31,11 @@ class CosineTable {
 /// shading at Imageworks", 2017). Sampling mixes visible normals and cosines.
 class MicrofacetBsdf : public Bsdf {
  public:
-  double pi_brdf(const Eigen::Vector3d& normal, const Eigen::Vector3d& a,
+  double pi_brdf(const SurfaceFrame& surface, const Eigen::Vector3d& a,
                  const Eigen::Vector3d& b) const override;
-  BsdfSample sample(const Eigen::Vector3d& normal, const Eigen::Vector3d& from, double u0, double u1,
+  BsdfSample sample(const SurfaceFrame& surface, const Eigen::Vector3d& from, double u0, double u1,
                     double u2) const override;
-  double pdf(const Eigen::Vector3d& normal, const Eigen::Vector3d& from,
+  double pdf(const SurfaceFrame& surface, const Eigen::Vector3d& from,
              const Eigen::Vector3d& towards) const override;
 
  protected:

@@ -8,12 +8,13 @@ class Mirror : public Bsdf {
  public:
   explicit Mirror(const Material& material) : reflectance_(material.reflectance) {}
 
-  double pi_brdf(const Eigen::Vector3d&, const Eigen::Vector3d&, const Eigen::Vector3d&) const override {
+  double pi_brdf(const SurfaceFrame&, const Eigen::Vector3d&, const Eigen::Vector3d&) const override {
     return 0.0;
   }
   double albedo(double) const override { return reflectance_; }
-  BsdfSample sample(const Eigen::Vector3d& normal, const Eigen::Vector3d& from, double, double,
+  BsdfSample sample(const SurfaceFrame& surface, const Eigen::Vector3d& from, double, double,
                     double) const override {
+    const Eigen::Vector3d& normal = surface.normal;
     BsdfSample result;
     const double cosine = normal.dot(from);
     if (!(cosine > 0.0)) return result;
@@ -21,7 +22,7 @@ class Mirror : public Bsdf {
     result.weight = reflectance_;
     return result;
   }
-  double pdf(const Eigen::Vector3d&, const Eigen::Vector3d&, const Eigen::Vector3d&) const override {
+  double pdf(const SurfaceFrame&, const Eigen::Vector3d&, const Eigen::Vector3d&) const override {
     return 0.0;
   }
   bool is_specular() const override { return true; }

@@ -13,6 +13,7 @@ struct BsdfModel {
   const char* name;      ///< in descriptions
   double min_roughness;  ///< smallest valid roughness
   std::unique_ptr<const Bsdf> (*make)(const Material& material);
+  bool has_grooves = false;
 };
 
 template <typename Model>

@@ -22,8 +22,9 @@ class OrenNayar : public Bsdf {
     }
   }
 
-  double pi_brdf(const Eigen::Vector3d& normal, const Eigen::Vector3d& a,
+  double pi_brdf(const SurfaceFrame& surface, const Eigen::Vector3d& a,
                  const Eigen::Vector3d& b) const override {
+    const Eigen::Vector3d& normal = surface.normal;
     const double cos_a = normal.dot(a);
     const double cos_b = normal.dot(b);
     if (!(cos_a > 0.0) || !(cos_b > 0.0)) return 0.0;

@@ -13,21 +13,21 @@ class RetroReflective : public Bsdf {
       : reflectance_(material.reflectance),
         lobe_(make_bsdf({"rough_conductor", 1.0, material.roughness, material.refractive_index})) {}
 
-  double pi_brdf(const Eigen::Vector3d& normal, const Eigen::Vector3d& a,
+  double pi_brdf(const SurfaceFrame& surface, const Eigen::Vector3d& a,
                  const Eigen::Vector3d& b) const override {
-    return reflectance_ * lobe_->pi_brdf(normal, a, mirrored(normal, b));
+    return reflectance_ * lobe_->pi_brdf(surface, a, mirrored(surface.normal, b));
   }
   double albedo(double cosine) const override { return reflectance_ * lobe_->albedo(cosine); }
-  BsdfSample sample(const Eigen::Vector3d& normal, const Eigen::Vector3d& from, double u0, double u1,
+  BsdfSample sample(const SurfaceFrame& surface, const Eigen::Vector3d& from, double u0, double u1,
                     double u2) const override {
-    BsdfSample result = lobe_->sample(normal, from, u0, u1, u2);
-    result.towards = mirrored(normal, result.towards);
+    BsdfSample result = lobe_->sample(surface, from, u0, u1, u2);
+    result.towards = mirrored(surface.normal, result.towards);
     result.weight *= reflectance_;
     return result;
   }
-  double pdf(const Eigen::Vector3d& normal, const Eigen::Vector3d& from,
+  double pdf(const SurfaceFrame& surface, const Eigen::Vector3d& from,
              const Eigen::Vector3d& towards) const override {
-    return lobe_->pdf(normal, from, mirrored(normal, towards));
+    return lobe_->pdf(surface, from, mirrored(surface.normal, towards));
   }
   bool is_specular() const override { return lobe_->is_specular(); }
 

@@ -20,7 +20,7 @@ Rgb = tuple[int, int, int]
 _MOST_FACES = 150_000  # of a body on the screen; more only take longer to load
 _CREASE = np.radians(32.0)  # edges at which the surface bends by more are drawn sharp
 _INSET = 0.3e-3  # m by which the scanned part is drawn smaller, or it would hide half of its cloud
-_METALS = ("rough_conductor", "mirror")
+_METALS = ("rough_conductor", "grooved_conductor", "mirror")
 _PAINT, _METAL = np.array([1.0, 0.985, 0.95]), np.array([0.94, 0.97, 1.0])
 _DARKEST = 0.14  # displayed brightness; blacker surfaces would lose their shape
 
