@@ -201,7 +201,7 @@ TEST(SceneQuery, SurfacesDoNotOccludeThemselves) {
     alignas(64) int unoccluded[kLanes];
     for (int l = 0; l < kLanes; ++l) {
       ASSERT_EQ(hits.shape[l], 0);
-      const SurfacePoint at(scene, origin, direction, hits, l);
+      const SurfacePoint at(query, 0, origin, direction, hits, l);
       set_lane(segment, l, at.position);
       set_lane(above, l, at.above());
       set_lane(away, l, at.back + 0.99 * (at.normal.cross(at.back).cross(at.normal)));
