@@ -212,20 +212,21 @@ void FanCaster::project(std::size_t number, std::size_t p, View& view) const {
   camera_view_.occlude(0, view.direction, view.unoccluded);
 }
 
+SurfacePoint FanCaster::surface_point(const SceneQuery& query, std::size_t p, int l, const View& view) const {
+  const auto shape = static_cast<std::size_t>(hits_[p].shape[l]);
+  return {query.scene().shapes()[shape], query.track().shape_from_reference(shape, 0),
+          lane(hit_points_[p].point, l), lane(hit_points_[p].normal, l),
+          -lane(view.direction, l).normalized()};
+}
+
 double FanCaster::lamp_light(const SceneQuery& query, std::size_t p, const View& view) const {
   const Lamps lamps(query, geometry_.stripes->band_pass, geometry_.laser.wavelength);
   if (!lamps.any()) return 0.0;
   // Evaluated at one point per packet: lamps only contribute to the background here.
-  const HitPoints& hit_points = hit_points_[p];
   const auto unoccluded = [&](int l) { return view.unoccluded[l] != 0; };
   int l = kLanes / 2;
   for (int k = 0; k < kLanes && !unoccluded(l); ++k) l = (l + 1) % kLanes;
-  const Shape& shape = query.scene().shapes()[static_cast<std::size_t>(hits_[p].shape[l])];
-  const auto& from_reference =
-      query.track().shape_from_reference(static_cast<std::size_t>(hits_[p].shape[l]), 0);
-  const SurfacePoint at(shape, from_reference, lane(hit_points.point, l), lane(hit_points.normal, l),
-                        -lane(view.direction, l).normalized());
-  return lamps.brightness(at, *shape.surface, 0);
+  return lamps.brightness(surface_point(query, p, l, view), query.brdf(hits_[p].shape[l]), 0);
 }
 
 void FanCaster::measure_stripes(const SceneQuery& query, std::size_t number, std::size_t p, const View& view,
@@ -241,13 +242,9 @@ void FanCaster::measure_stripes(const SceneQuery& query, std::size_t number, std
     double direct = shape.reflectance;
     double even = shape.reflectance;
     if (!shape.surface->is_lambert()) {
-      const Eigen::Vector3d normal = lane(hit_points.normal, l);
-      const Eigen::Vector3d to_viewpoint = -lane(view.direction, l).normalized();
-      const auto& from_reference =
-          query.track().shape_from_reference(static_cast<std::size_t>(hits_[p].shape[l]), 0);
-      const SurfaceFrame surface = shape.frame(from_reference, lane(hit_points.point, l), normal);
-      direct = shape.surface->pi_brdf(surface, -lane(directions_[p], l), to_viewpoint);
-      even = shape.surface->albedo(normal.dot(to_viewpoint));
+      const SurfacePoint at = surface_point(query, p, l, view);
+      direct = shape.surface->pi_brdf(at.surface, -lane(directions_[p], l), at.back);
+      even = shape.surface->albedo(at.normal.dot(at.back));
     }
     const double electrons = seen.responsivity[l] * duration_;
     stripes.height_e[l] =

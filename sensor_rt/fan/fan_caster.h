@@ -103,6 +103,7 @@ class FanCaster {
   void measure_stripes(const SceneQuery& query, std::size_t camera, std::size_t p, const View& view,
                        Stripes& stripes) const;
   /// Returns the lamp light on the p-th packet, as irradiance on a white diffuse surface.
+  SurfacePoint surface_point(const SceneQuery& query, std::size_t p, int lane, const View& view) const;
   double lamp_light(const SceneQuery& query, std::size_t p, const View& view) const;
 
   FanGeometry geometry_;

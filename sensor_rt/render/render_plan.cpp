@@ -121,8 +121,8 @@ RenderPlan::RenderPlan(const RenderSettings& given)
   if (settings.speckle_contrast > 0.0) {
     speckle_tile = SpeckleTile::shared(settings.speckle_contrast);
     for (const Camera& camera : model.cameras) {
-      pixel_speckle.push_back(
-          speckle_tile->averaged(SpeckleTile::kPerGrain / camera.grain_px(model.laser.wavelength)));
+      const double pixel = SpeckleTile::kPerGrain / camera.grain_px(model.laser.wavelength);
+      pixel_speckle.push_back(SpeckleTile::shared(settings.speckle_contrast, pixel));
     }
   }
   sources =

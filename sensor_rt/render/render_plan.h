@@ -72,11 +72,11 @@ struct RenderPlan {
   std::vector<Eigen::Vector3d> lane_sources;
   /// Per camera: lens point of each sample: a single one, or padded to full packets.
   std::vector<std::vector<Eigen::Vector3d>> lane_viewpoints;
-  std::vector<Lanes3> sources;                      ///< source points per packet
-  std::vector<CameraSamples> samples;               ///< per camera
-  std::vector<Projector> projectors;                ///< per camera
-  std::shared_ptr<const SpeckleTile> speckle_tile;  ///< null: no speckle
-  std::vector<SpeckleTile> pixel_speckle;           ///< per camera: the tile averaged over a pixel
+  std::vector<Lanes3> sources;                                    ///< source points per packet
+  std::vector<CameraSamples> samples;                             ///< per camera
+  std::vector<Projector> projectors;                              ///< per camera
+  std::shared_ptr<const SpeckleTile> speckle_tile;                ///< null: no speckle
+  std::vector<std::shared_ptr<const SpeckleTile>> pixel_speckle;  ///< per camera: averaged over a pixel
   std::vector<StripeCamera> stripe_cameras;
   /// Points that the stripe averages over: a single one for a point source and lenses that need no sampling.
   std::vector<LatticePoint> stripe_lattice;

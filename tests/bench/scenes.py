@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,14 +37,19 @@ FAITHFUL_DETECTOR = (
 )
 
 
-def sensor_description(overrides: Sequence[str] = ()) -> dict[str, Any]:
-    """Resolved SI description of the default sensor."""
-    return sensor_json(load_setup(settings=overrides).sensor, seed=0)
+def sensor_description(overrides: Sequence[str] = (), sensor: Path | None = None) -> dict[str, Any]:
+    """Resolved SI description of a sensor; None: the default one."""
+    return sensor_json(load_setup(sensor=sensor, settings=overrides).sensor, seed=0)
 
 
-def make_sensor(overrides: Sequence[str] = ()) -> sensor_rt.Sensor:
-    """The default sensor with overrides like ``sensor.render.noise=false``."""
-    return sensor_rt.Sensor(json.dumps(sensor_description(overrides)))
+def make_sensor(overrides: Sequence[str] = (), sensor: Path | None = None) -> sensor_rt.Sensor:
+    """A sensor, None: the default one, with overrides like ``sensor.render.noise=false``."""
+    return sensor_rt.Sensor(json.dumps(sensor_description(overrides, sensor)))
+
+
+def both_cameras(*settings: str) -> tuple[str, ...]:
+    """Overrides that give both cameras of the default sensor these settings."""
+    return tuple(f"sensor.camera[{number}].{setting}" for number in (1, 2) for setting in settings)
 
 
 def bumpy_part(triangles: int) -> tuple[Array, Faces]:

@@ -12,7 +12,7 @@ import numpy as np
 from scancell import sensor as sensor_rt
 
 from .raw_embree import raw_times, turning_fans
-from .scenes import PART_TRIANGLES, bumpy_part, make_sensor, part_on_table, turning_exposures
+from .scenes import PART_TRIANGLES, both_cameras, bumpy_part, make_sensor, part_on_table, turning_exposures
 from .table import Row, processor_row
 from .timing import Timing, measure, scaled
 
@@ -67,8 +67,7 @@ def lens_rows() -> Iterator[Row]:
     scene = part_on_table(PART_TRIANGLES)
     pinhole = scaled(_ray_traced(scene, 2), 1e3 / FRAMES)
     for name, settings in LENSES.items():
-        overrides = tuple(f"sensor.camera[{number}].{setting}" for number in (1, 2) for setting in settings)
-        timing = scaled(_ray_traced(scene, 2, overrides=overrides), 1e3 / FRAMES)
+        timing = scaled(_ray_traced(scene, 2, overrides=both_cameras(*settings)), 1e3 / FRAMES)
         yield processor_row(f"lens, {name}", timing, "ms/pair", "pinholes", pinhole.processor, "at most", 1.25)
 
 

@@ -123,9 +123,8 @@ def test_grooves_follow_axis_and_circles() -> None:
         return Material(0.6, "grooved_conductor", 0.4, 1.0, 0.1, axis, centre).pi_brdf(a, b)
 
     straight = grooved((1.0, 0.0, 0.0))
-    np.testing.assert_allclose(
-        grooved((-2.0, 0.0, 5.0)), straight, rtol=1e-9
-    )  # length, sign and normal part do not count
+    # Length, sign and the part along the normal do not count.
+    np.testing.assert_allclose(grooved((-2.0, 0.0, 5.0)), straight, rtol=1e-9)
     np.testing.assert_allclose(grooved((0.0, 0.0, 1.0), (0.0, 0.2, -3.0)), straight, rtol=1e-9)
     assert abs(grooved((0.0, 1.0, 0.0)) / straight - 1).max() > 0.5
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
@@ -137,7 +136,7 @@ def test_grooves_follow_axis_and_circles() -> None:
 def test_grooved_plane_looks_alike_in_all_engines(
     grooves: tuple[tuple[float, float, float], tuple[float, float, float] | None],
 ) -> None:
-    """A turned plane; paths, the mesh of the lit surface and the geometric engine find the same grooves."""
+    """A tilted plane; paths, the mesh of the lit surface and the geometric engine find the same grooves."""
     metal = Material(0.6, "grooved_conductor", 0.5, 1.0, 0.2, *grooves)
     world_from_plane = pose((0.001, 0.002, 0.12), (0.1, np.radians(-12.0), 0.7))
     light = []

@@ -18,6 +18,7 @@ from scancell.files import atomic_write
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+Vector = Annotated[tuple[Finite, ...], Field(min_length=3, max_length=3)]
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 
 

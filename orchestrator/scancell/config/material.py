@@ -7,9 +7,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from scancell.config.description import Description, Finite, Fraction
+from scancell.config.description import Description, Fraction, Vector
 
-Vector = tuple[Finite, Finite, Finite]
 Model = Literal[
     "lambert", "oren_nayar", "rough_dielectric", "rough_conductor", "grooved_conductor", "mirror", "retro_reflective"
 ]

@@ -14,9 +14,8 @@ from scancell.config.description import (
     NonNegative,
     PoseDescription,
     Positive,
+    Vector,
 )
-
-Vector = Annotated[tuple[Finite, ...], Field(min_length=3, max_length=3)]
 
 MAX_JOINTS = 8  # of an arm
 

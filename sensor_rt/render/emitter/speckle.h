@@ -53,7 +53,7 @@ class Speckle {
   /// Returns the mean factor over the size of a pixel around an image point that shows a patch: light is
   /// taken as uniform within a pixel.
   float over_pixel(const Eigen::Vector2d& point, const Patch& patch) const {
-    const SpeckleTile& tile = plan_.pixel_speckle[camera_];
+    const SpeckleTile& tile = *plan_.pixel_speckle[camera_];
     const Eigen::Vector2d step = steps_per_pixel_ * point;
     const float first = tile.at(step + patch.from_pixel[0]);
     return patch.times == 1 ? first : 0.5f * (first + tile.at(step + patch.from_pixel[1]));

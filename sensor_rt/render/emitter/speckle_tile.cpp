@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <complex>
+#include <deque>
 #include <mutex>
 #include <numeric>
 #include <utility>
@@ -158,16 +159,27 @@ SpeckleTile SpeckleTile::averaged(double width) const {
   return tile;
 }
 
-std::shared_ptr<const SpeckleTile> SpeckleTile::shared(double contrast) {
+std::shared_ptr<const SpeckleTile> SpeckleTile::shared(double contrast, double width) {
+  using Key = std::pair<double, double>;
+  constexpr std::size_t kKept = 4;
   static std::mutex mutex;
-  static std::shared_ptr<const SpeckleTile> last;
-  static double of_contrast = -1.0;
+  static std::deque<std::pair<Key, std::shared_ptr<const SpeckleTile>>> kept;
+  const auto find = [&](const Key& key) -> std::shared_ptr<const SpeckleTile> {
+    for (const auto& [known, tile] : kept) {
+      if (known == key) return tile;
+    }
+    return nullptr;
+  };
+  const auto keep = [&](const Key& key, SpeckleTile tile) {
+    kept.emplace_front(key, std::make_shared<const SpeckleTile>(std::move(tile)));
+    if (kept.size() > kKept) kept.pop_back();
+    return kept.front().second;
+  };
   const std::lock_guard<std::mutex> lock(mutex);
-  if (contrast != of_contrast) {
-    last = std::make_shared<const SpeckleTile>(contrast);
-    of_contrast = contrast;
-  }
-  return last;
+  if (const auto tile = find({contrast, width})) return tile;
+  auto sharp = find({contrast, 0.0});
+  if (!sharp) sharp = keep({contrast, 0.0}, SpeckleTile(contrast));
+  return width == 0.0 ? sharp : keep({contrast, width}, sharp->averaged(width));
 }
 
 }  // namespace sensor_rt

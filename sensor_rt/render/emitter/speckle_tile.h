@@ -21,11 +21,9 @@ class SpeckleTile {
   /// `contrast`: 0..1. At most sixteen patterns are averaged; contrasts below 1/4 add a uniform background.
   explicit SpeckleTile(double contrast);
 
-  /// Returns the shared tile of this contrast; the last one is cached.
-  static std::shared_ptr<const SpeckleTile> shared(double contrast);
-
-  /// Returns the tile whose intensity at each point is the mean over a square of `width` steps around it.
-  SpeckleTile averaged(double width) const;
+  /// Returns the shared tile of this contrast, with the mean over a square of `width` steps (0: none) at each
+  /// point. The last ones are cached: every batch of exposures asks again.
+  static std::shared_ptr<const SpeckleTile> shared(double contrast, double width = 0.0);
 
   /// Returns the intensity at a point, interpolated between steps; coordinates, in steps, may be negative.
   float at(const Eigen::Vector2d& point) const {
@@ -46,6 +44,7 @@ class SpeckleTile {
 
  private:
   SpeckleTile() = default;
+  SpeckleTile averaged(double width) const;
 
   std::vector<float> steps_;
 };

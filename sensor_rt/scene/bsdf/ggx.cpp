@@ -37,14 +37,16 @@ double ggx_brdf(double cos_a, double cos_b, double cos_half, double alpha) {
   return 0.5 * ggx(cos_half, alpha2) / masking;
 }
 
-Eigen::Vector3d sample_ggx(const Eigen::Vector3d& from, double alpha, double u1, double u2) {
+Eigen::Vector3d sample_ggx(const Eigen::Vector3d& from, double alpha_x, double alpha_y, double u1,
+                           double u2) {
   const Eigen::Vector3d stretched =
-      Eigen::Vector3d(alpha * from.x(), alpha * from.y(), from.z()).normalized();
+      Eigen::Vector3d(alpha_x * from.x(), alpha_y * from.y(), from.z()).normalized();
   const double phi = 2.0 * M_PI * u1;
   const double z = (1.0 - u2) * (1.0 + stretched.z()) - stretched.z();
   const double radius = std::sqrt(std::clamp(1.0 - z * z, 0.0, 1.0));
   const Eigen::Vector3d half = stretched + Eigen::Vector3d(radius * std::cos(phi), radius * std::sin(phi), z);
-  const Eigen::Vector3d facet = Eigen::Vector3d(alpha * half.x(), alpha * half.y(), half.z()).normalized();
+  const Eigen::Vector3d facet =
+      Eigen::Vector3d(alpha_x * half.x(), alpha_y * half.y(), half.z()).normalized();
   return 2.0 * from.dot(facet) * facet - from;
 }
 

@@ -37,7 +37,8 @@ double ggx_brdf(double cos_a, double cos_b, double cos_half, double alpha);
 /// Returns a direction sampled by reflecting `from` on the distribution of visible normals (Dupuy & Benyoub,
 /// "Sampling visible GGX normals with spherical caps", 2023). z along the normal; the direction may lie below
 /// the surface.
-Eigen::Vector3d sample_ggx(const Eigen::Vector3d& from, double alpha, double u1, double u2);
+/// `alpha_x`, `alpha_y`: roughness along x and y.
+Eigen::Vector3d sample_ggx(const Eigen::Vector3d& from, double alpha_x, double alpha_y, double u1, double u2);
 
 /// Returns the pdf (1/sr) of sample_ggx.
 double ggx_pdf(const Eigen::Vector3d& from, const Eigen::Vector3d& towards, double alpha);
@@ -50,22 +51,31 @@ Eigen::Vector3d sample_cosine(double u1, double u2);
 double ggx_g2_over_g1(double cos_from, double cos_towards, double alpha);
 
 /// Returns the directional albedo of single scattering for a given Fresnel(cosine between direction and
-/// microfacet normal).
-template <typename Fresnel>
-double ggx_albedo(double cosine, double alpha, const Fresnel& fresnel) {
+/// microfacet normal), G2 / G1 by reflected direction, and roughness along x and y.
+template <typename G2OverG1, typename Fresnel>
+double ggx_albedo(const Eigen::Vector3d& from, double alpha_x, double alpha_y, const G2OverG1& g2_over_g1,
+                  const Fresnel& fresnel) {
   constexpr int kAcross = 48;
   constexpr int kAround = 48;
-  const Eigen::Vector3d from(std::sqrt(std::max(0.0, 1.0 - cosine * cosine)), 0.0, cosine);
   double sum = 0.0;
   for (int i = 0; i < kAround; ++i) {
     for (int j = 0; j < kAcross; ++j) {
-      const Eigen::Vector3d out = sample_ggx(from, alpha, (i + 0.5) / kAround, (j + 0.5) / kAcross);
+      const Eigen::Vector3d out =
+          sample_ggx(from, alpha_x, alpha_y, (i + 0.5) / kAround, (j + 0.5) / kAcross);
       if (!(out.z() > 0.0)) continue;
       const double facing = std::sqrt(std::max(0.0, 0.5 * (1.0 + from.dot(out))));
-      sum += fresnel(facing) * ggx_g2_over_g1(cosine, out.z(), alpha);
+      sum += fresnel(facing) * g2_over_g1(out);
     }
   }
   return sum / (kAround * kAcross);
+}
+
+/// Returns that of equal roughness in all directions.
+template <typename Fresnel>
+double ggx_albedo(double cosine, double alpha, const Fresnel& fresnel) {
+  const Eigen::Vector3d from(std::sqrt(std::max(0.0, 1.0 - cosine * cosine)), 0.0, cosine);
+  const auto unshadowed = [&](const Eigen::Vector3d& out) { return ggx_g2_over_g1(cosine, out.z(), alpha); };
+  return ggx_albedo(from, alpha, alpha, unshadowed, fresnel);
 }
 
 }  // namespace sensor_rt

@@ -29,37 +29,16 @@ struct GroovedGgx {
   double brdf(const Eigen::Vector3d& a, const Eigen::Vector3d& b) const {
     return 0.5 * density((a + b).normalized()) / (a.z() * root(b) + b.z() * root(a));
   }
-  /// Samples visible normals as sample_ggx.
-  Eigen::Vector3d sample(const Eigen::Vector3d& from, double u1, double u2) const {
-    const Eigen::Vector3d stretched =
-        Eigen::Vector3d(along * from.x(), across * from.y(), from.z()).normalized();
-    const double phi = 2.0 * M_PI * u1;
-    const double z = (1.0 - u2) * (1.0 + stretched.z()) - stretched.z();
-    const double radius = std::sqrt(std::clamp(1.0 - z * z, 0.0, 1.0));
-    const Eigen::Vector3d half =
-        stretched + Eigen::Vector3d(radius * std::cos(phi), radius * std::sin(phi), z);
-    const Eigen::Vector3d facet = Eigen::Vector3d(along * half.x(), across * half.y(), half.z()).normalized();
-    return 2.0 * from.dot(facet) * facet - from;
-  }
   double pdf(const Eigen::Vector3d& from, const Eigen::Vector3d& towards) const {
     return 0.5 * density((from + towards).normalized()) / (from.z() + root(from));
   }
-  /// Returns the albedo of single scattering for a Fresnel reflectance by cosine.
   template <typename Fresnel>
   double albedo(const Eigen::Vector3d& from, const Fresnel& fresnel) const {
-    constexpr int kSteps = 48;
-    double sum = 0.0;
-    for (int i = 0; i < kSteps; ++i) {
-      for (int j = 0; j < kSteps; ++j) {
-        const Eigen::Vector3d out = sample(from, (i + 0.5) / kSteps, (j + 0.5) / kSteps);
-        if (!(out.z() > 0.0)) continue;
-        const double facing = std::sqrt(std::max(0.0, 0.5 * (1.0 + from.dot(out))));
-        // G2 / G1
-        sum += fresnel(facing) * out.z() * (from.z() + root(from)) /
-               (from.z() * root(out) + out.z() * root(from));
-      }
-    }
-    return sum / (kSteps * kSteps);
+    const double root_from = root(from);
+    const auto unshadowed = [&](const Eigen::Vector3d& out) {
+      return out.z() * (from.z() + root_from) / (from.z() * root(out) + out.z() * root_from);
+    };
+    return ggx_albedo(from, along, across, unshadowed, fresnel);
   }
 };
 
@@ -80,10 +59,9 @@ class DirectionTable {
 
   double at(const Eigen::Vector3d& w) const {
     const double tangential = w.x() * w.x() + w.y() * w.y();
-    const double position = tangential > 0.0 ? w.x() * w.x() / tangential * (kNodes - 1) : 0.0;
-    const auto before = static_cast<std::size_t>(std::min(position, kNodes - 2.0));
-    const double fraction = position - static_cast<double>(before);
-    return (1.0 - fraction) * by_share_[before].at(w.z()) + fraction * by_share_[before + 1].at(w.z());
+    const Position at = position(tangential > 0.0 ? w.x() * w.x() / tangential : 0.0);
+    return (1.0 - at.fraction) * by_share_[at.before].at(w.z()) +
+           at.fraction * by_share_[at.before + 1].at(w.z());
   }
   /// Returns the mean over the azimuth.
   double at(double cosine) const {
@@ -97,6 +75,18 @@ class DirectionTable {
  private:
   static constexpr int kNodes = 5;
 
+  /// Between two nodes.
+  struct Position {
+    std::size_t before;
+    double fraction;
+  };
+
+  static Position position(double share) {
+    const double node = share * (kNodes - 1);
+    const auto before = static_cast<std::size_t>(std::min(node, kNodes - 2.0));
+    return {before, node - static_cast<double>(before)};
+  }
+
   template <typename Value>
   double over_azimuth(const Value& value) const {
     constexpr int kSteps = 64;
@@ -105,10 +95,8 @@ class DirectionTable {
     double sum = 0.0;
     for (int i = 0; i < kSteps; ++i) {
       const double c = std::cos(0.5 * M_PI * (i + 0.5) / kSteps);
-      const double position = c * c * (kNodes - 1);
-      const auto before = static_cast<std::size_t>(std::min(position, kNodes - 2.0));
-      const double fraction = position - static_cast<double>(before);
-      sum += (1.0 - fraction) * nodes[before] + fraction * nodes[before + 1];
+      const Position at = position(c * c);
+      sum += (1.0 - at.fraction) * nodes[at.before] + at.fraction * nodes[at.before + 1];
     }
     return sum / kSteps;
   }
@@ -128,14 +116,8 @@ class GroovedConductor : public Bsdf {
         coloured_([this](const Eigen::Vector3d& from) {
           return lobe_.albedo(from, [this](double facing) { return schlick_fresnel(facing, reflectance_); });
         }),
-        mean_single_(single_.mean()) {
-    constexpr double kTiny = 1e-9;
-    const double lost = 1.0 - mean_single_;
-    if (lost > kTiny) {
-      const double mean_fresnel = reflectance_ + (1.0 - reflectance_) / 21.0;
-      rest_ = mean_fresnel * mean_fresnel * mean_single_ / (1.0 - mean_fresnel * lost) / lost;
-    }
-  }
+        mean_single_(single_.mean()),
+        rest_(conductor_rest(reflectance_, mean_single_)) {}
 
   double pi_brdf(const SurfaceFrame& surface, const Eigen::Vector3d& a,
                  const Eigen::Vector3d& b) const override {
@@ -154,7 +136,9 @@ class GroovedConductor : public Bsdf {
     const TangentFrame frame = tangent_frame(surface);
     const Eigen::Vector3d local = frame.to_local(from);
     if (!(local.z() > 0.0)) return result;
-    const Eigen::Vector3d out = u0 < lobe_share(local) ? lobe_.sample(local, u1, u2) : sample_cosine(u1, u2);
+    const Eigen::Vector3d out = u0 < share_of_lobe(local)
+                                    ? sample_ggx(local, lobe_.along, lobe_.across, u1, u2)
+                                    : sample_cosine(u1, u2);
     if (!(out.z() > 0.0)) return result;
     result.towards = frame.to_world(out);
     result.pdf = local_pdf(local, out);
@@ -181,15 +165,12 @@ class GroovedConductor : public Bsdf {
     return rest_ * (1.0 - single_.at(a)) * (1.0 - single_.at(b)) +
            M_PI * lobe_.brdf(a, b) * schlick_fresnel(facing, reflectance_);
   }
-  /// Returns the probability of sampling the lobe.
-  double lobe_share(const Eigen::Vector3d& from) const {
-    constexpr double kTiny = 1e-9;
+  double share_of_lobe(const Eigen::Vector3d& from) const {
     const double single = single_.at(from);
-    const double rest = rest_ * (1.0 - single) * (1.0 - mean_single_);
-    return std::clamp(single / std::max(single + rest, kTiny), 0.1, 0.99);
+    return lobe_share(single, rest_ * (1.0 - single) * (1.0 - mean_single_));
   }
   double local_pdf(const Eigen::Vector3d& from, const Eigen::Vector3d& out) const {
-    const double share = lobe_share(from);
+    const double share = share_of_lobe(from);
     return share * lobe_.pdf(from, out) + (1.0 - share) * out.z() / M_PI;
   }
 
@@ -198,7 +179,7 @@ class GroovedConductor : public Bsdf {
   DirectionTable single_;    ///< albedo of single scattering on a perfect reflector
   DirectionTable coloured_;  ///< the same with Fresnel
   double mean_single_;
-  double rest_ = 0.0;
+  double rest_;
 };
 
 }  // namespace

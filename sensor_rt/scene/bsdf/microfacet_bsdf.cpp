@@ -30,6 +30,19 @@ double CosineTable::mean() const {
   return sum;
 }
 
+double lobe_share(double single, double rest) {
+  constexpr double kTiny = 1e-9;
+  return std::clamp(single / std::max(single + rest, kTiny), 0.1, 0.99);
+}
+
+double conductor_rest(double reflectance, double mean_single) {
+  constexpr double kTiny = 1e-9;
+  const double lost = 1.0 - mean_single;
+  if (!(lost > kTiny)) return 0.0;
+  const double mean_fresnel = reflectance + (1.0 - reflectance) / 21.0;  // over the bounces
+  return mean_fresnel * mean_fresnel * mean_single / (1.0 - mean_fresnel * lost) / lost;
+}
+
 double MicrofacetBsdf::pi_brdf(const SurfaceFrame& surface, const Eigen::Vector3d& a,
                                const Eigen::Vector3d& b) const {
   const Eigen::Vector3d& normal = surface.normal;
@@ -41,12 +54,9 @@ double MicrofacetBsdf::pi_brdf(const SurfaceFrame& surface, const Eigen::Vector3
          M_PI * ggx_brdf(cos_a, cos_b, normal.dot(half), alpha_) * fresnel(half.dot(a));
 }
 
-/// Returns the probability of sampling the lobe: its share of the reflected light, within limits.
 double MicrofacetBsdf::specular_share(double cosine) const {
-  constexpr double kTiny = 1e-9;
   const double single = single_.at(cosine);
-  const double rest = rest_ * (1.0 - single) * (1.0 - mean_single_);
-  return std::clamp(single / std::max(single + rest, kTiny), 0.1, 0.99);
+  return lobe_share(single, rest_ * (1.0 - single) * (1.0 - mean_single_));
 }
 
 BsdfSample MicrofacetBsdf::sample(const SurfaceFrame& surface, const Eigen::Vector3d& from, double u0,
@@ -58,7 +68,7 @@ BsdfSample MicrofacetBsdf::sample(const SurfaceFrame& surface, const Eigen::Vect
   const TangentFrame frame(normal);
   const double share = specular_share(cosine);
   const Eigen::Vector3d local = frame.to_local(from);
-  const Eigen::Vector3d out = u0 < share ? sample_ggx(local, alpha_, u1, u2) : sample_cosine(u1, u2);
+  const Eigen::Vector3d out = u0 < share ? sample_ggx(local, alpha_, alpha_, u1, u2) : sample_cosine(u1, u2);
   if (!(out.z() > 0.0)) return result;
   result.towards = frame.to_world(out);
   result.pdf = pdf(surface, from, result.towards);

@@ -25,6 +25,14 @@ class CosineTable {
   std::vector<double> nodes_;
 };
 
+/// Returns the probability of sampling the lobe: its share of the reflected light, within limits. `single`:
+/// its albedo; `rest`: that of all else.
+double lobe_share(double single, double rest);
+
+/// Returns the factor of the light that single scattering by a conductor loses, see MicrofacetBsdf.
+/// `reflectance`: at normal incidence; `mean_single`: mean albedo of single scattering without Fresnel.
+double conductor_rest(double reflectance, double mean_single);
+
 /// Single scattering by GGX microfacets plus a diffuse rest that is coupled to it: rest * (1 - A(a)) (1 -
 /// A(b)) with the albedo A of single scattering. The rest is the diffuse base under a coat (Kelemen &
 /// Szirmay-Kalos 2001) or the energy lost by single scattering (Kulla & Conty, "Revisiting physically based

@@ -16,12 +16,7 @@ class RoughConductor : public MicrofacetBsdf {
     coloured_ = CosineTable([this](double cosine) {
       return ggx_albedo(cosine, alpha_, [this](double facing) { return RoughConductor::fresnel(facing); });
     });
-    constexpr double kTiny = 1e-9;
-    const double lost = 1.0 - mean_single_;
-    if (lost > kTiny) {
-      const double mean_fresnel = reflectance_ + (1.0 - reflectance_) / 21.0;
-      rest_ = mean_fresnel * mean_fresnel * mean_single_ / (1.0 - mean_fresnel * lost) / lost;
-    }
+    rest_ = conductor_rest(reflectance_, mean_single_);
   }
 
   double albedo(double cosine) const override {
