@@ -179,6 +179,18 @@ def test_cells_with_errors_of_the_calibration_scatter_as_stated(tmp_path: Path, 
     assert scatter == pytest.approx(stated, abs=1e-3 * np.trace(stated))
 
 
+def test_covariances_of_cell_and_sensor_add_up(tmp_path: Path) -> None:
+    points, columns = moving_points()
+    table = table_of(tmp_path / "points.csv", points, np.full(len(points), 1e-6), **columns)
+    cell = {"deviations": [{"name": "tool.z"}], "covariance_si": [[4e-10]]}
+    sensor = {"parameters": [{"name": "sensor.laser.turn_y_deg"}], "covariance": [[1e-4]]}
+    found = []
+    for content in (cell, sensor, cell | sensor):
+        (tmp_path / "calibration.json").write_text(json.dumps(content))
+        found.append(scancell.reconstruct(table, calibration=tmp_path).systematic_covariance)
+    assert found[2] == pytest.approx(found[0] + found[1], rel=1e-12, abs=0.0)
+
+
 def test_covariance_file_holds_both_parts(tmp_path: Path) -> None:
     points, columns = moving_points()
     table = table_of(tmp_path / "points.csv", points, np.full(len(points), 1e-6), **columns)

@@ -26,14 +26,14 @@ class FoundByCalibration:
     """Files with the calibrated cell and sensor, pose (4, 4) of the sensor on the flange, quarter turns of images.
 
     None where the calibration did not find it. The pose is that of a calibration by images of a board; that of a cell
-    is in its `cell`. `uncertainty` is that of a cell's deviations or a sensor's keys.
+    is in its `cell`. `uncertainty` holds those of a cell's deviations and of a sensor's keys, where they are stated.
     """
 
     cell: Path | None
     sensor: Path | None
     flange_from_sensor: NDArray[np.float64] | None
     quarter_turns: int = 0
-    uncertainty: ValueCovariance | None = None
+    uncertainty: tuple[ValueCovariance, ...] = ()
 
 
 def read_calibration(folder: Path) -> FoundByCalibration:
@@ -64,8 +64,9 @@ def read_calibration(folder: Path) -> FoundByCalibration:
     )
 
 
-def _uncertainty(found: dict[str, Any], file: Path) -> ValueCovariance | None:
-    """Covariance of the values, None where there is none, or where it is that of a board's calibration."""
+def _uncertainty(found: dict[str, Any], file: Path) -> tuple[ValueCovariance, ...]:
+    """Covariances of deviations of the cell and of keys of the sensor; that of a board's calibration is neither."""
+    stated = []
     for rows, key, of_sensor in (("deviations", "covariance_si", False), ("parameters", "covariance", True)):
         if rows not in found or key not in found:
             continue
@@ -86,8 +87,8 @@ def _uncertainty(found: dict[str, Any], file: Path) -> ValueCovariance | None:
         if not of_sensor:
             _require_deviations(names, file)
         kept = [row for row, name in enumerate(names) if name != RADIUS_OFFSET]  # belongs to the target
-        return ValueCovariance(tuple(names[row] for row in kept), matrix[np.ix_(kept, kept)], of_sensor)
-    return None
+        stated.append(ValueCovariance(tuple(names[row] for row in kept), matrix[np.ix_(kept, kept)], of_sensor))
+    return tuple(stated)
 
 
 def _require_deviations(names: tuple[str, ...], file: Path) -> None:

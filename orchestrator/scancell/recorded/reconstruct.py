@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -140,7 +140,7 @@ def reconstruct_measurements(
     latency: float | LatencyWord | None,
     keep_all: bool,
     threads: int,
-    uncertainty: ValueCovariance | None = None,
+    uncertainty: Sequence[ValueCovariance] = (),
 ) -> ReconstructedData:
     """The cloud of measurements; with a part, points on the table and on its neighbours are removed as in a scan.
 
@@ -154,7 +154,7 @@ def reconstruct_measurements(
     keep_all
         Whether points that are not the part's stay.
     uncertainty
-        Of calibrated values.
+        Of calibrated values; those of different calibrations are independent.
     """
     measured_cell = MeasuredCell.of(setup, part)
     cell = measured_cell.cell
@@ -190,7 +190,8 @@ def reconstruct_measurements(
     empty = len(found.index) - len(np.unique(found.profiles.frame))
     if empty:
         warnings.append(f"{empty} of {len(found.index)} exposures give no point")
-    systematic = None if uncertainty is None else _systematic(uncertainty, found, setup, measured_cell, readings, made)
+    parts = [_systematic(one, found, setup, measured_cell, readings, made) for one in uncertainty]
+    systematic = np.sum(parts, axis=0) if parts else None
     return ReconstructedData(found, measured_cell, readings, delay, made, covariance, systematic, tuple(warnings))
 
 

@@ -42,13 +42,13 @@ class ReconstructRequest:
 
 def calibrated_setup(
     cell: Cell, sensor: Sensor, calibration: Path | None, settings: list[str]
-) -> tuple[Setup, int, ValueCovariance | None, list[Path]]:
+) -> tuple[Setup, int, tuple[ValueCovariance, ...], list[Path]]:
     """Descriptions with what a calibration has found, quarter turns, uncertainty, and the files that were read.
 
     Raises `DescriptionError` if a file is wrong, or cell or sensor are given and calibrated.
     """
     if calibration is None:
-        return load_setup(cell, sensor, None, settings), 0, None, _files(cell, sensor)
+        return load_setup(cell, sensor, None, settings), 0, (), _files(cell, sensor)
     found = read_calibration(calibration)
     for key, given, own in (("cell", cell, found.cell), ("sensor", sensor, found.sensor)):
         if given is not None and own is not None:
