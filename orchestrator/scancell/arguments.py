@@ -57,7 +57,8 @@ class Shape:
 
     def __str__(self) -> str:
         lengths = ", ".join("n" if length is None else str(length) for length in self.lengths)
-        kind = "integers" if self.dtype is int else "finite numbers" if self.finite else "numbers"
+        kinds = {int: "integers", bool: "booleans"}
+        kind = kinds.get(self.dtype, "finite numbers" if self.finite else "numbers")
         return f"{kind} of shape ({lengths}{',' if len(self.lengths) == 1 else ''}){self.within}"
 
     def converted(self, value: Any) -> NDArray[Any]:
@@ -66,7 +67,7 @@ class Shape:
             array = np.asarray(value)
         except (TypeError, ValueError):  # rows of several lengths
             raise _RefusedError from None
-        if array.dtype.kind not in ("iu" if self.dtype is int else "iuf") and array.size:
+        if array.dtype.kind not in {int: "iu", bool: "b"}.get(self.dtype, "iuf") and array.size:
             raise _RefusedError
         if array.ndim != len(self.lengths) or any(
             wanted not in (None, length) for wanted, length in zip(self.lengths, array.shape, strict=True)

@@ -63,4 +63,5 @@ def cloud_of(points: np.ndarray, **columns: np.ndarray) -> Cloud:
     n, ones, zeros = len(points), np.ones(len(points)), np.zeros(len(points), np.int32)
     given = {"normals": np.tile([0.0, 0.0, 1.0], (n, 1)), "sigma": ones, "intensity": ones, "quality": ones}
     counts = {"camera": zeros, "column": zeros, "profile": zeros.astype(np.int64), "segment": zeros + 1}
-    return Cloud(points, **{**given, **counts, "time": ones, **columns})
+    flags = {"saturated": np.zeros(n, bool)}
+    return Cloud(points, **{**given, **counts, "time": ones, **flags, **columns})

@@ -15,8 +15,9 @@ from scancell.errors import DescriptionError, MeshError, OutputError
 from scancell.files import atomic_write
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import FORMATS, parse_formats, read_ply, write_cloud, write_ply
+from scancell.reconstruction.cloud_files.record import WITHOUT_SATURATED, record_of
 
-SAME = ("intensity", "quality", "camera", "column", "segment", "profile")
+SAME = ("intensity", "quality", "camera", "column", "segment", "profile", "saturated")
 
 
 def make_cloud(n: int = 500) -> Cloud:
@@ -33,6 +34,7 @@ def make_cloud(n: int = 500) -> Cloud:
         profile=np.sort(rng.integers(1, 1300, n)),
         segment=rng.integers(1, 9, n).astype(np.int32),
         time=np.sort(rng.uniform(0, 100, n)),
+        saturated=rng.uniform(size=n) < 0.3,
     )
 
 
@@ -78,7 +80,7 @@ def test_laz_with_laspy(tmp_path: Path) -> None:
     assert back.sigma == pytest.approx(cloud.sigma * 1e3, rel=1e-6)
     assert np.stack([back.nx, back.ny, back.nz], -1) == pytest.approx(cloud.normals, rel=1e-6)
     assert back.quality == pytest.approx(cloud.quality, rel=1e-6)
-    for name in ("camera", "column", "segment", "profile"):
+    for name in ("camera", "column", "segment", "profile", "saturated"):
         assert np.array_equal(back[name], getattr(cloud, name))
 
 
@@ -109,8 +111,8 @@ def test_e57_with_pye57(tmp_path: Path) -> None:
     assert np.array_equal(data["timeStamp"], cloud.time)
     for i, axis in enumerate("XYZ"):
         assert data[f"nor:normal{axis}"] == pytest.approx(cloud.normals[:, i], rel=1e-6)
-    for name in ("sigma", "quality", "camera", "segment", "profile"):
-        assert data[f"scancell:{name}"] == pytest.approx(getattr(cloud, name), rel=1e-6)
+    for name in ("sigma", "quality", "camera", "segment", "profile", "saturated"):
+        assert data[f"scancell:{name}"] == pytest.approx(getattr(cloud, name).astype(float), rel=1e-6)
     assert data["intensity"] == pytest.approx(cloud.intensity, rel=1e-6)
 
 
@@ -138,7 +140,7 @@ def test_xyz_table(tmp_path: Path) -> None:
     assert table["sigma"] == pytest.approx(cloud.sigma * 1e3, rel=1e-6)
     assert table["time"] == pytest.approx(cloud.time, abs=0.51e-9)
     for name in SAME:
-        assert table[name] == pytest.approx(getattr(cloud, name), rel=1e-6)
+        assert table[name] == pytest.approx(getattr(cloud, name).astype(float), rel=1e-6)
 
 
 def test_pcd_fields(tmp_path: Path) -> None:
@@ -154,7 +156,7 @@ def test_pcd_fields(tmp_path: Path) -> None:
         assert np.abs(table[axis] - cloud.points_in_part[:, i] * 1e3).max() < 8e-6
         assert table[f"normal_{axis}"] == pytest.approx(cloud.normals[:, i], rel=1e-6)
     for name in SAME:
-        assert table[name] == pytest.approx(getattr(cloud, name), rel=1e-6)
+        assert table[name] == pytest.approx(getattr(cloud, name).astype(float), rel=1e-6)
     assert np.array_equal(table["time"], cloud.time)
 
 
@@ -187,10 +189,32 @@ def test_round_trip(tmp_path: Path) -> None:
     back = read_ply(tmp_path / "cloud.ply")
     assert np.abs(back.points_in_part - cloud.points_in_part).max() < 1e-14  # double precision, 10 m from the origin
     assert np.array_equal(back.time, cloud.time)
-    for name in ("camera", "profile", "segment"):
+    for name in ("camera", "profile", "segment", "saturated"):
         assert np.array_equal(getattr(back, name), getattr(cloud, name))
     for name in ("normals", "sigma", "intensity", "quality"):
         assert getattr(back, name) == pytest.approx(getattr(cloud, name), rel=1e-6)
+
+
+def test_files_without_saturated_points_are_read(tmp_path: Path) -> None:
+    """Files of earlier versions lack the last field."""
+    cloud = make_cloud()
+    record = record_of(cloud)
+    write_ply(tmp_path / "cloud.ply", cloud)
+    head, mark, _ = (tmp_path / "cloud.ply").read_bytes().partition(b"end_header\n")
+    older = np.empty(len(record), WITHOUT_SATURATED)
+    for name in WITHOUT_SATURATED.names or ():
+        older[name] = record[name]
+    head = head.replace(b"property uchar saturated\n", b"")
+    (tmp_path / "older.ply").write_bytes(head + mark + older.tobytes())
+    write_cloud(tmp_path / "cloud.npz", cloud)
+    with np.load(tmp_path / "cloud.npz") as archive:
+        np.savez(tmp_path / "older.npz", **{name: archive[name] for name in archive if name != "saturated"})
+    for suffix in ("ply", "npz"):
+        new, back = Cloud.load(tmp_path / f"cloud.{suffix}"), Cloud.load(tmp_path / f"older.{suffix}")
+        assert new.saturated.any() and not back.saturated.any()
+        for field in fields(Cloud):
+            if field.name != "saturated":
+                assert np.array_equal(getattr(back, field.name), getattr(new, field.name))
 
 
 def test_trimesh_reads_millimetres(tmp_path: Path) -> None:

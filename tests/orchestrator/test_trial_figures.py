@@ -26,6 +26,7 @@ def cloud(points: np.ndarray) -> Cloud:
         profile=integers,
         segment=integers,
         time=np.zeros(n),
+        saturated=np.zeros(n, bool),
     )
 
 

@@ -19,7 +19,7 @@ from scancell.output.run_folder import RunFolder, RunReport, run_into
 from scancell.output.tables import write_csv
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import write_ply
-from scancell.reconstruction.reconstruct import quality_of
+from scancell.reconstruction.reconstruct import is_saturated, quality_of
 from scancell.scanning.sense import make_sensor
 from scancell.stopwatch import Stopwatch
 
@@ -243,6 +243,7 @@ def _cloud(profiles: Mapping[str, NDArray[Any]]) -> Cloud:
         profile=profiles["frame"],
         segment=np.zeros(len(sigma), np.int32),
         time=np.zeros(len(sigma)),
+        saturated=is_saturated(profiles["flags"]),
     )
 
 

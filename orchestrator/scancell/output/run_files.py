@@ -145,10 +145,10 @@ def write_profiles(
             writer.close()
 
 
-def covariance_columns(covariance: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Columns ``covariance_xx_mm2`` … of covariances (m, 3, 3), m²."""
+def covariance_columns(covariance: NDArray[np.float64], name: str = "covariance") -> dict[str, NDArray[np.float64]]:
+    """Columns ``covariance_xx_mm2`` … of covariances (m, 3, 3), m²; `name` is their first word."""
     pairs = [(i, j) for i in range(3) for j in range(i, 3)]
-    return {f"covariance_{'xyz'[i]}{'xyz'[j]}_mm2": np.ascontiguousarray(1e6 * covariance[:, i, j]) for i, j in pairs}
+    return {f"{name}_{'xyz'[i]}{'xyz'[j]}_mm2": np.ascontiguousarray(1e6 * covariance[:, i, j]) for i, j in pairs}
 
 
 def write_json(path: Path, content: Any) -> None:

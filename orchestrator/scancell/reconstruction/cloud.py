@@ -17,7 +17,7 @@ from scancell.values import Value
 Array = NDArray[np.float64]
 
 _VECTORS = Shape((None, 3), finite=False)
-_NUMBERS, _INTEGERS = Shape((None,), finite=False), Shape((None,), int)
+_NUMBERS, _INTEGERS, _BOOLEANS = Shape((None,), finite=False), Shape((None,), int), Shape((None,), bool)
 
 
 @checked_fields
@@ -41,11 +41,13 @@ class Cloud(Value):
         (n,) image column, px; the nearest one for points at a fractional column.
     profile, segment, time
         (n,) index, segment and mid-exposure time (s) of the trigger.
+    saturated
+        (n,) whether the stripe was saturated, so that its centre is that of its flanks; see `docs/light.md`.
 
     Examples
     --------
     >>> cloud = scancell.scan("part.stl", engine="geometric", settings={"scan.max_profiles": 40}).cloud
-    >>> sure = cloud[cloud.sigma < 2e-6]
+    >>> sure = cloud[(cloud.sigma < 2e-6) & ~cloud.saturated]
     >>> path = sure.save("cloud.npz")
     >>> len(scancell.Cloud.load(path)) == len(sure)
     True
@@ -61,6 +63,7 @@ class Cloud(Value):
     profile: Annotated[NDArray[np.int32], _INTEGERS]
     segment: Annotated[NDArray[np.int32], _INTEGERS]
     time: Annotated[Array, _NUMBERS]
+    saturated: Annotated[NDArray[np.bool_], _BOOLEANS]
 
     def __post_init__(self) -> None:
         """Refuse columns of different lengths.
@@ -114,7 +117,8 @@ class Cloud(Value):
     def load(path: str | Path) -> Cloud:
         """The cloud of the PLY or NPZ file `path` that `save` or a scan has written.
 
-        Files hold mm, so positions may differ in the last digit; PLY rounds all values but positions and times.
+        Files hold mm, so positions may differ in the last digit; PLY rounds all values but positions and times. In
+        files of earlier versions no point is marked as saturated.
 
         Raises
         ------

@@ -17,7 +17,7 @@ from scancell.geometry import pose
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.footprint import Footprint
 from scancell.reconstruction.foreign import TOLERANCE, Neighbours, foreign_points
-from scancell.sensor import estimate_normals
+from scancell.sensor import PEAK_FLAGS, estimate_normals
 from scancell.values import Value
 
 Array = NDArray[np.float64]
@@ -310,6 +310,7 @@ def reconstruct_points(
         profile=np.asarray(triggers.index, np.int32)[frame],
         segment=segment[frame],
         time=np.asarray(triggers.time, float)[frame],
+        saturated=is_saturated(np.asarray(profiles.flags)[kept]),
     )
     return Reconstructed(cloud, dropped, kept, poses)
 
@@ -385,6 +386,11 @@ def _rolling_points_in_part(
             rows = np.flatnonzero(before + side == node)
             at_nodes[side, rows] = points_in_part(points_in_sensor[rows], frame[rows], poses)
     return np.asarray((1.0 - fraction) * at_nodes[0] + fraction * at_nodes[1])
+
+
+def is_saturated(flags: NDArray[Any]) -> NDArray[np.bool_]:
+    """Whether the peaks of points are saturated (m,), by their flags (m,)."""
+    return np.asarray((np.asarray(flags) & PEAK_FLAGS["saturated"]) != 0)
 
 
 def quality_of(sigma: NDArray[np.floating[Any]], flags: NDArray[Any]) -> NDArray[np.floating[Any]]:

@@ -10,10 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.calibration.sensor.parameters import RADIUS_OFFSET
 from scancell.config.cell import CellDescription
-from scancell.config.estimated import EstimatedToolDescription
+from scancell.config.estimated import EstimatedDescription, EstimatedToolDescription
+from scancell.config.robot import MAX_JOINTS
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
+from scancell.recorded.uncertainty import ValueCovariance
 
 _DIGITS = 12  # of mm and deg
 
@@ -23,13 +26,14 @@ class FoundByCalibration:
     """Files with the calibrated cell and sensor, pose (4, 4) of the sensor on the flange, quarter turns of images.
 
     None where the calibration did not find it. The pose is that of a calibration by images of a board; that of a cell
-    is in its `cell`.
+    is in its `cell`. `uncertainty` holds those of a cell's deviations and of a sensor's keys, where they are stated.
     """
 
     cell: Path | None
     sensor: Path | None
     flange_from_sensor: NDArray[np.float64] | None
     quarter_turns: int = 0
+    uncertainty: tuple[ValueCovariance, ...] = ()
 
 
 def read_calibration(folder: Path) -> FoundByCalibration:
@@ -56,7 +60,42 @@ def read_calibration(folder: Path) -> FoundByCalibration:
         sensor if sensor.is_file() else None,
         _pose(found.get("flange_from_sensor_m"), file) if by_images else None,
         int(turns),
+        _uncertainty(found, file),
     )
+
+
+def _uncertainty(found: dict[str, Any], file: Path) -> tuple[ValueCovariance, ...]:
+    """Covariances of deviations of the cell and of keys of the sensor; that of a board's calibration is neither."""
+    stated = []
+    for rows, key, of_sensor in (("deviations", "covariance_si", False), ("parameters", "covariance", True)):
+        if rows not in found or key not in found:
+            continue
+        try:
+            names = tuple(str(row["name"]) for row in found[rows])
+            matrix = np.asarray(found[key], float)
+        except (KeyError, TypeError, ValueError):
+            raise DescriptionError(file=file, key=key, value=found[key], expected="numbers, and names") from None
+        is_covariance = (
+            matrix.shape == (len(names), len(names))
+            and np.isfinite(matrix).all()
+            and np.allclose(matrix, matrix.T, rtol=1e-6, atol=0.0)
+            and bool((np.diag(matrix) >= 0.0).all())
+        )
+        if not is_covariance:
+            expected = f"a covariance, {len(names)} x {len(names)}, one row for each of {rows}"
+            raise DescriptionError(file=file, key=key, value=f"an array {matrix.shape}", expected=expected)
+        if not of_sensor:
+            _require_deviations(names, file)
+        kept = [row for row, name in enumerate(names) if name != RADIUS_OFFSET]  # belongs to the target
+        stated.append(ValueCovariance(tuple(names[row] for row in kept), matrix[np.ix_(kept, kept)], of_sensor))
+    return tuple(stated)
+
+
+def _require_deviations(names: tuple[str, ...], file: Path) -> None:
+    try:
+        EstimatedDescription.of(dict.fromkeys(names, 0.0), MAX_JOINTS)
+    except DescriptionError as error:
+        raise DescriptionError(str(error), file=file, key="deviations") from None
 
 
 def _pose(values: Any, file: Path) -> NDArray[np.float64]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.calibration.cell.kinematics import AxisReadings
+from scancell.calibration.cell.kinematics import LATENCY, AxisReadings
 from scancell.calibration.cell.request import start_of
 from scancell.cell.recording import TriggerRecords
 from scancell.config.choices import LatencyWord
@@ -30,6 +31,7 @@ from scancell.reconstruction.reconstruct import (
 from scancell.recorded.checks import check_exposures, check_readings
 from scancell.recorded.latency import Latency, estimate_latency
 from scancell.recorded.measurements import Measurements
+from scancell.recorded.uncertainty import ValueCovariance, by_poses, by_sensor, propagated
 from scancell.scanning.pipeline import envelope_of
 
 Array = NDArray[np.float64]
@@ -58,13 +60,16 @@ class MeasuredCell:
 
         Raises `ScancellError` if the part or another body cannot be used.
         """
-        nominal = nominal_cell(setup.cell, part)
-        found = setup.cell.estimated
-        cell = nominal if found is None else estimated_cell(nominal, found.deviations())
-        if part is None:
+        return cls.with_deviations(nominal_cell(setup.cell, part), _deviations(setup), part is not None)
+
+    @classmethod
+    def with_deviations(cls, nominal: NominalCell, deviations: Mapping[str, float], has_part: bool) -> MeasuredCell:
+        """The described cell with deviations by name, SI."""
+        cell = estimated_cell(nominal, deviations) if deviations else nominal
+        if not has_part:
             platter_from_base = pose.inverse(cell.world_from_platter(0.0)) @ cell.arm.world_from_base
             cell = replace(cell, table_from_part=platter_from_base)
-        return cls(cell, part is not None)
+        return cls(cell, has_part)
 
     @property
     def frame(self) -> str:
@@ -97,7 +102,9 @@ class ReconstructedData:
     made
         Cloud, rows of its points, poses.
     covariance
-        (k, 3, 3) of the points of the cloud in its frame, m².
+        (k, 3, 3) of the points of the cloud in its frame, m², by the noise of the sensor.
+    systematic
+        (k, 3, 3) the same by the uncertainty of calibrated values; None without.
     warnings
         What is doubtful.
     """
@@ -108,6 +115,7 @@ class ReconstructedData:
     latency: Latency
     made: Reconstructed
     covariance: Array
+    systematic: Array | None
     warnings: tuple[str, ...]
 
 
@@ -132,6 +140,7 @@ def reconstruct_measurements(
     latency: float | LatencyWord | None,
     keep_all: bool,
     threads: int,
+    uncertainty: Sequence[ValueCovariance] = (),
 ) -> ReconstructedData:
     """The cloud of measurements; with a part, points on the table and on its neighbours are removed as in a scan.
 
@@ -144,6 +153,8 @@ def reconstruct_measurements(
         Delay of the exposures, s, ``estimate``, or None for that of the cell's description.
     keep_all
         Whether points that are not the part's stay.
+    uncertainty
+        Of calibrated values; those of different calibrations are independent.
     """
     measured_cell = MeasuredCell.of(setup, part)
     cell = measured_cell.cell
@@ -179,7 +190,43 @@ def reconstruct_measurements(
     empty = len(found.index) - len(np.unique(found.profiles.frame))
     if empty:
         warnings.append(f"{empty} of {len(found.index)} exposures give no point")
-    return ReconstructedData(found, measured_cell, readings, delay, made, covariance, tuple(warnings))
+    parts = [_systematic(one, found, setup, measured_cell, readings, made) for one in uncertainty]
+    systematic = np.sum(parts, axis=0) if parts else None
+    return ReconstructedData(found, measured_cell, readings, delay, made, covariance, systematic, tuple(warnings))
+
+
+def _systematic(
+    uncertainty: ValueCovariance,
+    found: Measurements,
+    setup: Setup,
+    measured: MeasuredCell,
+    readings: AxisReadings,
+    made: Reconstructed,
+) -> Array:
+    """Covariances (k, 3, 3) of the points of the cloud, m², by that of calibrated values."""
+    frame = np.asarray(found.profiles.frame, np.intp)[made.rows]
+    points = np.asarray(found.profiles.points_in_sensor, float)[made.rows]
+    if uncertainty.of_sensor:
+        camera = np.asarray(found.profiles.camera)[made.rows]
+        derivatives = by_sensor(
+            uncertainty.names, setup.sensor, points, camera, lambda rows: made.part_from_sensor[frame[rows], :3, :3]
+        )
+    else:
+        nominal, deviations = nominal_cell_of(measured, setup), _deviations(setup)
+
+        def poses(name: str, change: float) -> Array:
+            if name == LATENCY:
+                return measured.part_from_sensor(readings.after(change))
+            moved = {**deviations, name: deviations.get(name, 0.0) + change}
+            return MeasuredCell.with_deviations(nominal, moved, measured.has_part).part_from_sensor(readings)
+
+        derivatives = by_poses(uncertainty.names, poses, points, frame)
+    return propagated(uncertainty.covariance, derivatives, len(points))
+
+
+def _deviations(setup: Setup) -> dict[str, float]:
+    """Estimated deviations of the described cell by name, SI."""
+    return {} if setup.cell.estimated is None else setup.cell.estimated.deviations()
 
 
 def _latency(found: Measurements, setup: Setup, measured: MeasuredCell, wanted: float | LatencyWord | None) -> Latency:

@@ -17,6 +17,7 @@ from scancell.recorded.calibrated import read_calibration, with_sensor_at
 from scancell.recorded.measurements import read_measurements
 from scancell.recorded.reconstruct import reconstruct_measurements
 from scancell.recorded.result import ReconstructionResult
+from scancell.recorded.uncertainty import ValueCovariance
 
 Cell = str | Path | CellDescription | None
 Sensor = str | Path | SensorDescription | None
@@ -41,13 +42,13 @@ class ReconstructRequest:
 
 def calibrated_setup(
     cell: Cell, sensor: Sensor, calibration: Path | None, settings: list[str]
-) -> tuple[Setup, int, list[Path]]:
-    """Descriptions with what a calibration has found, quarter turns of images, and the files that were read.
+) -> tuple[Setup, int, tuple[ValueCovariance, ...], list[Path]]:
+    """Descriptions with what a calibration has found, quarter turns, uncertainty, and the files that were read.
 
     Raises `DescriptionError` if a file is wrong, or cell or sensor are given and calibrated.
     """
     if calibration is None:
-        return load_setup(cell, sensor, None, settings), 0, _files(cell, sensor)
+        return load_setup(cell, sensor, None, settings), 0, (), _files(cell, sensor)
     found = read_calibration(calibration)
     for key, given, own in (("cell", cell, found.cell), ("sensor", sensor, found.sensor)):
         if given is not None and own is not None:
@@ -58,7 +59,8 @@ def calibrated_setup(
     if found.flange_from_sensor is not None:
         setup = Setup(with_sensor_at(setup.cell, found.flange_from_sensor), setup.sensor, setup.scan)
     file = calibration / "calibration.json" if calibration.is_dir() else calibration
-    return setup, found.quarter_turns, [*_files(cell or found.cell, sensor or found.sensor), file]
+    files = [*_files(cell or found.cell, sensor or found.sensor), file]
+    return setup, found.quarter_turns, found.uncertainty, files
 
 
 def _files(*given: object) -> list[Path]:
@@ -72,7 +74,7 @@ def reconstruct_request(
 
     Raises `ScancellError` naming what is wrong and what was expected.
     """
-    setup, turns, inputs = calibrated_setup(cell, sensor, request.calibration, settings)
+    setup, turns, uncertainty, inputs = calibrated_setup(cell, sensor, request.calibration, settings)
     part = request.part
     mesh = part.usable if isinstance(part, Mesh) else None if part is None else load_part(part, request.unit)
     found = read_measurements(
@@ -97,6 +99,7 @@ def reconstruct_request(
         latency if latency is None or isinstance(latency, str) else 1e-3 * latency,
         request.keep_all,
         request.threads,
+        uncertainty,
     )
     progress.advance(1)
     file = None if part is None or isinstance(part, Mesh) else part

@@ -77,6 +77,14 @@ class ReconstructionResult(Result):
         return self.data.covariance
 
     @property
+    def systematic_covariance(self) -> Array | None:
+        """Covariance (n, 3, 3) of the points by the uncertainty of calibrated values, m²; None without one.
+
+        It adds to `covariance`. Points share its errors, so that means over points do not reduce it.
+        """
+        return self.data.systematic
+
+    @property
     def warnings(self) -> list[str]:
         """Warnings about the result."""
         return list(self.data.warnings)
@@ -98,6 +106,7 @@ class ReconstructionResult(Result):
             "frame": data.measured_cell.frame,
             "dropped": data.made.dropped.as_json(),
             "sigma_median_um": float(np.median(sigma)),
+            "systematic_sigma_median_um": None if data.systematic is None else 1e6 * _median_sigma(data.systematic),
             "latency_ms": 1e3 * latency.value,
             "latency_half_width_ms": None if latency.half_width is None else 1e3 * latency.half_width,
             "deviation": None if self.deviation is None else self.deviation.figures.as_um(),
@@ -111,6 +120,10 @@ class ReconstructionResult(Result):
         if deviation is not None:
             lines.append(f"  deviation{deviation.figures.text()[1:]}")
             lines.append(f"  dropped    {self.data.made.dropped.low} points on the table")
+        if figures["systematic_sigma_median_um"] is not None:
+            lines.append(
+                f"  systematic {figures['systematic_sigma_median_um']:.2f} um standard deviation, of all points"
+            )
         if latency.half_width is not None:
             lines.append(f"  latency    {1e3 * latency.value:.4f} +- {1e3 * latency.half_width:.4f} ms (95 %)")
         elif latency.value:
@@ -171,7 +184,10 @@ class ReconstructionResult(Result):
         """Covariances of the points of the cloud, in its order and frame."""
         import pyarrow.parquet  # noqa: PLC0415  (takes 0.1 s to import)
 
-        pyarrow.parquet.write_table(arrow_table(covariance_columns(self.covariance)), path)
+        columns = covariance_columns(self.covariance)
+        if self.data.systematic is not None:
+            columns |= covariance_columns(self.data.systematic, "systematic")
+        pyarrow.parquet.write_table(arrow_table(columns), path)
 
     def _recording(self) -> Recording | None:
         """Readings as trigger records for pictures; None where the described arm does not reach poses of the flange."""
@@ -198,3 +214,8 @@ class ReconstructionResult(Result):
 
     def __repr__(self) -> str:
         return f"ReconstructionResult({len(self.data.found.index)} exposures, {len(self.cloud)} points)"
+
+
+def _median_sigma(covariance: Array) -> float:
+    """Median of the standard deviations along the directions of largest uncertainty, m, of covariances (n, 3, 3)."""
+    return float(np.median(np.sqrt(np.maximum(np.linalg.eigvalsh(covariance)[:, -1], 0.0))))

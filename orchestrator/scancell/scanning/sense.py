@@ -20,7 +20,7 @@ from scancell.config.sensor import DetectorDescription, SensorDescription, senso
 from scancell.errors import DescriptionError, SensorError
 from scancell.nominal.cell import Body, Lamp
 from scancell.progress import Progress
-from scancell.reconstruction.reconstruct import ProfilePoints
+from scancell.reconstruction.reconstruct import ProfilePoints, is_saturated
 from scancell.scanning.exposure_control import AutomaticExposure, ExposureControl, SameExposures
 from scancell.scanning.exposures import exposures_from_truth, readout_time, sub_indices
 from scancell.values import Value
@@ -313,7 +313,7 @@ def surest(points: ProfilePoints, number: NDArray[np.integer[Any]]) -> NDArray[n
     the others may hide what it shows, such as the border of a dark and a bright region.
     """
     flags = np.asarray(points.flags)
-    saturated = (flags & sensor_rt.PEAK_FLAGS["saturated"]) != 0
+    saturated = is_saturated(flags)
     order = np.lexsort((number, points.sigma, saturated, points.column, points.camera, points.frame))
     begins = _changes(*(np.asarray(part)[order] for part in (points.frame, points.camera, points.column)))
     best = number[order[begins]][np.cumsum(begins) - 1]

@@ -90,6 +90,7 @@ def _fields(cloud: Cloud) -> dict[str, NDArray[Any]]:
         "scancell:camera": (cloud.camera, "i8"),
         "scancell:segment": (cloud.segment, "i8"),
         "scancell:profile": (cloud.profile, "i8"),
+        "scancell:saturated": (cloud.saturated, "i8"),
     }
     return {name: np.array(values, kind) for name, (values, kind) in columns.items()}
 

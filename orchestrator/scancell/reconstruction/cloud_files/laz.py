@@ -29,6 +29,7 @@ _EXTRA = {
     "column": "pixel column",
     "segment": "of the program",
     "profile": "index of the exposure",
+    "saturated": "1: saturated stripe",
 }
 
 

@@ -27,6 +27,7 @@ def write_npz(path: Path, cloud: Cloud, comments: Sequence[str]) -> None:
         points_in_part_mm=cloud.points_in_part * MM,
         sigma_mm=cloud.sigma * MM,
         time_s=cloud.time,
+        saturated=cloud.saturated,
         comments=np.array([UNITS, *comments]),
         **{name: getattr(cloud, name) for name in _SAME},
     )
@@ -43,6 +44,7 @@ def read_npz(path: Path) -> Cloud:
                 points_in_part=archive["points_in_part_mm"] / MM,
                 sigma=archive["sigma_mm"] / MM,
                 time=archive["time_s"],
+                saturated=archive["saturated"] if "saturated" in archive else np.zeros(len(archive["time_s"]), bool),
                 **{name: archive[name] for name in _SAME},
             )
     except FileNotFoundError:

@@ -9,7 +9,13 @@ import numpy as np
 from scancell.errors import MeshError
 from scancell.files import atomic_write
 from scancell.reconstruction.cloud import Cloud
-from scancell.reconstruction.cloud_files.record import RECORD, UNITS, cloud_of_record, record_of
+from scancell.reconstruction.cloud_files.record import (
+    RECORD,
+    UNITS,
+    WITHOUT_SATURATED,
+    cloud_of_record,
+    record_of,
+)
 
 _BLOCK = 1 << 16  # points written at a time, which bounds the memory
 _HEADER = 1 << 16  # bytes in which the header of a file ends
@@ -28,7 +34,7 @@ def write_ply(path: str | Path, cloud: Cloud, comments: tuple[str, ...] = ()) ->
 
 
 def read_ply(path: str | Path) -> Cloud:
-    """Read a cloud written by `write_ply`.
+    """Read a cloud written by `write_ply`, also of a version without the property ``saturated``.
 
     Raises `MeshError` if the file is missing, has other properties, or is truncated.
     """
@@ -36,11 +42,12 @@ def read_ply(path: str | Path) -> Cloud:
     if not path.is_file():
         raise MeshError("no such file", file=path)
     with path.open("rb") as stream:
-        count, known = _read_header(stream.read(_HEADER))
-        if count is None:
+        head = _read_header(stream.read(_HEADER))
+        if head is None:
             raise MeshError(file=path, expected="a binary point cloud written by scancell")
+        count, kind, known = head
         stream.seek(known)
-        record = np.fromfile(stream, RECORD, count)
+        record = np.fromfile(stream, kind, count)
     if len(record) < count:
         raise MeshError(f"file is truncated: {len(record)} of {count} points", file=path)
     return cloud_of_record(record)
@@ -59,25 +66,26 @@ def read_ply_comments(path: str | Path) -> list[str]:
     return [line.removeprefix("comment ") for line in lines if line.startswith("comment ")]
 
 
-def _properties() -> list[str]:
-    return [f"property {_PLY_NAMES[RECORD[name].str]} {name}" for name in RECORD.names or ()]
+def _properties(kind: np.dtype[np.void]) -> list[str]:
+    return [f"property {_PLY_NAMES[kind[name].str]} {name}" for name in kind.names or ()]
 
 
 def _header(count: int, comments: tuple[str, ...]) -> bytes:
     notes = (f"units: {UNITS}", *comments)
     lines = ["ply", "format binary_little_endian 1.0"]
     lines += [f"comment {' '.join(note.split())}" for note in notes]
-    lines += [f"element vertex {count}", *_properties(), "end_header"]
+    lines += [f"element vertex {count}", *_properties(RECORD), "end_header"]
     return ("\n".join(lines) + "\n").encode("utf-8")
 
 
-def _read_header(start: bytes) -> tuple[int | None, int]:
-    """Number of points, None for another kind of PLY, and the byte offset of the points."""
+def _read_header(start: bytes) -> tuple[int, np.dtype[np.void], int] | None:
+    """Number of points, type of their records and byte offset of the first one; None for another kind of PLY."""
     head, mark, _ = start.partition(b"end_header\n")
     lines = head.decode("utf-8", errors="replace").splitlines()
     properties = [line for line in lines if line.startswith("property")]
     elements = [line.split() for line in lines if line.startswith("element")]
-    ours = mark and lines[:2] == ["ply", "format binary_little_endian 1.0"] and properties == _properties()
+    kinds = [kind for kind in (RECORD, WITHOUT_SATURATED) if properties == _properties(kind)]
+    ours = mark and lines[:2] == ["ply", "format binary_little_endian 1.0"] and kinds
     if not ours or len(elements) != 1 or not elements[0][-1].isdigit():
-        return None, 0
-    return int(elements[0][-1]), len(head) + len(mark)
+        return None
+    return int(elements[0][-1]), kinds[0], len(head) + len(mark)

@@ -29,9 +29,12 @@ RECORD = np.dtype(
         ("segment", "<i4"),
         ("profile", "<i4"),
         ("time", "<f8"),
+        ("saturated", "u1"),
     ]
 )
-_SAME = ("intensity", "quality", "camera", "column", "segment", "profile", "time")
+# Of files by earlier versions.
+WITHOUT_SATURATED = np.dtype([(name, RECORD[name].str) for name in (RECORD.names or ())[:-1]])
+_SAME = ("intensity", "quality", "camera", "column", "segment", "profile", "time", "saturated")
 
 
 def record_of(cloud: Cloud) -> NDArray[Any]:
@@ -47,7 +50,8 @@ def record_of(cloud: Cloud) -> NDArray[Any]:
 
 
 def cloud_of_record(record: NDArray[Any]) -> Cloud:
-    """Cloud of records (n,), see `record_of`."""
+    """Cloud of records (n,), see `record_of`; of type `WITHOUT_SATURATED`, no point is saturated."""
+    names = record.dtype.names or ()
     return Cloud(
         points_in_part=np.stack([record[name] for name in "xyz"], -1) / MM,
         normals=np.stack([record[f"n{name}"] for name in "xyz"], -1).astype(float),
@@ -59,4 +63,5 @@ def cloud_of_record(record: NDArray[Any]) -> Cloud:
         profile=record["profile"].astype(np.int64),
         segment=record["segment"].astype(np.int32),
         time=record["time"].astype(float),
+        saturated=record["saturated"].astype(bool) if "saturated" in names else np.zeros(len(record), bool),
     )
