@@ -248,7 +248,7 @@ def pick_package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     nominal = nominal_cell(setup.cell, load_part(assets_dir() / "parts/step_block.stl"))
     description = cell_json(setup.cell, nominal, 0, collision_outputs=False)
     path = tmp_path_factory.mktemp("pick") / "pick.ssp"
-    build_ssp(description, example_sequence(setup.cell, nominal), path, stop_time=30.0)
+    build_ssp(description, example_sequence(setup, nominal), path, stop_time=30.0)
     return path
 
 
@@ -276,8 +276,8 @@ def test_example_picks_places_scans_and_jogs(pick_package: Path) -> None:
 
 def test_example_without_gripper_scans_and_jogs() -> None:
     for name in ("default", "seven_axis", "offset_wrist"):
-        cell = load_setup(assets_dir() / f"cells/{name}.toml").cell
-        steps = example_sequence(cell, nominal_cell(cell, None))
+        setup = load_setup(assets_dir() / f"cells/{name}.toml")
+        steps = example_sequence(setup, nominal_cell(setup.cell, None))
         assert not any("gripper.mode" in step for step in steps)
         assert {step.get("mode", 0) for step in steps} == {
             Mode.HOLD, Mode.JOINT_MOVE, Mode.JOINT_JOG, Mode.CARTESIAN_JOG
@@ -308,7 +308,7 @@ def test_wrong_input_is_rejected(tmp_path: Path) -> None:
     ],
 )
 def test_example_that_cannot_be_executed_is_rejected(settings: list[str], error: type[Exception], text: str) -> None:
-    cell = load_setup(assets_dir() / "cells/pick_and_place.toml", settings=settings).cell
-    nominal = nominal_cell(cell, load_part(assets_dir() / "parts/step_block.stl"))
+    setup = load_setup(assets_dir() / "cells/pick_and_place.toml", settings=settings)
+    nominal = nominal_cell(setup.cell, load_part(assets_dir() / "parts/step_block.stl"))
     with pytest.raises(error, match=text):
-        example_sequence(cell, nominal)
+        example_sequence(setup, nominal)

@@ -14,8 +14,11 @@ from scancell.cell.driver import TRIGGER_MODES
 from scancell.config.cell import CellDescription
 from scancell.config.description import PoseDescription
 from scancell.config.devices import ConveyorDescription
+from scancell.config.exposure_times import exposure_span
 from scancell.config.gripper import GripperDescription
+from scancell.config.loading import Setup
 from scancell.config.sensing import PresenceSensorDescription
+from scancell.config.units import si_value
 from scancell.errors import CommandError, DescriptionError
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
@@ -33,7 +36,6 @@ _DROP = 0.0002  # m above the table, where the part is released
 _GRIP_FORCE = 30.0  # N
 _TABLE_SPEED = math.radians(45.0)  # rad/s
 _INTERVAL = math.radians(2.0)  # rad of the table between exposures
-_EXPOSURE = 0.002  # s
 _DEFLECTION = 0.5
 _JOG = 0.4  # s
 
@@ -56,8 +58,12 @@ class _Sequence:
         self.joints = nominal.home
         self._inputs: dict[str, float | int] = {"start": 0, "table": 0.0, "operation": int(Operation.AUTOMATIC)}
 
-    def add(self, changes: SequenceStep, until: Until = Until.TIME, duration: float = 0.0) -> None:
+    def set(self, changes: SequenceStep) -> None:
+        """Inputs from the next step on."""
         self._inputs |= changes
+
+    def add(self, changes: SequenceStep, until: Until = Until.TIME, duration: float = 0.0) -> None:
+        self.set(changes)
         self.steps.append({"duration": duration, "until": int(until), **self._inputs})
 
     def move(self, mode: Mode, targets: SequenceStep, speed: float) -> None:
@@ -76,16 +82,16 @@ class _Sequence:
         targets = _numbered("target.position", world_from_sensor[:3, 3])
         self.move(Mode.LINE_MOVE, targets | _numbered("target.orientation", quaternion), speed)
 
-    def joints_for(self, world_from_flange: Array) -> Array:
-        """Joint angles (joints,) nearest to those of the last move.
+    def joints_for(self, *world_from_flange: Array) -> Array:
+        """Joint angles (joints,) at one of several poses, nearest to those of the last move.
 
-        Raises `CommandError` if the arm does not reach the pose.
+        Raises `CommandError` if the arm reaches none of the poses.
         """
-        branches = self.nominal.arm.ik(world_from_flange, self.joints)[0]
+        branches = np.concatenate([self.nominal.arm.ik(target, self.joints)[0] for target in world_from_flange])
         found = branches[np.isfinite(branches).all(-1)]
         if not len(found):
-            position = ", ".join(f"{x * 1e3:.1f}" for x in world_from_flange[:3, 3])
-            raise CommandError(f"the flange cannot be brought to ({position}) mm to pick or place the part")
+            position = ", ".join(f"{x * 1e3:.1f}" for x in world_from_flange[0][:3, 3])
+            raise CommandError(f"the flange cannot be brought to ({position}) mm to pick, place or scan the part")
         return np.asarray(found[np.argmin(np.abs(found - self.joints).max(-1))])
 
 
@@ -93,12 +99,12 @@ def _numbered(name: str, values: Array) -> dict[str, float | int]:
     return {f"{name}[{i}]": float(value) for i, value in enumerate(values, 1)}
 
 
-def example_sequence(cell: CellDescription, nominal: NominalCell) -> list[SequenceStep]:
+def example_sequence(setup: Setup, nominal: NominalCell) -> list[SequenceStep]:
     """Steps of the example: pick, scan, jog.
 
     Where the cell has a gripper, and the part comes on conveyor 1 with presence sensor 1 at it, the belt runs until
-    the sensor detects the part, which is picked and placed on the table. Then the table turns once with exposures at
-    the home position. At last the arm is jogged in manual operation.
+    the sensor detects the part, which is picked and placed on the table. Then the table turns once under the sensor,
+    with exposures at the stand-off of the scan description. At last the arm is jogged in manual operation.
 
     Returns
     -------
@@ -109,15 +115,15 @@ def example_sequence(cell: CellDescription, nominal: NominalCell) -> list[Sequen
     Raises
     ------
     CommandError
-        If the arm does not reach the part on the belt or on the table.
+        If the arm does not reach the part on the belt or on the table, or the pose of the scan.
     DescriptionError
         If the part does not fit between the fingers.
     """
-    sequence = _Sequence(nominal)
+    sequence, cell = _Sequence(nominal), setup.cell
     arrival, gripper = cell.part.arrival, cell.gripper
     if arrival is not None and arrival.conveyor == 1 and gripper is not None and cell.presence_sensor:
         _pick_and_place(sequence, cell, arrival.pose, gripper)
-    _scan(sequence, cell)
+    _scan(sequence, setup)
     _jog(sequence)
     return sequence.steps
 
@@ -179,14 +185,23 @@ def _lifted(world_from_flange: Array) -> Array:
     return np.asarray(pose.translation((0.0, 0.0, _LIFT)) @ world_from_flange)
 
 
-def _scan(sequence: _Sequence, cell: CellDescription) -> None:
-    sequence.move_joints(sequence.nominal.home)
-    full = math.radians(cell.table.max_speed_deg_s)
-    speed = min(_TABLE_SPEED, sequence.nominal.table_max_speed, full) / full
-    exposures = {"trigger.mode": TRIGGER_MODES["table_angle"], "trigger.angle": _INTERVAL, "exposure": _EXPOSURE}
-    sequence.add({**exposures, "segment": 1})
-    sequence.move_joints(sequence.nominal.home, 2 * math.pi, speed)
-    sequence.add({"trigger.mode": TRIGGER_MODES["off"]})
+def _scan(sequence: _Sequence, setup: Setup) -> None:
+    """Turn the table under the sensor, whose laser line crosses the axis of the table, the part within its range."""
+    nominal = sequence.nominal
+    top = pose.transform_points(nominal.world_from_part(0.0), nominal.part.vertices)[:, 2].max()
+    above = np.append(nominal.world_from_table[:2, 3], top + si_value(setup.scan.sweep, "standoff_mm"))
+    down = pose.rotation_about(0, math.pi)
+    flange = pose.inverse(nominal.flange_from_sensor)
+    turns = [pose.rotation_about(2, angle) @ down for angle in np.linspace(0.0, 2 * math.pi, 12, endpoint=False)]
+    sequence.move_joints(nominal.home)
+    sequence.move_joints(sequence.joints_for(*(pose.from_rotation(turn, above) @ flange for turn in turns)))
+    full = math.radians(setup.cell.table.max_speed_deg_s)
+    speed = min(_TABLE_SPEED, nominal.table_max_speed, full) / full
+    interval = {"trigger.mode": TRIGGER_MODES["table_angle"], "trigger.angle": _INTERVAL}
+    sequence.set({**interval, "exposure": exposure_span(setup.sensor), "segment": 1})
+    sequence.move_joints(sequence.joints, 2 * math.pi, speed)
+    sequence.set({"trigger.mode": TRIGGER_MODES["off"]})
+    sequence.move_joints(nominal.home, 2 * math.pi)
 
 
 def _jog(sequence: _Sequence) -> None:

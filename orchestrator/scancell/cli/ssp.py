@@ -19,7 +19,7 @@ def ssp_build(
     seed: SeedOption = 0,
     unit: UnitOption = "mm",
     out: Annotated[Path, typer.Option("--out", help="file of the package")] = Path("out/RobotCell.ssp"),
-    stop_time: Annotated[float, typer.Option("--stop-time", min=0.0, help="end of the default experiment, s")] = 40.0,
+    stop_time: Annotated[float, typer.Option("--stop-time", min=0.0, help="end of the default experiment, s")] = 30.0,
 ) -> Outcome:
     """Write an SSP 1.0 package: the FMU (FMI 2.0) of a cell, and a sequencer FMU that lets it pick, scan and jog."""
     from scancell.cell.fmu_file import cell_json  # noqa: PLC0415
@@ -32,7 +32,7 @@ def ssp_build(
     setup = load_setup(cell, settings=set_ or [])
     mesh = load_part(part, unit) if part else load_part(assets_dir() / "parts" / "step_block.stl")
     nominal = nominal_cell(setup.cell, mesh)
-    steps = example_sequence(setup.cell, nominal)
+    steps = example_sequence(setup, nominal)
     description = cell_json(setup.cell, with_unknown_obstacles(nominal, setup.cell), seed)
     build_ssp(description, steps, out, stop_time=stop_time)
     size = out.stat().st_size
