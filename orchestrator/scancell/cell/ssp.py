@@ -35,7 +35,7 @@ _NAMESPACES = {
 }
 _FMUS = {"cell": "resources/RobotCell.fmu", "sequencer": "resources/CellSequencer.fmu"}
 _TYPES = ("Real", "Integer", "Boolean")  # of connectors: few importers connect strings
-# Of each component: outputs that are no results. The path ahead costs much where it is read.
+# Outputs without connectors: importers read all connectors in every step, which costs much for the path ahead.
 _HIDDEN = "controller.ahead["
 
 Variables = Mapping[str, Any]  # of FMPy, by name
@@ -62,7 +62,8 @@ def build_ssp(
     CellError
         If the native part is missing or refuses the description, or the cell cannot make its reference trajectory.
     DescriptionError
-        If the sequencer has no such parameter, or `path` does not end in ``.ssp``, by which importers know packages.
+        If the sequencer has no such parameter, `stop_time` is not positive, or `path` does not end in ``.ssp``, by
+        which importers know packages.
     OutputError
         If the file cannot be written.
     """

@@ -19,7 +19,7 @@ def ssp_build(
     seed: SeedOption = 0,
     unit: UnitOption = "mm",
     out: Annotated[Path, typer.Option("--out", help="file of the package")] = Path("out/RobotCell.ssp"),
-    stop_time: Annotated[float, typer.Option("--stop-time", min=0.0, help="end of the default experiment, s")] = 30.0,
+    stop_time: Annotated[float, typer.Option("--stop-time", help="end of the default experiment, s")] = 30.0,
 ) -> Outcome:
     """Write an SSP 1.0 package: the FMU (FMI 2.0) of a cell, and a sequencer FMU that lets it pick, scan and jog."""
     from scancell.cell.fmu_file import cell_json  # noqa: PLC0415
