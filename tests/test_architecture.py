@@ -87,6 +87,7 @@ FMU = {
     "model": {"control", "proximity"},
     "proximity": set(),
     "fmi": {"control", "model", "proximity"},
+    "sequencer": {"control", "model", "fmi"},
 }
 FORBIDDEN_TEXT = {
     "sensor_rt/detector": r"embree|[Ss]cene|sensor_rt/(?:scene|tracing|render|optics)",

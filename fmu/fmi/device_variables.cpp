@@ -13,15 +13,21 @@ std::string body_numbers(const CellLayout& layout) {
   return numbers;
 }
 
+std::string conveyor_name(std::size_t index) { return "conveyor " + std::to_string(index + 1); }
+
 }  // namespace
 
-void add_conveyors(TableBuilder& table, CellInputs& in, CellOutputs& out) {
-  const auto device = [](std::size_t i) { return "conveyor " + std::to_string(i + 1); };
+void add_conveyor_commands(TableBuilder& table, CellInputs& in, const std::string& prefix,
+                           Causality causality) {
   for (std::size_t i = 0; i < in.conveyors.size(); ++i) {
-    table.add_declared(indexed("command.conveyor", i) + ".", device(i), Causality::kInput, in.conveyors[i]);
+    table.add_declared(indexed(prefix + "conveyor", i) + ".", conveyor_name(i), causality, in.conveyors[i]);
   }
+}
+
+void add_conveyors(TableBuilder& table, CellInputs& in, CellOutputs& out) {
+  add_conveyor_commands(table, in);
   for (std::size_t i = 0; i < out.conveyors.size(); ++i) {
-    table.add_declared(indexed("conveyor", i) + ".", device(i), Causality::kOutput, out.conveyors[i]);
+    table.add_declared(indexed("conveyor", i) + ".", conveyor_name(i), Causality::kOutput, out.conveyors[i]);
   }
 }
 

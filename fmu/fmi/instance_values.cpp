@@ -2,9 +2,6 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
-#include <iomanip>
-#include <locale>
-#include <sstream>
 #include <stdexcept>
 
 #include "fmu/fmi/instance.h"
@@ -28,10 +25,7 @@ std::size_t Instance::array_size(std::uint32_t reference) const {
 }
 
 const Variable& Instance::variable(std::uint32_t reference, Type type) const {
-  if (reference >= table_.variables().size()) {
-    throw std::invalid_argument("unknown value reference " + std::to_string(reference));
-  }
-  const Variable& found = table_.variables()[reference];
+  const Variable& found = table_.at(reference);
   if (found.type != type) {
     throw std::invalid_argument(found.name + " has another type than the called function");
   }
@@ -83,13 +77,9 @@ double Instance::within_bounds(const Variable& variable, double value) const {
   const double inside = std::clamp(value, variable.min, variable.max);
   if (inside == value) return value;
   const bool clamps = variable.type == Type::kReal && variable.causality == Causality::kInput;
-  std::ostringstream text;
-  text.imbue(std::locale::classic());
-  text << variable.name << " must be from " << variable.min << " to " << variable.max << " "
-       << variable.unit.name << (*variable.unit.name == '\0' ? "" : ", ") << "not " << std::setprecision(17)
-       << value;
-  if (!clamps) throw std::invalid_argument(text.str());
-  log_.write(LogCategory::kWarning, text.str() + ": clamped");
+  const std::string text = out_of_range(variable, value);
+  if (!clamps) throw std::invalid_argument(text);
+  log_.write(LogCategory::kWarning, text + ": clamped");
   return inside;
 }
 

@@ -266,20 +266,19 @@ void write_units_and_types(std::ostream& xml, const VariableTable& table, int ve
   xml << "  </TypeDefinitions>\n";
 }
 
-void write_head(std::ostream& xml, const CellDescription& cell, const std::string& token,
+void write_head(std::ostream& xml, const ModelHead& model, const std::string& token,
                 const DescriptionOptions& options) {
   const int version = options.version;
   const std::string needs = options.needs.empty() ? "" : " (needs " + options.needs + ")";
   xml << "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<fmiModelDescription fmiVersion=\""
-      << (version == 2 ? "2.0" : "3.0") << "\" modelName=\"RobotCell\" "
-      << (version == 2 ? "guid" : "instantiationToken") << "=\"" << token
-      << "\" description=\"Robot cell that scans a part with a laser profile sensor: "
-      << escaped(cell.name + needs) << "\" version=\"" << SCANCELL_VERSION
+      << (version == 2 ? "2.0" : "3.0") << "\" modelName=\"" << model.name << "\" "
+      << (version == 2 ? "guid" : "instantiationToken") << "=\"" << token << "\" description=\""
+      << escaped(model.description + needs) << "\" version=\"" << SCANCELL_VERSION
       << "\" license=\"BSD-3-Clause\" generationTool=\"" << kGenerationTool
-      << "\" variableNamingConvention=\"structured\">\n  <CoSimulation modelIdentifier=\"RobotCell\" "
-         "canHandleVariableCommunicationStepSize=\"true\" ";
+      << "\" variableNamingConvention=\"structured\">\n  <CoSimulation modelIdentifier=\"" << model.name
+      << "\" canHandleVariableCommunicationStepSize=\"true\" ";
   if (version == 2) {
-    xml << "canGetAndSetFMUstate=\"true\" canSerializeFMUstate=\"true\"/>\n";
+    xml << (model.has_state ? "canGetAndSetFMUstate=\"true\" canSerializeFMUstate=\"true\"/>\n" : "/>\n");
   } else {
     xml << "canGetAndSetFMUState=\"true\" canSerializeFMUState=\"true\" hasEventMode=\"true\" "
            "mightReturnEarlyFromDoStep=\"true\" canReturnEarlyAfterIntermediateUpdate=\"true\" "
@@ -290,24 +289,30 @@ void write_head(std::ostream& xml, const CellDescription& cell, const std::strin
 }  // namespace
 
 std::string model_description(const CellDescription& cell, const DescriptionOptions& options) {
-  const int version = options.version;
-  std::ostringstream xml;
-  xml.imbue(std::locale::classic());
   const CellLayout layout = layout_of(cell);
   Values values(layout);
   values.inputs = start_inputs(cell);
-  VariableTable table(layout, values);
+  return model_description(
+      {"RobotCell", "Robot cell that scans a part with a laser profile sensor: " + cell.name,
+       static_cast<double>(cell.controller_cycle_us) / kMicrosecondsPerSecond},
+      VariableTable(layout, values), options);
+}
+
+std::string model_description(const ModelHead& model, VariableTable table,
+                              const DescriptionOptions& options) {
+  const int version = options.version;
+  std::ostringstream xml;
+  xml.imbue(std::locale::classic());
   const std::string token = table.token(options.arrays && version == 3);
   if (options.integers) table.use_integers();
-  write_head(xml, cell, token, options);
+  write_head(xml, model, token, options);
   write_units_and_types(xml, table, version);
   xml << "  <LogCategories>\n";
   for (const auto& [name, description] : kLogCategories) {
     xml << "    <Category name=\"" << name << "\" description=\"" << description << "\"/>\n";
   }
   xml << "  </LogCategories>\n";
-  xml << "  <DefaultExperiment startTime=\"0\" stopTime=\"10\" stepSize=\""
-      << number(static_cast<double>(cell.controller_cycle_us) / kMicrosecondsPerSecond) << "\"/>\n";
+  xml << "  <DefaultExperiment startTime=\"0\" stopTime=\"10\" stepSize=\"" << number(model.step) << "\"/>\n";
   const Listing listing(table, options);
   listing.write_variables(xml);
   listing.write_structure(xml);

@@ -3,6 +3,7 @@
 
 #include <string>
 
+#include "fmu/fmi/variable_table.h"
 #include "fmu/model/description/cell_description.h"
 
 namespace robotcell::fmi {
@@ -21,6 +22,16 @@ struct DescriptionOptions {
   /// System requirements of the binaries, for the description text; may be empty.
   std::string needs;
 };
+
+/// What a model description states beside the variables.
+struct ModelHead {
+  const char* name;  // of model and library
+  std::string description;
+  double step = 0;        // s, default communication step
+  bool has_state = true;  // its state can be read, set and serialized
+};
+
+std::string model_description(const ModelHead& model, VariableTable table, const DescriptionOptions& options);
 
 /// Name and step size come from the cell, everything else from the variable table.
 std::string model_description(const CellDescription& cell, const DescriptionOptions& options);

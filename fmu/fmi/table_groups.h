@@ -7,10 +7,15 @@ namespace robotcell::fmi {
 
 /// Returns the parameters on which initial values depend.
 Dependencies add_parameters(TableBuilder& table, const CellLayout& layout, CellParameters& parameters);
-void add_commands(TableBuilder& table, CellInputs& in);
+/// Commands to controller and trigger; `prefix` begins their names.
+void add_commands(TableBuilder& table, CellInputs& in, const std::string& prefix = "command.",
+                  Causality causality = Causality::kInput);
 /// Motor torques of dynamic drives.
 void add_motor_torques(TableBuilder& table, CellOutputs& out, const Dependencies& dependencies);
 void add_outputs(TableBuilder& table, CellOutputs& out, const Dependencies& dependencies);
+/// Commands to the conveyors; `prefix` begins their names.
+void add_conveyor_commands(TableBuilder& table, CellInputs& in, const std::string& prefix = "command.",
+                           Causality causality = Causality::kInput);
 /// Inputs and outputs of the conveyors.
 void add_conveyors(TableBuilder& table, CellInputs& in, CellOutputs& out);
 /// Inputs and outputs of the gripper.

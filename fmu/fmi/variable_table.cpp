@@ -1,6 +1,11 @@
 #include "fmu/fmi/variable_table.h"
 
 #include <cstdio>
+#include <iomanip>
+#include <locale>
+#include <sstream>
+#include <stdexcept>
+#include <utility>
 
 #include "fmu/fmi/table_groups.h"
 
@@ -17,10 +22,20 @@ VariableTable::VariableTable(const CellLayout& layout, Values& values) {
   add_conveyors(table, values.inputs, values.outputs);
   if (layout.gripper) add_gripper(table, values.inputs.gripper, values.outputs.gripper, dependencies);
   add_sensing(table, layout, values.outputs, dependencies);
-  variables_ = table.take();
+  *this = VariableTable(table.take());
+}
+
+VariableTable::VariableTable(std::vector<Variable> variables) : variables_(std::move(variables)) {
   for (const Variable& variable : variables_) {
     if (variable.instant) instants_.push_back(&member<double>(variable));
   }
+}
+
+const Variable& VariableTable::at(std::uint32_t reference) const {
+  if (reference >= variables_.size()) {
+    throw std::invalid_argument("unknown value reference " + std::to_string(reference));
+  }
+  return variables_[reference];
 }
 
 void VariableTable::use_integers() {
@@ -48,6 +63,15 @@ std::string VariableTable::token(bool arrays) const {
                 static_cast<unsigned>(high >> 16 & 0xffff), static_cast<unsigned>(high & 0xffff),
                 static_cast<unsigned>(low >> 48), static_cast<unsigned long long>(low & 0xffffffffffffu));
   return text;
+}
+
+std::string out_of_range(const Variable& variable, double value) {
+  std::ostringstream text;
+  text.imbue(std::locale::classic());
+  text << variable.name << " must be from " << variable.min << " to " << variable.max << " "
+       << variable.unit.name << (*variable.unit.name == '\0' ? "" : ", ") << "not " << std::setprecision(17)
+       << value;
+  return text.str();
 }
 
 }  // namespace robotcell::fmi

@@ -58,13 +58,20 @@ inline bool is_settable(const Variable& variable) {
   return variable.causality == Causality::kInput || variable.causality == Causality::kParameter;
 }
 
+/// Message: `value` is out of the bounds of a number.
+std::string out_of_range(const Variable& variable, double value);
+
 /// The variables of a cell with a given layout, bound to the values of one instance.
 class VariableTable {
  public:
   /// The values must outlive the table and keep their addresses.
   VariableTable(const CellLayout& layout, Values& values);
+  /// A table of other variables.
+  explicit VariableTable(std::vector<Variable> variables);
 
   const std::vector<Variable>& variables() const { return variables_; }
+  /// Throws std::invalid_argument where there is no such variable.
+  const Variable& at(std::uint32_t reference) const;
   /// Values that are simulation times.
   const std::vector<double*>& instants() const { return instants_; }
 

@@ -250,6 +250,22 @@ def test_fmu_build_and_info(tmp_path) -> None:
             assert any(entry.startswith(f"binaries/{folder}/") for entry in archive.namelist())
 
 
+def test_ssp_build(tmp_path) -> None:
+    cell = assets_dir() / "cells/pick_and_place.toml"
+    report = succeeded(scancell_here("ssp", "build", cell, "--out", "cell.ssp", "--json", cwd=tmp_path), "ssp build")
+    assert [path.name for path in tmp_path.iterdir()] == report["files"] == ["cell.ssp"]
+    with zipfile.ZipFile(tmp_path / "cell.ssp") as archive:
+        assert archive.namelist()[0] == "SystemStructure.ssd"
+    for words, expected in (
+        (["--out", "cell.zip"], "--out cell.zip: expected a file name that ends in .ssp"),
+        (["--stop-time", "nan"], "--stop-time nan: expected a positive number of seconds"),
+        (["--set", "cell.gripper.stroke_mm=55"], "gripper.stroke_mm = 55.0: expected at least 60.0, to grip the part"),
+    ):
+        failed = scancell_here("ssp", "build", cell, *words, cwd=tmp_path)
+        assert failed.code == 1
+        assert expected in failed.err
+
+
 def test_shipped_descriptions_validate(tmp_path) -> None:
     report = succeeded(scancell_here("schema", "--out", "schemas", "--json", cwd=tmp_path), "schema")
     kinds = {"cell", "robot", "sensor", "scan", "path", "artefact", "study", "batch"}

@@ -196,7 +196,9 @@ def _contact_bodies_json(cell: CellDescription, nominal: NominalCell) -> list[di
     ]
 
 
-def _json(description: Mapping[str, Any], indent: int | None = None) -> str:
+def description_text(description: Mapping[str, Any], indent: int | None = None) -> str:
+    """JSON of a description that `cell_json` made."""
+
     def plain(value: Any) -> Any:
         if isinstance(value, np.generic | np.ndarray):
             return value.tolist()
@@ -239,7 +241,7 @@ def build_fmu(
     >>> with scancell.CellInstance("cell.fmu") as cell:
     ...     cell.step_to(1000)
     """
-    contents = fmu_contents(runtime_dir(), _json(description, indent=1), version, options or FmuOptions())
+    contents = fmu_contents(runtime_dir(), description_text(description, indent=1), version, options or FmuOptions())
     with atomic_write(Path(path)) as temporary:
         write_archive(temporary, contents)
 
@@ -275,7 +277,7 @@ def make_temporary_fmu(description: Mapping[str, Any], folder: str | Path, versi
     ...     cell.get(cell.real_group(["truth.table.position[3]"])).round(3)
     array([...])
     """
-    contents, folder = _json(description), Path(folder)
+    contents, folder = description_text(description), Path(folder)
     try:
         write_unpacked(folder, runtime_dir(), contents, version)
     except OSError as error:

@@ -10,7 +10,20 @@ from typing import Annotated, Any, cast
 import typer
 
 # Each module registers its commands.
-from scancell.cli import calibrate, evaluate, fmu, guard, pictures, plan, real, robot, scan, series, workspace  # noqa: F401
+from scancell.cli import (  # noqa: F401
+    calibrate,
+    evaluate,
+    fmu,
+    guard,
+    pictures,
+    plan,
+    real,
+    robot,
+    scan,
+    series,
+    ssp,
+    workspace,
+)
 from scancell.cli.common import Outcome, app, command
 from scancell.cli.interrupts import INTERRUPTS
 

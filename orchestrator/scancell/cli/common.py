@@ -29,12 +29,13 @@ GROUPS = {
     "Scan": ("scan", "shot", "plan", "place", "survey", "render", "rerun", "extract", "reconstruct"),
     "Evaluate and calibrate": ("evaluate", "compare", "mesh", "calibrate", "acceptance"),
     "Many scans": ("study", "batch"),
-    "Robot cell": ("workspace", "run", "guard", "fmu", "robot"),
+    "Robot cell": ("workspace", "run", "guard", "fmu", "ssp", "robot"),
     "Recorded runs": ("picture", "animate", "page", "export"),
     "About": ("schema", "version"),
 }
 _WITH_SUBCOMMANDS = {
     "fmu": "Build and inspect FMUs of the robot cell.",
+    "ssp": "Build packages of the robot cell and a controller of it.",
     "guard": "Protect a robot from collisions.",
     "robot": "Make descriptions of arms.",
     "study": "Vary inputs over many scans: run, sensitivity analysis, report.",

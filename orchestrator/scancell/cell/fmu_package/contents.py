@@ -7,9 +7,9 @@ import subprocess
 import tempfile
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import IO, Any, Literal
 
 import fmpy
 
@@ -92,6 +92,35 @@ def fmu_contents(runtime: Path, cell: str, version: FmiVersion, options: FmuOpti
     return {**contents, **_documents(contents["modelDescription.xml"], version, bundle, reference)}
 
 
+def sequencer_contents(runtime: Path, cell: str) -> dict[str, bytes]:
+    """All files of the FMU (FMI 2) of the sequencer of a cell.
+
+    Parameters
+    ----------
+    runtime
+        Folder with the native library, its closure and the description printer.
+    cell
+        Description of the cell (JSON).
+
+    Raises
+    ------
+    CellError
+        If the native part refuses the description.
+    """
+    library = runtime / "sequencer" / "CellSequencer.so"
+    bundle = read_bundle(runtime)
+    compiled_in = tuple(replace(part, file=library.name) for part in bundle.components if part.file == "RobotCell.so")
+    contents = {
+        "modelDescription.xml": _printed([runtime / "sequencer" / "sequencer-describe", "-"], cell),
+        "resources/cell.json": cell.encode(),
+        "documentation/licenses/license.txt": license_text(replace(bundle, components=compiled_in)).encode(),
+        f"binaries/{_PLATFORM[2]}/{library.name}": library.read_bytes(),
+    }
+    for part in compiled_in:
+        contents[f"documentation/licenses/{part.text}"] = (runtime / "licenses" / part.text).read_bytes()
+    return contents
+
+
 def write_unpacked(folder: Path, runtime: Path, cell: str, version: FmiVersion) -> None:
     """Create a folder with the files of an FMU that an instance needs; libraries are linked.
 
@@ -110,7 +139,7 @@ def write_unpacked(folder: Path, runtime: Path, cell: str, version: FmiVersion) 
 
 def _documents(model_description: bytes, version: FmiVersion, bundle: Bundle, reference: Reference) -> dict[str, bytes]:
     """Files for users and tools, which an instance does not need."""
-    description = _read(model_description)
+    description = read_description(model_description)
     icon = assets_dir() / "fmu" / "icon.png"
     documents = {name: text.encode() for name, text in reference.files().items()}
     documents["documentation/index.html"] = index_page(description, bundle, reference).encode()
@@ -124,7 +153,7 @@ def _documents(model_description: bytes, version: FmiVersion, bundle: Bundle, re
     }
 
 
-def _read(model_description: bytes) -> Any:
+def read_description(model_description: bytes) -> Any:
     """Read it with FMPy, which requires an archive."""
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w") as file:
@@ -132,7 +161,7 @@ def _read(model_description: bytes) -> Any:
     return fmpy.read_model_description(archive, validate=False)
 
 
-def write_archive(path: Path, contents: Mapping[str, bytes]) -> None:
+def write_archive(path: Path | IO[bytes], contents: Mapping[str, bytes]) -> None:
     """Zip the contents; the same contents give the same bytes.
 
     Raises
@@ -151,9 +180,14 @@ def write_archive(path: Path, contents: Mapping[str, bytes]) -> None:
 def _describe(runtime: Path, cell: str, version: FmiVersion, options: FmuOptions, bundle: Bundle) -> bytes:
     """The model description, printed by the same variable table that the library answers from."""
     needs = f"64-bit x86 Linux with glibc {bundle.glibc} or later"
-    command = [str(runtime / "robotcell-describe"), "-", "--fmi", str(version), "--needs", needs]
+    command: list[str | Path] = [runtime / "robotcell-describe", "-", "--fmi", str(version), "--needs", needs]
     variants = (("--clock", options.clock), ("--arrays", options.arrays), ("--integers", options.integers))
     command += [word for word, wanted in variants if wanted]
+    return _printed(command, cell)
+
+
+def _printed(command: list[str | Path], cell: str) -> bytes:
+    """What a description printer prints for a description of a cell."""
     result = subprocess.run(command, input=cell.encode(), capture_output=True, check=False)
     if result.returncode:
         raise CellError(f"the native robot cell refuses the description: {result.stderr.decode().strip()}")

@@ -1,0 +1,30 @@
+// sequencer-describe: prints the model description (FMI 2) of a sequencer for a cell ("-": read from standard
+// input). Modes, states and errors are integers, which all importers know.
+#include <cstdio>
+#include <exception>
+
+#include "fmu/control/time_units.h"
+#include "fmu/fmi/model_description.h"
+#include "fmu/sequencer/sequencer.h"
+
+int main(int argc, char** argv) {
+  if (argc != 2) {
+    std::fprintf(stderr, "usage: sequencer-describe CELL.json|-\n");
+    return 2;
+  }
+  try {
+    const robotcell::CellDescription cell = robotcell::parse_cell(robotcell::read_text_file(argv[1]));
+    const robotcell::sequencer::Sequencer sequencer(cell);
+    robotcell::fmi::DescriptionOptions options;
+    options.version = 2;
+    options.integers = true;
+    const double cycle = static_cast<double>(cell.controller_cycle_us) / robotcell::kMicrosecondsPerSecond;
+    const std::string xml = robotcell::fmi::model_description(
+        {"CellSequencer", "Commands a robot cell step by step: " + cell.name, cycle, false},
+        sequencer.table(), options);
+    return std::fwrite(xml.data(), 1, xml.size(), stdout) == xml.size() ? 0 : 1;
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "%s: %s\n", argv[1], error.what());
+    return 1;
+  }
+}
