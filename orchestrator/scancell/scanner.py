@@ -331,7 +331,7 @@ class Scanner(Closing):
         range_ = SensorRange.of(make_sensors(setup.sensor, (), 0).nominal)
         reporter = as_progress(progress)
         work = Work(setup.scan.max_planning_work, reporter)
-        options, threads = scan_options(setup.scan), self.pipeline.threads
+        options, threads = scan_options(setup.scan, setup.sensor), self.pipeline.threads
         planner = SetUpPlanner(setup.cell, setup.sensor, range_, options, threads, work)
         return planner.propose(mesh, share, reporter)
 

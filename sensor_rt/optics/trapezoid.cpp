@@ -58,7 +58,9 @@ Trapezoid trapezoid_of_width(const Camera& camera, double width) {
 }  // namespace
 
 Trapezoid range_trapezoid(const Camera& camera) {
-  if (camera.is_tilted()) return trapezoid_of_corners(camera);
+  const bool is_centred =
+      camera.cx_px == 0.5 * (camera.width_px - 1) && camera.cy_px == 0.5 * (camera.height_px - 1);
+  if (camera.is_tilted() || !is_centred) return trapezoid_of_corners(camera);
   const double aspect = static_cast<double>(camera.width_px) / camera.height_px;
   return trapezoid_of_width(camera, aspect * std::sin(half_angle(camera)));
 }

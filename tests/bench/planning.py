@@ -26,6 +26,7 @@ from scancell.config.choices import ScanMode
 from scancell.config.loading import load_setup
 from scancell.config.path import PathDescription
 from scancell.config.scan import RasterDescription, ScanDescription, SweepDescription
+from scancell.config.sensor import SensorDescription
 from scancell.errors import PlanningError
 from scancell.planning.model import PlanningCell
 from scancell.planning.motion.timing import FINER
@@ -105,7 +106,7 @@ def run_case(case: dict[str, Any]) -> Row:
     cause, checks = "", (0, 0, "", np.nan, np.nan)
     made = None
     try:
-        made = plan(cell, scan_options(description))
+        made = plan(cell, scan_options(description, SensorDescription.default()))
     except PlanningError as error:
         cause = str(error)
     seconds = time.process_time() - start
@@ -131,7 +132,8 @@ def run_scan(part: str, mode: ScanMode) -> Row:
     """The plan of the default scan of a part, and its checks."""
     cell = planning_cell({"part": part})
     start = time.process_time()
-    made = plan(cell, scan_options(load_setup().scan.replace(mode=mode)))
+    setup = load_setup()
+    made = plan(cell, scan_options(setup.scan.replace(mode=mode), setup.sensor))
     seconds = time.process_time() - start
     checks = _checked(cell, made)
     return Row(f"{part}, {mode}", "scan", False, False, np.nan, np.nan, 0.0, 0.0, True, "", seconds, *checks)

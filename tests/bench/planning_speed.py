@@ -37,7 +37,7 @@ def planning_rows() -> Iterator[Row]:
     yield from map_rows(PlanningCell(nominal, range_, _CYCLE))
     seconds = []
     for verify in (False, True):
-        options = scan_options(setup.scan.replace(verify=verify))
+        options = scan_options(setup.scan.replace(verify=verify), setup.sensor)
         # With a cell of its own each time: meshes are reduced again.
         seconds.append(min(_timed(lambda o=options: plan(PlanningCell(nominal, range_, _CYCLE), o)) for _ in range(4)))
     without, with_ = seconds

@@ -46,7 +46,8 @@ def sight_of(part: Mesh, *words: str, samples: int = SAMPLES) -> tuple[PlanningC
 
 
 def options_of(*words: str) -> ScanOptions:
-    return scan_options(load_setup(settings=("scan.coverage.enabled=true", *words)).scan)
+    setup = load_setup(settings=("scan.coverage.enabled=true", *words))
+    return scan_options(setup.scan, setup.sensor)
 
 
 def overhead(length: float, height: float = 0.13) -> Pass:

@@ -8,6 +8,7 @@ import pytest
 from scancell.config.exposure_times import exposure_span, exposure_windows, profile_time
 from scancell.config.loading import load_setup
 from scancell.errors import DescriptionError
+from scancell.planning.options import scan_options
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.exposure_control import AutomaticExposure, SameExposures
 from scancell.scanning.sense import surest
@@ -15,6 +16,7 @@ from scancell.sensor import PEAK_FLAGS
 
 MULTIPLE = {"exposure.mode": "multiple", "exposure.further_ms": [0.1, 2.0]}
 AUTOMATIC = {"exposure.mode": "automatic", "exposure.shortest_ms": 0.05, "exposure.longest_ms": 4.0}
+REGION = {"camera[1].region_rows_px": [300, 400], "camera[2].region_rows_px": [200, 380]}
 
 
 def sensor(**settings):
@@ -43,6 +45,12 @@ def test_one_exposure_is_about_the_latch() -> None:
         ({"detector.row_readout_us": 0.2}, 0.5),  # read during the next exposure
         ({"detector.row_readout_us": 2.0}, 2.0 * 1.023),  # the exposure waits for the image before
         ({"detector.shutter": "rolling", "detector.row_readout_us": 2.0}, 0.5 + 2.0 * 1.023),
+        ({"detector.row_readout_us": 2.0, **REGION}, 2.0 * 0.399),
+        ({"detector.row_readout_us": 2.0, "detector.binning": 2}, 2.0 * 0.511),
+        ({"detector.row_readout_us": 4.0, "detector.binning": 2, **REGION}, 4.0 * 0.199),
+        ({"detector.shutter": "rolling", "detector.row_readout_us": 2.0, **REGION}, 0.5 + 2.0 * 0.399),
+        ({"detector.laser_off_frame": True, "detector.row_readout_us": 2.0, **REGION}, 2 * 2.0 * 0.399),
+        ({**MULTIPLE, "detector.row_readout_us": 2.0, **REGION}, 2.0 * 0.399 + 2.0 * 0.399 + 2.0),
         ({"detector.laser_off_frame": True}, 1.0),
         ({**MULTIPLE, "detector.laser_off_frame": True}, 2 * 2.6),
         (AUTOMATIC, 4.0),
@@ -50,6 +58,29 @@ def test_one_exposure_is_about_the_latch() -> None:
 )
 def test_profiles_follow_one_another_after_exposure_and_read_out(settings, milliseconds) -> None:
     assert 1e3 * profile_time(sensor(**settings)) == pytest.approx(milliseconds)
+
+
+@pytest.mark.parametrize("words", [{}, {"detector.laser_off_frame": True}, MULTIPLE, AUTOMATIC])
+def test_spacing_by_the_sensor_is_the_way_from_profile_to_profile(words) -> None:
+    settings = {"detector.row_readout_us": 2.0, **REGION, **words}
+    path = {"speed_mm_s": 30, "pitch_mm": "sensor", "spiral": {}}
+    spacing = {"scan.sweep.angle_step_deg": "sensor", "scan.raster.pitch_mm": "sensor", "scan.path": [path]}
+    setup = load_setup(settings={**{f"sensor.{key}": value for key, value in settings.items()}, **spacing})
+    period, options = profile_time(setup.sensor), scan_options(setup.scan, setup.sensor)
+    assert options.spacing.angle == pytest.approx(np.radians(setup.scan.sweep.speed_deg_s) * period)
+    assert options.spacing.pitch == pytest.approx(1e-3 * setup.scan.raster.speed_mm_s * period)
+    assert options.paths[0].pitch_mm == pytest.approx(30.0 * period)
+    assert options.spacing.is_least_angle
+    assert options.spacing.is_least_pitch
+    default = load_setup()
+    assert not scan_options(default.scan, default.sensor).spacing.is_least_pitch
+
+
+@pytest.mark.parametrize("key", ["sweep.angle_step_deg", "raster.pitch_mm", "path[1].pitch_mm"])
+def test_scans_at_rest_have_no_rate(key) -> None:
+    settings = {"scan.mode": "stop-and-look", "scan.path": [{"spiral": {}}], f"scan.{key}": "sensor"}
+    with pytest.raises(DescriptionError, match=key.replace("[", r"\[")):
+        load_setup(settings=settings)
 
 
 @pytest.mark.parametrize(

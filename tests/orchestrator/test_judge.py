@@ -55,7 +55,8 @@ def test_bodies_that_move_together_are_checked_once() -> None:
 def test_a_plan_that_collides_is_refused_by_the_judge() -> None:
     """A planner that takes the straight way down through the part is caught by python-fcl alone."""
     cell = planning_cell(block(0.05, 0.04, 0.03))
-    options = scan_options(load_setup(settings=["scan.max_profiles=60"]).scan)
+    setup = load_setup(settings=["scan.max_profiles=60"])
+    options = scan_options(setup.scan, setup.sensor)
     made = plan(cell, options)
     assert made.program.segments
     # The same program with the table where it was and the arm 100 mm lower.

@@ -26,7 +26,7 @@ def planned(name: str, *overrides: str) -> tuple[PlanningCell, Plan]:
     setup = load_setup(assets_dir() / "cells" / f"{name}.toml", settings=overrides)
     assert setup_warnings(setup) == []
     cell = PlanningCell(nominal_cell(setup.cell, load_mesh(assets_dir() / "parts" / "free_form.stl")), RANGE, CYCLE)
-    return cell, plan(cell, scan_options(setup.scan))
+    return cell, plan(cell, scan_options(setup.scan, setup.sensor))
 
 
 @pytest.fixture(scope="module", params=["offset_wrist", "seven_axis"])

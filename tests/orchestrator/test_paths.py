@@ -184,6 +184,18 @@ def test_passes_follow_long_side_in_alternating_directions():
     assert (np.diff(travel) != 0).all()
 
 
+@pytest.mark.parametrize("angle", [0.0129, 2 * np.pi / 90])
+@pytest.mark.parametrize("pitch", [0.00037, 0.001])
+def test_least_spacing_is_kept_by_the_nearest_number_of_exposures(angle, pitch):
+    part = on_table(block(0.04, 0.06, 0.1))
+    turns, lines = paths.sweeps(part, RANGE, SWEEP), paths.passes(part, RANGE, RASTER)
+    counts = exposure_counts([*turns, *lines], Spacing(angle, pitch, True, True), 1_000_000)
+    for count in counts[: len(turns)]:
+        assert count * angle <= 2 * np.pi + 1e-9 < (count + 1) * angle + 1e-6
+    for view, count in zip(lines, counts[len(turns) :], strict=True):
+        assert (count - 1) * pitch <= view.length + 1e-9 < count * pitch + 1e-6
+
+
 def test_budget_thins_all_views_uniformly():
     part = on_table(ball())
     views = [*paths.sweeps(part, RANGE, SWEEP), *paths.passes(part, RANGE, RASTER)]

@@ -10,6 +10,7 @@ from fcl_collisions import path_collisions
 from planned_motion import assert_axis_limits, setpoints
 
 from scancell.config.scan import ScanDescription
+from scancell.config.sensor import SensorDescription
 from scancell.errors import PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
@@ -26,7 +27,7 @@ def scan(**changes) -> ScanDescription:
 
 def planned(part: Mesh, description: ScanDescription | None = None, **placement: float):
     cell = planning_cell(part, **placement)
-    return cell, plan(cell, scan_options(description or scan()))
+    return cell, plan(cell, scan_options(description or scan(), SensorDescription.default()))
 
 
 @pytest.fixture(scope="module")

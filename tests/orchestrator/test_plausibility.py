@@ -107,6 +107,14 @@ def test_visible_range_fraction_matches_trapezoid(values: dict[str, float]) -> N
     assert [float(found[2]), float(found[3])] == pytest.approx([low, high], abs=0.06)
 
 
+def test_region_beside_the_measuring_range_is_named() -> None:
+    both = ["sensor.camera[1].region_rows_px=[400, 400]", "sensor.camera[2].region_rows_px=[400, 400]"]
+    assert [text[-46:] for text in warnings(*both)] == 2 * ["its region_rows_px and sensor.range must match"]
+    assert warnings(*both, "sensor.range.near_mm=99", "sensor.range.far_mm=134", "scan.sweep.standoff_mm=110") == []
+    with pytest.raises(DescriptionError, match=r"nowhere .* region_rows_px"):
+        warnings("sensor.camera[1].region_rows_px=[0, 200]", "sensor.range.near_mm=110")
+
+
 @pytest.mark.parametrize("words", [["tilt_deg=75"], ["height_mm=300"], ["tilt_deg=75", "distortion=[-1, 0, 0, 0, 0]"]])
 def test_camera_without_view_is_rejected(words: list[str]) -> None:
     """Points that distortion folds into the image from outside the field of view do not count."""
@@ -128,6 +136,8 @@ def test_camera_panned_out_of_laser_fan_is_rejected() -> None:
         (["sensor.detector.exposure_ms=26"], ["scan.sweep.angle_step_deg", "scan.raster.pitch_mm"]),
         (["sensor.detector.exposure_ms=26", "scan.sweep.enabled=false"], ["scan.raster.pitch_mm"]),
         (["sensor.detector.exposure_ms=26", "scan.mode=stop-and-look"], []),
+        (["sensor.detector.exposure_ms=26", 'scan.raster.pitch_mm="sensor"'], ["scan.sweep.angle_step_deg"]),
+        (["sensor.detector.exposure_ms=26", 'scan.sweep.angle_step_deg="sensor"'], ["scan.raster.pitch_mm"]),
         (["sensor.detector.exposure_ms=26", "scan.pose=[{z_mm=100}]"], []),
         (
             ['sensor.detector.shutter="rolling"', "sensor.detector.row_readout_us=10"],

@@ -119,10 +119,18 @@ def exact_views(as_built):
     return [TargetExposure(surface, np.eye(4), None, board_corners(sensor, one), 1) for one in board_poses(NOMINAL)]
 
 
-def test_opencv_gives_intrinsics_and_poses_as_start() -> None:
+@pytest.mark.parametrize(
+    "read",
+    [
+        {},
+        {"detector.binning": 2, "camera[1].region_rows_px": [101, 823], "camera[1].region_columns_px": [51, 1170]},
+    ],
+)
+def test_opencv_gives_intrinsics_and_poses_as_start(read) -> None:
+    nominal = NOMINAL.replace(read)
     words = ("sensor.camera[1].half_angle_deg=9.4", "sensor.camera[1].cx_px=650", "sensor.camera[1].cy_px=500")
-    as_built = as_built_sensor(NOMINAL, (*words, "sensor.camera[1].distortion=[-0.05,0,0,0,0]"))
-    start, placed = start_from_corners(NOMINAL, exact_views(as_built))
+    as_built = as_built_sensor(nominal, (*words, "sensor.camera[1].distortion=[-0.05,0,0,0,0]"))
+    start, placed = start_from_corners(nominal, exact_views(as_built))
     camera = start.camera[0]
     assert camera.half_angle_deg == pytest.approx(9.4, abs=1e-3)
     assert (camera.cx_px, camera.cy_px) == pytest.approx((650.0, 500.0), abs=0.2)

@@ -9,6 +9,7 @@ import pytest
 
 import scancell
 from bench.exposure_modes import AUTOMATIC, MATERIALS, MULTIPLE, PART, REGIONS, by_region
+from scancell.config.exposure_times import profile_time
 from scancell.errors import SensorError
 from scancell.evaluation.ground_truth import TrueWorld
 
@@ -63,6 +64,36 @@ def test_a_shot_has_all_exposures() -> None:
     merged = scancell.shot(PART, pose, settings={**settings, **MULTIPLE})
     assert len(merged.points_in_part) > 1.2 * len(dark.points_in_part)
     assert len(merged.rows) == len(merged.points_in_part)
+
+
+REGION = {f"sensor.camera[{k}].region_rows_px": [200, 700] for k in (1, 2)}
+
+
+def test_profiles_follow_one_another_at_the_rate_of_the_sensor() -> None:
+    settings = {
+        **REGION,
+        "sensor.detector.row_readout_us": 30.0,
+        "scan.sweep.enabled": False,
+        "scan.raster.pitch_mm": "sensor",
+    }
+    result = scan("geometric", **settings, **{"scan.max_profiles": 1000})
+    period = 30e-6 * 699
+    assert profile_time(result.setup.sensor) == pytest.approx(period)
+    measured = result.recording.measured
+    for segment in np.unique(measured.segment):
+        gaps = np.diff(measured.time[measured.segment == segment])
+        assert period - 2e-6 < gaps.min()  # times are whole microseconds
+        assert gaps.max() < 1.1 * period
+
+
+def test_choice_of_exposures_works_for_regions_and_binned_pixels() -> None:
+    binned = {"sensor.detector.binning": 2, "sensor.detector.binning_mode": "charge"}
+    part = {**REGION, **binned, "sensor.detector.exposure_ms": 0.05, "scan.max_profiles": 12}
+    dark, merged, adapted = scan(**part), scan(**{**part, **MULTIPLE}), scan(**part, **AUTOMATIC)
+    assert len(merged.cloud) > 1.5 * len(dark.cloud)
+    assert len(adapted.cloud) > 1.2 * len(dark.cloud)
+    for result in (merged, adapted):
+        assert result.deviation.figures.rms < 5e-6
 
 
 def test_ground_truth_needs_fixed_exposures() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.config.sensor import SensorDescription
+from scancell.config.sensor import SensorDescription, read_out
 
 Array = NDArray[np.float64]
 
@@ -40,9 +40,10 @@ def _starts(sensor: SensorDescription, longest: bool = False) -> Array:
 
     An image with the laser off follows each exposure and takes as long. With a rolling shutter the rows of an image are
     read after one another before the next one begins; with a global shutter an image is read during the next exposure.
+    The rows are those of the region that is read; binned ones count once.
     """
     detector = sensor.detector
-    rows = max(camera.height_px for camera in sensor.camera)
+    rows = max(camera.height_px for camera in read_out(sensor).camera)
     readout = 1e-6 * (detector.row_readout_us or 0.0) * (rows - 1)
     durations = _durations(sensor, longest)
     images = np.repeat(durations, 2 if detector.laser_off_frame else 1)

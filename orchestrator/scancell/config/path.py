@@ -92,7 +92,11 @@ class PathDescription(FileDescription):
 
     name: str = Field(default="path", description="name of the path")
     speed_mm_s: Positive = Field(default=50.0, description="speed of the sensor relative to the part, mm/s")
-    pitch_mm: Positive = Field(default=0.5, description="distance of the sensor between exposures, mm")
+    pitch_mm: Positive | Literal["sensor"] = Field(
+        default=0.5,
+        description="distance of the sensor between exposures, mm; sensor: the smallest at speed_mm_s, by the sensor's"
+        " highest profile rate",
+    )
     standoff_mm: Positive = Field(default=80.0, description="distance along sensor Z to the point it looks at, mm")
     spiral: SpiralDescription | None = Field(default=None, description="a spiral around the part")
     contour: ContourDescription | None = Field(default=None, description="the contour of the part at one height")

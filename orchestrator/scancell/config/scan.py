@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -52,8 +52,10 @@ class SweepDescription(Description):
     height_step_mm: Positive = Field(
         default=30.0, description="distance between neighbouring sweeps along the laser line, mm"
     )
-    angle_step_deg: Annotated[float, Field(ge=0.01, le=30.0)] = Field(
-        default=1.0, description="table angle between exposures, deg; increased to stay within max_profiles"
+    angle_step_deg: Annotated[float, Field(ge=0.01, le=30.0)] | Literal["sensor"] = Field(
+        default=1.0,
+        description="table angle between exposures, deg; sensor: the smallest at speed_deg_s, by the sensor's highest"
+        " profile rate; increased to stay within max_profiles",
     )
     speed_deg_s: Positive = Field(default=40.0, description="table speed during exposures, deg/s")
 
@@ -62,8 +64,10 @@ class RasterDescription(Description):
     """Straight passes over the top of the part, sensor pointing down."""
 
     enabled: bool = Field(default=True, description="whether the scan contains passes")
-    pitch_mm: Positive = Field(
-        default=0.5, description="distance between exposures along the pass, mm; increased to stay within max_profiles"
+    pitch_mm: Positive | Literal["sensor"] = Field(
+        default=0.5,
+        description="distance between exposures along the pass, mm; sensor: the smallest at speed_mm_s, by the sensor's"
+        " highest profile rate; increased to stay within max_profiles",
     )
     overlap_mm: NonNegative = Field(default=4.0, description="overlap of neighbouring passes along the laser line, mm")
     speed_mm_s: Positive = Field(default=50.0, description="speed of the sensor along the pass, mm/s")
@@ -149,6 +153,19 @@ class ScanDescription(FileDescription):
     path: tuple[PathDescription, ...] = Field(
         default=(), description="sensor paths over the part, scanned after sweeps and passes"
     )
+
+    @model_validator(mode="after")
+    def _takes_its_rate_in_motion(self) -> Self:
+        if self.mode == "dynamic":
+            return self
+        spacings = [("sweep.angle_step_deg", self.sweep.angle_step_deg), ("raster.pitch_mm", self.raster.pitch_mm)]
+        spacings += [(f"path[{number}].pitch_mm", path.pitch_mm) for number, path in enumerate(self.path, start=1)]
+        for key, spacing in spacings:
+            if spacing == "sensor":
+                raise ValueError(
+                    f'{key} = "sensor" needs mode = "dynamic", not "{self.mode}": the rate is that in motion'
+                )
+        return self
 
     @model_validator(mode="after")
     def _has_views(self) -> Self:

@@ -9,16 +9,21 @@ from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from scancell.config.description import Description, FileDescription, Finite, Fraction, NonNegative, Positive
 from scancell.config.units import si_value, to_si
 
-_Pixels = Annotated[int, Field(ge=16, le=16_384)]
+Array = NDArray[np.float64]
+
+_SMALLEST_IMAGE = 16  # px
+_Pixels = Annotated[int, Field(ge=_SMALLEST_IMAGE, le=16_384)]
 _ExposureTime = Annotated[float, Field(gt=0.0, le=1000.0)]
 _Lean = Annotated[float, Field(ge=-40.0, le=40.0)]
 _Coefficient = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 _Small = Annotated[float, Field(ge=-10.0, le=10.0)]
+_Region = tuple[Annotated[int, Field(ge=0)], _Pixels]
 
 _FORMAT = 1
 _STRAIGHTNESS = 6  # number of coefficients that the library expects
@@ -107,7 +112,8 @@ class CameraDescription(Description):
     """One camera at distance `baseline` (the paper's a) from the sheet and sensor height `height` (b).
 
     Its optical axis is tilted by `tilt` (phi) from sensor Z towards the sheet; `half_angle` (gamma) is half the
-    vertical field of view, so that the focal length is ``height_px / (2 tan gamma)`` pixels.
+    vertical field of view, so that the focal length is ``height_px / (2 tan gamma)`` pixels. All keys describe the
+    whole image sensor in its own pixels; its images are the region of it that is read, see `read_out`.
     """
 
     name: str = Field(description="unique name of the camera, used in results")
@@ -120,13 +126,23 @@ class CameraDescription(Description):
     half_angle_deg: Annotated[float, Field(gt=0.1, lt=60.0)] = Field(
         description="half of the field of view along the image's height (gamma), deg; must be below tilt_deg"
     )
-    width_px: _Pixels = Field(description="image width: columns along the laser line, px")
-    height_px: _Pixels = Field(description="image height: rows along the range, px")
+    width_px: _Pixels = Field(description="width of the image sensor: columns along the laser line, px")
+    height_px: _Pixels = Field(description="height of the image sensor: rows along the range, px")
     cx_px: Finite | None = Field(
         default=None, description="column of the principal point, px; default: image centre (width_px - 1) / 2"
     )
     cy_px: Finite | None = Field(
         default=None, description="row of the principal point, px; default: image centre (height_px - 1) / 2"
+    )
+    region_columns_px: _Region | None = Field(
+        default=None,
+        description="region of interest: first column and number of columns that are read, among them that of the"
+        " principal point; default: all",
+    )
+    region_rows_px: _Region | None = Field(
+        default=None,
+        description="region of interest: first row and number of rows that are read; fewer rows are read sooner;"
+        " default: all",
     )
     distortion: Annotated[tuple[_Coefficient, ...], Field(min_length=5, max_length=5)] = Field(
         default=(0.0, 0.0, 0.0, 0.0, 0.0),
@@ -167,9 +183,25 @@ class CameraDescription(Description):
             )
         return self
 
+    @model_validator(mode="after")
+    def _region_is_on_the_image_sensor(self) -> Self:
+        for key, size in (("region_columns_px", self.width_px), ("region_rows_px", self.height_px)):
+            first, count = getattr(self, key) or (0, size)
+            if first + count > size:
+                raise ValueError(f"{key} = [{first}, {count}] must end within the {size} px of the image sensor")
+        if self.region_columns_px is not None:
+            first, count = self.region_columns_px
+            middle = principal_point_px(self)[0]
+            # Planning takes the measuring field as symmetric about sensor Z.
+            if not first - 0.5 < middle < first + count - 0.5:
+                raise ValueError(
+                    f"region_columns_px = [{first}, {count}] must contain column {middle:g} of the principal point"
+                )
+        return self
+
 
 class DetectorDescription(Description):
-    """Image sensor in EMVA 1288 terms.
+    """Image sensor in EMVA 1288 terms, of pixels before binning.
 
     A rolling shutter exposes row after row, each for `exposure_ms`; as with a global shutter, the middle of the image
     is exposed around the trigger's latch instant.
@@ -215,7 +247,14 @@ class DetectorDescription(Description):
         description="time in which a row is read, µs; rolling: the delay between the exposures of neighbouring rows;"
         " global: an image is read while the next one is exposed, and no time is taken unless given",
     )
-
+    binning: Literal[1, 2, 4] = Field(
+        default=1, description="width and height, in pixels, of the squares that are read as one pixel of the image"
+    )
+    binning_mode: Literal["average", "charge"] = Field(
+        default="average",
+        description="average: the mean of the pixels' signals before conversion; charge: their charges are collected on"
+        " one node of the same full well and read once",
+    )
     laser_off_frame: bool = Field(
         default=False,
         description="take a second (background) image with the laser off after each exposure and extract from the"
@@ -462,6 +501,17 @@ class SensorDescription(FileDescription):
         return self
 
     @model_validator(mode="after")
+    def _images_have_pixels(self) -> Self:
+        for number, camera in enumerate(read_out(self).camera, start=1):
+            if min(camera.width_px, camera.height_px) < _SMALLEST_IMAGE:
+                raise ValueError(
+                    f"camera[{number}]: with detector.binning = {self.detector.binning} its images have"
+                    f" {camera.width_px} x {camera.height_px} px; expected at least {_SMALLEST_IMAGE} x"
+                    f" {_SMALLEST_IMAGE}"
+                )
+        return self
+
+    @model_validator(mode="after")
     def _first_exposure_is_within_the_limits(self) -> Self:
         low, first, high = self.exposure.shortest_ms, self.detector.exposure_ms, self.exposure.longest_ms
         if low is not None and high is not None and not low <= first <= high:
@@ -513,7 +563,11 @@ def ignored_by_geometric_engine(sensor: SensorDescription) -> list[str]:
 
 
 def sensor_json(sensor: SensorDescription, seed: int) -> dict[str, Any]:
-    """SI description of the sensor as the native library reads it; `seed` is the random seed of the images."""
+    """SI description of the sensor as the native library reads it; `seed` is the random seed of the images.
+
+    Its cameras are those of `read_out`.
+    """
+    sensor = read_out(sensor)
     data: dict[str, Any] = to_si(sensor.model_dump(exclude={"camera", "detector", "exposure", "laser"}))
     data["detector"] = _detector_json(sensor.detector)
     data["laser"] = _laser_json(sensor.laser)
@@ -525,7 +579,8 @@ def sensor_json(sensor: SensorDescription, seed: int) -> dict[str, Any]:
 
 
 def _detector_json(detector: DetectorDescription) -> dict[str, Any]:
-    data: dict[str, Any] = to_si(detector.model_dump(exclude={"shutter", "row_readout_us", "hot_pixels_ppm"}))
+    excluded = {"shutter", "row_readout_us", "hot_pixels_ppm", "binning", "binning_mode"}
+    data: dict[str, Any] = to_si(detector.model_dump(exclude=excluded))
     data["hot_pixels"] = 1e-6 * detector.hot_pixels_ppm
     data["row_readout"] = 1e-6 * (detector.row_readout_us or 0.0) if detector.shutter == "rolling" else 0.0
     return data
@@ -544,10 +599,10 @@ def _laser_json(laser: LaserDescription) -> dict[str, Any]:
 
 
 def _camera_json(camera: CameraDescription, wavelength_nm: float) -> dict[str, Any]:
-    data: dict[str, Any] = to_si(camera.model_dump(exclude={"half_angle_deg", "cx_px", "cy_px"}))
+    excluded = {"half_angle_deg", "cx_px", "cy_px", "region_columns_px", "region_rows_px"}
+    data: dict[str, Any] = to_si(camera.model_dump(exclude=excluded))
     data["focal_px"] = focal_length_px(camera)
-    data["cx_px"] = (camera.width_px - 1) / 2 if camera.cx_px is None else camera.cx_px
-    data["cy_px"] = (camera.height_px - 1) / 2 if camera.cy_px is None else camera.cy_px
+    data["cx_px"], data["cy_px"] = principal_point_px(camera)
     data["focus"] = data["focus"] or 0.0  # 0: no defocus
     if camera.psf_sigma_px == "diffraction":
         # Gaussian approximation of the Airy disc (Zhang, Zerubia, Olivo-Marin, Applied Optics 46 (2007) 1819).
@@ -562,3 +617,82 @@ def focal_length_px(camera: CameraDescription) -> float:
     """Focal length from image height and half angle: ``f = H / (2 tan gamma)``."""
     gamma = si_value(camera, "half_angle_deg")
     return float(camera.height_px / (2.0 * np.tan(gamma)))
+
+
+def principal_point_px(camera: CameraDescription) -> tuple[float, float]:
+    """Column and row of the principal point, px."""
+    return (
+        (camera.width_px - 1) / 2 if camera.cx_px is None else camera.cx_px,
+        (camera.height_px - 1) / 2 if camera.cy_px is None else camera.cy_px,
+    )
+
+
+def read_out(sensor: SensorDescription) -> SensorDescription:
+    """The sensor whose image sensors are the images that `sensor` reads: of its regions, in binned pixels.
+
+    Columns and rows that are left over by binning are not read. Values may be beyond the bounds of their keys. A binned
+    pixel of N = b x b pixels collects the light and dark current of N; relative (PRNU) and absolute (DSNU) deviations
+    between pixels are independent, so that they become 1 / b and b times as large; N times as many are hot.
+
+    - ``charge``: the node and what follows are those of one pixel, so that full well, gain, read noise and row noise
+      stay.
+    - ``average``: in electrons of the binned pixel, the gain is 1 / N and the full well N times as large; read noise of
+      N independent pixels adds to b times as much, noise of b independent rows, each in b pixels, to b^(3/2) times.
+    """
+    is_whole = not any(camera.region_columns_px or camera.region_rows_px for camera in sensor.camera)
+    if is_whole and sensor.detector.binning == 1:
+        return sensor
+    cameras = tuple(_read_camera(camera, sensor.detector.binning) for camera in sensor.camera)
+    return sensor.model_copy(update={"camera": cameras, "detector": _binned(sensor.detector)})
+
+
+def image_sensor_pixels(sensor: SensorDescription, camera: int, pixels: Array) -> Array:
+    """Pixels (n, 2), column and row, of the image sensor `sensor.camera[camera]` from those (n, 2) of its images."""
+    binning = sensor.detector.binning
+    return np.asarray(binning * pixels + _first_pixel(sensor.camera[camera], binning))
+
+
+def _first_pixel(camera: CameraDescription, binning: int) -> Array:
+    """Column and row (2,) of the image sensor of the centre of the image's first pixel, px."""
+    first = [region[0] if region else 0 for region in (camera.region_columns_px, camera.region_rows_px)]
+    return np.array(first) + (binning - 1) / 2
+
+
+def _read_camera(camera: CameraDescription, binning: int) -> CameraDescription:
+    regions = (camera.region_columns_px, camera.width_px), (camera.region_rows_px, camera.height_px)
+    width, height = ((region[1] if region else size) // binning for region, size in regions)
+    cx, cy = (np.array(principal_point_px(camera)) - _first_pixel(camera, binning)) / binning
+    half_angle = np.degrees(np.arctan(height / (2.0 * focal_length_px(camera) / binning)))
+    changes = {
+        "width_px": width,
+        "height_px": height,
+        "half_angle_deg": float(half_angle),
+        "cx_px": float(cx),
+        "cy_px": float(cy),
+        "region_columns_px": None,
+        "region_rows_px": None,
+        "pixel_pitch_um": binning * camera.pixel_pitch_um,
+    }
+    if camera.psf_sigma_px != "diffraction":
+        changes["psf_sigma_px"] = camera.psf_sigma_px / binning
+    return camera.model_copy(update=changes)
+
+
+def _binned(detector: DetectorDescription) -> DetectorDescription:
+    side = detector.binning
+    count = side**2
+    changes = {
+        "binning": 1,
+        "dark_current_e_per_s": count * detector.dark_current_e_per_s,
+        "prnu": detector.prnu / side,
+        "dsnu_e": side * detector.dsnu_e,
+        "hot_pixels_ppm": count * detector.hot_pixels_ppm,
+    }
+    if detector.binning_mode == "average":
+        changes |= {
+            "full_well_e": count * detector.full_well_e,
+            "gain_dn_per_e": detector.gain_dn_per_e / count,
+            "read_noise_e": side * detector.read_noise_e,
+            "row_noise_e": side**1.5 * detector.row_noise_e,
+        }
+    return detector.model_copy(update=changes)

@@ -67,8 +67,8 @@ def si_value(description: object, key: str) -> float:
 
 
 def _scaled(value: Any, scale: float) -> Any:
-    if value is None:
-        return None
+    if value is None or isinstance(value, str):
+        return value
     if isinstance(value, Sequence):
         return [_scaled(item, scale) for item in value]
     return float(value) * scale

@@ -21,6 +21,7 @@ from scancell.config.sensor import (
     GeometricDescription,
     RenderDescription,
     SensorDescription,
+    read_out,
 )
 from scancell.errors import SensorError
 from scancell.geometry import pose
@@ -103,7 +104,7 @@ class TrueWorld:
             raise SensorError(
                 "ground truth needs fixed exposures", file=sensor.name, key="exposure.mode", value=sensor.exposure.mode
             )
-        rays = min(_MAX_RAYS, _RAYS_PER_COLUMN * max(camera.width_px for camera in sensor.camera))
+        rays = min(_MAX_RAYS, _RAYS_PER_COLUMN * max(camera.width_px for camera in read_out(sensor).camera))
         exact = {
             "render": RenderDescription(noise=False),
             "extraction": ExtractionDescription(),

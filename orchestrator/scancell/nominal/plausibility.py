@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scancell.config.exposure_times import profile_time
 from scancell.config.loading import Setup
 from scancell.config.robot import JointDescription, RobotDescription
-from scancell.config.sensor import CameraDescription, SensorDescription, sensor_json
+from scancell.config.sensor import CameraDescription, SensorDescription, principal_point_px, read_out, sensor_json
 from scancell.config.units import si_value
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
@@ -112,15 +112,16 @@ def _camera_warnings(sensor: SensorDescription) -> list[str]:
     """Cameras that see the laser line in less than half of the measuring range."""
     native = Sensor(json.dumps(sensor_json(sensor, seed=0)))
     warnings = []
-    for number, (camera, described) in enumerate(zip(native.cameras, sensor.camera, strict=True), start=1):
+    images = zip(native.cameras, sensor.camera, read_out(sensor).camera, strict=True)
+    for number, (camera, described, read) in enumerate(images, start=1):
         share = _share_of_range(sensor, camera)
         if share >= _MIN_SHARE:
             continue
         near, far = (f"{value:g}" for value in (sensor.range.near_mm, sensor.range.far_mm))
-        seen = (
-            f"of the measuring range from {near} to {far} mm (its image centre column sees {_view(camera, described)})"
-        )
+        seen = f"of the measuring range from {near} to {far} mm (its image centre column sees {_view(camera, read)})"
         hint = "check its tilt_deg, half_angle_deg, baseline_mm and height_mm, and sensor.range"
+        if described.region_rows_px is not None:
+            hint = "its region_rows_px and sensor.range must match"
         name = f"sensor.camera[{number}] '{described.name}'"
         if share == 0.0:
             raise DescriptionError(f"sees the laser line nowhere {seen}; {hint}", key=name)
@@ -148,9 +149,9 @@ def _share_of_range(sensor: SensorDescription, camera: Camera) -> float:
     return float(seen.reshape(y.shape).any(1).mean())
 
 
-def _view(camera: Camera, described: CameraDescription) -> str:
+def _view(camera: Camera, read: CameraDescription) -> str:
     """Range of sensor Z on the laser sheet between the first and last row of the image."""
-    column = (camera.width_px - 1) / 2 if described.cx_px is None else described.cx_px
+    column, _ = principal_point_px(read)
     rays = camera.view_rays(np.array([[column, -0.5], [column, camera.height_px - 0.5]]))
     origin = camera.sensor_from_camera[:3, 3]
     with np.errstate(divide="ignore"):
@@ -179,13 +180,16 @@ def _motion_warnings(setup: Setup) -> list[str]:
         limit = f"cell.table.max_speed_deg_s = {table.max_speed_deg_s:g}"
         warnings.append(f"scan.sweep.speed_deg_s = {sweep.speed_deg_s:g}: sweeps are slower, limited by {limit}")
     speed = min(sweep.speed_deg_s, table.max_speed_deg_s)
-    periods = [
-        (sweep.enabled, "sweep", "angle_step_deg", "speed_deg_s", 1e3 * sweep.angle_step_deg / speed),
-        (raster.enabled, "raster", "pitch_mm", "speed_mm_s", 1e3 * raster.pitch_mm / raster.speed_mm_s),
+    views = [
+        (sweep.enabled, "sweep", "angle_step_deg", sweep.angle_step_deg, "speed_deg_s", speed),
+        (raster.enabled, "raster", "pitch_mm", raster.pitch_mm, "speed_mm_s", raster.speed_mm_s),
     ]
     needed = 1e3 * profile_time(sensor)
-    for enabled, name, step, key, period in periods:
-        if enabled and needed > period:
+    for enabled, name, step, spacing, key, rate in views:
+        if not enabled or spacing == "sensor":
+            continue
+        period = 1e3 * spacing / rate
+        if needed > period:
             asked = f"scan.{name}.{step} and {key} ask for an exposure every {period:.3g} ms"
             warnings.append(f"{asked}, but one takes {needed:.3g} ms: reduce scan.{name}.{key} or the exposure time")
     return warnings

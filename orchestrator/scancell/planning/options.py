@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.config.exposure_times import profile_time
 from scancell.config.path import PathDescription
 from scancell.config.scan import ScanDescription
+from scancell.config.sensor import SensorDescription
 from scancell.config.units import si_value, to_si
 from scancell.errors import DescriptionError
 from scancell.nominal.cell import NominalCell
@@ -21,10 +23,15 @@ _DEFAULT_AZIMUTH = float(np.radians(105.0))  # when the scan has no sweeps
 
 @dataclass(frozen=True)
 class Spacing:
-    """Distance between exposures: of the table in sweeps (rad), of the sensor in passes (m)."""
+    """Distance between exposures: of the table in sweeps (rad), of the sensor in passes (m).
+
+    It is the largest that is wanted, or, where it follows from the sensor's profile rate, the smallest possible.
+    """
 
     angle: float
     pitch: float
+    is_least_angle: bool = False
+    is_least_pitch: bool = False
 
 
 @dataclass(frozen=True)
@@ -37,6 +44,7 @@ class SweepOptions:
     height_step: float
     angle_step: float
     speed: float
+    is_least_step: bool = False
 
 
 @dataclass(frozen=True)
@@ -47,6 +55,7 @@ class RasterOptions:
     pitch: float
     overlap: float
     speed: float
+    is_least_pitch: bool = False
 
 
 @dataclass(frozen=True)
@@ -81,7 +90,13 @@ class ScanOptions:
     @property
     def spacing(self) -> Spacing:
         """Requested spacing of exposures."""
-        return Spacing(self.sweep.angle_step if self.sweep else np.inf, self.raster.pitch if self.raster else np.inf)
+        sweep, raster = self.sweep, self.raster
+        return Spacing(
+            sweep.angle_step if sweep else np.inf,
+            raster.pitch if raster else np.inf,
+            sweep is not None and sweep.is_least_step,
+            raster is not None and raster.is_least_pitch,
+        )
 
     @property
     def azimuth(self) -> float:
@@ -105,10 +120,16 @@ def pair_clearances(scan: ScanDescription, nominal: NominalCell) -> dict[frozens
     return {frozenset(pair.bodies): si_value(pair, "clearance_mm") for pair in scan.pair_clearance}
 
 
-def scan_options(scan: ScanDescription) -> ScanOptions:
-    """Options of a validated description, converted to SI units."""
+def scan_options(scan: ScanDescription, sensor: SensorDescription) -> ScanOptions:
+    """Options of a validated description, converted to SI units; `sensor` sets spacings by its `profile_time`."""
+    period = profile_time(sensor)
     si = to_si(scan.model_dump())
     sweep, raster = si["sweep"], si["raster"]
+    is_least_step, is_least_pitch = sweep["angle_step"] == "sensor", raster["pitch"] == "sensor"
+    paths = [
+        path.model_copy(update={"pitch_mm": path.speed_mm_s * period}) if path.pitch_mm == "sensor" else path
+        for path in scan.path
+    ]
     poses = np.array([pose_matrix(p) for p in scan.pose]).reshape(-1, 4, 4)
     return ScanOptions(
         dynamic=scan.mode == "dynamic",
@@ -120,17 +141,24 @@ def scan_options(scan: ScanDescription) -> ScanOptions:
             sweep["azimuth"],
             sweep["standoff"],
             sweep["height_step"],
-            sweep["angle_step"],
+            sweep["speed"] * period if is_least_step else sweep["angle_step"],
             sweep["speed"],
+            is_least_step,
         )
         if scan.sweep.enabled
         else None,
-        raster=RasterOptions(sweep["standoff"], raster["pitch"], raster["overlap"], raster["speed"])
+        raster=RasterOptions(
+            sweep["standoff"],
+            raster["speed"] * period if is_least_pitch else raster["pitch"],
+            raster["overlap"],
+            raster["speed"],
+            is_least_pitch,
+        )
         if scan.raster.enabled
         else None,
         poses=poses,
         verify=scan.verify,
-        paths=scan.path,
+        paths=tuple(paths),
         max_lost_share=scan.max_lost_share,
         coverage=CoverageOptions(scan.coverage.share, scan.coverage.max_views, scan.coverage.max_time_s)
         if scan.coverage.enabled

@@ -187,15 +187,16 @@ class ScanPipeline(Closing):
         cell = replace(self._planning_cell(loaded, setup, sensor), work=work)
         nominal = cell.nominal
         sight = Sight(nominal, setup.sensor, partial(self._measurable, work), self.threads, work)
-        is_dynamic, described = setup.cell.robot.drive == "dynamic", [setup.scan.model_dump_json()]
+        is_dynamic, options = setup.cell.robot.drive == "dynamic", scan_options(setup.scan, setup.sensor)
         # Only what this plan depends on: a study of other values plans once.
+        described = [setup.scan.model_dump_json(), options.spacing, [path.pitch_mm for path in options.paths]]
         described += [setup.sensor.model_dump_json()] if setup.scan.coverage.enabled else []
         described += [setup.cell.model_dump_json()] if is_dynamic else []
         key = _digest([_without_optics(nominal), cell.range, cell.cycle, *described])
         key += "" if saved is None else _digest([saved.program])
 
         def make() -> Plan:
-            here, options = _with_torques(cell, setup), scan_options(setup.scan)
+            here = _with_torques(cell, setup)
             return plan(here, options, sight, quality_factors) if saved is None else recheck(here, saved, options)
 
         if quality_factors:
@@ -218,7 +219,7 @@ class ScanPipeline(Closing):
         Raises `PlanningError` if no path free of collision is found, naming the bodies that collide on the direct one.
         """
         cell = _with_torques(self._planning_cell(loaded, setup, sensor), setup)
-        return approach(cell, scan_options(setup.scan).clearance, start, goal, purpose)
+        return approach(cell, scan_options(setup.scan, setup.sensor).clearance, start, goal, purpose)
 
     def _planning_cell(self, loaded: LoadedCell, setup: Setup, sensor: sensor_rt.Sensor) -> PlanningCell:
         cycle = setup.cell.world.controller_cycle

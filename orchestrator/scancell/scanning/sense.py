@@ -16,7 +16,7 @@ from scancell.cell.recording import Recording
 from scancell.config.choices import Engine
 from scancell.config.exposure_times import exposure_windows
 from scancell.config.loading import as_built_sensor
-from scancell.config.sensor import DetectorDescription, SensorDescription, sensor_json
+from scancell.config.sensor import DetectorDescription, SensorDescription, read_out, sensor_json
 from scancell.errors import DescriptionError, SensorError
 from scancell.nominal.cell import Body, Lamp
 from scancell.progress import Progress
@@ -153,7 +153,9 @@ def make_sensors(
 
 
 def _require_same_images(nominal: SensorDescription, estimated: SensorDescription) -> None:
-    sizes, expected = ([f"{one.width_px} x {one.height_px}" for one in each.camera] for each in (estimated, nominal))
+    sizes, expected = (
+        [f"{one.width_px} x {one.height_px}" for one in read_out(each).camera] for each in (estimated, nominal)
+    )
     if sizes != expected:
         raise DescriptionError(
             f"cameras of {', '.join(sizes)} px cannot interpret the images of '{nominal.name}'",

@@ -281,7 +281,7 @@ class Survey:
         )
         check_part(cell)
         choices = self._free_joints(cell, poses)
-        options = replace(scan_options(setup.scan), dynamic=False)
+        options = replace(scan_options(setup.scan, setup.sensor), dynamic=False)
         assembly, left_out, at = Assembly(cell, options), 0, nominal.home
         for joints in choices:
             reached = self._add(assembly, joints, at)

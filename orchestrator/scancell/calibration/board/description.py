@@ -80,6 +80,8 @@ def describe(rig: Rig, size: tuple[int, int], stripe: Array, start: SensorDescri
         "height_px": height,
         "cx_px": float(cx),
         "cy_px": float(cy),
+        "region_columns_px": None,
+        "region_rows_px": None,
         "distortion": [float(k1), float(k2), float(p1), float(p2), 0.0],
         "scheimpflug_x_deg": 0.0,
         "scheimpflug_y_deg": 0.0,
@@ -89,7 +91,7 @@ def describe(rig: Rig, size: tuple[int, int], stripe: Array, start: SensorDescri
     data["camera"] = [camera]
     data["range"] = {"near_mm": max(float(low - room), 1e-3), "far_mm": float(high + room)}
     data["laser"] |= {"straightness_mrad": [], "offset_x_mm": 0.0, "turn_y_deg": 0.0, "turn_z_deg": 0.0}
-    data["detector"] |= {"bit_depth": 8}
+    data["detector"] |= {"bit_depth": 8, "binning": 1}
     try:
         return DescribedSensor(SensorDescription.model_validate(data), camera_from_sensor, quarters % 4)
     except (ValueError, DescriptionError) as error:

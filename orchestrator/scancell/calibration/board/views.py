@@ -226,10 +226,14 @@ def _peaks(image: Grey, turned: bool, binning: int, sensor: SensorDescription, t
     small = cv2.resize(
         np.ascontiguousarray(seen[:height, :width]), None, fx=1 / binning, fy=1 / binning, interpolation=cv2.INTER_AREA
     )
-    camera = sensor.camera[0].model_copy(
-        update={"width_px": small.shape[1], "height_px": small.shape[0], "cx_px": None, "cy_px": None}
-    )
-    changes = {**_EXTRACTION, "extraction.min_amplitude_dn": _AMPLITUDE * 255, "detector.bit_depth": 8}
+    size = {"width_px": small.shape[1], "height_px": small.shape[0], "cx_px": None, "cy_px": None}
+    camera = sensor.camera[0].model_copy(update={**size, "region_columns_px": None, "region_rows_px": None})
+    changes = {
+        **_EXTRACTION,
+        "extraction.min_amplitude_dn": _AMPLITUDE * 255,
+        "detector.bit_depth": 8,
+        "detector.binning": 1,
+    }
     extracting = sensor.replace(changes).model_copy(update={"camera": (camera,)})
     peaks = sensor_rt.extract(small[None, None].astype(np.uint16), make_sensor(extracting, 0), threads)
     good = (np.asarray(peaks.flags) & sensor_rt.PEAK_REJECTED) == 0

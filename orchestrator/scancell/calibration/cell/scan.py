@@ -169,7 +169,7 @@ class CalibrationScan:
     ) -> None:
         self.pipeline, self.job = pipeline, job
         self.options, self._start = options, start
-        self._part, self._scan = job.loaded.nominal.part, scan_options(job.setup.scan)
+        self._part, self._scan = job.loaded.nominal.part, scan_options(job.setup.scan, job.setup.sensor)
         cycle = job.setup.cell.world.controller_cycle
         range_ = SensorRange.of(job.sensors.nominal)
         self._cell = PlanningCell(job.loaded.nominal, range_, cycle, threads=pipeline.threads)

@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 
 from scancell.calibration.sensor.parameters import SensorParameters
 from scancell.calibration.sensor.problem import Corners, TargetExposure
-from scancell.config.sensor import CameraDescription, SensorDescription, focal_length_px
+from scancell.config.sensor import (
+    CameraDescription,
+    SensorDescription,
+    focal_length_px,
+    image_sensor_pixels,
+    principal_point_px,
+)
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
 from scancell.geometry.shapes import PlacedShape, Plane, ShapeGroup
@@ -125,7 +131,7 @@ def start_from_corners(
 
 def _with_intrinsics(sensor: SensorDescription, camera: int, views: Sequence[TargetExposure]) -> SensorDescription:
     one = sensor.camera[camera]
-    pairs = [_seen(view, camera) for view in views]
+    pairs = [_seen(sensor, view, camera) for view in views]
     usable = [(points, pixels) for points, pixels in pairs if len(points) >= _FEWEST]
     if len(usable) < _VIEWS or one.scheimpflug_x_deg or one.scheimpflug_y_deg:
         return sensor
@@ -150,7 +156,7 @@ def _pose(sensor: SensorDescription, view: TargetExposure) -> Array:
     if view.corners is None:
         raise CalibrationError("checkered target: a view has no corners")
     camera = int(view.corners.camera[0])
-    points, pixels = _seen(view, camera)
+    points, pixels = _seen(sensor, view, camera)
     matrix, distortion = _intrinsics(sensor.camera[camera])
     found, turn, offset = cv2.solvePnP(points, pixels, matrix, distortion, flags=cv2.SOLVEPNP_IPPE)
     if not found:
@@ -160,18 +166,17 @@ def _pose(sensor: SensorDescription, view: TargetExposure) -> Array:
     return np.asarray(native.cameras[camera].sensor_from_camera @ camera_from_target)
 
 
-def _seen(view: TargetExposure, camera: int) -> tuple[Array, Array]:
-    """Points (n, 3) of the corners that a camera sees, and their pixels (n, 2)."""
+def _seen(sensor: SensorDescription, view: TargetExposure, camera: int) -> tuple[Array, Array]:
+    """Points (n, 3) of the corners that a camera sees, and their pixels (n, 2) of the image sensor."""
     corners = view.corners
     if corners is None:
         return np.zeros((0, 3)), np.zeros((0, 2))
     own = corners.camera == camera
-    return corners.points_in_target[own], corners.pixels[own]
+    return corners.points_in_target[own], image_sensor_pixels(sensor, camera, corners.pixels[own])
 
 
 def _intrinsics(camera: CameraDescription) -> tuple[Array, Array]:
     """Camera matrix (3, 3) and distortion (5,) of OpenCV."""
     focal = focal_length_px(camera)
-    cx = (camera.width_px - 1) / 2 if camera.cx_px is None else camera.cx_px
-    cy = (camera.height_px - 1) / 2 if camera.cy_px is None else camera.cy_px
+    cx, cy = principal_point_px(camera)
     return np.array([[focal, 0.0, cx], [0.0, focal, cy], [0.0, 0.0, 1.0]]), np.array(camera.distortion)

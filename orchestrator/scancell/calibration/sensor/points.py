@@ -17,7 +17,7 @@ from scancell.calibration.measured_table import MeasuredTable, write_measured_ta
 from scancell.calibration.sensor.problem import PEAK_SPACING, Corners, StripePeaks, TargetExposure
 from scancell.calibration.sensor.targets import surface_of
 from scancell.config.choices import SensorTarget
-from scancell.config.sensor import SensorDescription
+from scancell.config.sensor import SensorDescription, read_out
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.geometry.shapes import ShapeGroup
@@ -130,7 +130,7 @@ def _peaks(table: MeasuredTable, sensor: SensorDescription) -> StripePeaks:
     pixels = []
     for name, size in (("column_px", "width_px"), ("row_px", "height_px")):
         values = table.numbers(name)
-        limit = np.array([getattr(one, size) for one in sensor.camera], float)[index] - 0.5
+        limit = np.array([getattr(one, size) for one in read_out(sensor).camera], float)[index] - 0.5
         if (wrong := np.flatnonzero((values < -0.5) | (values > limit))).size:
             table.refuse(int(wrong[0]), name, f"a pixel of the image, 0 to {limit[wrong[0]] - 0.5:g}")
         pixels.append(values)

@@ -16,7 +16,7 @@ from scancell.calibration.sensor.problem import Corners, SensorProblem, StripePe
 from scancell.calibration.sensor.solve import SensorCalibration, solve
 from scancell.config.choices import SensorTarget
 from scancell.config.loading import as_built_sensor
-from scancell.config.sensor import SensorDescription
+from scancell.config.sensor import SensorDescription, read_out
 from scancell.config.units import si_value
 from scancell.geometry import pose
 from scancell.geometry.shapes import ShapeGroup
@@ -129,7 +129,7 @@ def range_error(as_built: SensorDescription, used: SensorDescription, align: boo
     """
     found, expected = [], []
     built, own = make_sensor(as_built, 0), make_sensor(used, 0)
-    for camera, one in enumerate(used.camera):
+    for camera, one in enumerate(read_out(used).camera):
         axes = [np.linspace(0.02, 0.98, 41) * (size - 1) for size in (one.width_px, one.height_px)]
         pixels = np.stack(np.meshgrid(*axes), -1).reshape(-1, 2)
         points = sensor_rt.triangulate_pixels(pixels, built, camera, "sheet")
@@ -193,7 +193,7 @@ def _corners(
     dark = make_sensor(built.replace({"render.mode": "fast", "laser.power_mw": 0.0}), seed)
     probe, *_ = _batches(with_lamp[:1], duration)
     dim = sensor_rt.expected_electrons(build_scene([placed.body, _LAMP]), dark, probe, threads=threads)
-    power = _BRIGHTNESS * built.detector.full_well_e / max(float(np.quantile(dim, 0.999)), 1e-9)
+    power = _BRIGHTNESS * read_out(built).detector.full_well_e / max(float(np.quantile(dim, 0.999)), 1e-9)
     scene = build_scene([placed.body, replace(_LAMP, power=power)])
     sensor = make_sensor(built.replace({"render.mode": "path", "render.samples_per_pixel": 16}), seed)
     found = []

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scancell.calibration.sensor.checkered import CheckeredBoard
 from scancell.config.choices import SensorTarget
 from scancell.config.material import PRESETS, Material
-from scancell.config.sensor import SensorDescription, focal_length_px
+from scancell.config.sensor import SensorDescription, focal_length_px, read_out
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import PlacedShape, Plane, ShapeGroup, Sphere
@@ -117,6 +117,6 @@ def _half_width(sensor: SensorDescription, z: float) -> float:
     of_fan = (z - 1e-3 * laser.source_z_mm) * np.tan(np.radians(laser.fan_half_angle_deg))
     of_cameras = [
         np.hypot(1e-3 * one.baseline_mm, z - 1e-3 * one.height_mm) * one.width_px / (2 * focal_length_px(one))
-        for one in sensor.camera
+        for one in read_out(sensor).camera
     ]
     return float(min(of_fan, *of_cameras))

@@ -23,6 +23,7 @@ from scancell.config.path import (
     WaypointDescription,
     WeightsDescription,
 )
+from scancell.config.units import si_value
 from scancell.errors import DescriptionError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
@@ -246,7 +247,7 @@ def sensor_paths(description: PathDescription, part: Mesh, table_from_part: Arra
             name,
             table_from_part @ _apart(leg, name),
             1e-3 * description.speed_mm_s,
-            1e-3 * description.pitch_mm,
+            si_value(description, "pitch_mm"),
             description.weights,
             description.quality,
         )

@@ -160,7 +160,8 @@ class Sweep:
 
     def exposures(self, spacing: Spacing) -> float:
         """Number of exposures at a spacing."""
-        return 2 * np.pi / spacing.angle
+        count = 2 * np.pi / spacing.angle
+        return float(np.floor(count + 1e-9)) if spacing.is_least_angle else count
 
     def crossings(self, points: Array) -> Array:
         """``table_from_sensor`` (2, n, 4, 4) at both crossings of the sheet, see `View`."""
@@ -199,7 +200,8 @@ class Pass:
 
     def exposures(self, spacing: Spacing) -> float:
         """Number of exposures at a spacing."""
-        return self.length / spacing.pitch + 1
+        count = self.length / spacing.pitch + 1
+        return float(np.floor(count + 1e-9)) if spacing.is_least_pitch else count
 
     def crossings(self, points: Array) -> Array:
         """``table_from_sensor`` (1, n, 4, 4) where the pass is abreast of the points, see `View`."""
