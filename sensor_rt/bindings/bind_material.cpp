@@ -6,6 +6,7 @@
 
 #include "sensor_rt/bindings/arrays.h"
 #include "sensor_rt/bindings/bindings.h"
+#include "sensor_rt/scene/bsdf/subsurface.h"
 #include "sensor_rt/scene/shape.h"
 
 namespace py = pybind11;
@@ -15,9 +16,9 @@ namespace {
 
 Material make_material(double reflectance, const std::string& model, double roughness,
                        double refractive_index, double roughness_along,
-                       const std::optional<Doubles>& groove_axis,
-                       const std::optional<Doubles>& groove_centre) {
-  Material material{model, reflectance, roughness, refractive_index, roughness_along, {}};
+                       const std::optional<Doubles>& groove_axis, const std::optional<Doubles>& groove_centre,
+                       double scattering) {
+  Material material{model, reflectance, roughness, refractive_index, roughness_along, {}, scattering};
   if (groove_axis) material.grooves.axis = to_vector3(*groove_axis, "groove_axis");
   material.grooves.around = groove_centre.has_value();
   if (groove_centre) material.grooves.centre = to_vector3(*groove_centre, "groove_centre");
@@ -47,6 +48,12 @@ py::array_t<double> pi_brdf(const Material& material, const Doubles& a, const Do
     result.mutable_at(i) = bsdf->pi_brdf(surface, unit_row(a, i), unit_row(b, i));
   }
   return result;
+}
+
+std::optional<double> scattering_albedo(const Material& material) {
+  const auto bsdf = make_bsdf(material);
+  if (bsdf->subsurface() == nullptr) return std::nullopt;
+  return bsdf->subsurface()->albedo();
 }
 
 py::array_t<double> albedo(const Material& material, const Doubles& cosine) {
@@ -92,17 +99,19 @@ Material to_material(const py::object& value) {
 void bind_material(py::module_& module) {
   py::class_<Material>(module, "Material", py::module_local())
       .def(py::init([](double reflectance) {
-             return make_material(reflectance, "lambert", 0.0, 1.0, 0.0, {}, {});
+             return make_material(reflectance, "lambert", 0.0, 1.0, 0.0, {}, {}, 0.0);
            }),
            py::arg("reflectance"))
       .def(py::init(&make_material), py::arg("reflectance"), py::arg("model"), py::arg("roughness"),
            py::arg("refractive_index"), py::arg("roughness_along") = 0.0, py::arg("groove_axis") = py::none(),
-           py::arg("groove_centre") = py::none())
+           py::arg("groove_centre") = py::none(), py::arg("scattering") = 0.0)
       .def_readonly("model", &Material::model)
       .def_readonly("reflectance", &Material::reflectance)
       .def_readonly("roughness", &Material::roughness)
       .def_readonly("refractive_index", &Material::refractive_index)
       .def_readonly("roughness_along", &Material::roughness_along)
+      .def_readonly("scattering", &Material::scattering)
+      .def_property_readonly("scattering_albedo", &scattering_albedo)
       .def("pi_brdf", &pi_brdf, py::arg("a"), py::arg("b"))
       .def("albedo", &albedo, py::arg("cosine"))
       .def("sample", &sample, py::arg("from_direction"), py::arg("uniforms"));

@@ -8,6 +8,7 @@
 #include "sensor_rt/render/photons/light_tracer.h"
 #include "sensor_rt/render/reference/path_tracer.h"
 #include "sensor_rt/render/stripe/stripe_raster.h"
+#include "sensor_rt/scene/bsdf/subsurface.h"
 
 namespace sensor_rt {
 namespace {
@@ -44,11 +45,14 @@ void draw_stripe(const RenderPlan& plan, const Scene& scene, const Exposures& ex
     rasters.emplace_back(plan, buffers.mesh, buffers.samples, c,
                          speckle[c].enabled() ? &speckle[c] : nullptr);
   }
+  const int parts = buffers.mesh.has_subsurface() ? Subsurface::kParts : 0;
   for (std::size_t sample = 0; sample < buffers.samples.size(); ++sample) {
-    buffers.mesh.build(sample);
-    for (std::size_t c = 0; c < cameras; ++c) {
-      buffers.samples.row_shares(plan.stripe_cameras[c].optics, sample, buffers.row_shares);
-      rasters[c].draw(sample, buffers.row_shares, buffers.stripe[c]);
+    for (int part = LaserMesh::kAtSurface; part < parts; ++part) {
+      buffers.mesh.build(sample, part);
+      for (std::size_t c = 0; c < cameras; ++c) {
+        buffers.samples.row_shares(plan.stripe_cameras[c].optics, sample, buffers.row_shares);
+        rasters[c].draw(sample, buffers.row_shares, buffers.stripe[c]);
+      }
     }
   }
   const auto duration = static_cast<float>(exposures.duration[exposure]);

@@ -9,25 +9,28 @@
 namespace sensor_rt {
 namespace {
 
-/// Returns the largest half width of the sheet relative to the distance from the source, over the visible
-/// depths.
-double largest_slope(const SensorModel& model) {
-  double near = std::numeric_limits<double>::infinity();
-  double far = 0.0;
+/// Returns the depths that any camera sees, m from the source.
+DepthRange depths_from_source(const SensorModel& model) {
+  DepthRange all{std::numeric_limits<double>::infinity(), 0.0};
   for (const Camera& camera : model.cameras) {
     const DepthRange depth = visible_depth(camera);
-    near = std::min(near, depth.near);
-    far = std::max(far, depth.far);
+    all.near = std::min(all.near, depth.near);
+    all.far = std::max(all.far, depth.far);
   }
-  const LaserSheet& laser = model.laser;
-  constexpr double kNearest = 1e-3;  // m from the source
-  near = std::max(near, laser.source_z + kNearest);
-  far = std::max(near, std::min(far, kFarthest));
+  constexpr double kNearest = 1e-3;
+  const double source = model.laser.source_z;
+  all.near = std::max(all.near - source, kNearest);
+  all.far = std::max(all.near, std::min(all.far, kFarthest) - source);
+  return all;
+}
+
+/// Returns the largest half width of the sheet relative to the distance from the source.
+double largest_slope(const LaserSheet& laser, const DepthRange& depths) {
   double slope = 0.0;
   constexpr int kSteps = 256;
   for (int i = 0; i <= kSteps; ++i) {
-    const double z = near + (far - near) * i / kSteps;
-    slope = std::max(slope, kSheetReach * laser.sigma_at(z) / (z - laser.source_z));
+    const double depth = depths.near + (depths.far - depths.near) * i / kSteps;
+    slope = std::max(slope, kSheetReach * laser.sigma_at(laser.source_z + depth) / depth);
   }
   return slope * 1.02;  // margin: the depths are sampled
 }
@@ -127,7 +130,9 @@ RenderPlan::RenderPlan(const RenderSettings& given)
   }
   sources =
       in_packets(pattern.padded_size(), [this](std::size_t packet, int l) { return source(packet, l); });
-  slope = largest_slope(model);
+  const DepthRange depths = depths_from_source(model);
+  nearest = depths.near;
+  slope = largest_slope(model.laser, depths);
   laser_region = sensor_rt::laser_region(model.laser, slope / std::cos(model.laser.fan_half_angle));
   double beyond = 0.0;
   pixel_size = std::numeric_limits<double>::infinity();

@@ -80,7 +80,8 @@ struct RenderPlan {
   std::vector<StripeCamera> stripe_cameras;
   /// Points that the stripe averages over: a single one for a point source and lenses that need no sampling.
   std::vector<LatticePoint> stripe_lattice;
-  double slope = 0.0;  ///< bound of |x| / distance from the source of all light within the cameras' fields
+  double slope = 0.0;    ///< bound of |x| / distance from the source of all light within the cameras' fields
+  double nearest = 0.0;  ///< least distance of the cameras' fields from the source along z, m
   double pixel_size = 0.0;  ///< smallest footprint of a pixel in the measuring field, m
   std::vector<HalfSpace> laser_region;
   std::vector<std::vector<HalfSpace>> camera_fields;  ///< entire fields of view

@@ -4,6 +4,7 @@
 #include <stdexcept>
 
 #include "sensor_rt/scene/bsdf/model_list.h"
+#include "sensor_rt/scene/bsdf/subsurface.h"
 
 namespace sensor_rt {
 namespace {
@@ -30,6 +31,14 @@ void validate_material(const Material& material, const std::string& what) {
   require(what, "reflectance", material.reflectance, 0.0, 1.0);
   require(what, "roughness", material.roughness, model.min_roughness, 1.0);
   require(what, "refractive_index", material.refractive_index, 1.0, 3.0);
+  if (material.scattering != 0.0) {
+    if (material.model != "rough_dielectric") {
+      throw std::invalid_argument(what + ": scattering belongs to rough_dielectric, not " + material.model);
+    }
+    require(what, "scattering", material.scattering, Subsurface::kLeastScattering,
+            Subsurface::kMostScattering);
+    require(what, "reflectance (with scattering)", material.reflectance, 0.01, Subsurface::kMostReflectance);
+  }
   if (!model.has_grooves) return;
   require(what, "roughness_along", material.roughness_along, model.min_roughness, 1.0);
   if (!(material.grooves.axis.norm() > 0.0) || !material.grooves.axis.allFinite() ||

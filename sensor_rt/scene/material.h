@@ -29,6 +29,9 @@ struct Material {
   /// Grooved conductor: GGX alpha along the grooves, 0.01..1; `roughness` is that across them.
   double roughness_along = 0.0;
   Grooves grooves = {};
+  /// Reduced scattering coefficient of the medium below the coat of the rough dielectric, 1/m, whose light
+  /// leaves elsewhere than it enters; 0: an opaque base.
+  double scattering = 0.0;
 };
 
 /// Throws std::invalid_argument, naming `what` and the parameter, when one is out of its range.

@@ -8,6 +8,7 @@ import numpy as np
 from scancell import sensor as sensor_rt
 from scancell.config.material import PRESETS
 from scancell.geometry import pose
+from scancell.scanning.exposures import native_material
 
 from .scenes import make_sensor, still_exposure
 
@@ -31,8 +32,7 @@ def main() -> None:
     """Render and write the picture."""
     figure, axes = plt.subplots(1, len(PRESETS), figsize=(12, 1.2), layout="constrained")
     for axis, (name, m) in zip(axes, PRESETS.items(), strict=True):
-        material = sensor_rt.Material(m.reflectance, m.model, m.roughness, m.refractive_index)
-        image = stripe(material)[ROWS, COLUMNS]
+        image = stripe(native_material(m))[ROWS, COLUMNS]
         # Brightest of each 3 x 3 pixels, so that the stripe survives the small picture; square root for the eye.
         coarse = image.reshape(len(image) // 3, 3, -1).max(axis=1)[:, : image.shape[1] // 3 * 3]
         coarse = coarse.reshape(len(coarse), -1, 3).max(axis=2)

@@ -45,7 +45,7 @@ SENSORS: dict[str, tuple[Path | None, tuple[str, ...]]] = {
 ENGINES: tuple[Engine, ...] = ("ray-traced", "geometric")
 GROOVED = Material(0.7, "grooved_conductor", roughness=0.35, roughness_along=0.08, groove_axis=(1.0, 0.0, 0.0))
 SURFACES: dict[str, Material] = {
-    **{name.replace("_", " "): material for name, material in PRESETS.items()},
+    **{name.replace("_", " "): m for name, m in PRESETS.items() if m.scattering_per_mm is None},
     "grooves across the laser line": GROOVED,
     "grooves along the laser line": replace(GROOVED, groove_axis=(0.0, 1.0, 0.0)),
     "retro-reflective foil": Material(0.8, "retro_reflective", roughness=0.2),

@@ -9,6 +9,7 @@ import pytest
 from cells import ball
 from pydantic import ValidationError
 
+from scancell import scan
 from scancell import sensor as sensor_rt
 from scancell.config.loading import load_setup
 from scancell.config.material import PRESETS, MaterialDescription
@@ -20,6 +21,31 @@ from scancell.scanning.exposures import build_scene, native_material
 def test_ray_tracer_accepts_presets(name: str) -> None:
     preset = MaterialDescription.model_validate({"preset": name}).resolved()
     assert 0.0 < native_material(preset).albedo([0.7])[0] < 1.0
+
+
+def test_ray_tracer_gets_scattering_per_metre() -> None:
+    assert native_material(PRESETS["marble"]).scattering == pytest.approx(2190.0)
+    assert native_material(PRESETS["painted_plastic"]).scattering_albedo is None
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ({"preset": "matt_white", "scattering_per_mm": 2.0}, "belongs to rough_dielectric, not oren_nayar"),
+        ({"preset": "marble", "reflectance": 0.96}, "must lie in 0.01..0.95"),
+        ({"preset": "marble", "reflectance": 0.0}, "must lie in 0.01..0.95"),
+        ({"preset": "marble", "scattering_per_mm": 0.01}, "greater than or equal to 0.05"),
+    ],
+)
+def test_impossible_media_are_refused(values: dict[str, Any], expected: str) -> None:
+    with pytest.raises(ValidationError, match=expected):
+        MaterialDescription.model_validate(values)
+
+
+def test_geometric_engine_warns_of_translucent_part() -> None:
+    settings = {"cell.part.material.preset": "marble", "scan.max_profiles": 12}
+    found = scan(ball(0.02), engine="geometric", settings=settings)
+    assert any("ignores scattering_per_mm of part" in warning for warning in found.warnings)
 
 
 def test_values_override_preset() -> None:

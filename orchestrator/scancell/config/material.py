@@ -14,9 +14,10 @@ Model = Literal[
 ]
 # Models with a GGX lobe.
 _WITH_LOBE: tuple[Model, ...] = ("rough_dielectric", "rough_conductor", "grooved_conductor", "retro_reflective")
-Preset = Literal["matt_white", "machined_aluminium", "polished_steel", "black_rubber", "painted_plastic"]
+Preset = Literal["matt_white", "machined_aluminium", "polished_steel", "black_rubber", "painted_plastic", "marble"]
 
 _SMOOTHEST_GGX = 0.01
+_MOST_TRANSLUCENT = 0.95
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,7 @@ class Material:
     roughness_along: float | None = None
     groove_axis: Vector | None = None
     groove_centre_mm: Vector | None = None
+    scattering_per_mm: float | None = None
 
 
 # Typical reflectance and roughness in red light; measured values override them.
@@ -39,6 +41,8 @@ PRESETS: dict[Preset, Material] = {
     "polished_steel": Material(0.58, "rough_conductor", roughness=0.08),
     "black_rubber": Material(0.03, "rough_dielectric", roughness=0.6, refractive_index=1.52),
     "painted_plastic": Material(0.5, "rough_dielectric", roughness=0.2, refractive_index=1.5),
+    # Jensen, Marschner, Levoy & Hanrahan, SIGGRAPH 2001: red light.
+    "marble": Material(0.83, "rough_dielectric", roughness=0.5, refractive_index=1.5, scattering_per_mm=2.19),
 }
 
 
@@ -78,6 +82,13 @@ class MaterialDescription(Description):
         " frame, as turning leaves them, mm; default: straight grooves",
     )
 
+    scattering_per_mm: Annotated[float, Field(ge=0.05, le=1000.0)] | None = Field(
+        default=None,
+        description="rough_dielectric: reduced scattering coefficient of the medium below its surface, whose light"
+        " leaves beside the point where it enters; reflectance, 0.01..0.95, is the share of it that leaves again;"
+        " default: an opaque base",
+    )
+
     @model_validator(mode="after")
     def _complete(self) -> Self:
         if self.preset is None and (self.model is None or self.reflectance is None):
@@ -96,6 +107,14 @@ class MaterialDescription(Description):
             raise ValueError(
                 f"roughness_along, groove_axis and groove_centre_mm belong to grooved_conductor, not {material.model}"
             )
+        if material.scattering_per_mm is not None:
+            if material.model != "rough_dielectric":
+                raise ValueError(f"scattering_per_mm belongs to rough_dielectric, not {material.model}")
+            if not 0.01 <= material.reflectance <= _MOST_TRANSLUCENT:
+                raise ValueError(
+                    f"reflectance ({material.reflectance:g}) must lie in 0.01..{_MOST_TRANSLUCENT} with"
+                    " scattering_per_mm"
+                )
         return self
 
     def resolved(self) -> Material:

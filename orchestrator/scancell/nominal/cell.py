@@ -71,6 +71,11 @@ class Body(Value):
     clearance: float | None = None
 
     @property
+    def materials(self) -> tuple[Material, ...]:
+        """All that its faces have."""
+        return (self.material, *(patch.material for patch in self.patches))
+
+    @property
     def fmu_frame(self) -> str:
         """Name of the frame that carries it in the FMU, which counts its parts."""
         return "part[1]" if self.moves_with == "part" else self.moves_with

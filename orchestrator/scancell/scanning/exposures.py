@@ -81,8 +81,9 @@ def _add_shape(scene: sensor_rt.Scene, name: str, placed: PlacedShape, material:
 def native_material(m: Material) -> sensor_rt.Material:
     """The material as the ray tracer takes it."""
     centre = None if m.groove_centre_mm is None else 1e-3 * np.array(m.groove_centre_mm)
+    along, scattering = m.roughness_along or 0.0, 1e3 * (m.scattering_per_mm or 0.0)
     return sensor_rt.Material(
-        m.reflectance, m.model, m.roughness, m.refractive_index, m.roughness_along or 0.0, m.groove_axis, centre
+        m.reflectance, m.model, m.roughness, m.refractive_index, along, m.groove_axis, centre, scattering
     )
 
 

@@ -21,7 +21,7 @@ from scancell.config.sensor import SensorDescription, ignored_by_geometric_engin
 from scancell.errors import DescriptionError, EmptyScanError
 from scancell.geometry import pose
 from scancell.geometry.shapes import PartSurface
-from scancell.nominal.cell import NominalCell
+from scancell.nominal.cell import Body, NominalCell
 from scancell.nominal.estimated import estimated_cell
 from scancell.planning.path_map.configuration_map import QualityFactor
 from scancell.planning.plan import Plan
@@ -243,9 +243,16 @@ class Scan:
         sensed = self.pipeline.sense(job.loaded, recording, job.sensors, self.engine, progress, keep, wanted, control)
         return sensed, tuple(kept)
 
+    def _translucent(self) -> list[str]:
+        """Names of the translucent bodies."""
+        bodies = [body for body in self.job.loaded.bodies if isinstance(body, Body)]
+        return [body.name for body in bodies if any(m.scattering_per_mm for m in body.materials)]
+
     def _warnings(self, plan: Plan | None) -> tuple[str, ...]:
         """Warnings about descriptions, mesh and plan."""
         ignored = ignored_by_geometric_engine(self.job.setup.sensor) if self.engine == "geometric" else []
+        if self.engine == "geometric":
+            ignored += [f"scattering_per_mm of {name}" for name in self._translucent()]
         unused = (f"the geometric engine ignores {', '.join(ignored)}",) if ignored else ()
         planned = plan.warnings if plan is not None else ()
         return (*self.setup_warnings, *unused, *self.job.loaded.nominal.part.warnings, *planned)

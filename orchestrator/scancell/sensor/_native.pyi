@@ -84,6 +84,9 @@ class Material:
         counts
     groove_centre
         (3,) m, point of the axis of circular grooves; None: straight ones
+    scattering
+        rough_dielectric: reduced scattering coefficient of the medium below the surface, 50..1e6 1/m, whose light
+        leaves beside the point where it enters; 0: an opaque base
     """
 
     @overload
@@ -98,6 +101,7 @@ class Material:
         roughness_along: float = 0.0,
         groove_axis: ArrayLike | None = None,
         groove_centre: ArrayLike | None = None,
+        scattering: float = 0.0,
     ) -> None: ...
     @property
     def model(self) -> str: ...
@@ -109,6 +113,11 @@ class Material:
     def refractive_index(self) -> float: ...
     @property
     def roughness_along(self) -> float: ...
+    @property
+    def scattering(self) -> float: ...
+    @property
+    def scattering_albedo(self) -> float | None:
+        """Share of light that an event of scattering below the surface leaves; None: an opaque base."""
     def pi_brdf(self, a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
         """Return pi times the BRDF, (n,), for directions (n, 3) that point away from a surface with normal +z.
 

@@ -1,6 +1,9 @@
 #include "sensor_rt/render/reference/path_tracer.h"
 
+#include <numeric>
+
 #include "sensor_rt/render/reference/path_random.h"
+#include "sensor_rt/render/reference/subsurface_walks.h"
 
 namespace sensor_rt {
 
@@ -45,8 +48,13 @@ double PathTracer::laser_light(const Packet& packet, int depth) const {
     if (packet.alive[l] == 0) continue;
     const SurfacePoint at = surface(packet, l);
     const Eigen::Vector3d segment = at.position - plan_.source(packet.number, l);
-    light[l] =
-        packet.carried[l] * at.reflected(plan_.laser.at(segment), packet.views.brdf(packet.hits.shape[l]));
+    const Bsdf& bsdf = packet.views.brdf(packet.hits.shape[l]);
+    const IncidentLight incident = plan_.laser.at(segment);
+    light[l] = packet.carried[l] * at.reflected(incident, bsdf);
+    if (depth == 0 && bsdf.subsurface() != nullptr && light[l] > 0.0) {
+      light[l] -= packet.carried[l] * incident.irradiance * at.normal.dot(incident.towards) *
+                  bsdf.pi_subsurface(at.surface, incident.towards, at.back);
+    }
     if (!(light[l] > 0.0)) continue;
     unoccluded[l] = -1;
     any = true;
@@ -54,23 +62,38 @@ double PathTracer::laser_light(const Packet& packet, int depth) const {
   }
   if (!any) return 0.0;
   packet.views.laser.occlude(packet.number, from_source, unoccluded);
-  if (depth == 0 && speckle_.enabled()) {
-    const auto width = static_cast<std::uint32_t>(plan_.settings.model.cameras[rays_.camera()].width_px);
-    const Eigen::Vector2d pixel(packet.pixel % width, packet.pixel / width);
-    const std::size_t* instants = packet.views.instants(packet.number);
-    Speckle::Cell cell;
-    for (int l = 0; l < kLanes; ++l) {
-      if (unoccluded[l] == 0) continue;
-      const std::size_t sample =
-          plan_.pattern.sample_of(packet.number * kLanes + static_cast<std::size_t>(l));
-      const Eigen::Vector2d offset(plan_.pattern.column[sample], plan_.pattern.row[sample]);
-      light[l] *= speckle_.at_point(instants[l], packet.hits.shape[l], surface(packet, l).position,
-                                    pixel + offset, cell);
-    }
-  }
+  for (int l = 0; l < kLanes; ++l) light[l] = unoccluded[l] != 0 ? light[l] : 0.0;
+  if (depth == 0) return sum_with_grains(packet, light);
+  return std::accumulate(light, light + kLanes, 0.0);
+}
+
+double PathTracer::sum_with_grains(const Packet& packet, const double* light) const {
+  if (!speckle_.enabled()) return std::accumulate(light, light + kLanes, 0.0);
+  const auto width = static_cast<std::uint32_t>(plan_.settings.model.cameras[rays_.camera()].width_px);
+  const Eigen::Vector2d pixel(packet.pixel % width, packet.pixel / width);
+  const std::size_t* instants = packet.views.instants(packet.number);
+  Speckle::Cell cell;
   double sum = 0.0;
-  for (int l = 0; l < kLanes; ++l) sum += unoccluded[l] != 0 ? light[l] : 0.0;
+  for (int l = 0; l < kLanes; ++l) {
+    if (!(light[l] > 0.0)) continue;
+    const std::size_t sample = plan_.pattern.sample_of(packet.number * kLanes + static_cast<std::size_t>(l));
+    const Eigen::Vector2d offset(plan_.pattern.column[sample], plan_.pattern.row[sample]);
+    sum += light[l] * speckle_.at_point(instants[l], packet.hits.shape[l], surface(packet, l).position,
+                                        pixel + offset, cell);
+  }
   return sum;
+}
+
+double PathTracer::light_below(const Packet& packet) const {
+  const PathRandom random(plan_.settings.seed, frame_, PathRandom::kSight + static_cast<int>(rays_.camera()));
+  SubsurfaceWalks walks(plan_, packet.views, packet.number, random, packet.pixel);
+  for (int l = 0; l < kLanes; ++l) {
+    if (packet.alive[l] == 0 || packet.views.brdf(packet.hits.shape[l]).subsurface() == nullptr) continue;
+    walks.start(l, surface(packet, l), packet.hits.shape[l], packet.carried[l]);
+  }
+  double light[kLanes] = {};
+  walks.add_light(light);
+  return sum_with_grains(packet, light);
 }
 
 double PathTracer::ambient_light(const Packet& packet, int depth) const {
@@ -155,6 +178,8 @@ void PathTracer::trace_packet(Packet& packet) const {
     if (depth > last) return;  // after the last reflection only environment light is left
     // Of pixels that show mirrors, the light that they see directly is drawn from the mesh of the stripe.
     if (!lamps_alone && (depth > 0 || mode_ == Mode::kAllBounces)) packet.sum += laser_light(packet, depth);
+    if (depth == 0 && mode_ == Mode::kAllBounces && plan_.settings.laser_on)
+      packet.sum += light_below(packet);
     if (depth > 0 || !lamps_alone) packet.sum += lamp_light(packet, depth);
     if (depth == last && !ambient) return;
     reflect(packet, depth);

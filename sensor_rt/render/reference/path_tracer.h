@@ -15,7 +15,8 @@ namespace sensor_rt {
 /// unbiased for light of at most `bounces` reflections between surfaces, longer paths are left out: every hit
 /// is connected to the laser source and to a sample of every lamp. Ambient light is uniform environment
 /// light, collected by paths that leave the scene. Laser light that hits a mirror before the surface cannot
-/// be sampled this way; LightTracer covers it. Without state.
+/// be sampled this way; LightTracer covers it. Laser light below translucent surfaces is found by random
+/// walks in the body; after its first reflection all light leaves where it enters. Without state.
 class PathTracer {
  public:
   enum class Mode {
@@ -38,6 +39,9 @@ class PathTracer {
   void trace_packet(Packet& packet) const;
   double laser_light(const Packet& packet, int depth) const;
   double lamp_light(const Packet& packet, int depth) const;
+  double light_below(const Packet& packet) const;
+  /// Returns the sum of the light of all lanes, which leaves the surface that the camera sees, with speckle.
+  double sum_with_grains(const Packet& packet, const double* light) const;
   void reflect(Packet& packet, int depth) const;
   double ambient_light(const Packet& packet, int depth) const;
   SurfacePoint surface(const Packet& packet, int l) const;

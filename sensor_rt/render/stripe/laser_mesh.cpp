@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "sensor_rt/scene/bsdf/subsurface.h"
+
 namespace sensor_rt {
 namespace {
 
@@ -11,7 +13,9 @@ constexpr int kSlopes = 7;        ///< grid rays through the thickness of the sh
 constexpr double kFlat = 0.025;   ///< px: largest distance of the surface from a straight edge of the mesh
 constexpr double kClose = 0.5;    ///< px: largest distance of a vertex from the tangent plane of another
 constexpr double kLargest = 4.0;  ///< px: size up to which a quadrilateral is linear in the image
-constexpr double kEven = 0.15;    ///< relative difference of brightness that is linear up to that size
+constexpr double kLargestWide = 32.0;   ///< px: the same for light from below the surface
+constexpr double kFine = 0.5;           ///< size of its quadrilaterals in standard deviations
+constexpr double kEven = 0.15;          ///< relative difference of brightness that is linear up to that size
 constexpr double kLargestUneven = 1.0;  ///< px: the same size where brightness differs more
 constexpr double kSmallest = 0.5;       ///< px: size below which an edge is not bisected further
 constexpr double kMargin = 8.0;         ///< px around an image, beyond the largest quadrilateral
@@ -54,8 +58,21 @@ void LaserMesh::set(const RenderPlan& plan, const Scene& scene, const StripeSamp
   }
 }
 
-void LaserMesh::build(std::size_t sample) {
+bool LaserMesh::has_subsurface() const {
+  return std::any_of(laser_.shapes().begin(), laser_.shapes().end(),
+                     [this](std::size_t s) { return scene_->shapes()[s].surface->subsurface() != nullptr; });
+}
+
+void LaserMesh::build(std::size_t sample, int part) {
   sample_ = sample;
+  part_ = part;
+  reach_ = 0.0;
+  for (const std::size_t s : laser_.shapes()) {
+    const Subsurface* medium = scene_->shapes()[s].surface->subsurface();
+    if (medium != nullptr && part >= 0) reach_ = std::max(reach_, medium->reach(part));
+  }
+  // A wide Gaussian changes little within a quadrilateral.
+  largest_ = std::clamp(kFine * reach_ / plan_->pixel_size, kLargest, kLargestWide);
   lattice_point_ = samples_->lattice_point(sample);
   beams_.clear();
   quads_.clear();
@@ -64,15 +81,17 @@ void LaserMesh::build(std::size_t sample) {
     edges_[c].assign(static_cast<std::size_t>(plan_->stripe_cameras[c].optics.width_px), 0);
   }
   if (is_empty()) return;
-  const auto angles = static_cast<std::uint32_t>(plan_->settings.rays_across_fan);
+  const double rays = plan_->settings.rays_across_fan * kLargest / largest_;
+  const auto angles = static_cast<std::uint32_t>(std::max(std::ceil(rays), 2.0));
   const double half = plan_->settings.model.laser.fan_half_angle;
+  const double slope = plan_->slope + kSheetReach * reach_ / plan_->nearest;
   for (std::uint32_t i = 0; i < angles; ++i) {
     const double angle = half * (2.0 * i / (angles - 1) - 1.0);
-    beams_.push_back({std::sin(angle), std::cos(angle), -plan_->slope});
+    beams_.push_back({std::sin(angle), std::cos(angle), -slope});
   }
   for (int j = 1; j < kSlopes; ++j) {
-    const double slope = plan_->slope * (2.0 * j / (kSlopes - 1) - 1.0);
-    for (std::uint32_t i = 0; i < angles; ++i) beams_.push_back({beams_[i].y, beams_[i].z, slope});
+    const double share = 2.0 * j / (kSlopes - 1) - 1.0;
+    for (std::uint32_t i = 0; i < angles; ++i) beams_.push_back({beams_[i].y, beams_[i].z, share * slope});
   }
   cast(0);
   for (std::uint32_t j = 0; j + 1 < kSlopes; ++j) {
@@ -117,9 +136,34 @@ void LaserMesh::cast_packet(std::size_t first, int count) {
     vertex.normal = lane(hits.normal, l);
     if (vertex.normal.dot(lane(direction, l)) > 0.0) vertex.normal = -vertex.normal;
     const double depth = vertex.point.z() - source.z();
-    vertex.across = hits.t[l] * beams_[number].slope / std::sqrt(plan_->laser.variance(depth));
+    vertex.across =
+        hits.t[l] * beams_[number].slope / std::sqrt(plan_->laser.variance(depth) + reach_ * reach_);
   }
+  if (part_ >= 0) find_entries(first, count);
   for (std::size_t c = 0; c < cameras_.size(); ++c) view_packet(c, first, count, points);
+}
+
+/// Finds where the light of vertices enters: in the middle of the sheet.
+void LaserMesh::find_entries(std::size_t first, int count) {
+  constexpr double kRise = 0.3;  // of the surface between entry and vertex, relative to their distance
+  const Eigen::Vector3d& source = plan_->stripe_lattice[lattice_point_].source;
+  Lanes3 direction;
+  alignas(64) int valid[kLanes];
+  for (int l = 0; l < kLanes; ++l) {
+    const Beam& beam = beams_[first + static_cast<std::size_t>(std::min(l, count - 1))];
+    set_lane(direction, l, plan_->laser.direction(beam.y, beam.z, 0.0));
+  }
+  activate_lanes(static_cast<std::size_t>(count), valid);
+  PacketHits hits;
+  laser_.intersect(sample_, direction, valid, hits);
+  for (int l = 0; l < count; ++l) {
+    Vertex& vertex = vertices_[first + static_cast<std::size_t>(l)];
+    if (vertex.shape < 0) continue;
+    vertex.entry = source + hits.t[l] * lane(direction, l);
+    const Eigen::Vector3d step = vertex.point - vertex.entry;
+    vertex.is_entry_near = hits.shape[l] == vertex.shape &&
+                           std::abs(step.dot(vertex.normal)) <= kRise * step.norm() + plan_->pixel_size;
+  }
 }
 
 void LaserMesh::view_packet(std::size_t number, std::size_t first, int count, const Lanes3& points) {
@@ -172,23 +216,33 @@ void LaserMesh::view_packet(std::size_t number, std::size_t first, int count, co
 void LaserMesh::illuminate(std::size_t number, const Vertex& vertex, Image& image) const {
   const Camera& camera = plan_->stripe_cameras[number].optics;
   const LaserEmitter& laser = plan_->laser;
-  const Eigen::Vector3d from_source = vertex.point - plan_->stripe_lattice[lattice_point_].source;
+  const Eigen::Vector3d& lit = part_ < 0 ? vertex.point : vertex.entry;
+  const Eigen::Vector3d from_source = lit - plan_->stripe_lattice[lattice_point_].source;
   const Eigen::Vector3d to_viewpoint = camera.sensor_from_camera.translation - vertex.point;
   const double y = from_source.y();
   const double depth = from_source.z();
-  const double variance = laser.variance(depth);
+  const double sheet_variance = laser.variance(depth);
   const double irradiance =
       laser.relative_power(y, depth) *
-      laser.peak_irradiance(-vertex.normal.dot(from_source), variance, from_source.x(), y, depth);
+      laser.peak_irradiance(-vertex.normal.dot(from_source), sheet_variance, from_source.x(), y, depth);
   const Shape& shape = scene_->shapes()[static_cast<std::size_t>(vertex.shape)];
-  const double brightness =
-      irradiance *
-      (shape.surface->is_lambert()
-           ? shape.reflectance
-           : shape.surface->pi_brdf(shape.frame(samples_->track().shape_from_reference(
-                                                    static_cast<std::size_t>(vertex.shape), sample_),
-                                                vertex.point, vertex.normal),
-                                    -from_source.normalized(), to_viewpoint.normalized()));
+  const Bsdf& bsdf = *shape.surface;
+  double variance = sheet_variance;
+  image.across = vertex.across;
+  if (bsdf.is_lambert()) {
+    image.light = shape.reflectance;
+  } else {
+    const Rigid3& shape_from_reference =
+        samples_->track().shape_from_reference(static_cast<std::size_t>(vertex.shape), sample_);
+    const SurfaceFrame surface = shape.frame(shape_from_reference, vertex.point, vertex.normal);
+    const Eigen::Vector3d to_source = -from_source.normalized();
+    const Eigen::Vector3d towards = to_viewpoint.normalized();
+    const Subsurface* medium = bsdf.subsurface();
+    const double below = medium != nullptr ? bsdf.pi_subsurface(surface, to_source, towards) : 0.0;
+    image.light = part_ < 0 ? bsdf.pi_brdf(surface, to_source, towards) - below : below;
+    if (medium != nullptr && part_ >= 0) spread_below(*medium, vertex, to_source, towards, image, variance);
+  }
+  if (part_ >= 0 && !(vertex.is_entry_near && bsdf.subsurface() != nullptr)) image.light = 0.0;
   const double along_axis = camera.sensor_from_camera.rotation.col(2).dot(to_viewpoint);
   const double cosine2 = along_axis * along_axis / to_viewpoint.squaredNorm();
   const double area = camera.is_tilted() ? camera.tilt_area({image.column, image.row}) : 1.0;
@@ -197,8 +251,25 @@ void LaserMesh::illuminate(std::size_t number, const Vertex& vertex, Image& imag
   const double normal_travel = vertex.normal.dot(samples_->travel(vertex.shape, sample_, vertex.point));
   const double shift = normal_travel * to_viewpoint.x() / vertex.normal.dot(to_viewpoint);
   const double wider = 1.0 / std::sqrt(1.0 + shift * shift / (12.0 * variance));
-  image.light = wider * brightness * cosine2 * cosine2 * area * plan_->electrons_per_irradiance[number];
-  image.across = wider * vertex.across;
+  image.light =
+      wider * (irradiance * image.light) * cosine2 * cosine2 * area * plan_->electrons_per_irradiance[number];
+  image.across *= wider;
+}
+
+/// Spreads light that leaves beside its entry: the Gaussian of the sheet is convolved with that of the part.
+void LaserMesh::spread_below(const Subsurface& medium, const Vertex& vertex, const Eigen::Vector3d& to_source,
+                             const Eigen::Vector3d& to_viewpoint, Image& image, double& variance) const {
+  const Eigen::Vector3d& normal = vertex.normal;
+  // Along the surface, away from the line of the laser.
+  const Eigen::Vector3d across = (Eigen::Vector3d::UnitX() - normal.x() * normal).normalized();
+  const Subsurface::Direction from(medium, normal.dot(to_source), across.dot(to_source));
+  const Subsurface::Direction towards(medium, normal.dot(to_viewpoint), across.dot(to_viewpoint));
+  const Subsurface::Part part = medium.part(part_, from, towards);
+  const double x_per_distance = across.x();
+  const double sheet_variance = variance;
+  variance += part.variance * x_per_distance * x_per_distance;
+  image.light *= part.share * std::sqrt(sheet_variance / variance);
+  image.across = x_per_distance * (across.dot(vertex.point - vertex.entry) - part.mean) / std::sqrt(variance);
 }
 
 bool LaserMesh::are_continuous(std::uint32_t a, std::uint32_t b) const {
@@ -278,7 +349,7 @@ LaserMesh::Fit LaserMesh::fit(const Quad& quad) const {
   const bool is_broken_along = !are_continuous(a, b) || !are_continuous(d, c);
   const bool is_broken_across = !are_continuous(a, d) || !are_continuous(b, c);
   if (!is_broken_along && !is_broken_across) {
-    const double largest = is_uneven(quad) ? kLargestUneven : kLargest;
+    const double largest = part_ < 0 && is_uneven(quad) ? kLargestUneven : largest_;
     if (std::max(along, across) <= largest || std::max(quad.along, quad.across) >= kMaxSteep)
       return Fit::kWhole;
     return along > across ? Fit::kSplitAlong : Fit::kSplitAcross;

@@ -19,6 +19,10 @@ namespace sensor_rt {
 /// quadrilateral. Elsewhere the grid is bisected until an edge or the border of a shadow is located to a
 /// small fraction of a pixel. Only closest hits count, so that steps, occlusions and several stripes per
 /// column need no special cases. A feature thinner than the ray spacing may be missed.
+///
+/// Light that leaves a translucent surface beside the sheet has a wider mesh for each Gaussian of its
+/// distribution. It is taken from the point in the middle of the sheet at the same fan angle, if the surface
+/// is about flat between both.
 class LaserMesh {
  public:
   enum class State : std::uint8_t { kHidden, kSeen, kOutside };
@@ -38,8 +42,10 @@ class LaserMesh {
   struct Vertex {
     Eigen::Vector3d point = Eigen::Vector3d::Zero();  ///< reference frame
     Eigen::Vector3d normal = Eigen::Vector3d::Zero();
-    double across = 0.0;      ///< distance from the centre of the sheet, standard deviations
-    std::int32_t shape = -1;  ///< -1: no hit
+    double across = 0.0;        ///< distance from the centre of the sheet, standard deviations
+    std::int32_t shape = -1;    ///< -1: no hit
+    bool is_entry_near = true;  ///< whether `entry` is on the same, about flat surface
+    Eigen::Vector3d entry = Eigen::Vector3d::Zero();  ///< where light that leaves here has entered
   };
 
   /// Corners in cyclic order: from 0 to 1 and from 3 to 2 along the fan, from 0 to 3 and from 1 to 2 across
@@ -54,8 +60,15 @@ class LaserMesh {
   /// All must outlive the use of the mesh.
   void set(const RenderPlan& plan, const Scene& scene, const StripeSamples& samples);
 
-  /// Builds the mesh of a sample.
-  void build(std::size_t sample);
+  /// Part of the light that is reflected at the surface, among the parts of Subsurface.
+  static constexpr int kAtSurface = -1;
+
+  /// Builds the mesh of a sample for a part of the light. Needs a shape that `has_subsurface` for those of
+  /// Subsurface.
+  void build(std::size_t sample, int part = kAtSurface);
+
+  /// Returns whether the laser may reach a translucent surface.
+  bool has_subsurface() const;
 
   const std::vector<Quad>& quads() const { return quads_; }
   const Vertex& vertex(std::uint32_t number) const { return vertices_[number]; }
@@ -77,8 +90,11 @@ class LaserMesh {
   static Beam middle(const Beam& a, const Beam& b);
   void cast(std::size_t first);
   void cast_packet(std::size_t first, int count);
+  void find_entries(std::size_t first, int count);
   void view_packet(std::size_t camera, std::size_t first, int count, const Lanes3& points);
   void illuminate(std::size_t camera, const Vertex& vertex, Image& image) const;
+  void spread_below(const Subsurface& medium, const Vertex& vertex, const Eigen::Vector3d& to_source,
+                    const Eigen::Vector3d& to_viewpoint, Image& image, double& variance) const;
   void consider(const Quad& quad);
   void refine();
   Fit fit(const Quad& quad) const;
@@ -92,6 +108,9 @@ class LaserMesh {
   RayView laser_;
   std::vector<RayView> cameras_;
   std::size_t sample_ = 0;
+  int part_ = kAtSurface;
+  double reach_ = 0.0;    ///< of the part on the surface, m; 0: at the surface
+  double largest_ = 0.0;  ///< px: size of a quadrilateral that is linear in the image
   std::size_t lattice_point_ = 0;
   const StripeSamples* samples_ = nullptr;
   std::vector<Beam> beams_;  ///< per vertex

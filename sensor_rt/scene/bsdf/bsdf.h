@@ -23,7 +23,9 @@ struct BsdfSample {
   double pdf = 0.0;     ///< 1/sr; 0 for a specular surface, whose distribution is a delta function
 };
 
-/// Reflection by an opaque surface. All directions are unit vectors that point away from the surface. Every
+class Subsurface;
+
+/// Reflection by a surface. All directions are unit vectors that point away from the surface. Every
 /// model is reciprocal and conserves energy.
 class Bsdf {
  public:
@@ -46,6 +48,16 @@ class Bsdf {
   /// Returns the pdf (1/sr) with which `sample` chooses `towards`.
   virtual double pdf(const SurfaceFrame& surface, const Eigen::Vector3d& from,
                      const Eigen::Vector3d& towards) const;
+
+  /// Returns the part of pi_brdf that leaves the surface elsewhere than it enters. All other methods treat it
+  /// as if it left there.
+  virtual double pi_subsurface(const SurfaceFrame& /*surface*/, const Eigen::Vector3d& /*a*/,
+                               const Eigen::Vector3d& /*b*/) const {
+    return 0.0;
+  }
+
+  /// Returns the medium below a translucent surface; null: opaque.
+  virtual const Subsurface* subsurface() const { return nullptr; }
 
   /// Returns true for a mirror, whose BSDF is a delta function.
   virtual bool is_specular() const { return false; }

@@ -50,7 +50,7 @@ double MicrofacetBsdf::pi_brdf(const SurfaceFrame& surface, const Eigen::Vector3
   const double cos_b = normal.dot(b);
   if (!(cos_a > 0.0) || !(cos_b > 0.0)) return 0.0;
   const Eigen::Vector3d half = (a + b).normalized();
-  return rest_ * (1.0 - single_.at(cos_a)) * (1.0 - single_.at(cos_b)) +
+  return pi_rest(cos_a, cos_b) +
          M_PI * ggx_brdf(cos_a, cos_b, normal.dot(half), alpha_) * fresnel(half.dot(a));
 }
 

@@ -47,6 +47,11 @@ class MicrofacetBsdf : public Bsdf {
              const Eigen::Vector3d& towards) const override;
 
  protected:
+  /// Returns the rest; 0 for directions below the surface.
+  double pi_rest(double cos_a, double cos_b) const {
+    return cos_a > 0.0 && cos_b > 0.0 ? rest_ * (1.0 - single_.at(cos_a)) * (1.0 - single_.at(cos_b)) : 0.0;
+  }
+
   explicit MicrofacetBsdf(double alpha) : alpha_(alpha) {}
 
   virtual double fresnel(double cosine) const = 0;
