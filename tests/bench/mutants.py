@@ -14,6 +14,7 @@ import ast
 import re
 import subprocess
 import sys
+import sysconfig
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -148,9 +149,11 @@ def succeeds(command: list[str], limit: float) -> bool:
 
 
 def builds() -> bool:
-    """Whether the native code compiles; a mutant that does not is none."""
-    folder = next((ROOT / "build").glob("cp3*"))
-    return succeeds(["cmake", "--build", str(folder)], 3600.0) and succeeds(["cmake", "--install", str(folder)], 3600.0)
+    """Whether the native code compiles, and is installed for Python; a mutant that does not compile is none."""
+    folder = str(next((ROOT / "build").glob("cp3*")))
+    # The prefix of the build itself is a temporary folder of pip.
+    install = ["cmake", "--install", folder, "--prefix", sysconfig.get_path("platlib")]
+    return succeeds(["cmake", "--build", folder], 3600.0) and succeeds(install, 3600.0)
 
 
 def is_killed(files: list[Path], limit: float, marked: str) -> bool:

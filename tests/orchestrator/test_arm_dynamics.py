@@ -55,6 +55,16 @@ def test_link_masses_from_meshes_and_tools() -> None:
     assert dynamics["drives"][0]["backlash"] == pytest.approx(np.radians(0.002))
 
 
+def test_gripper_without_housing_adds_no_mass() -> None:
+    """Its fingers are bodies of their own."""
+    bare = [word for word in GRIPPER if "housing" not in word]
+    last = []
+    for gripper in ([], bare):
+        setup = load_setup(settings=[*DYNAMIC, *gripper])
+        last.append(cell_json(setup.cell, nominal_cell(setup.cell, ball()), 0)["robot"]["dynamics"]["links"][-1])
+    assert last[1]["mass"] == pytest.approx(last[0]["mass"])
+
+
 def test_described_inertia_overrides_mesh() -> None:
     inertia = "{ mass_kg = 3.0, centre_of_mass_mm = [10, 0, -20], inertia_kg_m2 = [0.01, 0.02, 0.03] }"
     setup = load_setup(settings=[*DYNAMIC, f"cell.robot.joint[2].inertia={inertia}"])

@@ -100,6 +100,7 @@ def test_tool_and_table_are_found_within_their_intervals(robot: RobotErrors) -> 
         assert result.noise_of_robot[0] == pytest.approx(REALISTIC.position, rel=0.6)
     else:
         assert tool < 10e-6 and np.degrees(turn) < 0.01
+        assert 0.5 * case.noise < result.rms < case.noise  # noise is along z, at up to 60 deg from the surface normal
     assert result.noise_of_points == pytest.approx(1.0, abs=0.05)
     # The directions are those of the covariance, worst first.
     deviations = [one.standard_deviation for one in result.directions]

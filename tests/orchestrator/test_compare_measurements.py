@@ -16,7 +16,7 @@ from scancell.errors import DescriptionError
 from scancell.geometry.mesh import Mesh, box_mesh
 from scancell.output.manifest import resolved_toml
 from scancell.output.run_files import write_profiles
-from scancell.recorded.compare import Residuals, _from_edges
+from scancell.recorded.compare import Residuals, _from_edges, _scatter_of_means
 
 PART = assets_dir() / "parts" / "sphere_on_foot.stl"
 SMALL = {
@@ -91,6 +91,22 @@ def test_noise_from_point_to_point_is_that_of_the_points() -> None:
     one = Residuals(distance, zero, zero, zero, column // 1000, camera, column.astype(np.int32), zero)
     noise, pairs = one.noise(np.ones(count, bool))
     assert noise == pytest.approx(5e-6, rel=0.05) and pairs == count - 4
+
+
+def test_scatter_of_profiles_is_pooled_over_groups_of_equal_poses() -> None:
+    """Groups of any size about means of their own; points of a profile are averaged before."""
+    rng, per_profile = np.random.default_rng(5), 50
+    groups = [[0, 1], [2, 3, 4, 5, 6, 7], [8]]
+    means = 4e-6 * rng.standard_normal(9) + np.repeat([1e-3, -2e-3, 0.0], [2, 6, 1])
+    within = np.tile(np.linspace(-1e-4, 1e-4, per_profile), 9)
+    exposure, zero = np.repeat(np.arange(9), per_profile), np.zeros(9 * per_profile)
+    whole = zero.astype(np.int32)
+    one = Residuals(np.repeat(means, per_profile) + within, zero, zero, zero, exposure, whole, whole, zero)
+    scatter, degrees = _scatter_of_means(one, groups)
+    assert degrees == 1 + 5
+    expected = [np.sum((means[group] - means[group].mean()) ** 2) for group in groups]
+    assert scatter == pytest.approx(np.sqrt(sum(expected) / degrees))
+    assert np.isnan(_scatter_of_means(one, [[8]])[0])
 
 
 def test_errors_near_edges_are_those_of_the_points_there() -> None:

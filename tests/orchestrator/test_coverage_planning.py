@@ -25,6 +25,7 @@ from scancell.planning.views.coverage import CoveragePlanner, _least_time
 from scancell.planning.views.legs import legs
 from scancell.planning.views.sight import GRAZING, OCCLUDED, OUT_OF_RANGE, SEEN, Sight
 from scancell.planning.views.views import Pass, sample_part, sweep_pose
+from scancell.planning.work import Work
 from scancell.scanning.sense import make_sensors
 from scancell.visibility.measurable import MeasurableSurface, measurable_surface
 
@@ -53,6 +54,19 @@ def options_of(*words: str) -> ScanOptions:
 def overhead(length: float, height: float = 0.13) -> Pass:
     ends = [pose.from_rotation(np.diag([1.0, -1.0, -1.0]), (x, 0.0, height)) for x in (-length / 2, length / 2)]
     return Pass("over the top", *ends)
+
+
+def test_work_of_a_view_is_in_proportion_to_its_samples() -> None:
+    setup = load_setup()
+    nominal, spent = nominal_cell(setup.cell, BLOCK), []
+    for samples in (500, 1000):
+        work = Work()
+        sight = Sight(nominal, setup.sensor, lambda n, s, k=samples: measurable_surface(n, s, k), work=work)
+        before = work.spent
+        sight.judge_at(np.tile(overhead(0.06).start, (len(sight.points), 1, 1)), np.arange(len(sight.points)))
+        spent.append((work.spent - before) / len(sight.points))
+    assert spent[0] > 0
+    assert spent[1] == pytest.approx(spent[0])
 
 
 def test_pass_over_a_block_sees_its_top_within_the_line_and_its_sides_at_grazing_incidence() -> None:

@@ -229,6 +229,10 @@ def test_wrong_convention_is_recognised(scanner, recording, tmp_path, case: str)
         scanner.calibrate("tool", from_points=recording.write(tmp_path / "p.parquet", columns))
     assert re.search(expected, str(refused.value).split("they fit to")[1]), str(refused.value)
     assert "p.parquet" in str(refused.value)
+    stated = re.search(r"is (\S+) mm; they fit to (\S+) mm", str(refused.value))
+    assert stated is not None
+    as_said, as_true = map(float, stated.groups())
+    assert as_true < 0.5 < as_said, str(refused.value)
 
 
 @pytest.mark.parametrize("wrong", ["inverse", "swapped axes"])

@@ -89,6 +89,13 @@ def test_static_neighbour_is_found_at_all_table_angles():
     assert np.mean(foreign_points(riding, angle, neighbours) == 0) < 0.2
 
 
+def test_point_on_the_axis_of_the_table_is_found_on_a_body_that_surrounds_it():
+    cover = Neighbour("cover", box_mesh((0.04, 0.04, 0.01)).transformed(pose.translation((0.0, 0.0, 0.1))), True)
+    on_axis = np.array([[0.0, 0.0, 0.105]])
+    for body in (cover, Neighbour("cover", cover.mesh, False)):
+        assert foreign_points(on_axis, np.zeros(1), around(body)).tolist() == [0]
+
+
 def test_part_points_at_contact_with_neighbour_are_kept():
     touching = beside(0.06)
     still = np.zeros(3000)

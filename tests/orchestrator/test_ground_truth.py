@@ -9,7 +9,15 @@ import trimesh
 from scancell.cell.recording import Recording
 from scancell.config.loading import load_setup
 from scancell.errors import SensorError
-from scancell.evaluation.ground_truth import Stripe, Surface, TrueWorld, _crossings, _true_row, clamp_to_triangles
+from scancell.evaluation.ground_truth import (
+    Stripe,
+    Surface,
+    TrueWorld,
+    _crossings,
+    _groups,
+    _true_row,
+    clamp_to_triangles,
+)
 
 
 def test_clamp_to_triangles_matches_trimesh() -> None:
@@ -62,3 +70,15 @@ def test_the_true_row_between_columns_lies_between_theirs() -> None:
     n = np.zeros(len(places), np.int64)
     found = _true_row(stripe, n, n, places, 100 + 0.5 * places)
     np.testing.assert_allclose(found, [100.0, 101.0, 101.125, 102.0, 142.5, 104.0 + 40, 144.0, 144.0])
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_groups_hold_each_kept_entry_once_and_one_exposure_of_one_camera(share: float) -> None:
+    rng = np.random.default_rng(3)
+    exposure, camera = rng.integers(0, 4, 60), rng.integers(0, 2, 60)
+    kept = rng.random(60) < share
+    groups = _groups(exposure, camera, kept)
+    assert sorted(index for group in groups for index in group) == np.flatnonzero(kept).tolist()
+    keys = [{(int(exposure[index]), int(camera[index])) for index in group} for group in groups]
+    assert all(len(key) == 1 for key in keys)
+    assert len(set.union(set(), *keys)) == len(groups)

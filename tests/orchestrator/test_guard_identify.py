@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from guard_motions import CELLS, KIND_OF, KINDS, NOISE, cell_of, random_motion
-from scancell.guard.identify import Identifier
+from scancell.guard.identify import Identifier, _Window
 from scancell.guard.motion import Kind, MeasuredState, Path
+from scancell.guard.tool import Tool
 
 MOTIONS = 100  # of each kind
 
@@ -46,6 +47,34 @@ def test_speed_along_a_motion_is_free(name):
         uneven = [replace(state, time=0.032 * i) for i, state in enumerate(motion.states(rng))]
         kinds[identifier.identify(uneven).kind] += 1
     assert kinds[KIND_OF[name]] >= 99
+
+
+@pytest.mark.parametrize(("name", "path"), [("joints", Path.JOINT), ("base", Path.BASE), ("tool", Path.TOOL)])
+def test_straightness_of_the_true_path_is_chi_squared(name, path):
+    """Noise alone bends the path, in the five directions across it: the mean is 5, the variance 10."""
+    nominal, _ = cell_of("six_axis")
+    tool, noise, rng = Tool(nominal), np.full(7, NOISE), np.random.default_rng(16)
+    found = []
+    for _ in range(200):
+        states = random_motion("six_axis", name, rng).states(rng)
+        axes = np.array([state.axes for state in states])
+        found.append(_Window(tool, np.array([state.time for state in states]), axes, noise).straightness(path))
+    assert np.mean(found) == pytest.approx(5.0, abs=5 * np.sqrt(10 / len(found)))
+
+
+def test_two_states_give_the_rates_between_them():
+    """All paths of joints and tool are possible: nothing shows how it bends."""
+    nominal, _ = cell_of("six_axis")
+    rng = np.random.default_rng(17)
+    for name in ("single joint", "joints", "base"):
+        states = random_motion("six_axis", name, rng).states(rng)[:2]
+        found = Identifier(nominal, NOISE).identify(states)
+        rates = (states[1].axes - states[0].axes) / (states[1].time - states[0].time)
+        assert found.kind is KIND_OF[name]
+        assert {hypothesis.path for hypothesis in found.hypotheses} == set(Path)
+        moved = np.abs(found.hypotheses[0].rates) > 0
+        np.testing.assert_allclose(found.hypotheses[0].rates[moved], rates[moved], rtol=1e-9)
+        assert (np.abs(found.hypotheses[0].rates - rates) <= found.hypotheses[0].rate_error).all()
 
 
 def test_curved_tool_motion_is_distinguished_from_joint_motion():

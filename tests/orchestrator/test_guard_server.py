@@ -19,7 +19,7 @@ from scancell.config.choices import LOOPBACK
 from scancell.errors import LinkError
 from scancell.guard.endpoints import FAILED, REJECTED, SUPERSEDED, Outcome
 from scancell.guard.link import Link, faulty_link
-from scancell.guard.messages import CellState, GuardMessage
+from scancell.guard.messages import MAX_PACKET, CellState, GuardMessage
 from scancell.guard.server import serve_guard
 from scancell.guard.transport import TcpTransport, UdpTransport
 
@@ -131,6 +131,22 @@ def test_states_that_cannot_be_judged_get_no_answer_and_do_not_end_the_server(pr
         assert link.counts == {Outcome.ACCEPTED: 2}
         assert (server.counts[Outcome.ACCEPTED], server.counts[FAILED]) == (53, 1)
         assert server.counts.get(REJECTED, 0) + server.counts.get(SUPERSEDED, 0) == 50
+
+
+@both_protocols
+def test_state_of_the_largest_size_is_received_whole(protocol):
+    """64 points ahead of an arm of eight joints, which the guard of this test does not know."""
+    axes = np.zeros(9)
+    large = replace(state_at(0), axes=axes, ahead=np.tile(axes, (64, 1)), spacing=0.016)
+    assert len(large.encode(1, 0)) == MAX_PACKET
+    with guard_process(protocol) as server:
+        link = link_to(protocol, server.port)
+        link.send(large, large.time)
+        answered(link, state_at(1))
+        link.close()
+        assert server.end() == 0
+        assert server.counts.get(Outcome.MALFORMED, 0) == 0
+        assert server.counts[Outcome.ACCEPTED] == 2
 
 
 def test_flood_does_not_displace_states_of_the_cell():

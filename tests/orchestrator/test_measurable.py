@@ -131,6 +131,7 @@ def test_field_is_limited_by_range_fan_and_image() -> None:
     assert np.abs(field.points / POSITION_STEP - np.round(field.points / POSITION_STEP)).max() < 1e-9
     assert (np.abs(y) <= z * np.tan(np.radians(16.0))).all() and field.seen.any(1).all()
     assert len(np.unique(field.points, axis=0)) == len(y)
+    assert np.array_equal(z[y == 0], np.unique(z))  # every range is seen in the middle of the sheet
     narrow = SensorField.of(changed("sensor.laser.fan_half_angle_deg=4"))
     assert (np.abs(narrow.points[:, 0]) <= narrow.points[:, 1] * np.tan(np.radians(4.0))).all()
     assert set(map(tuple, narrow.points)) < set(map(tuple, field.points))

@@ -58,6 +58,13 @@ def test_exp_rotation_matches_scipy():
     assert np.abs(pose.exp_rotation(vectors) - Rotation.from_rotvec(vectors).as_matrix()).max() < 1e-14
 
 
+@pytest.mark.parametrize("largest", [1e-9, 0.5, 1.57])
+def test_logarithms_of_rotations_below_a_right_angle_match_scipy(largest):
+    axes = RNG.normal(size=(200, 3))
+    vectors = axes / np.linalg.norm(axes, axis=1, keepdims=True) * RNG.uniform(0, largest, (200, 1))
+    assert np.abs(pose.log_rotation(Rotation.from_rotvec(vectors).as_matrix()) - vectors).max() < 1e-12
+
+
 def test_log_of_half_turn_has_length_pi():
     logs = pose.log_rotation(_half_turns())
     assert np.allclose(np.linalg.norm(logs, axis=1), np.pi, atol=1e-12)

@@ -225,6 +225,25 @@ def test_run_folder_is_an_input_again(scanned, tmp_path) -> None:
     json.loads((tmp_path / "run" / "manifest.json").read_text())["inputs"][str(table)]
 
 
+def test_recording_of_a_run_holds_its_readings(scanned, tmp_path) -> None:
+    """Joints with their rates as measured; joints found from poses of the flange, which state no rates, with 0."""
+    measured = scanned.recording.measured
+    assert np.abs(measured.qd).max() > 0.01
+    for columns, rates in (
+        (joint_columns(scanned), measured.qd),
+        (flange_columns_of(scanned, "wxyz"), np.zeros_like(measured.qd)),
+    ):
+        run = tmp_path / f"{len(columns)}"
+        table = write_table(scanned, tmp_path / f"{len(columns)}.parquet", columns)
+        scancell.reconstruct(table, part=PART).save(run)
+        found = pyarrow.parquet.read_table(run / "recording.parquet")
+        row = np.searchsorted(measured.index, found["trigger.index"].to_numpy())
+        for i in range(1, 7):
+            assert found[f"trigger.measured.qd[{i}]"].to_numpy() == pytest.approx(rates[row, i - 1], abs=1e-9)
+        table_angle = found["trigger.measured.table"].to_numpy()
+        assert table_angle == pytest.approx(measured.table[row], abs=1e-9)
+
+
 def test_mesh_animate_and_export_take_the_run_folder(scanned, tmp_path) -> None:
     table = write_table(scanned, tmp_path / "points.parquet", flange_columns_of(scanned, "xyzwpr"))
     scancell.reconstruct(table, part=PART).save(tmp_path / "run")

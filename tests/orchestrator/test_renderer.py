@@ -206,6 +206,24 @@ def test_stripe_lies_in_the_sheet_and_is_as_long_as_the_fan_is_wide() -> None:
     np.testing.assert_allclose([points[:, 1].min(), points[:, 1].max()], [-SLOPE * HEIGHT, SLOPE * HEIGHT], atol=3e-3)
 
 
+def test_sheet_is_seen_where_rays_cross_it_before_surfaces() -> None:
+    """Points on the rays, in the plane of the laser, between the ends of its fan and below its source."""
+    eye, rng = np.array([0.5, -0.2, 0.3]), np.random.default_rng(9)
+    directions = np.array([0.02, 0.0, 0.2]) + rng.normal(0.0, 0.08, (500, 3)) - eye
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    to_sheet = (0.02 - eye[0]) / directions[:, 0]
+    depth = to_sheet + np.where(rng.random(500) < 0.5, 0.01, -0.01)
+    rows, points, left = sheet().veil(eye, directions, depth)
+    np.testing.assert_allclose(points, eye + to_sheet[rows, None] * directions[rows], atol=1e-12)
+    below = 0.1 + HEIGHT - points[:, 2]
+    assert (np.abs(points[:, 1]) <= SLOPE * below + 1e-9).all()
+    all_points = eye + to_sheet[:, None] * directions
+    inside = np.abs(all_points[:, 1]) < SLOPE * (0.1 + HEIGHT - all_points[:, 2]) - 1e-9
+    assert rows.tolist() == np.flatnonzero(inside & (depth > to_sheet)).tolist()
+    assert 50 < len(rows) < 400
+    assert ((left > 0) & (left <= 1)).all()
+
+
 def test_a_body_in_the_sheet_shadows_the_stripe_behind_it() -> None:
     """A cube whose top is half way down, from y = 0.01 to 0.03, shadows twice that on the table."""
     y = stripe_points((0.02, 0.02, 0.1 + HEIGHT / 2 - 0.02))[:, 1]

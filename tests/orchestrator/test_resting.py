@@ -10,10 +10,6 @@ from scancell.geometry.mesh import is_stable_pose
 from scancell.geometry.resting import LEAST_TIP_ANGLE, resting_poses
 
 
-def lowered(part, rotation):
-    return pose.from_rotation(rotation, (0.0, 0.0, -float((part.vertices @ rotation[2]).min())))
-
-
 def test_block_rests_on_each_side_and_tips_over_its_nearer_edge():
     edges = np.array([0.05, 0.04, 0.02])
     rests = resting_poses(block(*edges))
@@ -43,10 +39,10 @@ def test_poses_are_invariant_under_rotation_of_the_mesh():
     for rest in resting_poses(turned):
         assert np.abs(rest.rotation @ rest.rotation.T - np.eye(3)).max() < 1e-9
         assert np.linalg.det(rest.rotation) == pytest.approx(1.0)
-        assert is_stable_pose(turned, lowered(turned, rest.rotation))
+        assert is_stable_pose(turned, pose.from_rotation(rest.rotation))
         # A part that is tilted by half the angle at which it tips over stands on an edge only.
         tilted = pose.rotation_about(0, rest.tip_angle / 2) @ rest.rotation
-        assert not is_stable_pose(turned, lowered(turned, tilted))
+        assert not is_stable_pose(turned, pose.from_rotation(tilted))
 
 
 def test_ball_rests_nowhere_and_cone_on_its_base():

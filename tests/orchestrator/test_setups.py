@@ -20,6 +20,7 @@ from scancell.nominal.cell import nominal_cell
 from scancell.planning import setups
 from scancell.planning.setups import riser_for
 from scancell.planning.views import sight
+from scancell.planning.work import WorkLimitError
 from scancell.scanner import Scanner
 
 SWEEPS = {"scan.raster.enabled": False}  # Sweeps alone see all sides of a block, and are chosen sooner.
@@ -105,6 +106,14 @@ def test_part_out_of_reach_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     with (
         Scanner(settings={"cell.table.pose.x_mm": 3000}) as scanner,
         pytest.raises(PlanningError, match="nothing of its surface is measurable in any resting pose"),
+    ):
+        scanner.place(block(0.05, 0.04, 0.03))
+
+
+def test_work_of_all_set_ups_is_limited(coarse: None) -> None:
+    with (
+        Scanner(settings={**SWEEPS, "scan.max_planning_work": 1e-3}) as scanner,
+        pytest.raises(WorkLimitError, match="planning reached its limit of work while"),
     ):
         scanner.place(block(0.05, 0.04, 0.03))
 

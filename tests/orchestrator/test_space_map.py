@@ -34,6 +34,19 @@ def depths_freed(map_: SpaceMap, height: float) -> np.ndarray:
     return height - map_.grid.centres[i, j, map_.free[i, j], 2]
 
 
+def test_region_leaves_out_the_voxels_that_a_known_body_may_reach() -> None:
+    """Those whose centre is nearer to it than half the diagonal of a voxel, and no others of the cylinder."""
+    size, middle = np.array([0.04, 0.03, 0.02]), np.array([0.021, -0.013, 0.052])
+    map_ = space(box_mesh((0.04, 0.03, 0.02)).transformed(translation(middle)))
+    centres = map_.grid.centres
+    distance = np.linalg.norm(np.maximum(np.abs(centres - middle) - size / 2, 0.0), axis=-1)
+    inside = np.hypot(centres[..., 0], centres[..., 1]) <= 0.1
+    reach = np.sqrt(3) / 2 * VOXEL
+    assert not (map_.region & (distance < reach - 1e-6)).any()
+    assert map_.region[inside & (distance > reach + 1e-6)].all()
+    assert not map_.region[~inside].any()
+
+
 def test_empty_ray_frees_the_measuring_range_and_no_more() -> None:
     map_, height = space(), HEIGHT + RANGE.near
     map_.add(looking_down(height, RASTER), RANGE)

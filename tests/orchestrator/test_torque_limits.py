@@ -16,6 +16,7 @@ from scancell.nominal.cell import nominal_cell
 from scancell.planning.model import PlanningCell
 from scancell.planning.motion import trajectory
 from scancell.planning.motion.connection import Connector
+from scancell.planning.motion.timing import axis_name
 from scancell.planning.motion.torques import TorqueLimits
 
 START = np.radians([0.0, 45.0, -30.0, 0.0, 30.0, 0.0])
@@ -67,5 +68,7 @@ def test_slowdown_uses_four_fifths_of_the_torque_beyond_gravity() -> None:
 def test_motors_that_cannot_hold_the_arm_are_refused() -> None:
     cell = weakened(0.01)
     planning = PlanningCell(nominal_cell(cell, block(0.05, 0.04, 0.03)), RANGE, CYCLE, torques=TorqueLimits(cell))
-    with pytest.raises(PlanningError, match=r"torque limit of joint \d is too low to hold the arm"):
+    names = [axis_name(planning, axis) for axis in range(7)]
+    assert names == [*(f"joint {number}" for number in range(1, 7)), "the table"]
+    with pytest.raises(PlanningError, match=r"torque limit of joint [1-6] is too low to hold the arm"):
         Connector(planning, 0.005).move(np.append(START, 0.0), np.append(END, 0.0))

@@ -1,4 +1,4 @@
-"""Figures of a sphere in the cloud of a trial, against spheres of known place, size and form."""
+"""Figures of a sphere in the cloud of a trial, against spheres of known place, size and form; memory of a worker."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 
 from scancell.config.study import FittedSphereDescription
 from scancell.reconstruction.cloud import Cloud
-from scancell.studies.trial import _sphere_figures
+from scancell.studies.trial import _process, _sphere_figures
 
 SPHERE = FittedSphereDescription(name="ball", centre_mm=(10.0, 20.0, 30.0), radius_mm=12.5, above_mm=25.0, reach_mm=1.0)
 
@@ -65,3 +65,9 @@ def test_too_few_points_give_no_figures(count) -> None:
     figures = _sphere_figures(SPHERE, cloud(points[points[:, 2] > 0.03][:count]))
     assert figures["ball.points"] == count
     assert figures["ball.diameter_error_um"] is None
+
+
+def test_memory_of_a_process_grows_by_what_it_holds() -> None:
+    before = _process()["memory_mb"]
+    held = np.ones(16_000_000)  # 128 MB
+    assert _process()["memory_mb"] - before == pytest.approx(1e-6 * held.nbytes, rel=0.1)

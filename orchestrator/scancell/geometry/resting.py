@@ -57,8 +57,7 @@ def resting_poses(part: Mesh) -> list[RestingPose]:
         tip_angle = float(np.arctan2(margin, height))
         if tip_angle < LEAST_TIP_ANGLE:
             continue
-        at = pose.from_rotation(rotation, (0.0, 0.0, -float((part.vertices @ rotation[2]).min())))
-        if is_stable_pose(part, at):
+        if is_stable_pose(part, pose.from_rotation(rotation)):
             result.append(RestingPose(rotation, tip_angle))
     return sorted(result, key=lambda rest: -rest.tip_angle)
 
