@@ -12,6 +12,7 @@ namespace {
 constexpr int kBlock = 64;             // columns that are skipped together when all are dark
 constexpr float kValleySigmas = 5.0f;  // a dip between two maxima must exceed the noise by this much ...
 constexpr float kValleyShare = 0.1f;   // ... and this share of the higher maximum
+constexpr int kLongFlatTop = 6;        // rows; the flanks of shorter ones do not determine the width
 
 /// Computes the largest sum of three rows in each block of columns.
 template <typename Sum>
@@ -42,6 +43,47 @@ SENSOR_RT_MULTIVERSION void maxima(const std::uint16_t* a, const std::uint16_t* 
 SENSOR_RT_MULTIVERSION void maxima(const std::uint16_t* a, const std::uint16_t* b, const std::uint16_t* c,
                                    int width, std::uint32_t* out) {
   block_maxima(a, b, c, width, out);
+}
+
+/// Returns the longest run of saturated rows of a candidate; first > last: none.
+RowWindow flat_top(ImageRows image, float saturation, const Candidate& c) {
+  RowWindow longest{0, -1};
+  RowWindow run{0, -1};
+  for (int y = std::max(c.lower_limit, c.first_row - 1); y <= std::min(c.upper_limit, c.last_row + 1); ++y) {
+    if (static_cast<float>(image.at(y, c.column)) < saturation) {
+      run = {0, -1};
+      continue;
+    }
+    run = {run.last < 0 ? y : run.first, y};
+    if (run.last - run.first > longest.last - longest.first) longest = run;
+  }
+  return longest;
+}
+
+/// Sets centre and width from the saturated rows and the flanks at half of their signal.
+///
+/// A bright stripe has a halo over tens of rows, uneven and rarely symmetric, which would govern the moments.
+/// A Gaussian that is saturated over 2 w rows and exceeds half of the saturation over 2 h rows has the
+/// variance (h² - w²) / (2 ln 2).
+void estimate_from_flanks(ImageRows image, float background, const RowWindow& flat, Candidate& c) {
+  constexpr float kTwoLogTwo = 1.38629436f;
+  constexpr float kLeastVariance = 0.1f;  // of h²: a stripe exp(5) times as bright as the saturation
+  const float half = 0.5f * c.amplitude;
+  const auto signal = [&](int y) { return static_cast<float>(image.at(y, c.column)) - background; };
+  const auto edge = [&](int row, int step, int limit) {
+    while (row != limit && signal(row + step) > half) row += step;
+    const auto at = static_cast<float>(row);
+    if (row == limit) return at;
+    const float inside = signal(row);
+    return at + static_cast<float>(step) * (inside - half) / (inside - signal(row + step));
+  };
+  const float lower = edge(flat.first, -1, c.lower_limit);
+  const float upper = edge(flat.last, 1, c.upper_limit);
+  const float h = 0.5f * (upper - lower);
+  const float w = 0.5f * static_cast<float>(flat.last - flat.first + 1);
+  c.row = 0.5f * (lower + upper);
+  c.flat_top = w;
+  c.width = std::sqrt(std::max(kLeastVariance * h * h, (h * h - w * w) / kTwoLogTwo) + w * w / 3.0f);
 }
 
 }  // namespace
@@ -153,7 +195,7 @@ void set_limits(std::vector<Candidate>& candidates, int height) {
   }
 }
 
-void estimate_moments(ImageRows image, float background, Candidate& c) {
+void estimate_shape(ImageRows image, const PixelNoise& noise, Candidate& c) {
   const int first = std::max(c.lower_limit, c.first_row - 1);
   const int last = std::min(c.upper_limit, c.last_row + 1);
   float sum = 0.0f;
@@ -161,7 +203,7 @@ void estimate_moments(ImageRows image, float background, Candidate& c) {
   float moment2 = 0.0f;
   float highest = 0.0f;
   for (int y = first; y <= last; ++y) {
-    const float signal = std::max(0.0f, static_cast<float>(image.at(y, c.column)) - background);
+    const float signal = std::max(0.0f, static_cast<float>(image.at(y, c.column)) - noise.background);
     const auto offset = static_cast<float>(y - first);
     sum += signal;
     moment += signal * offset;
@@ -174,6 +216,12 @@ void estimate_moments(ImageRows image, float background, Candidate& c) {
   // Integration over the pixel adds 1/12 px² to the variance.
   c.width = std::sqrt(std::max(0.09f, moment2 / sum - centre * centre - 1.0f / 12.0f));
   c.amplitude = std::max(highest, 1.0f);
+  const RowWindow flat = flat_top(image, noise.saturation, c);
+  const bool above_half =
+      noise.saturation - noise.background > 0.5f * c.amplitude;  // not in saturated ambient light
+  if (above_half && flat.last - flat.first + 1 >= kLongFlatTop) {
+    estimate_from_flanks(image, noise.background, flat, c);
+  }
 }
 
 RowWindow window(const Candidate& c, float reach, int height) {

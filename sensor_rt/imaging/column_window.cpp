@@ -9,6 +9,13 @@ namespace {
 constexpr double kPixelVariance = 1.0 / 12.0;
 constexpr float kShapeReach = 3.0f;  // standard deviations to either side in a typical window
 
+/// Subtracts the smaller of the signals at the ends: the halo of a stripe with a long flat top would govern
+/// the moments.
+void remove_halo(ColumnWindow& w) {
+  const double halo = std::max(0.0, std::min(w.signal[0], w.signal[w.count - 1]));
+  for (int i = 0; i < w.count; ++i) w.signal[i] -= halo;
+}
+
 }  // namespace
 
 ColumnWindow gather(ImageRows image, const PixelNoise& noise, const Candidate& candidate, double reach) {
@@ -77,8 +84,9 @@ void measure_moments(const ColumnWindow& w, const Candidate& c, StripeFit& fit) 
 
 ColumnWindow measure_moments(ImageRows image, const PixelNoise& noise, const Candidate& c, StripeFit& fit) {
   constexpr double kMargin = 1.0;  // rows
-  const ColumnWindow w =
+  ColumnWindow w =
       gather(image, noise, c, static_cast<double>(kShapeReach) * static_cast<double>(c.width) + kMargin);
+  if (c.flat_top > 0.0f && w.count > 0) remove_halo(w);
   measure_moments(w, c, fit);
   return w;
 }

@@ -10,10 +10,12 @@ namespace sensor_rt {
 namespace {
 
 constexpr int kIterations = 12;
-constexpr int kIterationsOfGrains = 24;  // speckled stripes converge slowly
-constexpr float kReach = 3.5f;           // half window, in standard deviations ...
-constexpr float kReachMargin = 1.5f;     // ... plus rows
-constexpr float kModelError = 0.01f;     // of the amplitude
+constexpr int kSlowIterations = 24;   // speckled stripes and long flat tops converge slowly
+constexpr float kReach = 3.5f;        // half window, in standard deviations ...
+constexpr float kReachMargin = 1.5f;  // ... plus rows
+constexpr float kFlankReach = 2.5f;   // the same with a long flat top, whose halo outweighs the outer flanks
+constexpr float kMostLogHeight = 5.0f;  // of the first guess of a saturated stripe, over the saturation
+constexpr float kModelError = 0.01f;    // of the amplitude
 // A saturated stripe is located by its flanks alone: a smaller model error gives them enough weight.
 constexpr float kSaturatedModelError = 0.002f;
 constexpr float kShapeless = 0.36f;       // px: width below which the skewness is not measurable
@@ -24,7 +26,11 @@ constexpr float kConvergedShare = 0.01f;  // ... or this share of the standard d
 void load(ImageRows image, const PixelNoise& noise, const Candidate& c, GaussianBatch& b, int l,
           RowWindow& rows) {
   const float scale = 1.0f / c.amplitude;
-  rows = window(c, kReach * c.width + kReachMargin, image.height);
+  const bool flat = c.flat_top > 0.0f;
+  // The recorded signal is as wide as the light and the flat top together.
+  const float width = flat ? std::sqrt(c.width * c.width - c.flat_top * c.flat_top / 3.0f) : c.width;
+  const float reach = flat ? std::hypot(kFlankReach * width, c.flat_top) : kReach * width;
+  rows = window(c, reach + kReachMargin, image.height);
   rows.last = std::min(rows.last, rows.first + kMaxRows - 1);
   bool saturated = false;
   for (int y = rows.first; y <= rows.last; ++y) {
@@ -40,8 +46,11 @@ void load(ImageRows image, const PixelNoise& noise, const Candidate& c, Gaussian
   b.speckle_weight.v[l] = noise.speckle.covariance[0];
   b.end.v[l] = static_cast<float>(rows.last - rows.first + 1);
   b.mu.v[l] = c.row - static_cast<float>(rows.first);
-  b.sigma.v[l] = std::clamp(c.width, kMinSigma + 0.1f, 10.0f);
+  b.sigma.v[l] = std::clamp(width, kMinSigma + 0.1f, 10.0f);
   b.area.v[l] = b.sigma.v[l] * kRootTwoPi;
+  if (flat) {
+    b.area.v[l] *= std::exp(std::min(kMostLogHeight, 0.5f * c.flat_top * c.flat_top / (width * width)));
+  }
   b.background.v[l] = 0.0f;
   b.rows = std::max(b.rows, rows.last - rows.first + 1);
 }
@@ -99,17 +108,19 @@ StripeFit result(const Candidate& c, const GaussianBatch& b, int l, const RowWin
 
 void locate_gaussian(ImageRows image, const PixelNoise& noise, const Candidate* candidates, std::size_t count,
                      StripeFit* fits) {
-  const int iterations = noise.speckle.enabled() ? kIterationsOfGrains : kIterations;
   for (std::size_t begin = 0; begin < count; begin += kLanes) {
     GaussianBatch b{};
     b.pattern = noise.pattern;
     b.speckle = noise.speckle;
     RowWindow rows[kLanes];
     const std::size_t lanes = std::min<std::size_t>(kLanes, count - begin);
+    bool flat = false;
     for (int l = 0; l < kLanes; ++l) {  // unused lanes repeat the last stripe
-      load(image, noise, candidates[begin + std::min<std::size_t>(static_cast<std::size_t>(l), lanes - 1)], b,
-           l, rows[l]);
+      const Candidate& c = candidates[begin + std::min<std::size_t>(static_cast<std::size_t>(l), lanes - 1)];
+      load(image, noise, c, b, l, rows[l]);
+      flat = flat || c.flat_top > 0.0f;
     }
+    const int iterations = noise.speckle.enabled() || flat ? kSlowIterations : kIterations;
     float largest = 1.0f;
     float damping = 1e-2f;
     for (int i = 0; i < iterations && largest > 0.2f * kConvergedStep; ++i, damping *= 0.1f) {

@@ -24,7 +24,6 @@ from scipy.stats import binomtest, t
 from bench.ball_prediction import prediction_lines
 from bench.ball_profiles import BALL_RADIUS, Circle, FoundBall, circle_of, read_profiles, repeated_poses
 from bench.board_prediction import displacement, prediction_error, seen_pose
-from bench.board_stripes import straightness_lines
 from bench.robot_ball import robot_ball_lines
 from scancell.calibration.board.problem import BoardView, Rig
 from scancell.calibration.board.solve import (
@@ -146,16 +145,6 @@ def held_errors(rig: Rig, view: BoardView) -> Held:
         float(np.degrees(1e-3 * np.linalg.norm(away[3:]))),
         1e3 * float(np.sqrt(np.mean(stripe**2))) if len(stripe) else float("nan"),
     )
-
-
-def stripe_lines(data: Path) -> Iterator[str]:
-    """Table of how straight the stripes on the board's plane are."""
-    images = []
-    for folder in FOLDERS:
-        found = etna_views(data, folder)
-        rig = solve(found.views, start_rig(found.views, found.size)).rig
-        images += [(data / folder / view.name, rig, view) for view in found.views]
-    yield from straightness_lines(images)
 
 
 def ball_half_lines(data: Path) -> Iterator[str]:
@@ -387,7 +376,7 @@ def _left_out(groups: Sequence[Sequence[Circle]], effect: bool) -> tuple[int, in
     return inside, count
 
 
-def _below(folder: Path, inner: str) -> Path | None:
+def below(folder: Path, inner: str) -> Path | None:
     """The folder `inner` of a checkout in a folder."""
     found = [path / inner for path in (folder, *sorted(folder.iterdir())) if (path / inner).is_dir()]
     return found[0] if found else None
@@ -408,7 +397,6 @@ def main() -> None:
     sets = {
         "etna": ("etna_calib/data", etna_lines),
         "halves": ("etna_calib/data", half_lines),
-        "stripes": ("etna_calib/data", stripe_lines),
         "ball": ("data/Standard_sphere_seg_dataset_v1", ball_lines),
         "robot ball": ("data/ScanData", robot_ball_lines),
         "ball halves": ("data/Standard_sphere_seg_dataset_v1", ball_half_lines),
@@ -418,7 +406,7 @@ def main() -> None:
     for mark, (inner, lines) in sets.items():
         if given.only not in (None, mark):
             continue
-        data = _below(given.data, inner)
+        data = below(given.data, inner)
         if data is None:
             print(f"no checkout with {inner} in {given.data}")
             continue
