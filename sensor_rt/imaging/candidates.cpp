@@ -60,11 +60,12 @@ RowWindow flat_top(ImageRows image, float saturation, const Candidate& c) {
   return longest;
 }
 
-/// Sets centre and width from the saturated rows and the flanks at half of their signal.
+/// Sets centre and width from the brightest rows, which are saturated or one, and the flanks at half of their
+/// signal.
 ///
-/// A bright stripe has a halo over tens of rows, uneven and rarely symmetric, which would govern the moments.
-/// A Gaussian that is saturated over 2 w rows and exceeds half of the saturation over 2 h rows has the
-/// variance (h² - w²) / (2 ln 2).
+/// A bright stripe, and one on a translucent surface, has a halo over tens of rows, uneven and rarely
+/// symmetric, which would govern the moments. A Gaussian that is saturated over 2 w rows and exceeds half of
+/// the saturation over 2 h rows has the variance (h² - w²) / (2 ln 2).
 void estimate_from_flanks(ImageRows image, float background, const RowWindow& flat, Candidate& c) {
   constexpr float kTwoLogTwo = 1.38629436f;
   constexpr float kLeastVariance = 0.1f;  // of h²: a stripe exp(5) times as bright as the saturation
@@ -80,8 +81,10 @@ void estimate_from_flanks(ImageRows image, float background, const RowWindow& fl
   const float lower = edge(flat.first, -1, c.lower_limit);
   const float upper = edge(flat.last, 1, c.upper_limit);
   const float h = 0.5f * (upper - lower);
-  const float w = 0.5f * static_cast<float>(flat.last - flat.first + 1);
+  const auto rows = static_cast<float>(flat.last - flat.first + 1);
+  const float w = rows > 1.0f ? 0.5f * rows : 0.0f;
   c.row = 0.5f * (lower + upper);
+  c.has_halo = true;
   c.flat_top = w;
   c.width = std::sqrt(std::max(kLeastVariance * h * h, (h * h - w * w) / kTwoLogTwo) + w * w / 3.0f);
 }
@@ -195,19 +198,21 @@ void set_limits(std::vector<Candidate>& candidates, int height) {
   }
 }
 
-void estimate_shape(ImageRows image, const PixelNoise& noise, Candidate& c) {
+void estimate_shape(ImageRows image, const PixelNoise& noise, float max_sigma, Candidate& c) {
   const int first = std::max(c.lower_limit, c.first_row - 1);
   const int last = std::min(c.upper_limit, c.last_row + 1);
   float sum = 0.0f;
   float moment = 0.0f;
   float moment2 = 0.0f;
   float highest = 0.0f;
+  int brightest = first;
   for (int y = first; y <= last; ++y) {
     const float signal = std::max(0.0f, static_cast<float>(image.at(y, c.column)) - noise.background);
     const auto offset = static_cast<float>(y - first);
     sum += signal;
     moment += signal * offset;
     moment2 += signal * offset * offset;
+    if (signal > highest) brightest = y;
     highest = std::max(highest, signal);
   }
   if (sum <= 0.0f) sum = 1.0f;
@@ -221,6 +226,8 @@ void estimate_shape(ImageRows image, const PixelNoise& noise, Candidate& c) {
       noise.saturation - noise.background > 0.5f * c.amplitude;  // not in saturated ambient light
   if (above_half && flat.last - flat.first + 1 >= kLongFlatTop) {
     estimate_from_flanks(image, noise.background, flat, c);
+  } else if (c.width > max_sigma && flat.last < flat.first) {
+    estimate_from_flanks(image, noise.background, {brightest, brightest}, c);
   }
 }
 

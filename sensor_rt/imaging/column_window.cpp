@@ -9,7 +9,7 @@ namespace {
 constexpr double kPixelVariance = 1.0 / 12.0;
 constexpr float kShapeReach = 3.0f;  // standard deviations to either side in a typical window
 
-/// Subtracts the smaller of the signals at the ends: the halo of a stripe with a long flat top would govern
+/// Subtracts the smaller of the signals at the ends: the halo of a stripe would govern
 /// the moments.
 void remove_halo(ColumnWindow& w) {
   const double halo = std::max(0.0, std::min(w.signal[0], w.signal[w.count - 1]));
@@ -86,7 +86,7 @@ ColumnWindow measure_moments(ImageRows image, const PixelNoise& noise, const Can
   constexpr double kMargin = 1.0;  // rows
   ColumnWindow w =
       gather(image, noise, c, static_cast<double>(kShapeReach) * static_cast<double>(c.width) + kMargin);
-  if (c.flat_top > 0.0f && w.count > 0) remove_halo(w);
+  if (c.has_halo && w.count > 0) remove_halo(w);
   measure_moments(w, c, fit);
   return w;
 }

@@ -168,7 +168,9 @@ class Extractor::Impl {
     peaks.candidates = found;
     // Candidates that cannot be chosen are not measured.
     if (chosen_by_rank(options_.peak) && !all_peaks_) keep_by_rank(options_.peak, peaks.candidates);
-    for (Candidate& candidate : peaks.candidates) estimate_shape(image, noise, candidate);
+    for (Candidate& candidate : peaks.candidates) {
+      estimate_shape(image, noise, static_cast<float>(options_.max_sigma_px), candidate);
+    }
     peaks.fits.resize(peaks.candidates.size());
     LocateFunction* const locate = kLocators[static_cast<std::size_t>(options_.detector)];
     locate(image, noise, peaks.candidates.data(), peaks.candidates.size(), peaks.fits.data());

@@ -10,10 +10,10 @@ namespace sensor_rt {
 namespace {
 
 constexpr int kIterations = 12;
-constexpr int kSlowIterations = 24;   // speckled stripes and long flat tops converge slowly
-constexpr float kReach = 3.5f;        // half window, in standard deviations ...
-constexpr float kReachMargin = 1.5f;  // ... plus rows
-constexpr float kFlankReach = 2.5f;   // the same with a long flat top, whose halo outweighs the outer flanks
+constexpr int kSlowIterations = 24;     // speckled stripes and those with a halo converge slowly
+constexpr float kReach = 3.5f;          // half window, in standard deviations ...
+constexpr float kReachMargin = 1.5f;    // ... plus rows
+constexpr float kFlankReach = 2.5f;     // the same with a halo, which outweighs the outer flanks
 constexpr float kMostLogHeight = 5.0f;  // of the first guess of a saturated stripe, over the saturation
 constexpr float kModelError = 0.01f;    // of the amplitude
 // A saturated stripe is located by its flanks alone: a smaller model error gives them enough weight.
@@ -29,7 +29,7 @@ void load(ImageRows image, const PixelNoise& noise, const Candidate& c, Gaussian
   const bool flat = c.flat_top > 0.0f;
   // The recorded signal is as wide as the light and the flat top together.
   const float width = flat ? std::sqrt(c.width * c.width - c.flat_top * c.flat_top / 3.0f) : c.width;
-  const float reach = flat ? std::hypot(kFlankReach * width, c.flat_top) : kReach * width;
+  const float reach = c.has_halo ? std::hypot(kFlankReach * width, c.flat_top) : kReach * width;
   rows = window(c, reach + kReachMargin, image.height);
   rows.last = std::min(rows.last, rows.first + kMaxRows - 1);
   bool saturated = false;
@@ -114,13 +114,13 @@ void locate_gaussian(ImageRows image, const PixelNoise& noise, const Candidate* 
     b.speckle = noise.speckle;
     RowWindow rows[kLanes];
     const std::size_t lanes = std::min<std::size_t>(kLanes, count - begin);
-    bool flat = false;
+    bool halo = false;
     for (int l = 0; l < kLanes; ++l) {  // unused lanes repeat the last stripe
       const Candidate& c = candidates[begin + std::min<std::size_t>(static_cast<std::size_t>(l), lanes - 1)];
       load(image, noise, c, b, l, rows[l]);
-      flat = flat || c.flat_top > 0.0f;
+      halo = halo || c.has_halo;
     }
-    const int iterations = noise.speckle.enabled() || flat ? kSlowIterations : kIterations;
+    const int iterations = noise.speckle.enabled() || halo ? kSlowIterations : kIterations;
     float largest = 1.0f;
     float damping = 1e-2f;
     for (int i = 0; i < iterations && largest > 0.2f * kConvergedStep; ++i, damping *= 0.1f) {

@@ -36,7 +36,8 @@ struct Candidate {
   float strength = 0.0f;        ///< largest sum over three neighbouring rows
   float row = 0.0f;             ///< first guess of the centre
   float width = 0.0f;           ///< first guess of the standard deviation of the recorded signal, px
-  float flat_top = 0.0f;        ///< half length of the saturated rows, px
+  float flat_top = 0.0f;        ///< half length of the saturated rows if these are many, px
+  bool has_halo = false;        ///< the signal beside the stripe would govern its moments
   float amplitude = 0.0f;       ///< first guess of the height, DN
   float light_variance = 0.0f;  ///< variance per pixel due to background light, DN²
   std::uint32_t flags = 0;
@@ -109,9 +110,9 @@ class CandidateFinder {
 /// Divides the rows of each column among its candidates.
 void set_limits(std::vector<Candidate>& candidates, int height);
 
-/// Estimates centre, width and amplitude from the moments of the run; centre and width of a saturated stripe
-/// from its flanks.
-void estimate_shape(ImageRows image, const PixelNoise& noise, Candidate& candidate);
+/// Estimates centre, width and amplitude from the moments of the run; centre and width of a saturated stripe,
+/// and of one whose moments are wider than a stripe may be, from its flanks.
+void estimate_shape(ImageRows image, const PixelNoise& noise, float max_sigma, Candidate& candidate);
 
 /// Sets the flags that depend on the shape of a peak.
 void flag_shape(const ExtractionOptions& options, StripeFit& fit);

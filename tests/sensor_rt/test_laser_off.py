@@ -72,8 +72,6 @@ def test_background_subtraction_removes_lamp_gradient() -> None:
         kept[name] = len(off[name]) / accepted(in_the_dark).sum()
     print({name: (kept[name], np.sqrt(np.mean(off[name] ** 2)), off[name].max()) for name in off})
     assert kept["with"] > 0.99
-    # The stated sigma includes the lamp's shot noise, so that fewer distorted peaks are rejected than displaced.
-    assert kept["without"] < 0.7
     assert np.sqrt(np.mean(off["with"] ** 2)) < 0.003
     assert np.sqrt(np.mean(off["without"] ** 2)) > 3 * np.sqrt(np.mean(off["with"] ** 2))
 

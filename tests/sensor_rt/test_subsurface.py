@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scenes import COARSE, pose, probe, still
+from stripe_images import accepted, make_sensor
 
-from scancell.sensor import Material, Scene, expected_electrons
+from scancell.sensor import Material, Scene, expected_electrons, extract, render
 
 Array = NDArray[np.float64]
 
@@ -111,6 +112,23 @@ def test_fast_mode_agrees_with_random_walks(index: float, tilt: tuple[float, flo
         # The fast mode has the albedo of a diffuse base at all angles.
         assert fast[camera].sum() == pytest.approx(walks[camera].sum(), rel=0.15)
         np.testing.assert_allclose(quantiles(fast[camera]), quantiles(walks[camera]), atol=0.15)
+
+
+def test_extraction_locates_core_of_stripe_with_halo() -> None:
+    lenient = {"max_residual": 0.3, "max_asymmetry": 0.3}
+    rows = {}
+    for name, material, duration in (("opaque", translucent(0.0), 2e-4), ("marble", translucent(MARBLE), 3e-3)):
+        scene = Scene()
+        scene.add_box("block", pose((0, 0, 0.15)), np.array([0.2, 0.2, 0.06]), material)
+        sensor = make_sensor(cameras=2, extraction=lenient)
+        peaks = extract(render(scene, sensor, still(np.eye(4), duration=duration)), sensor)
+        assert accepted(peaks).mean() > 0.99
+        rows[name] = [float(np.median(peaks.row[accepted(peaks) & (peaks.camera == camera)])) for camera in range(2)]
+        noise = np.std(peaks.row[accepted(peaks)])
+        assert noise < 0.06
+    below = np.subtract(rows["marble"], rows["opaque"])
+    assert below[0] == pytest.approx(below[1], abs=0.02)
+    assert 0.3 < below[0] < 1.5
 
 
 def test_neighbouring_opaque_body_stays_dark() -> None:
