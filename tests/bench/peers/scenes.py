@@ -31,10 +31,15 @@ class Flat:
 
     sensor_from_flat: Array
     size: float = 0.4
+    grooves: tuple[float, float] | None = None  # GGX roughness along its x and y; None: matt white
 
     def add_to(self, scene: sensor_rt.Scene, name: str) -> None:
         """Add to ours."""
-        scene.add_plane(name, self.sensor_from_flat, (self.size, self.size), 1.0)
+        material: sensor_rt.Material | float = 1.0
+        if self.grooves is not None:
+            along, across = self.grooves
+            material = sensor_rt.Material(1.0, "grooved_conductor", across, 1.5, along, [1, 0, 0])
+        scene.add_plane(name, self.sensor_from_flat, (self.size, self.size), material)
 
 
 @dataclass(frozen=True)
@@ -43,10 +48,12 @@ class Block:
 
     lower: Array
     upper: Array
+    medium: sensor_rt.Material | None = None  # translucent; None: matt white
 
     def add_to(self, scene: sensor_rt.Scene, name: str) -> None:
         """Add to ours."""
-        scene.add_box(name, pose.translation((self.lower + self.upper) / 2), self.upper - self.lower, 1.0)
+        material = 1.0 if self.medium is None else self.medium
+        scene.add_box(name, pose.translation((self.lower + self.upper) / 2), self.upper - self.lower, material)
 
 
 @dataclass(frozen=True)
@@ -65,7 +72,7 @@ Surface = Ball | Flat | Block | Net
 
 
 def build(surfaces: tuple[Surface, ...]) -> sensor_rt.Scene:
-    """Our scene, every surface a body of its own, all perfectly white."""
+    """Our scene, every surface a body of its own."""
     scene = sensor_rt.Scene()
     for number, surface in enumerate(surfaces):
         surface.add_to(scene, f"surface{number}")
