@@ -41,7 +41,7 @@ CHANGED = {
     },
 }
 _ENDLESS = 600.0  # s of a file of tests, or of the native ones: they do not end
-_NO_TESTS = 5  # status of pytest that collects none
+_USAGE, _NO_TESTS = 4, 5  # status of pytest that refuses its arguments, and that collects no test
 _BINARY = re.compile(r"(?<= )(\+|-|\*|/|%|<|<=|>|>=|==|!=|&&|\|\|)(?= )")  # clang-format puts no space inside `int*`
 _IMPORT = re.compile(r"^\s*(?:from (scancell[\w.]*) import|import (scancell[\w.]*))", re.MULTILINE)
 
@@ -145,6 +145,8 @@ def succeeds(command: list[str], limit: float) -> bool:
         status = subprocess.run(command, cwd=ROOT, capture_output=True, check=False, timeout=limit).returncode
     except subprocess.TimeoutExpired:
         return False
+    if status == _USAGE:
+        raise RuntimeError(f"pytest refuses its arguments: {' '.join(command)}")
     return status in (0, _NO_TESTS)
 
 
