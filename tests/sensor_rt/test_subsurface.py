@@ -63,7 +63,7 @@ def chandrasekhar_albedo(albedo: float) -> float:
     return float(1.0 - root * next_h(np.ones(1))[0])
 
 
-@pytest.mark.parametrize("albedo", [0.2, 0.5, 0.9, 0.99, 0.999])
+@pytest.mark.parametrize("albedo", [0.2, 0.5, 0.9, 0.99, 0.998])
 def test_reflectance_of_half_space_follows_chandrasekhar(albedo: float) -> None:
     material = translucent(MARBLE, chandrasekhar_albedo(albedo), index=1.0)
     assert material.scattering_albedo == pytest.approx(albedo, rel=0.01)
@@ -154,7 +154,7 @@ def test_neighbouring_opaque_body_stays_dark() -> None:
     ("numbers", "name"),
     [
         ((0.5, "lambert", 0.3, 1.5), "scattering belongs to rough_dielectric"),
-        ((0.99, "rough_dielectric", 0.3, 1.5), "reflectance"),
+        ((0.91, "rough_dielectric", 0.3, 1.5), "reflectance"),
     ],
 )
 def test_invalid_medium_is_refused(numbers: tuple[float, str, float, float], name: str) -> None:

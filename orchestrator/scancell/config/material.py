@@ -17,7 +17,7 @@ _WITH_LOBE: tuple[Model, ...] = ("rough_dielectric", "rough_conductor", "grooved
 Preset = Literal["matt_white", "machined_aluminium", "polished_steel", "black_rubber", "painted_plastic", "marble"]
 
 _SMOOTHEST_GGX = 0.01
-_MOST_TRANSLUCENT = 0.95
+_MOST_TRANSLUCENT = 0.9
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class MaterialDescription(Description):
     scattering_per_mm: Annotated[float, Field(ge=0.05, le=1000.0)] | None = Field(
         default=None,
         description="rough_dielectric: reduced scattering coefficient of the medium below its surface, whose light"
-        " leaves beside the point where it enters; reflectance, 0.01..0.95, is the share of it that leaves again;"
+        " leaves beside the point where it enters; reflectance, 0.01..0.9, is the share of it that leaves again;"
         " default: an opaque base",
     )
 

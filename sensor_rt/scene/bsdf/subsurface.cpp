@@ -192,6 +192,7 @@ void Subsurface::find_moments() {
     Walk walk(number, *this);
     const double first = walk.position().z();
     double weight = albedo_;
+    int events = 1;
     do {
       const Eigen::Vector3d& at = walk.position();
       // Light that leaves along the normal; other directions of source and viewer change the weights below.
@@ -206,7 +207,7 @@ void Subsurface::find_moments() {
         seen.depth[depth_class(depth)] += leaves * depth;
       }
       weight *= albedo_;
-    } while (weight > kFaint && walk.advance());
+    } while (weight > kFaint && ++events <= kLongest && walk.advance());
   }
   for (std::size_t d = 0; d < kDepths; ++d) seen.depth[d] /= std::max(seen.weight[d], 1e-300);
   std::array<Bin, kDisplacements> classes{};

@@ -30,7 +30,7 @@ class Subsurface {
   static constexpr int kParts = 10;
   static constexpr double kLeastScattering = 50.0;  ///< 1/m
   static constexpr double kMostScattering = 1e6;
-  static constexpr double kMostReflectance = 0.95;  ///< walks are of limited length
+  static constexpr double kMostReflectance = 0.9;  ///< walks are of limited length
 
   /// A Gaussian of f: its share of the light, and mean (m) and variance (m²) of x.
   struct Part {
