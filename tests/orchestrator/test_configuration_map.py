@@ -64,6 +64,32 @@ def test_the_quality_is_the_product_of_all_factors(cell: PlanningCell) -> None:
     assert checked > 10
 
 
+def test_exponents_of_joints_and_pairs_by_definition(cell: PlanningCell) -> None:
+    """Each factor has its own exponent; equal ones are those of a single value."""
+    pairs = len(cell.proximity.pairs)
+    of_joints = (0.5, 1.0, 2.0, 0.25, 1.5, 3.0)
+    of_pairs = np.random.default_rng(1).uniform(0.3, 3.0, pairs)
+    judged, same = a_map(cell, joint_range_power=of_joints, clearance_power=of_pairs), a_map(cell)
+    equal = a_map(cell, joint_range_power=(1.0,) * 6, clearance_power=np.ones(pairs))
+    for map_ in (judged, same, equal):
+        map_.require_all()
+    np.testing.assert_array_equal(equal.cause, same.cause)
+    np.testing.assert_allclose(equal.quality, same.quality, rtol=1e-6)
+    np.testing.assert_array_equal(judged.cause, same.cause)  # no exponent forbids or frees a cell
+    low, high = cell.clearance_ranges(0.005, 0.05, 0.01).T
+    arm = cell.nominal.arm
+    for column, row in np.argwhere(judged.quality > 0)[::29]:
+        angle = float(judged.angle(row))
+        q = judged.joints([column], [angle])[0]
+        distance = cell.proximity.distances(cell.nominal.body_poses(q[None], np.array([angle])), np.inf)[0]
+        share = np.clip((distance - low) / (high - low), 0, 1)
+        factors = [float(constraints.joint_range(a, *limits)) for a, *limits in zip(q, *arm.limits, strict=True)]
+        regular = singularity_distance(np.linalg.inv(arm.jacobian(q)))
+        expected = np.prod(np.power(factors, of_joints)) * np.prod(np.sin(np.pi / 2 * share) ** of_pairs)
+        expected *= constraints.clearance(regular, 0.01, 0.1)
+        assert judged.quality[column, row] == pytest.approx(float(expected), rel=1e-5)
+
+
 def test_the_singularity_distance_bounds_the_smallest_singular_value(cell: PlanningCell) -> None:
     arm = cell.nominal.arm
     q = np.random.default_rng(3).uniform(*arm.limits, (200, 6))

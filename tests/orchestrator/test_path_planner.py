@@ -11,12 +11,14 @@ from fcl_collisions import path_collisions
 
 from scancell.config.loading import assets_dir, load_setup
 from scancell.config.path import (
+    PairQualityDescription,
     PathDescription,
     QualityDescription,
     SpiralDescription,
     WaypointDescription,
     WeightsDescription,
 )
+from scancell.errors import DescriptionError
 from scancell.nominal.cell import nominal_cell
 from scancell.planning.model import PlanningCell
 from scancell.planning.motion import trajectory
@@ -151,3 +153,116 @@ def test_the_printed_equation_makes_another_map(cell: PlanningCell) -> None:
         map_.require(*(x.ravel() for x in np.meshgrid([0, map_.columns - 1], np.arange(map_.rows))))
         maps.append(map_.quality[[0, -1]])
     assert np.abs(maps[0] - maps[1]).max() > 0.01
+
+
+# --- [quality] ------------------------------------------------------------------------------------------------------
+
+
+def quality_map(cell: PlanningCell, **quality: object) -> np.ndarray:
+    """Qualities of the ends of a short spiral in the first branch."""
+    described = QualityDescription.model_validate(quality)
+    description = PathDescription(spiral=SpiralDescription(turns=-0.2), quality=described)
+    (path,) = sensor_paths(description, cell.nominal.part, cell.nominal.table_from_part)
+    map_ = next(iter(PathPlanner(cell, CLEARANCE).lattices(path))).map
+    map_.require(*(x.ravel() for x in np.meshgrid([0, map_.columns - 1], np.arange(map_.rows))))
+    return np.asarray(map_.quality[[0, -1]], float)
+
+
+@pytest.fixture(scope="module")
+def usual(cell: PlanningCell) -> np.ndarray:
+    return quality_map(cell)
+
+
+def test_defaults_of_the_quality_are_those_of_the_planner(cell: PlanningCell, usual: np.ndarray) -> None:
+    given = quality_map(
+        cell,
+        joint_range_power=(1.0,) * 6,
+        full_clearance_mm=50.0,
+        arm_full_clearance_mm=10.0,
+        singularity=(0.01, 0.1),
+        clearance_power=1.0,
+    )
+    np.testing.assert_array_equal(given, usual)
+
+
+@pytest.mark.parametrize(
+    ("lower", "higher"),
+    [
+        ({"joint_range_power": (2.0, 1.0, 1.0, 1.0, 1.0, 1.0)}, {"joint_range_power": (0.5, 1.0, 1.0, 1.0, 1.0, 1.0)}),
+        ({"full_clearance_mm": 200.0}, {"full_clearance_mm": 12.0}),
+        ({"arm_full_clearance_mm": 100.0}, {"arm_full_clearance_mm": 1.0}),
+        ({"singularity": (0.01, 1.0)}, {"singularity": (0.0, 0.02)}),
+    ],
+)
+def test_constraints_that_begin_earlier_lower_the_quality(
+    cell: PlanningCell, usual: np.ndarray, lower: dict[str, object], higher: dict[str, object]
+) -> None:
+    """Nowhere the other way round; the cells that are forbidden stay, but for the singularity."""
+    low, high = quality_map(cell, **lower), quality_map(cell, **higher)
+    assert (low <= usual + 1e-7).all() and (usual <= high + 1e-7).all()
+    assert low.sum() < usual.sum() <= high.sum()
+    if "singularity" not in lower:
+        np.testing.assert_array_equal(low > 0, usual > 0)
+        np.testing.assert_array_equal(high > 0, usual > 0)
+
+
+def test_forbidden_singularities_grow_with_the_lower_bound(cell: PlanningCell, usual: np.ndarray) -> None:
+    forbidden = quality_map(cell, singularity=(0.3, 0.31)) <= 0
+    assert (forbidden | (usual > 0)).all()
+    assert forbidden.sum() > (usual <= 0).sum()
+
+
+def test_values_of_a_pair_change_its_factor_alone(cell: PlanningCell, usual: np.ndarray) -> None:
+    """By far clearances, or exponents, of all pairs one by one, as of all pairs at once."""
+    pairs = [tuple(pair) for pair in cell.proximity.pairs]
+    all_at_once = quality_map(cell, clearance_power=2.0)
+    each = quality_map(cell, pair=[PairQualityDescription(bodies=pair, clearance_power=2.0) for pair in pairs])
+    np.testing.assert_allclose(each, all_at_once, rtol=1e-5)
+    assert np.abs(all_at_once - usual).max() > 1e-3
+    near = quality_map(cell, pair=[PairQualityDescription(bodies=("part", "sensor"), full_clearance_mm=200.0)])
+    ratio = near[usual > 0] / usual[usual > 0]
+    assert ratio.max() < 1
+    # The sensor keeps its distance from the part at every table angle: one factor for each pose.
+    for column, at in zip(near, usual, strict=True):
+        assert np.ptp((column / np.where(at > 0, at, np.nan))[at > 0]) < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("quality", "message"),
+    [
+        (
+            {"joint_range_power": (1.0, 2.0)},
+            r"path\.quality\.joint_range_power = \[1\.0, 2\.0\]: expected one value, or 6: one per joint",
+        ),
+        (
+            {"pair": [{"bodies": ("part", "crane"), "clearance_power": 2.0}]},
+            r"path\.quality\.pair\[1\]\.bodies = \['part', 'crane'\]: expected two of .*sensor",
+        ),
+        (
+            {"pair": [{"bodies": ("part", "part"), "clearance_power": 2.0}]},
+            r"path\.quality\.pair\[1\]\.bodies = \['part', 'part'\]: expected two of",
+        ),
+    ],
+)
+def test_quality_that_does_not_fit_the_cell_is_named(cell: PlanningCell, quality: dict, message: str) -> None:
+    with pytest.raises(DescriptionError, match=message):
+        quality_map(cell, **quality)
+
+
+@pytest.mark.parametrize(
+    ("word", "message"),
+    [
+        ("singularity=[0.2, 0.1]", r"singularity = \[0\.2, 0\.1\]: expected the first value below the second"),
+        ("singularity=[0.1, 0.1]", r"expected the first value below the second"),
+        ("singularity=[-0.1, 0.1]", r"singularity\S* = -0\.1: .*greater than or equal to 0"),
+        ("singularity=0.1", r"singularity = 0\.1"),
+        ("full_clearance_mm=0", r"full_clearance_mm = 0: .*greater than 0"),
+        ("joint_range_power=[1, 0]", r"joint_range_power"),
+        ('pair=[{bodies=["part", "sensor"]}]', r"give full_clearance_mm, clearance_power or both"),
+        ('pair=[{bodies=["part"], clearance_power=1}]', r"bodies"),
+    ],
+)
+def test_wrong_values_of_the_quality_are_named(word: str, message: str) -> None:
+    spiral = "scan.path=[{spiral={turns=0.1}, quality={" + word + "}}]"
+    with pytest.raises(DescriptionError, match=message):
+        load_setup(settings=[spiral])

@@ -360,6 +360,20 @@ def read_any_recording(path: Path) -> Recording:
     return _read(path, with_truth=False)
 
 
+def read_exposure_times(path: Path) -> Array:
+    """Times (n,) of the middle of each exposure, s, of a recording that may hold none.
+
+    Raises
+    ------
+    DescriptionError
+        If the file is missing, not a table, lacks this column or holds values that are not finite numbers.
+    """
+    table = read_table(path)
+    if "trigger.time" not in table.column_names:
+        raise DescriptionError("the column 'trigger.time' is missing", file=path)
+    return _numbers(table, "trigger.time", path)
+
+
 def _read(path: Path, with_truth: bool) -> Recording:
     table = read_table(path)
     layout = RecordLayout.of(table.column_names)

@@ -1,4 +1,4 @@
-"""The present poses of a running cell as a recording of one exposure, for a profile or images at any time."""
+"""The present poses of a running cell as a recording: of one exposure, or of all poses from now on."""
 
 from __future__ import annotations
 
@@ -27,9 +27,7 @@ def snapshot(cell: CellInstance, exposure: float, number: int = 0) -> Recording:
     number
         Number of the snapshot, from 0; another number gives other image noise.
     """
-    layout = RecordLayout.of(cell.names)
-    latched = (*layout.measured, *layout.truth)
-    present = [name for name in latched if name not in _OF_EXPOSURE]
+    present = _present_columns(cell)
     values = cell.get(cell.real_group([name.removeprefix(_RECORD) for name in present]))
     columns: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {
         name: np.array([index], np.int64)
@@ -38,3 +36,46 @@ def snapshot(cell: CellInstance, exposure: float, number: int = 0) -> Recording:
     columns |= {"trigger.time": np.array([cell.time_us * 1e-6]), "trigger.exposure": np.array([exposure])}
     columns |= {name: np.array([value]) for name, value in zip(present, values, strict=True)}
     return Recording(columns)
+
+
+def _present_columns(cell: CellInstance) -> list[str]:
+    """Columns of a recording that the cell also states for the present instant, without ``trigger.``."""
+    layout = RecordLayout.of(cell.names)
+    return [name for name in (*layout.measured, *layout.truth) if name not in _OF_EXPOSURE]
+
+
+class MotionLog:
+    """Axes, poses and twists of a cell from now on until `end`, at least `interval_us` µs apart; the last ones always.
+
+    Attributes
+    ----------
+    end
+        Ends the log.
+    """
+
+    def __init__(self, cell: CellInstance, interval_us: int) -> None:
+        self._cell, self._interval_us = cell, interval_us
+        self._columns = _present_columns(cell)
+        self._group = cell.real_group([name.removeprefix(_RECORD) for name in self._columns])
+        self._times_us: list[int] = []
+        self._rows: list[NDArray[np.float64]] = []
+        self._look()
+        self.end = cell.on_step(self._look)
+
+    def _look(self) -> None:
+        if len(self._rows) > 1 and self._times_us[-1] - self._times_us[-2] < self._interval_us:
+            self._times_us.pop()
+            self._rows.pop()
+        self._times_us.append(self._cell.time_us)
+        self._rows.append(self._cell.get(self._group).copy())
+
+    @property
+    def recording(self) -> Recording:
+        """All poses as a recording whose rows are no exposures: these are 0 s long."""
+        count, values = len(self._rows), np.array(self._rows)
+        columns: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {
+            name: values[:, i] for i, name in enumerate(self._columns)
+        }
+        columns |= {"trigger.time": 1e-6 * np.array(self._times_us), "trigger.exposure": np.zeros(count)}
+        columns |= zip(INTEGER_COLUMNS, (np.arange(1, count + 1), np.zeros(count, np.int64)), strict=True)
+        return Recording(columns)

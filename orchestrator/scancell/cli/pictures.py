@@ -18,7 +18,7 @@ _LARGE_MB = 20.0
 _View = Literal["cell", "part", "orbit", "sensor"]
 _Colour = Literal["deviation", "intensity"]
 
-_Run = Annotated[Path, typer.Argument(help="run folder of a scan")]
+_Run = Annotated[Path, typer.Argument(help="run folder of a scan or robot program")]
 _ViewOption = Annotated[
     _View, typer.Option("--view", help="whole cell, part, once around the cell, or following the sensor")
 ]
@@ -31,7 +31,8 @@ def picture(
     run_folder: _Run,
     out: Annotated[Path, typer.Option("--out", help="file for the picture (PNG)")] = Path("out/picture.png"),
     time: Annotated[
-        float | None, typer.Option("--time", help="time in the run, s; default: that of the last exposure")
+        float | None,
+        typer.Option("--time", help="time in the run, s; default: that of the last exposure, else the end"),
     ] = None,
     view: _ViewOption = "cell",
     size: _SizeOption = "1280x720",

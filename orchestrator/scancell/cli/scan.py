@@ -64,6 +64,10 @@ def rerun(
     setup, made = load_resolved(resolved)
     if "measured" in made:
         raise DescriptionError("is of real measurements", file=resolved, expected="a simulated run; see `reconstruct`")
+    if "program" in made:
+        raise DescriptionError(
+            file=resolved, key="run.program", value=made["program"], expected="the run of a scan; see `scancell run`"
+        )
     options = CloudOptions(**{key: made[key] for key in ("engine", "as_built", "seed", "unit")}, as_json=as_json)
     calibrated = None
     if "estimated_sensor" in made:

@@ -84,7 +84,9 @@ def run_program(
     options: CellOptions,
     part: TablePartOption = None,
     no_guard: NoGuardOption = False,
-    out: Annotated[Path, typer.Option("--out", help="folder for the files that the program saves")] = Path("out/run"),
+    out: Annotated[Path, typer.Option("--out", help="run folder, also for the files that the program saves")] = Path(
+        "out/run"
+    ),
 ) -> Outcome:
     """Run a robot program in the simulated cell, with the collision guard active (docs/programs.md)."""
     from scancell.programs import program as programs  # noqa: PLC0415
@@ -99,7 +101,7 @@ def run_program(
         scanner.session(part, unit=options.unit, as_built=as_built, seed=options.seed, guarded=guarded) as session,
     ):
         session.cell.on_step(INTERRUPTS.check)
-        done = programs.run_program(program, session, options.engine, out, _show)
+        done = programs.run_program(program, session, options.engine, out, _show, recorded=True)
     figures = {
         "duration_s": done.duration,
         "contacts": done.contacts,

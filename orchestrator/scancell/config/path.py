@@ -73,6 +73,22 @@ class WeightsDescription(Description):
     )
 
 
+class PairQualityDescription(Description):
+    """Clearance factor of one pair of bodies, which overrides the values of all pairs; what is not given stays."""
+
+    bodies: tuple[str, str] = Field(description="names of the bodies: sensor, link4, table, part, an obstacle's …")
+    full_clearance_mm: Positive | None = Field(
+        default=None, description="distance d_high from which the factor is 1, at least twice the clearance, mm"
+    )
+    clearance_power: Positive | None = Field(default=None, description="exponent of the clearance, Eq. 8")
+
+    @model_validator(mode="after")
+    def _says_something(self) -> Self:
+        if self.full_clearance_mm is None and self.clearance_power is None:
+            raise ValueError("give full_clearance_mm, clearance_power or both")
+        return self
+
+
 class QualityDescription(Description):
     """Quality f of a configuration: the product of its constraints (Dumitrache & Borangiu, Eqs. 6 to 8)."""
 
@@ -80,8 +96,33 @@ class QualityDescription(Description):
         default="corrected",
         description="printed: Eq. 8 with π, with which the factor returns to 0 where the clearance is full",
     )
-    joint_range_power: Positive = Field(default=1.0, description="exponent of the joint range, Eq. 7")
+    joint_range_power: Positive | tuple[Positive, ...] = Field(
+        default=1.0, description="exponent of the joint range, Eq. 7; one, or one for each joint"
+    )
     clearance_power: Positive = Field(default=1.0, description="exponent of the clearance, Eq. 8")
+    full_clearance_mm: Positive = Field(
+        default=50.0,
+        description="distance d_high of Eq. 8 from which the factor of a pair of bodies is 1, mm; at least twice the"
+        " clearance of the pair",
+    )
+    arm_full_clearance_mm: Positive = Field(
+        default=10.0, description="the same between links of the arm, which are close to each other by design, mm"
+    )
+    singularity: tuple[NonNegative, Positive] = Field(
+        default=(0.01, 0.1),
+        description="distances from a singular configuration up to which its factor is 0, and from which it is 1: of a"
+        " lower bound of the Jacobian's smallest singular value, translations in units of 0.3 m",
+    )
+    pair: tuple[PairQualityDescription, ...] = Field(
+        default=(), description="pairs of bodies with another clearance factor"
+    )
+
+    @model_validator(mode="after")
+    def _rising(self) -> Self:
+        low, high = self.singularity
+        if not low < high:
+            raise ValueError(f"singularity = [{low:g}, {high:g}]: expected the first value below the second")
+        return self
 
 
 class PathDescription(FileDescription):

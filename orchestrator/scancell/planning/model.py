@@ -176,13 +176,23 @@ class PlanningCell:
         chain = set(self._chain)
         return np.array([set(pair) <= chain for pair in self.proximity.pairs], bool)
 
-    def clearance_ranges(self, low: float, high: float, arm_high: float) -> Array:
+    def clearance_ranges(
+        self, low: float, high: float, arm_high: float, pair_high: Mapping[frozenset[str], float] | None = None
+    ) -> Array:
         """Distances (pairs, 2), m, of Eq. 8: where a pair's factor leaves 0, and where it reaches 1.
 
-        They begin at the `clearances` for `low`, and end at `high`, between links of the arm at `arm_high`.
+        They begin at the `clearances` for `low`, and end at `high`, between links of the arm at `arm_high`, and at
+        those of `pair_high` for the pairs there; at twice the beginning where that is more.
         """
         first = self.clearances(low) + self._errors
-        return np.stack([first, np.maximum(np.where(self._of_arm, arm_high, high), 2 * first)], 1)
+        last = self.of_pairs(np.where(self._of_arm, arm_high, high), pair_high or {})
+        return np.stack([first, np.maximum(last, 2 * first)], 1)
+
+    def of_pairs(self, usual: ArrayLike, own: Mapping[frozenset[str], float]) -> Array:
+        """Values (pairs,) of all pairs of `proximity`: the `usual` ones, except of the pairs in `own`."""
+        pairs = self.proximity.pairs
+        values = np.broadcast_to(np.asarray(usual, float), len(pairs)).tolist()
+        return np.array([own.get(frozenset(pair), value) for pair, value in zip(pairs, values, strict=True)], float)
 
     def clearance_violations(self, q: ArrayLike, table: ArrayLike, clearance: float) -> list[Clash]:
         """Pairs of bodies nearer than their `clearances` at joints (n, joints) and table angles (n,), rad."""

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scancell.config.exposure_times import profile_time
-from scancell.config.path import PathDescription
-from scancell.config.scan import ScanDescription
+from scancell.config.path import PairQualityDescription, PathDescription
+from scancell.config.scan import PairClearanceDescription, ScanDescription
 from scancell.config.sensor import SensorDescription
 from scancell.config.units import si_value, to_si
 from scancell.errors import DescriptionError
@@ -17,6 +19,7 @@ from scancell.nominal.cell import NominalCell
 from scancell.nominal.poses import pose_matrix
 
 Array = NDArray[np.float64]
+_Pair = TypeVar("_Pair", PairClearanceDescription, PairQualityDescription)
 
 _DEFAULT_AZIMUTH = float(np.radians(105.0))  # when the scan has no sweeps
 
@@ -109,15 +112,22 @@ def pair_clearances(scan: ScanDescription, nominal: NominalCell) -> dict[frozens
 
     Raises `DescriptionError` if a pair names a body that the cell does not have, or one twice.
     """
+    own = by_pair(scan.pair_clearance, "scan.pair_clearance", nominal)
+    return {bodies: si_value(pair, "clearance_mm") for bodies, pair in own.items()}
+
+
+def by_pair(pairs: Sequence[_Pair], key: str, nominal: NominalCell) -> dict[frozenset[str], _Pair]:
+    """Described pairs of bodies by their names; `key` is that of the description.
+
+    Raises `DescriptionError` if a pair names a body that the cell does not have, or one twice.
+    """
     names = [body.name for body in nominal.bodies]
-    for number, pair in enumerate(scan.pair_clearance, start=1):
+    for number, pair in enumerate(pairs, start=1):
         if not set(pair.bodies) <= set(names) or len(set(pair.bodies)) < 2:
             raise DescriptionError(
-                key=f"scan.pair_clearance[{number}].bodies",
-                value=list(pair.bodies),
-                expected=f"two of {', '.join(names)}",
+                key=f"{key}[{number}].bodies", value=list(pair.bodies), expected=f"two of {', '.join(names)}"
             )
-    return {frozenset(pair.bodies): si_value(pair, "clearance_mm") for pair in scan.pair_clearance}
+    return {frozenset(pair.bodies): pair for pair in pairs}
 
 
 def scan_options(scan: ScanDescription, sensor: SensorDescription) -> ScanOptions:

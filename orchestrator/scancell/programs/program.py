@@ -18,6 +18,7 @@ from scancell.config.choices import Engine
 from scancell.errors import ProgramError, ScancellError
 from scancell.live.contacts import ContactWatch
 from scancell.live.jobs import JobStopped
+from scancell.programs.recorder import CLOUD, ProgramRecorder
 from scancell.programs.robot import Robot, Step
 from scancell.scanning.session import ScanSession
 
@@ -37,7 +38,7 @@ class ProgramRun:
     contacts
         Pairs of bodies that came into contact, gripped parts excluded.
     files
-        Written by the program.
+        Written by the program, those of the run folder last.
     """
 
     steps: list[tuple[int, Step]] = field(default_factory=list)
@@ -54,6 +55,7 @@ def run_program(
     folder: str | Path | None = None,
     show: Callable[[int, Step], None] = lambda _line, _step: None,
     printed: Callable[[str], None] | None = None,
+    recorded: bool = False,
 ) -> ProgramRun:
     """Run the program of a file; it runs in this process, with all rights of its user.
 
@@ -71,12 +73,15 @@ def run_program(
         Receives each command that was carried out, after the line of the program that gave it.
     printed
         Receives the text that the program prints; None: it goes to standard output.
+    recorded
+        Whether `folder` becomes a run folder, which `picture` and `animate` take, also if the program fails; a
+        program in which no simulated time passes leaves none.
 
     Returns
     -------
     ProgramRun
         With ``steps`` (line of the program and command), ``duration`` in simulated time, s, ``contacts`` of bodies, and
-        ``files`` that the program wrote.
+        ``files`` that the program wrote, those of the run folder last.
 
     Raises
     ------
@@ -85,6 +90,8 @@ def run_program(
         guard, an error of Python.
     JobStopped
         With file and line, where the program ran in a `LiveCell` and was ended.
+    OutputError
+        If the run folder cannot be written.
 
     Examples
     --------
@@ -97,6 +104,7 @@ def run_program(
     """
     program = Path(program)
     file, run = str(program), ProgramRun()
+    written: list[Path] = []
 
     def on_step(step: Step) -> None:
         lines = [line for frame, line in traceback.walk_stack(None) if frame.f_code.co_filename == file]
@@ -104,6 +112,7 @@ def run_program(
         show(*run.steps[-1])
 
     watch = ContactWatch(session.cell, [body.name for body in session.true.bodies])
+    recorder = ProgramRecorder(session) if recorded else None
     robot = Robot(session, engine, folder, on_step)
     try:
         with _loaded(program, printed) as module:
@@ -117,7 +126,11 @@ def run_program(
         raise ProgramError(_message(error, file)) from error
     finally:
         watch.end()
-    run.duration, run.contacts, run.files = session.time, list(watch.pairs), robot.files
+        if recorder is not None:
+            recorder.end()
+            target = Path(folder or ".")
+            written = recorder.save(target, program, engine, with_cloud=target / CLOUD not in robot.files)
+    run.duration, run.contacts, run.files = session.time, list(watch.pairs), [*robot.files, *written]
     return run
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scancell.arguments import checked_arguments
 from scancell.cell.controller import Operation
 from scancell.cell.instance import CellInstance
+from scancell.cell.recording import Recording
 from scancell.cell.session import CellSession
 from scancell.config.choices import Engine
 from scancell.config.exposure_times import exposure_span
@@ -45,6 +48,8 @@ class ScanSession(CellSession):
         As above.
     progress
         Receives what is measured, and may end it by raising.
+    on_exposures
+        Receives the recording of every `scan_line` and `profile`, and the cloud of the former (None of the latter).
 
     Examples
     --------
@@ -67,6 +72,7 @@ class ScanSession(CellSession):
         super().__init__(instance, job.loaded.nominal, cycle_us)
         self.job, self.pipeline = job, pipeline
         self.progress: Progress = NullProgress()
+        self.on_exposures: Callable[[Recording, Cloud | None], object] = lambda _recording, _cloud: None
         self._guarded: GuardedCell | None = None
         if guard is not None:
             max_age = guard.settings.max_age
@@ -145,7 +151,9 @@ class ScanSession(CellSession):
         job = self.job
         recording = self.record_line(world_from_sensor, spacing, self.exposure, speed=speed)
         sensed = self.pipeline.sense(job.loaded, recording, job.sensors, engine, self.progress)
-        return self.pipeline.reconstruct(job.loaded.estimated, recording, sensed.profiles, job.setup)[0]
+        cloud = self.pipeline.reconstruct(job.loaded.estimated, recording, sensed.profiles, job.setup)[0]
+        self.on_exposures(recording, cloud)
+        return cloud
 
     @property
     def exposure(self) -> float:
@@ -162,4 +170,7 @@ class ScanSession(CellSession):
         """
         job = self.job
         self.progress.advance(0.0)
-        return measure_profile(job.loaded, self.snapshot(self.exposure), job.sensors, engine, self.pipeline.threads)
+        recording = self.snapshot(self.exposure)
+        profile = measure_profile(job.loaded, recording, job.sensors, engine, self.pipeline.threads)
+        self.on_exposures(recording, None)
+        return profile

@@ -53,7 +53,8 @@ class RunMotion:
     Between exposures at most 0.1 s apart, recorded true poses are interpolated. In longer gaps, and before the first
     and after the last exposure, the arm and the table follow the set-points of the plan, stretched to the time that the
     gap took and shifted to meet the measured joints at its ends; without a plan they move evenly from one exposure to
-    the next, and what stood on the table or in the world moves evenly too.
+    the next, and what stood on the table or in the world moves evenly too. The recording of a robot program also holds
+    poses between its exposures.
 
     Parameters
     ----------
@@ -63,6 +64,15 @@ class RunMotion:
         With true poses; those of a real cell follow from its measured joints and the nominal cell.
     program
         The planned motion; None where the run had none.
+    exposures
+        (n,) times of the exposures, s; None: those of the recording.
+
+    Attributes
+    ----------
+    times
+        (n,) times of the recorded poses, s.
+    exposures
+        As above.
 
     Raises
     ------
@@ -70,10 +80,13 @@ class RunMotion:
         If the recording lacks true poses of a frame, or has segments that the plan does not have.
     """
 
-    def __init__(self, cell: NominalCell, recording: Recording, program: Program | None) -> None:
+    def __init__(
+        self, cell: NominalCell, recording: Recording, program: Program | None, exposures: Array | None = None
+    ) -> None:
         self._cell = cell
         measured = recording.measured
         self.times = measured.time
+        self.exposures = self.times if exposures is None else exposures
         self._axes = np.column_stack([measured.q, measured.table])
         wanted = {name: _RECORDED.get(name, name) for name in cell.frame_poses(cell.home, 0.0) if name != "world"}
         if recording.has_truth:
@@ -93,12 +106,12 @@ class RunMotion:
 
     @property
     def start(self) -> float:
-        """First time that is known, s: 0 with a plan, else that of the first exposure."""
+        """First time that is known, s: 0 with a plan, else that of the first recorded pose."""
         return 0.0 if self._plan is not None else float(self.times[0])
 
     def laser_on(self, time: float, span: float = 0.0) -> bool:
         """Whether there is an exposure within 0.05 s, or half of `span` (s), of `time`."""
-        return bool(np.abs(self.times - time).min() <= max(_LIT, span / 2))
+        return bool((np.abs(self.exposures - time) <= max(_LIT, span / 2)).any())
 
     def frames(self, time: float) -> Mapping[str, Array]:
         """``world_from_frame`` (4, 4) of all frames that bodies move with."""

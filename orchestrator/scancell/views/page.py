@@ -66,7 +66,7 @@ def _content(run: RecordedRun, colour: ColourBy, threads: int) -> dict[str, Any]
         "samples": samples,
         "frames": frames,
         "poses": _packed(flat, "<f4"),
-        "exposures": _packed(motion.times, "<f4"),
+        "exposures": _packed(motion.exposures, "<f4"),
         "bodies": bodies,
         "middle": ((low + high) / 2).tolist(),
         "radius": float(np.linalg.norm(high - low)) / 2,

@@ -138,7 +138,7 @@ def picture(
     out
         File of the picture.
     time
-        In the run, s; None: that of the last exposure.
+        In the run, s; None: that of the last exposure, or of the end where a robot program took none.
     view
         ``cell`` and ``part`` are fixed, ``orbit`` goes once around the cell, ``sensor`` follows the sensor.
     size
@@ -162,7 +162,7 @@ def picture(
     at 100% of the scan
     """
     run = _opened(run)
-    at = float(run.motion.times[-1]) if time is None else time
+    at = _last_exposure(run) if time is None else time
     if not run.motion.start <= at <= run.motion.duration:
         raise DescriptionError(key="time", value=at, expected=f"{run.motion.start:g} to {run.motion.duration:g} s")
     Sheet.of(run_pictures(run, view, size, colour, threads).at(at)).write(out)
@@ -225,6 +225,12 @@ def animate(
             add(frame)
             reported.advance(1)
     return count
+
+
+def _last_exposure(run: RecordedRun) -> float:
+    """Its time, s, within the run; that of the end where a program took none."""
+    exposures, end = run.motion.exposures, run.motion.duration
+    return min(float(exposures[-1]), end) if len(exposures) else end
 
 
 def _opened(run: str | Path | RecordedRun) -> RecordedRun:

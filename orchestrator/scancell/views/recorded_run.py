@@ -10,13 +10,15 @@ import sys
 import tempfile
 import zipfile
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 
-from scancell.cell.recording import read_any_recording
+from scancell.cell.recording import read_any_recording, read_exposure_times
 from scancell.config.loading import Setup, load_resolved
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
@@ -47,7 +49,7 @@ except ScancellError as error:
 """
 
 _START = "resolved.toml"
-_FILES = {_START, "recording.parquet", "plan.json", "cloud.ply"}
+_FILES = {_START, "recording.parquet", "motion.parquet", "plan.json", "cloud.ply"}
 _PART = re.compile(r"\w[\w .+-]*\.(stl|obj|ply|toml)", re.IGNORECASE)
 
 
@@ -83,7 +85,7 @@ class RecordedRun:
 
 
 def open_run(folder: str | Path, most_points: int = 200_000) -> RecordedRun:
-    """Read a run folder that `scancell scan`, `rerun`, `render` or `reconstruct` wrote.
+    """Read a run folder that `scancell scan`, `rerun`, `render`, `reconstruct` or `run` wrote.
 
     Where the file of the part is missing, one of this name in the folder is read.
 
@@ -100,16 +102,41 @@ def open_run(folder: str | Path, most_points: int = 200_000) -> RecordedRun:
     folder = Path(folder)
     if not (folder / "resolved.toml").is_file():
         raise DescriptionError(file=folder, expected="a run folder with resolved.toml and recording.parquet")
-    setup, made = load_resolved(folder / "resolved.toml")
+    setup, made = load_resolved(folder / _START)
+    for key in ("part", "unit"):
+        if not isinstance(made.get(key), str):
+            raise DescriptionError(
+                file=folder / _START, key=f"run.{key}", value=made.get(key), expected="a text, as of a scan or program"
+            )
     cell = with_unknown_obstacles(nominal_cell(setup.cell, _part(folder, made)), setup.cell)
-    recording = read_any_recording(folder / "recording.parquet")
-    plan = Plan.load(folder / "plan.json") if (folder / "plan.json").is_file() else None
-    try:
-        motion = RunMotion(cell, recording, None if plan is None else plan.program)
-    except DescriptionError as error:
-        raise DescriptionError(str(error), file=folder / "recording.parquet") from None
+    motion = (_motion_of_program if "program" in made else _motion_of_scan)(folder, cell)
     cloud, count = _cloud(folder / "cloud.ply", cell, most_points)
     return RecordedRun(Path(made["part"] or folder).name, setup, cell, motion, cloud, count)
+
+
+def _motion_of_scan(folder: Path, cell: NominalCell) -> RunMotion:
+    file = folder / "recording.parquet"
+    recording = read_any_recording(file)
+    plan = Plan.load(folder / "plan.json") if (folder / "plan.json").is_file() else None
+    with _naming(file):
+        return RunMotion(cell, recording, None if plan is None else plan.program)
+
+
+def _motion_of_program(folder: Path, cell: NominalCell) -> RunMotion:
+    file = folder / "motion.parquet"
+    recording = read_any_recording(file)
+    exposures = read_exposure_times(folder / "recording.parquet")
+    with _naming(file):
+        return RunMotion(cell, recording, None, exposures)
+
+
+@contextmanager
+def _naming(file: Path) -> Iterator[None]:
+    """Errors name the file."""
+    try:
+        yield
+    except DescriptionError as error:
+        raise DescriptionError(str(error), file=file) from None
 
 
 def _part(folder: Path, made: dict[str, Any]) -> Mesh | None:

@@ -42,14 +42,14 @@ class StaticConstraints:
     Attributes
     ----------
     joint_range_power
-        Exponent of Eq. 7.
+        Exponent of Eq. 7: one, or one for each joint.
     singularity
         Lower and upper bound of the singularity distance, between which its factor rises from 0 to 1; see
         `singularity_distance`.
     clearance
         (pairs, 2) distances of Eq. 8, m: 0 below the first, 1 above the second. In the order of the scene's pairs.
     clearance_power
-        Exponent of Eq. 8.
+        Exponent of Eq. 8: one, or (pairs,) in the order of the scene's pairs.
     printed
         Whether Eq. 8 is taken as printed, see `constraints.clearance`.
     user
@@ -58,8 +58,8 @@ class StaticConstraints:
 
     singularity: tuple[float, float]
     clearance: Array
-    joint_range_power: float = 1.0
-    clearance_power: float = 1.0
+    joint_range_power: float | tuple[float, ...] = 1.0
+    clearance_power: float | Array = 1.0
     printed: bool = False
     user: Sequence[QualityFactor] = ()
 
@@ -119,7 +119,7 @@ class ConfigurationMap:
         self.cause = np.zeros(shape, np.int8)
         self.lowest_rate = np.full(shape, np.inf, np.float32)
         self.highest_rate = np.full(shape, -np.inf, np.float32)
-        self._with_table, self._elsewhere = _split(cell, static.clearance)
+        self._with_table, self._elsewhere = _split(cell, static)
         self._clearance_of_column = np.full(len(self._path), np.nan)
 
     @property
@@ -254,21 +254,25 @@ class ConfigurationMap:
         factor[open_] *= self._factor(*self._elsewhere, q[open_], angle[open_])
         return factor
 
-    def _factor(self, scene: ProximityScene, limits: Array, q: Array, angle: Array) -> Array:
+    def _factor(self, scene: ProximityScene, limits: Array, power: float | Array, q: Array, angle: Array) -> Array:
         if not len(q) or not len(scene.pairs):
             return np.ones(len(q))
         poses = self._cell.nominal.body_poses(q, angle)
         distance = scene.distances(poses, limits[:, 1], self._cell.threads)
-        power, printed = self._static.clearance_power, self._static.printed
-        return np.asarray(constraints.clearance(distance, limits[:, 0], limits[:, 1], power, printed).prod(-1))
+        factors = constraints.clearance(distance, limits[:, 0], limits[:, 1], power, self._static.printed)
+        return np.asarray(factors.prod(-1))
 
 
 def _user_factor(user: QualityFactor, q: Array, angle: Array) -> Callable[[Indices], Array]:
     return lambda at: np.asarray(user(q[at], angle[at]), float)
 
 
-def _split(cell: PlanningCell, limits: Array) -> tuple[tuple[ProximityScene, Array], tuple[ProximityScene, Array]]:
+_Pairs = tuple[ProximityScene, Array, float | Array]  # with their distances and exponents of Eq. 8
+
+
+def _split(cell: PlanningCell, static: StaticConstraints) -> tuple[_Pairs, _Pairs]:
     """Pairs whose distance is the same at every table angle (sensor and table with what they carry), and the others."""
+    limits, power = static.clearance, static.clearance_power
     scene, nominal = cell.proximity, cell.nominal
     last = f"link[{len(nominal.arm.joints)}]"
     on_flange = {
@@ -278,10 +282,15 @@ def _split(cell: PlanningCell, limits: Array) -> tuple[tuple[ProximityScene, Arr
     on_table = {b.name for b in nominal.bodies if not np.allclose(here[b.moves_with], turned[b.moves_with])}
     fixed = np.array([bool({a, b} & on_flange) and bool({a, b} & on_table) for a, b in scene.pairs], bool)
     pairs = np.array([frozenset(pair) for pair in scene.pairs], object)
-    return (
-        (scene.without(set(pairs[~fixed])), limits[fixed]),
-        (scene.without(set(pairs[fixed])), limits[~fixed]),
-    )
+
+    def of(chosen: Flags) -> _Pairs:
+        return (
+            scene.without(set(pairs[~chosen])),
+            limits[chosen],
+            power[chosen] if isinstance(power, np.ndarray) else power,
+        )
+
+    return of(fixed), of(~fixed)
 
 
 def _path_twists(path: Array, period: float) -> Array:

@@ -23,7 +23,9 @@ def joint_range(q: ArrayLike, lower: ArrayLike, upper: ArrayLike, gamma: ArrayLi
     return np.asarray(np.where(inside, sine ** np.asarray(gamma, float), 0.0))
 
 
-def clearance(distance: ArrayLike, low: ArrayLike, high: ArrayLike, gamma: float = 1.0, printed: bool = False) -> Array:
+def clearance(
+    distance: ArrayLike, low: ArrayLike, high: ArrayLike, gamma: float | Array = 1.0, printed: bool = False
+) -> Array:
     """Clearance factor of Eq. 8 with pi/2: 0 below `low`, 1 above `high` (m), a quarter period of a sine between.
 
     With the pi that is `printed` the factor returns to 0 at `high` and then jumps to 1.
@@ -41,8 +43,8 @@ def product(*factors: ArrayLike) -> Array:
     return np.asarray(np.nan_to_num(result, nan=0.0))
 
 
-def arm_metric(arm: Arm, q: ArrayLike, gamma: float = 1.0) -> Array:
-    """Product (...,) of the joint-range factors of q (..., joints), rad; 0 for NaN."""
+def arm_metric(arm: Arm, q: ArrayLike, gamma: ArrayLike = 1.0) -> Array:
+    """Product (...,) of the joint-range factors of q (..., joints), rad; 0 for NaN. `gamma`: one, or (joints,)."""
     lower, upper = arm.limits
     factors = joint_range(q, lower, upper, gamma)
     return product(*np.moveaxis(factors, -1, 0))

@@ -9,10 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.config.path import QualityDescription
+from scancell.config.units import si_value
+from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.planning.model import PlanningCell
 from scancell.planning.motion import trajectory
 from scancell.planning.motion.timing import slowdown
+from scancell.planning.options import by_pair
 from scancell.planning.path_map import constraints
 from scancell.planning.path_map.blocked import why_blocked
 from scancell.planning.path_map.configuration_map import ConfigurationMap, QualityFactor, StaticConstraints
@@ -31,9 +35,6 @@ _ROWS = 360  # table angles of a map in a turn
 _SAMPLES = 4  # poses in a step of the table's motion
 _STEP = 0.2  # s, about the duration of a step
 _MOST_STEPS = 240
-_HIGH = 0.05  # m: distance from which the clearance no longer counts
-_ARM_HIGH = 0.01  # m: the same between bodies of the arm
-_SINGULARITY = (0.01, 0.1)
 _SLOWER = (1.0, 0.5, 0.25)  # shares of the speed that are tried
 _PROBES = 24  # columns and rows at which a branch is tried before its map is
 
@@ -105,11 +106,14 @@ class PathPlanner:
     def __init__(self, cell: PlanningCell, clearance: float, quality_factors: Sequence[QualityFactor] = ()) -> None:
         self._quality_factors = quality_factors
         self._cell = cell
-        self._ranges = cell.clearance_ranges(clearance, _HIGH, _ARM_HIGH)
+        self._clearance = clearance
         self._motions = cell.motion_check(clearance)
 
     def place(self, path: SensorPath) -> PlacedPath | str:
-        """The path at the speed and in the branch that its weights require; or why there is no motion."""
+        """The path at the speed and in the branch that its weights require; or why there is no motion.
+
+        Raises `DescriptionError` if its quality names a body that the cell does not have, or another number of joints.
+        """
         if not self._cell.nominal.arm.has_named_branches:
             return f"{path.name}: paths need an arm whose branches have names, that is a closed form"
         found: list[tuple[float, PlacedPath]] = []
@@ -143,18 +147,32 @@ class PathPlanner:
         return self._lattices(path, self._timing(path, path.speed))
 
     def _lattices(self, path: SensorPath, timing: _Timing) -> Iterator[Lattice]:
-        quality, weights = path.quality, CostWeights(path.weights.table_speed, path.weights.table_acceleration)
-        static = StaticConstraints(
-            _SINGULARITY,
-            self._ranges,
-            quality.joint_range_power,
-            quality.clearance_power,
-            quality.equations == "printed",
-            self._quality_factors,
-        )
+        weights = CostWeights(path.weights.table_speed, path.weights.table_acceleration)
+        static = self._static(path.quality)
         for branch in self._branches(timing):
             map_ = ConfigurationMap(self._cell, timing.columns, timing.period, branch, _ROWS, static)
             yield self._lattice(map_, timing, weights)
+
+    def _static(self, quality: QualityDescription) -> StaticConstraints:
+        joints, powers = len(self._cell.nominal.arm.joints), quality.joint_range_power
+        if isinstance(powers, tuple) and len(powers) != joints:
+            raise DescriptionError(
+                key="path.quality.joint_range_power",
+                value=list(powers),
+                expected=f"one value, or {joints}: one per joint",
+            )
+        own = by_pair(quality.pair, "path.quality.pair", self._cell.nominal)
+        high = {key: 1e-3 * pair.full_clearance_mm for key, pair in own.items() if pair.full_clearance_mm is not None}
+        power = {key: pair.clearance_power for key, pair in own.items() if pair.clearance_power is not None}
+        full, arm_full = si_value(quality, "full_clearance_mm"), si_value(quality, "arm_full_clearance_mm")
+        return StaticConstraints(
+            quality.singularity,
+            self._cell.clearance_ranges(self._clearance, full, arm_full, high),
+            powers,
+            self._cell.of_pairs(quality.clearance_power, power) if power else quality.clearance_power,
+            quality.equations == "printed",
+            self._quality_factors,
+        )
 
     def _timing(self, path: SensorPath, speed: float) -> _Timing:
         count = int(path.length / path.pitch + 1e-9) + 1
