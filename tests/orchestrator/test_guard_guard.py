@@ -185,7 +185,8 @@ def test_unknown_motion_is_stopped():
 
     rest_from(1)
     assert not guard.answer(state_of(3, axes)).emergency_stop
-    assert guard.answer(replace(state_of(4, axes), operation=Operation.AUTOMATIC)).emergency_stop
+    automatic = guard.answer(replace(state_of(4, axes), operation=Operation.AUTOMATIC))
+    assert automatic.emergency_stop and automatic.beep
     rest_from(5)
     assert guard.answer(state_of(7 + int(4 * SETTINGS.max_age / POLL), axes)).emergency_stop
 

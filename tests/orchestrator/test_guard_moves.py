@@ -133,6 +133,7 @@ def test_moves_stop_without_contact_whenever_the_guard_falls_silent():
         for silent_from in (np.inf, float(rng.uniform(BEGIN * POLL, 1.5))):
             robot, given = drive(Guard(cell, ROBOT, SETTINGS), move, rng, silent_from)
             assert not any(answer.emergency_stop for answer in given)
+            assert [answer.beep for answer in given] == [answer.monitor_speed < 1 for answer in given]
             assert robot.rate == 0.0
             assert distances(cell, scene, move.at(np.array(robot.course)), 0.05).min() > 0
             began += robot.clock > 0.05

@@ -206,7 +206,7 @@ class Guard:
     def _on_path(self, state: CellState) -> Decision:
         ahead = np.asarray(state.ahead)
         if not len(ahead) and state.moving:
-            return Decision(True, text="stop: no path is known")
+            return Decision(True, text="stop: no path is known", beep=True)
         if not state.moving and not _leads_away(ahead):
             self._speeds.append((state.time, 1.0))
             return Decision()
@@ -218,7 +218,8 @@ class Guard:
         pair = verdict.clash.body_a, verdict.clash.body_b
         if not verdict.stop_is_proved:
             return Decision(True, speed, f"stop: {' - '.join(pair)}", True, pair)
-        return Decision(False, speed, f"slowed to {speed:.0%}: {' - '.join(pair)}" if speed < 1 else "", False, pair)
+        slows = speed < 1
+        return Decision(False, speed, f"slowed to {speed:.0%}: {' - '.join(pair)}" if slows else "", slows, pair)
 
     def _path_verdict(self, state: CellState, points: Array) -> PathVerdict:
         """Verdict, with all monitor speeds that may be in force on the path until its answer arrives.
