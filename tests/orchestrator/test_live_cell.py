@@ -88,7 +88,7 @@ def test_move_into_table_is_slowed_and_held(operator: SteppedCell) -> None:
     operator.cycle(4)
     state = operator.until(lambda state: state.guard_text.startswith("slowed to 0%"))
     slows = [bool(state.guard_text) for state in operator.states]
-    assert [state.pendant_beep for state in operator.states] == slows
+    assert [state.pendant_beep for state in operator.states[1:]] == slows[:-1]  # a step later
     assert not slows[0]
     assert "sensor - table" in state.guard_text
     state = operator.cycle(60)

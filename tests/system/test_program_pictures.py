@@ -22,6 +22,7 @@ from scancell.reconstruction.cloud_files import read_ply
 from scancell.views.recorded_run import RecordedRun, open_archive, open_run
 
 PART = PARTS / "free_form.stl"
+EXERCISES = Path(__file__).parents[2] / "docs" / "examples" / "exercises"
 PROGRAM = """
 from scancell import Robot, deg, location, mm
 
@@ -231,3 +232,19 @@ def test_run_of_a_program_is_no_scan_to_repeat(folder) -> None:
     done = scancell_here("rerun", "run", "--json", cwd=folder)
     assert done.code == 1
     assert re.search(r"run/resolved\.toml: run\.program = .*program\.py.*: expected the run of a scan", done.message)
+
+
+def test_gripped_part_and_fingers_move(tmp_path) -> None:
+    """The part rises with the gripper while the fingers hold it, in true poses."""
+    cell = ("--cell", EXERCISES / "gripper.toml", "--part", PARTS / "step_block.stl", "--engine", "geometric")
+    done = scancell_here("run", EXERCISES / "grasping.py", *cell, "--out", "run", "--json", cwd=tmp_path)
+    assert done.code == 0, done.err
+    motion = open_run(tmp_path / "run").motion
+    frames = [motion.frames(time) for time in motion.times.tolist()]
+    part, first, second = (np.array([at[name][:3, 3] for at in frames]) for name in ("part", "finger[1]", "finger[2]"))
+    assert np.ptp(part[:, 2]) > 0.02
+    width = np.linalg.norm(second - first, axis=1)
+    assert np.ptp(width) > 0.005
+    held = part[:, 2] > part[:, 2].min() + 0.01
+    assert np.ptp(width[held]) < 1e-3
+    assert np.ptp((part - first)[held, 2]) < 2e-3
