@@ -10,6 +10,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import fmpy
 import numpy as np
 import pytest
 from commands import PATIENCE_S, environment
@@ -41,7 +42,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("tools")
     for name in ("assets", "docs", "fmu"):
         (folder / name).symlink_to(ROOT / name)
-    run_block("fmu build", folder)
+    run_block("build --fmi 2 --integers", folder)
     return folder
 
 
@@ -132,3 +133,18 @@ def test_importer_in_c_states_error(folder: Path, arguments: tuple[str, ...], me
     done = subprocess.run(["./scan_cell", *arguments], cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 1
     assert message in done.stderr
+
+
+def test_start_value_starts_motion(folder: Path) -> None:
+    """As in the window of FMPy: the arm stays where the page's FMU begins, and the table turns once."""
+    run_block("build --fmi 2 --set", folder)
+    text = (ROOT / "docs/fmu/tools.md").read_text()
+    values = dict(
+        re.findall(r"`(command\.[\w.]+)` ([\d.]+\d|\d)", text.split("In the column *Start*:")[1].split("\n3.")[0])
+    )
+    assert len(values) == 7
+    fmu = folder / "fmus/above_part/RobotCell2.fmu"
+    rows = fmpy.simulate_fmu(str(fmu), start_values=values, stop_time=10.0, output_interval=0.016)
+    assert rows["trigger.index"][-1] == rows["trigger.count"][-1] == int(TURN / INTERVAL) + 1
+    for joint, angle in enumerate(ABOVE_PART, start=1):
+        np.testing.assert_allclose(rows[f"measured.q[{joint}]"], angle, rtol=0, atol=1e-4)
