@@ -9,6 +9,7 @@ Build the FMU with --integers: libcosim hides enumerations.
 
 import csv
 import sys
+from pathlib import Path
 
 from libcosimpy.CosimEnums import CosimVariableType
 from libcosimpy.CosimExecution import CosimExecution
@@ -46,7 +47,8 @@ def get_integer(name):
 
 def get_record():
     reals = [name for name in record if is_real(name)]
-    values = dict(zip(reals, observer.last_real_values(cell, [variables[name].reference for name in reals])))
+    found = observer.last_real_values(cell, [variables[name].reference for name in reals])
+    values = dict(zip(reals, found, strict=True))
     return [values[name] if name in values else get_integer(name) for name in record]
 
 
@@ -84,5 +86,5 @@ move(2)
 set_value("command.trigger.mode", 0)
 while len(rows) < get_integer("trigger.count"):
     step()
-with open(output, "w", newline="") as file:
+with Path(output).open("w", newline="") as file:
     csv.writer(file).writerows([record, *rows])
