@@ -54,6 +54,13 @@ std::string path_of_uri(const std::string& location) {
   return rest;
 }
 
+#ifdef _WIN32
+/// The path of "file:///C:/folder" is "/C:/folder"; Windows opens it without the first slash.
+std::string without_slash_before_drive(const std::string& path) {
+  return path.size() > 2 && path[0] == '/' && path[2] == ':' ? path.substr(1) : path;
+}
+#endif
+
 }  // namespace
 
 std::string resource_folder(const std::string& location) {
@@ -61,6 +68,9 @@ std::string resource_folder(const std::string& location) {
   std::string path = location;
   if (has_file_scheme(location)) {
     path = percent_decoded(path_of_uri(location));
+#ifdef _WIN32
+    path = without_slash_before_drive(path);
+#endif
   } else if (location.find("://") != std::string::npos) {
     throw std::invalid_argument("the resource location '" + location + "' is neither a path nor a file URI");
   }
