@@ -212,9 +212,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m bench.extraction", description=__doc__)
     parser.add_argument("--page", type=Path, default=TESTS.parent / "docs" / "extraction.md")
     page = parser.parse_args().page
-    written = f"Written by `PYTHONPATH=tests python -m bench.extraction`. CPU: {cpu_model()}."
+    command = "Written by `PYTHONPATH=tests python -m bench.extraction`."
     tables = {"| detector |": list(detector_table()), "| quantity |": list(requirement_table())}
-    replace_paragraphs(page, {"Written by": [written], **tables})
+    replace_paragraphs(page, {command: [f"{command} CPU: {cpu_model()}."], **tables})
     print("\n".join(line for table in tables.values() for line in table))
 
 
