@@ -102,8 +102,9 @@ class FanCaster {
   /// Computes the stripe parameters of the p-th packet in a camera.
   void measure_stripes(const SceneQuery& query, std::size_t camera, std::size_t p, const View& view,
                        Stripes& stripes) const;
-  /// Returns the lamp light on the p-th packet, as irradiance on a white diffuse surface.
+  /// Returns where a ray of the p-th packet hits, as a camera sees it.
   SurfacePoint surface_point(const SceneQuery& query, std::size_t p, int lane, const View& view) const;
+  /// Returns the lamp light on the p-th packet, as irradiance on a white diffuse surface.
   double lamp_light(const SceneQuery& query, std::size_t p, const View& view) const;
 
   FanGeometry geometry_;

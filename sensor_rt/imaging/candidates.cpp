@@ -45,7 +45,7 @@ SENSOR_RT_MULTIVERSION void maxima(const std::uint16_t* a, const std::uint16_t* 
   block_maxima(a, b, c, width, out);
 }
 
-/// Returns the longest run of saturated rows of a candidate; first > last: none.
+/// Returns the longest run of saturated rows of a candidate that has some.
 RowWindow flat_top(ImageRows image, float saturation, const Candidate& c) {
   RowWindow longest{0, -1};
   RowWindow run{0, -1};
@@ -221,13 +221,15 @@ void estimate_shape(ImageRows image, const PixelNoise& noise, float max_sigma, C
   // Integration over the pixel adds 1/12 px² to the variance.
   c.width = std::sqrt(std::max(0.09f, moment2 / sum - centre * centre - 1.0f / 12.0f));
   c.amplitude = std::max(highest, 1.0f);
+  if (static_cast<float>(image.at(brightest, c.column)) < noise.saturation) {
+    if (c.width > max_sigma) estimate_from_flanks(image, noise.background, {brightest, brightest}, c);
+    return;
+  }
   const RowWindow flat = flat_top(image, noise.saturation, c);
   const bool above_half =
       noise.saturation - noise.background > 0.5f * c.amplitude;  // not in saturated ambient light
   if (above_half && flat.last - flat.first + 1 >= kLongFlatTop) {
     estimate_from_flanks(image, noise.background, flat, c);
-  } else if (c.width > max_sigma && flat.last < flat.first) {
-    estimate_from_flanks(image, noise.background, {brightest, brightest}, c);
   }
 }
 

@@ -3,12 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <deque>
-#include <mutex>
-#include <utility>
 
 #include "sensor_rt/geometry/image.h"
 #include "sensor_rt/geometry/multiversion.h"
+#include "sensor_rt/geometry/recent.h"
 
 namespace sensor_rt {
 namespace {
@@ -240,8 +238,7 @@ std::shared_ptr<const StripeResponse> StripeResponse::shared(const ExtractionOpt
                                                              bool background) {
   using Key = std::vector<double>;
   constexpr std::size_t kKept = 8;
-  static std::mutex guard;
-  static std::deque<std::pair<Key, std::shared_ptr<const StripeResponse>>> kept;
+  static Recent<Key, StripeResponse> recent(kKept);
   Key key{static_cast<double>(o.detector),
           o.threshold_sigma,
           o.min_amplitude_dn,
@@ -261,13 +258,7 @@ std::shared_ptr<const StripeResponse> StripeResponse::shared(const ExtractionOpt
   if (n.speckle_contrast > 0.0) {  // without speckle the response does not depend on the camera
     key.insert(key.end(), {n.speckle_contrast, n.wavelength, camera.f_number, camera.pixel_pitch});
   }
-  const std::lock_guard<std::mutex> lock(guard);
-  for (const auto& [known, response] : kept) {
-    if (known == key) return response;
-  }
-  kept.emplace_front(key, std::make_shared<const StripeResponse>(o, n, camera, laser_off, background));
-  if (kept.size() > kKept) kept.pop_back();
-  return kept.front().second;
+  return recent.get(key, [&] { return StripeResponse(o, n, camera, laser_off, background); });
 }
 
 }  // namespace sensor_rt

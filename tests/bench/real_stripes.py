@@ -50,7 +50,7 @@ _LEVELS = 6.0  # DN
 _LEAST_BLOCKS = 1000
 _HALF_WINDOW = 24  # px, about the brightest pixel of a column
 _BLUR = 6.0  # px
-# Every limit of a peak's shape is open as far as it goes.
+# The widest limits of a peak's shape that a description accepts.
 _OPEN = {
     "extraction.peak": "brightest",
     "extraction.max_sigma_px": 8.0,

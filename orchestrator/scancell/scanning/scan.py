@@ -250,8 +250,9 @@ class Scan:
 
     def _warnings(self, plan: Plan | None) -> tuple[str, ...]:
         """Warnings about descriptions, mesh and plan."""
-        ignored = ignored_by_geometric_engine(self.job.setup.sensor) if self.engine == "geometric" else []
+        ignored = []
         if self.engine == "geometric":
+            ignored = ignored_by_geometric_engine(self.job.setup.sensor)
             ignored += [f"scattering_per_mm of {name}" for name in self._translucent()]
         unused = (f"the geometric engine ignores {', '.join(ignored)}",) if ignored else ()
         planned = plan.warnings if plan is not None else ()

@@ -3,12 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <complex>
-#include <deque>
-#include <mutex>
 #include <numeric>
 #include <utility>
 
 #include "sensor_rt/geometry/random.h"
+#include "sensor_rt/geometry/recent.h"
 
 namespace sensor_rt {
 namespace {
@@ -160,26 +159,11 @@ SpeckleTile SpeckleTile::averaged(double width) const {
 }
 
 std::shared_ptr<const SpeckleTile> SpeckleTile::shared(double contrast, double width) {
-  using Key = std::pair<double, double>;
   constexpr std::size_t kKept = 4;
-  static std::mutex mutex;
-  static std::deque<std::pair<Key, std::shared_ptr<const SpeckleTile>>> kept;
-  const auto find = [&](const Key& key) -> std::shared_ptr<const SpeckleTile> {
-    for (const auto& [known, tile] : kept) {
-      if (known == key) return tile;
-    }
-    return nullptr;
-  };
-  const auto keep = [&](const Key& key, SpeckleTile tile) {
-    kept.emplace_front(key, std::make_shared<const SpeckleTile>(std::move(tile)));
-    if (kept.size() > kKept) kept.pop_back();
-    return kept.front().second;
-  };
-  const std::lock_guard<std::mutex> lock(mutex);
-  if (const auto tile = find({contrast, width})) return tile;
-  auto sharp = find({contrast, 0.0});
-  if (!sharp) sharp = keep({contrast, 0.0}, SpeckleTile(contrast));
-  return width == 0.0 ? sharp : keep({contrast, width}, sharp->averaged(width));
+  static Recent<double, SpeckleTile> sharp(kKept);
+  static Recent<std::pair<double, double>, SpeckleTile> averaged(kKept);
+  const auto tile = [&] { return sharp.get(contrast, [&] { return SpeckleTile(contrast); }); };
+  return width == 0.0 ? tile() : averaged.get({contrast, width}, [&] { return tile()->averaged(width); });
 }
 
 }  // namespace sensor_rt

@@ -238,7 +238,7 @@ void LaserMesh::illuminate(std::size_t number, const Vertex& vertex, Image& imag
     const Eigen::Vector3d to_source = -from_source.normalized();
     const Eigen::Vector3d towards = to_viewpoint.normalized();
     const Subsurface* medium = bsdf.subsurface();
-    const double below = medium != nullptr ? bsdf.pi_subsurface(surface, to_source, towards) : 0.0;
+    const double below = bsdf.pi_subsurface(surface, to_source, towards);
     image.light = part_ < 0 ? bsdf.pi_brdf(surface, to_source, towards) - below : below;
     if (medium != nullptr && part_ >= 0) spread_below(*medium, vertex, to_source, towards, image, variance);
   }

@@ -2,11 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <deque>
-#include <mutex>
-#include <utility>
 
 #include "sensor_rt/geometry/random.h"
+#include "sensor_rt/geometry/recent.h"
 #include "sensor_rt/scene/bsdf/ggx.h"
 
 namespace sensor_rt {
@@ -84,6 +82,9 @@ struct Histogram {
   Bin& at(std::size_t first, std::size_t last, std::size_t displacement) {
     return bins[(first * kDepths + last) * kDisplacements + displacement];
   }
+  const Bin& at(std::size_t first, std::size_t last, std::size_t displacement) const {
+    return bins[(first * kDepths + last) * kDisplacements + displacement];
+  }
 };
 
 /// A part is a Gaussian of the displacement, and in a range of the sum of both depths: where the displacement
@@ -148,6 +149,75 @@ Shares fit_gaussians(const std::array<Bin, kDisplacements>& classes) {
   return shares;
 }
 
+/// Returns what random walks meet whose light leaves along the normal.
+Histogram walked(const Subsurface& medium) {
+  Histogram seen;
+  for (std::uint32_t number = 0; number < kWalks; ++number) {
+    Walk walk(number, medium);
+    const double first = walk.position().z();
+    double weight = medium.albedo();
+    int events = 1;
+    do {
+      const Eigen::Vector3d& at = walk.position();
+      const double leaves = weight * std::exp(-at.z());
+      for (const double displacement : {at.x(), at.y()}) {
+        Bin& bin = seen.at(depth_class(first), depth_class(at.z()), displacement_class(displacement));
+        bin.weight += leaves;
+        bin.displacement2 += leaves * displacement * displacement;
+      }
+      for (const double depth : {first, at.z()}) {
+        seen.weight[depth_class(depth)] += leaves;
+        seen.depth[depth_class(depth)] += leaves * depth;
+      }
+      weight *= medium.albedo();
+    } while (weight > kFaint && ++events <= kLongest && walk.advance());
+  }
+  for (std::size_t d = 0; d < kDepths; ++d) seen.depth[d] /= std::max(seen.weight[d], 1e-300);
+  return seen;
+}
+/// Returns the moments of all parts by the cosines of refraction of source and viewer.
+std::array<Subsurface::Moments, Subsurface::kParts> moments_of(const Histogram& seen, const Shares& shares,
+                                                               double from, double towards) {
+  std::array<Subsurface::Moments, Subsurface::kParts> parts{};
+  double total = 0.0;
+  for (std::size_t k = 0; k < kGaussians; ++k) {
+    for (std::size_t a = 0; a < kDepths; ++a) {
+      for (std::size_t b = 0; b < kDepths; ++b) {
+        const double first = seen.depth[a];
+        const double last = seen.depth[b];
+        const double factor = std::exp(-first * (1.0 / from - 1.0) - last * (1.0 / towards - 1.0));
+        double weight = 0.0;
+        double displacement2 = 0.0;
+        for (std::size_t d = 0; d < kDisplacements; ++d) {
+          const Bin& bin = seen.at(a, b, d);
+          weight += factor * shares[d][k] * bin.weight;
+          displacement2 += factor * shares[d][k] * bin.displacement2;
+        }
+        Subsurface::Moments& part = parts[class_of(k, first + last)];
+        total += weight;
+        part.share += weight;
+        part.depth[0] += weight * first;
+        part.depth[1] += weight * last;
+        part.covariance[0] += weight * first * first;
+        part.covariance[1] += weight * last * last;
+        part.covariance[2] += weight * first * last;
+        part.spread += displacement2;
+      }
+    }
+  }
+  for (Subsurface::Moments& part : parts) {
+    const double weight = std::max(part.share, 1e-300);
+    for (double& value : part.depth) value /= weight;
+    for (double& value : part.covariance) value /= weight;
+    part.covariance[0] -= part.depth[0] * part.depth[0];
+    part.covariance[1] -= part.depth[1] * part.depth[1];
+    part.covariance[2] -= part.depth[0] * part.depth[1];
+    part.spread /= weight;
+    part.share /= total;
+  }
+  return parts;
+}
+
 }  // namespace
 
 Subsurface::Subsurface(double reflectance, double scattering, double refractive_index,
@@ -187,75 +257,22 @@ void Subsurface::find_albedo(double reflectance) {
 }
 
 void Subsurface::find_moments() {
-  Histogram seen;
-  for (std::uint32_t number = 0; number < kWalks; ++number) {
-    Walk walk(number, *this);
-    const double first = walk.position().z();
-    double weight = albedo_;
-    int events = 1;
-    do {
-      const Eigen::Vector3d& at = walk.position();
-      // Light that leaves along the normal; other directions of source and viewer change the weights below.
-      const double leaves = weight * std::exp(-at.z());
-      for (const double displacement : {at.x(), at.y()}) {
-        Bin& bin = seen.at(depth_class(first), depth_class(at.z()), displacement_class(displacement));
-        bin.weight += leaves;
-        bin.displacement2 += leaves * displacement * displacement;
-      }
-      for (const double depth : {first, at.z()}) {
-        seen.weight[depth_class(depth)] += leaves;
-        seen.depth[depth_class(depth)] += leaves * depth;
-      }
-      weight *= albedo_;
-    } while (weight > kFaint && ++events <= kLongest && walk.advance());
-  }
-  for (std::size_t d = 0; d < kDepths; ++d) seen.depth[d] /= std::max(seen.weight[d], 1e-300);
+  const Histogram seen = walked(*this);
   std::array<Bin, kDisplacements> classes{};
   for (std::size_t i = 0; i < seen.bins.size(); ++i) {
     classes[i % kDisplacements].weight += seen.bins[i].weight;
     classes[i % kDisplacements].displacement2 += seen.bins[i].displacement2;
   }
   const Shares shares = fit_gaussians(classes);
-  moments_.assign(kCosines * kCosines, {});
+  const auto cosine = [this](std::size_t node) {
+    const double share = (static_cast<double>(node) + 0.5) / kCosines;  // at grazing angles none is left
+    return smallest_cosine() + (1.0 - smallest_cosine()) * share;
+  };
+  const double steepest = std::sqrt(1.0 / (smallest_cosine() * smallest_cosine() + 1e-2) - 1.0);
   for (std::size_t i = 0; i < kCosines * kCosines; ++i) {
-    const auto cosine = [&](std::size_t node) {
-      const double share = (static_cast<double>(node) + 0.5) / kCosines;  // at grazing angles none is left
-      return smallest_cosine() + (1.0 - smallest_cosine()) * share;
-    };
-    const double from = 1.0 / cosine(i / kCosines) - 1.0;
-    const double towards = 1.0 / cosine(i % kCosines) - 1.0;
-    double total = 0.0;
-    for (std::size_t a = 0; a < kDepths; ++a) {
-      for (std::size_t b = 0; b < kDepths; ++b) {
-        const double factor = std::exp(-seen.depth[a] * from - seen.depth[b] * towards);
-        for (std::size_t d = 0; d < kDisplacements; ++d) {
-          const Bin& bin = seen.at(a, b, d);
-          for (std::size_t k = 0; k < kGaussians; ++k) {
-            Moments& part = moments_[i][class_of(k, seen.depth[a] + seen.depth[b])];
-            const double share = factor * shares[d][k];
-            total += share * bin.weight;
-            part.share += share * bin.weight;
-            part.depth[0] += share * bin.weight * seen.depth[a];
-            part.depth[1] += share * bin.weight * seen.depth[b];
-            part.covariance[0] += share * bin.weight * seen.depth[a] * seen.depth[a];
-            part.covariance[1] += share * bin.weight * seen.depth[b] * seen.depth[b];
-            part.covariance[2] += share * bin.weight * seen.depth[a] * seen.depth[b];
-            part.spread += share * bin.displacement2;
-          }
-        }
-      }
-    }
+    moments_.push_back(moments_of(seen, shares, cosine(i / kCosines), cosine(i % kCosines)));
     for (std::size_t k = 0; k < kParts; ++k) {
-      Moments& part = moments_[i][k];
-      const double weight = std::max(part.share, 1e-300);
-      for (double& value : part.depth) value /= weight;
-      for (double& value : part.covariance) value /= weight;
-      part.covariance[0] -= part.depth[0] * part.depth[0];
-      part.covariance[1] -= part.depth[1] * part.depth[1];
-      part.covariance[2] -= part.depth[0] * part.depth[1];
-      part.spread /= weight;
-      part.share /= total;
-      const double steepest = std::sqrt(1.0 / (smallest_cosine() * smallest_cosine() + 1e-2) - 1.0);
+      const Moments& part = moments_[i][k];
       const double slanted = steepest * (part.depth[0] + part.depth[1] + std::sqrt(part.covariance[0]) +
                                          std::sqrt(part.covariance[1]));
       reach_[k] = std::max(reach_[k], mean_free_path_ * (slanted + std::sqrt(part.spread)));
@@ -293,19 +310,10 @@ Subsurface::Part Subsurface::part(int number, const Direction& from, const Direc
 std::shared_ptr<const Subsurface> Subsurface::shared(double reflectance, double scattering,
                                                      double refractive_index, double roughness,
                                                      const CosineTable& interface) {
-  using Key = std::array<double, 4>;
   constexpr std::size_t kKept = 16;
-  static std::mutex guard;
-  static std::deque<std::pair<Key, std::shared_ptr<const Subsurface>>> kept;
-  const Key key{reflectance, scattering, refractive_index, roughness};
-  const std::lock_guard<std::mutex> lock(guard);
-  for (const auto& [known, medium] : kept) {
-    if (known == key) return medium;
-  }
-  kept.emplace_front(
-      key, std::make_shared<const Subsurface>(reflectance, scattering, refractive_index, interface));
-  if (kept.size() > kKept) kept.pop_back();
-  return kept.front().second;
+  static Recent<std::array<double, 4>, Subsurface> recent(kKept);
+  return recent.get({reflectance, scattering, refractive_index, roughness},
+                    [&] { return Subsurface(reflectance, scattering, refractive_index, interface); });
 }
 
 }  // namespace sensor_rt

@@ -22,7 +22,7 @@ inline double refracted_cosine(double cosine, double refractive_index) {
 /// the first and the last point of scattering at the depths z1 and z2, x is the sum of the paths before and
 /// after these, z1 tan a + z2 tan b with the angles of refraction, and of a symmetrical displacement between
 /// them, which does not depend on the directions. Random walks give the joint distribution of both depths and
-/// the displacement; a sum of Gaussians with its moments stands for f.
+/// the displacement; f is approximated by a sum of Gaussians with these moments.
 ///
 /// Anisotropic scattering is described by its reduced coefficient (similarity relation).
 class Subsurface {
@@ -44,6 +44,14 @@ class Subsurface {
           tangent(across_outside / medium.refractive_index_ / cosine) {}
     double cosine;   ///< with the normal
     double tangent;  ///< component across the line over that along the normal
+  };
+
+  /// Moments of a part, lengths in mean free paths.
+  struct Moments {
+    double share = 0.0;
+    std::array<double, 2> depth{};       ///< means of first and last depth
+    std::array<double, 3> covariance{};  ///< of first, of last, of both
+    double spread = 0.0;                 ///< variance of the displacement
   };
 
   /// `reflectance`: share of the light that has entered which leaves again; `scattering`: reduced
@@ -72,13 +80,6 @@ class Subsurface {
   double transmission_from_inside(double cosine) const;
 
  private:
-  /// Moments of a part, lengths in mean free paths.
-  struct Moments {
-    double share = 0.0;
-    std::array<double, 2> depth{};       ///< means of first and last depth
-    std::array<double, 3> covariance{};  ///< of first, of last, of both
-    double spread = 0.0;                 ///< variance of the displacement
-  };
   static constexpr int kCosines = 5;  ///< nodes between the smallest cosine of refraction and 1
 
   double smallest_cosine() const { return refracted_cosine(0.0, refractive_index_); }
