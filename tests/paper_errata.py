@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 from guard_motions import NOISE, cell_of, random_motion
 from scancell import sensor as sensor_rt
 from scancell.config.loading import load_setup
+from scancell.config.path import QualityDescription
 from scancell.config.sensor import sensor_json
 from scancell.geometry.pose import log_rotation
 from scancell.guard.identify import Identifier, _Window
 from scancell.guard.motion import Path
 from scancell.guard.tool import Tool
 from scancell.planning.path_map import constraints
-from scancell.planning.path_map.path_planner import _HIGH
 
 Array = NDArray[np.float64]
 
 # Where Eq. 8 leaves 0 and reaches 1 with the shipped scan, and a distance just below.
-LIMITS_MM = (load_setup().scan.clearance_mm, round(1e3 * _HIGH, 6), 49.0)
+LIMITS_MM = (load_setup().scan.clearance_mm, QualityDescription().full_clearance_mm, 49.0)
 
 
 def sensor_of(form: str) -> sensor_rt.Sensor:
