@@ -10,6 +10,7 @@ import pytest
 import scancell
 from bench.exposure_modes import AUTOMATIC, MATERIALS, MULTIPLE, PART, REGIONS, by_region
 from scancell.config.exposure_times import profile_time
+from scancell.config.loading import assets_dir
 from scancell.errors import SensorError
 from scancell.evaluation.ground_truth import TrueWorld
 
@@ -55,6 +56,19 @@ def test_result_does_not_depend_on_threads(settings) -> None:
     )
     np.testing.assert_array_equal(one.points_in_part, two.points_in_part)
     np.testing.assert_array_equal(one.time, two.time)
+
+
+@pytest.mark.parametrize("engine", ["geometric", "ray-traced"])
+def test_deviation_of_the_exposure_time_acts_on_scans(engine) -> None:
+    settings = {"scan.max_profiles": 30}
+    as_built = {"sensor.detector.exposure_ms": 0.2}
+    nominal, shorter = (
+        scancell.scan(
+            assets_dir() / "parts" / "step_block.stl", engine=engine, settings=settings, as_built=changed
+        ).cloud
+        for changed in ({}, as_built)
+    )
+    assert np.median(shorter.intensity) == pytest.approx(np.median(nominal.intensity) * 0.2 / 0.5, rel=0.02)
 
 
 def test_a_shot_has_all_exposures() -> None:

@@ -98,12 +98,14 @@ class SensingResult:
 class Sensors:
     """Sensor models: `nominal` (or calibrated) interprets the images, `true` renders them; one object if equal.
 
-    `description` is that of the true sensor, which chooses its exposures.
+    `description` is that of the true sensor, which chooses its exposures; `as_recorded` says whether fixed ones are
+    those of a recording.
     """
 
     nominal: sensor_rt.Sensor
     true: sensor_rt.Sensor
     description: SensorDescription
+    as_recorded: bool = True
 
     @property
     def windows(self) -> NDArray[np.float64]:
@@ -115,7 +117,8 @@ class Sensors:
         """A new choice of the exposure times of the profiles of a recording."""
         if self.description.exposure.mode == "automatic":
             return AutomaticExposure(self.description)
-        return SameExposures(self.windows if self.description.exposure.mode == "multiple" else None)
+        as_recorded = self.as_recorded and self.description.exposure.mode == "fixed"
+        return SameExposures(None if as_recorded else self.windows)
 
 
 def make_sensor(description: SensorDescription, seed: int) -> sensor_rt.Sensor:
@@ -149,7 +152,8 @@ def make_sensors(
     interpreting = make_sensor(nominal if estimated is None else estimated, seed)
     true = as_built_sensor(nominal, as_built)
     same = estimated is None and true is nominal
-    return Sensors(interpreting, interpreting if same else make_sensor(true, seed), true)
+    as_recorded = np.array_equal(exposure_windows(true), exposure_windows(nominal))
+    return Sensors(interpreting, interpreting if same else make_sensor(true, seed), true, as_recorded)
 
 
 def _require_same_images(nominal: SensorDescription, estimated: SensorDescription) -> None:
