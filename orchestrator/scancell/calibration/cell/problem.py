@@ -177,7 +177,9 @@ class MeasuredShapes:
         signed, _, number = self.group.nearest(points)
         usable = np.array([one.role == "measured" for one in self.group.shapes])[number] & (np.abs(signed) < REACH)
         for other, placed in enumerate(self.group.shapes):
-            usable &= (number == other) | (np.abs(placed.nearest(points)[0]) > _EDGE)
+            from_centre = np.linalg.norm(points - placed.frame_from_shape[:3, 3], axis=1)
+            rows = np.flatnonzero(usable & (number != other) & (from_centre < placed.shape.reach + _EDGE))
+            usable[rows] = np.abs(placed.nearest(points[rows])[0]) > _EDGE
         return np.where(usable, number, -1)
 
     def distance(self, points: Array, shape: NDArray[np.intp]) -> tuple[Array, Array]:
