@@ -35,8 +35,7 @@ class Judge:
         self._index = np.array([(number[a], number[b]) for a, b in pairs], np.int64).reshape(-1, 2)
         self._middle = np.array([meshes[name].bounds.mean(0) for name in names])
         self._half = np.array([np.ptp(meshes[name].bounds, axis=0) / 2 for name in names])
-        concerned = {name for pair in pairs for name in pair}
-        self._models = {name: fcl_model(meshes[name].vertices, meshes[name].faces) for name in concerned}
+        self._models: dict[str, Any] = {}  # of bodies whose boxes have met those of others
 
     def first_collision(self, poses: ArrayLike) -> Clash | None:
         """The first of the poses (n, bodies, 4, 4), m, at which surfaces of a pair intersect, or None."""
@@ -51,10 +50,15 @@ class Judge:
             objects = []
             for name, body in zip(self._pairs[k], self._index[k], strict=True):
                 at = poses[i, body]
-                objects.append(fcl.CollisionObject(self._models[name], fcl.Transform(at[:3, :3], at[:3, 3])))
+                objects.append(fcl.CollisionObject(self._model(name), fcl.Transform(at[:3, :3], at[:3, 3])))
             if fcl.collide(*objects, request, result):
                 return Clash(int(i), self._pairs[k][0], self._pairs[k][1], 0.0, 0.0)
         return None
+
+    def _model(self, name: str) -> Any:
+        if name not in self._models:
+            self._models[name] = fcl_model(self._meshes[name].vertices, self._meshes[name].faces)
+        return self._models[name]
 
     def _within_reach(self, poses: Array) -> NDArray[np.int64]:
         """Pairs whose bounding spheres overlap at one of the poses."""
