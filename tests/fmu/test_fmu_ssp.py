@@ -1,4 +1,4 @@
-"""The package of cell and sequencer (SSP 1.0), run by FMPy and libcosim."""
+"""The package of cell and sequencer (SSP), run by FMPy and libcosim."""
 
 from __future__ import annotations
 
@@ -14,10 +14,12 @@ import fmpy
 import numpy as np
 import pyarrow
 import pyarrow.csv
+import pyssp_standard
 import pytest
 from cell_fixture import START, cell_description
 from fmpy.ssp.simulation import simulate_ssp
 from fmpy.ssp.ssd import Parameter, ParameterSet, find_components, read_ssd
+from lxml import etree
 
 from bench.peers.attributes import misspelt_attributes
 from bench.peers.check import PeerMissingError
@@ -115,6 +117,23 @@ def test_description_and_parameters_follow_schemas(package: Path) -> None:
         output, target_input = models[start][source], models[end][target]
         assert (output.causality, target_input.causality) == ("output", "input")
         assert (output.type, output.unit) == (target_input.type, target_input.unit)
+
+
+def test_package_of_ssp_2_follows_its_schemas(tmp_path: Path) -> None:
+    path = tmp_path / "cell.ssp"
+    build_ssp(cell_description(), STEPS, path, stop_time=STOP, version="2.0")
+    schemas = Path(pyssp_standard.__file__).parent / "resources" / "ssp2"
+    files = {
+        "Description": ["SystemStructure.ssd"],
+        "ParameterValues": ["resources/cell.ssv", "resources/sequencer.ssv"],
+    }
+    with zipfile.ZipFile(path) as archive:
+        for kind, names in files.items():
+            schema = etree.XMLSchema(etree.parse(schemas / f"SystemStructure{kind}.xsd"))
+            for name in names:
+                document = etree.fromstring(archive.read(name))
+                schema.assertValid(document)
+                assert document.get("version") == "2.0"
 
 
 def test_sequencer_fmu_has_no_findings(package: Path, tmp_path: Path) -> None:

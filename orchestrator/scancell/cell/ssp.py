@@ -1,6 +1,7 @@
-"""Packs the FMUs of a cell and of its sequencer, their connections and parameters into an SSP 1.0 archive.
+"""Packs the FMUs of a cell and of its sequencer, their connections and parameters into an SSP archive.
 
-System Structure and Parameterization 1.0, Modelica Association, 2019. Parameters are bound to components and
+System Structure and Parameterization, Modelica Association: 1.0 (2019), or 2.0, whose namespaces are the same, and
+which adds elements that these packages do not need. Parameters are bound to components and
 connections lie between components, because importers such as libcosim read no others.
 """
 
@@ -10,7 +11,7 @@ import io
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -39,10 +40,16 @@ _TYPES = ("Real", "Integer", "Boolean")  # of connectors: few importers connect 
 _HIDDEN = "controller.ahead["
 
 Variables = Mapping[str, Any]  # of FMPy, by name
+SspVersion = Literal["1.0", "2.0"]
 
 
 def build_ssp(
-    description: Mapping[str, Any], steps: Sequence[SequenceStep], path: str | Path, *, stop_time: float
+    description: Mapping[str, Any],
+    steps: Sequence[SequenceStep],
+    path: str | Path,
+    *,
+    stop_time: float,
+    version: SspVersion = "1.0",
 ) -> None:
     """Write the package of a cell that executes a sequence to `path` atomically.
 
@@ -56,6 +63,8 @@ def build_ssp(
         File of the package.
     stop_time
         Of the default experiment, s.
+    version
+        Of SSP.
 
     Raises
     ------
@@ -83,9 +92,9 @@ def build_ssp(
         name: v.start for name, v in variables["cell"].items() if v.causality == "parameter" and v.type != "String"
     }
     contents = {
-        "SystemStructure.ssd": _structure(models, variables, stop_time),
-        "resources/cell.ssv": _parameters("cell", cell_parameters, models, variables),
-        "resources/sequencer.ssv": _parameters("sequencer", _by_name(steps), models, variables),
+        "SystemStructure.ssd": _structure(version, models, variables, stop_time),
+        "resources/cell.ssv": _parameters(version, "cell", cell_parameters, models, variables),
+        "resources/sequencer.ssv": _parameters(version, "sequencer", _by_name(steps), models, variables),
     }
     for name, files in fmus.items():
         archive = io.BytesIO()
@@ -100,9 +109,11 @@ def _by_name(steps: Sequence[SequenceStep]) -> dict[str, float | int]:
     return {"steps": len(steps), **values}
 
 
-def _structure(models: Mapping[str, Any], variables: Mapping[str, Variables], stop_time: float) -> bytes:
+def _structure(
+    version: SspVersion, models: Mapping[str, Any], variables: Mapping[str, Variables], stop_time: float
+) -> bytes:
     """The system structure description."""
-    root = _root("ssd:SystemStructureDescription", "RobotCell")
+    root = _root(version, "ssd:SystemStructureDescription", "RobotCell")
     system = _child(root, "ssd:System", name="RobotCell", description=models["cell"].description)
     elements, connections = _child(system, "ssd:Elements"), _child(system, "ssd:Connections")
     for name, other in (("cell", "sequencer"), ("sequencer", "cell")):
@@ -144,10 +155,14 @@ def _connectable(variables: Variables) -> Iterable[Any]:
 
 
 def _parameters(
-    name: str, values: Mapping[str, Any], models: Mapping[str, Any], variables: Mapping[str, Variables]
+    version: SspVersion,
+    name: str,
+    values: Mapping[str, Any],
+    models: Mapping[str, Any],
+    variables: Mapping[str, Variables],
 ) -> bytes:
     """A parameter set of a component."""
-    root = _root("ssv:ParameterSet", name)
+    root = _root(version, "ssv:ParameterSet", name)
     parameters = _child(root, "ssv:Parameters")
     for key, value in values.items():
         variable = variables[name].get(key)
@@ -174,8 +189,8 @@ def _units(parent: ET.Element, model: Any) -> None:
         _child(_child(parent, "ssc:Unit", name=unit.name), "ssc:BaseUnit", **used)
 
 
-def _root(tag: str, name: str) -> ET.Element:
-    root = ET.Element(_qualified(tag), version="1.0", name=name)
+def _root(version: SspVersion, tag: str, name: str) -> ET.Element:
+    root = ET.Element(_qualified(tag), version=version, name=name)
     root.set("license", "BSD-3-Clause")
     return root
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -20,8 +20,9 @@ def ssp_build(
     unit: UnitOption = "mm",
     out: Annotated[Path, typer.Option("--out", help="file of the package")] = Path("out/RobotCell.ssp"),
     stop_time: Annotated[float, typer.Option("--stop-time", help="end of the default experiment, s")] = 30.0,
+    ssp: Annotated[Literal["1.0", "2.0"], typer.Option("--ssp", help="version of SSP")] = "1.0",
 ) -> Outcome:
-    """Write an SSP 1.0 package: the FMU (FMI 2.0) of a cell, and a sequencer FMU that lets it pick, scan and jog."""
+    """Write an SSP package: the FMU (FMI 2.0) of a cell, and a sequencer FMU that lets it pick, scan and jog."""
     from scancell.cell.fmu_file import cell_json  # noqa: PLC0415
     from scancell.cell.sequence import example_sequence  # noqa: PLC0415
     from scancell.cell.ssp import build_ssp  # noqa: PLC0415
@@ -34,7 +35,7 @@ def ssp_build(
     nominal = nominal_cell(setup.cell, mesh)
     steps = example_sequence(setup, nominal)
     description = cell_json(setup.cell, with_unknown_obstacles(nominal, setup.cell), seed)
-    build_ssp(description, steps, out, stop_time=stop_time)
+    build_ssp(description, steps, out, stop_time=stop_time, version=ssp)
     size = out.stat().st_size
     figures = {"bytes": size, "steps": len(steps), "stop_time": stop_time}
     return Outcome([f"{out}: {size / 1e6:.1f} MB, {len(steps)} steps"], figures, [str(out)])
