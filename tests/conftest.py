@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections import Counter
+from collections import Counter, OrderedDict
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from threading import Lock
 
 import pytest
 from xdist.remote import Producer
@@ -55,6 +57,28 @@ def pytest_itemcollected(item: pytest.Item) -> None:
     slow = item.path.parent.name in SLOW_FOLDERS or item.path.stem in SLOW_FILES
     if slow and item.path.stem not in FAST_FILES:
         item.add_marker(pytest.mark.slow)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def plans_are_shared() -> Iterator[None]:
+    """Keep plans from one scanner to the next: they are found by a digest of all their inputs."""
+    from scancell.scanning import pipeline  # noqa: PLC0415
+
+    plans: OrderedDict[str, pipeline.Plan] = OrderedDict()
+    planning = Lock()
+
+    class SharedPlans(pipeline.ScanPipeline):
+        def __init__(self, threads: int = 0) -> None:
+            super().__init__(threads)
+            self._plans, self._planning = plans, planning
+
+        def close(self) -> None:
+            self._plans = OrderedDict()
+            super().close()
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("scancell.scanner.ScanPipeline", SharedPlans)
+        yield
 
 
 @cache
