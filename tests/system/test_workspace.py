@@ -212,8 +212,8 @@ def test_jog_into_the_table_is_warned_then_stopped(opened: Opened) -> None:
     page.mouse.down()
     opened.until(lambda state: state.moving, "the jog")
     opened.until(lambda state: state.pendant_beep and state.guard_text != "", "the warning")
-    page.locator("b", has_text="guard:").wait_for()
     stopped = opened.until(lambda state: not state.moving and state.controller == "emergency stop", "the stop")
+    page.get_by_role("alert").filter(has_text="The guard stopped the robot").wait_for()
     page.mouse.up()
     assert not any(state.colliding for state in opened.states)
     assert opened.nominal.world_from_sensor(stopped.joints)[2, 3] < ABOVE_TABLE[2, 3] - 1 * mm

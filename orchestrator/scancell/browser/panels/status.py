@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 
 from scancell.browser.panels.handles import set_changed, small_html
-from scancell.cell.controller import Operation
+from scancell.cell.controller import GUARD_TOO_OLD, Operation
 from scancell.live.state import LiveState
 
 # The stop must work while an input has the focus, where hotkeys of viser do not.
 _KEYS = Path(__file__).with_name("keys.js").read_text(encoding="utf-8")
-_ALARM, _WARNING, _CALM = "#c62828", "#e08a00", "#2f7d32"
+_ALARM, _WARNING, _CALM = "#c62828", "#8a5300", "#2f7d32"
+_FIELD = {_ALARM: "#fdecea", _WARNING: "#fff4e0"}  # behind a sentence
 _BEEP_HZ, _BEEP_RATE, _BEEP_SECONDS = 880, 8000, 0.4
 
 
@@ -47,15 +48,51 @@ class Status:
         set_changed(self._sound, "content", sound)
 
 
+def advice(state: LiveState) -> str:
+    """One sentence: what stopped the robot or keeps it from moving, and what to do; empty if nothing does."""
+    what, _, about = state.guard_text.partition(": ")
+    about = about.replace(" - ", " and ").replace(": ", ", ")
+    if state.controller == "emergency stop":
+        cause = "The Stop button stopped the robot"
+        if what == "stop":
+            cause = f"The guard stopped the robot ({about})"
+        elif state.refusal == GUARD_TOO_OLD:
+            cause = "The robot stopped because the guard did not answer in time"
+        then = "wait until it is at rest" if state.moving else 'press "Reset after a stop", then move it away'
+        return f"{cause}: {then}."
+    if what == "no jog":
+        return f"The guard permits no jog in this direction ({about}): jog in another one."
+    if what == "slowed to 0%":
+        return f"The guard holds the robot on its path ({about}): end the motion and choose another target."
+    return ""
+
+
 def state_html(state: LiveState) -> str:
     """A state as HTML; every text of the cell is escaped."""
+    stopped = state.controller == "emergency stop"
     colour = _CALM
-    if state.colliding or state.controller == "emergency stop":
+    if state.colliding or stopped:
         colour = _ALARM
     elif state.guard_text or state.refusal or state.message:
         colour = _WARNING
     operation = "manual" if state.operation is Operation.MANUAL else "automatic"
     lines = [f'<b style="color:{colour}">{escape(state.controller)}</b>, {operation} operation, {state.time:.1f} s']
+    lines += _motion_lines(state)
+    sentence = advice(state)
+    if sentence:
+        lines.append(_sentence_html(sentence, _ALARM if stopped else _WARNING))
+    else:
+        for name, text in (("guard", state.guard_text), ("pendant", state.pendant_text)):
+            if text:
+                lines.append(f'<b style="color:{_WARNING}">{name}: {escape(text)}</b>')
+    # The sentence states the reason of a stop.
+    lines += [escape(text) for text in ("" if stopped else state.refusal, state.message) if text]
+    return small_html(lines + _device_lines(state))
+
+
+def _motion_lines(state: LiveState) -> list[str]:
+    """Job, progress, collision and nearest pair."""
+    lines = []
     if state.job is not None:
         lines.append(f"<b>{escape(state.job)}</b> runs")
     if state.moving:
@@ -65,17 +102,26 @@ def state_html(state: LiveState) -> str:
     if state.nearest:
         first, second, distance = state.nearest
         lines.append(f"nearest: {escape(first)} - {escape(second)}, {1e3 * distance:.1f} mm")
-    for name, text in (("guard", state.guard_text), ("pendant", state.pendant_text)):
-        if text:
-            lines.append(f'<b style="color:{_WARNING}">{name}: {escape(text)}</b>')
-    lines += [escape(text) for text in (state.refusal, state.message) if text]
+    return lines
+
+
+def _device_lines(state: LiveState) -> list[str]:
+    """Readings of the devices."""
+    lines = []
     for number, detected in enumerate(state.presence, start=1):
         lines.append(f"presence sensor {number}: {'something' if detected else 'nothing'}")
     for number, read in enumerate(state.distance, start=1):
         lines.append(f"distance sensor {number}: {'-' if read is None else f'{1e3 * read:.1f} mm'}")
     if state.gripper_width is not None:
         lines.append(f"gripper: {1e3 * state.gripper_width:.1f} mm")
-    return small_html(lines)
+    return lines
+
+
+def _sentence_html(sentence: str, colour: str) -> str:
+    return (
+        f'<div role="alert" style="margin:0.3em 0;padding:0.4em 0.6em;border-left:4px solid {colour};'
+        f'background:{_FIELD[colour]};color:{colour};font-weight:600">{escape(sentence)}</div>'
+    )
 
 
 def _run_once(script: str) -> str:
