@@ -60,7 +60,7 @@ def operator() -> Any:
         return act
 
     return SimpleNamespace(
-        callback=unchanged, operator_callback=unchanged, submit=lambda _: None, add_inputs=lambda _: None
+        callback=unchanged, operator_callback=unchanged, submit=lambda _: None, add_inputs=lambda *_, **__: None
     )
 
 

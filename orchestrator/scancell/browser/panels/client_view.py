@@ -73,20 +73,22 @@ class ClientView:
         operator.add_inputs([self._reset])
         tabs = gui.add_tab_group(order=0)
         self._panels: list[Panel] = []
-        with tabs.add_tab("Joints"):
+        with tabs.add_tab("Move"):
+            motions = gui.add_tab_group()
+        with motions.add_tab("Joints"):
             self._panels.append(JointPanel(gui, operator, state))
-        with tabs.add_tab("Pose"):
+        with motions.add_tab("Pose"):
             self._panels.append(PosePanel(gui, client.scene, operator, state))
-        with tabs.add_tab("Jog"):
+        with motions.add_tab("Jog"):
             self._panels.append(JogPanel(gui, operator, state))
-        with tabs.add_tab("Cell"):
+        with motions.add_tab("Cell"):
             self._panels.append(CellPanel(gui, operator, state))
         with tabs.add_tab("Sensor"):
             self._panels.append(SensorPanel(gui, operator, shared.feed, shared.sensor))
-        with tabs.add_tab("Plan"):
-            self._panels.append(PlanPanel(gui, operator, shared.plans))
         with tabs.add_tab("Scan"):
             self._panels.append(ScanPanel(gui, operator, shared.scans))
+            with gui.add_folder("Plan", expand_by_default=False):
+                self._panels.append(PlanPanel(gui, operator, shared.plans))
         if shared.program is not None:
             with tabs.add_tab("Program"):
                 self._panels.append(ProgramPanel(gui, operator, shared.program))
@@ -99,7 +101,7 @@ class ClientView:
         """Show a state."""
         set_changed(self._take, "visible", not self._operator.is_operator)
         set_changed(self._reset, "visible", state.controller == "emergency stop")
-        self._operator.enable_inputs()
+        self._operator.enable_inputs(state)
         for panel in self._panels:
             failures: list[str] = []
             report_errors(partial(panel.show, state), failures.append)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.browser.panels.conditions import can_move
 from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.errors import CommandError
 from scancell.geometry import pose
@@ -46,7 +47,8 @@ class PosePanel:
             handle.on_update(operator.callback(lambda: self._judge(self._typed_pose())))
         self._gizmo.on_update(lambda event: operator.callback(lambda: self._drag(event.phase))(event))
         inputs = (self._tool, self._relative_to, self._position, self._angles, self._configuration, self._straight)
-        operator.add_inputs([*inputs, self._speed, move, here, self._dragged])
+        operator.add_inputs([*inputs, self._speed, here])
+        operator.add_inputs([move, self._dragged], can_move)
         self._read()
 
     def show(self, state: LiveState) -> None:

@@ -7,6 +7,7 @@ from html import escape
 from pathlib import Path
 from typing import Any, get_args
 
+from scancell.browser.panels.conditions import can_end, can_move
 from scancell.browser.panels.handles import Follower, set_changed, small_html
 from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.browser.panels.scans import Scans
@@ -34,7 +35,11 @@ class ScanPanel:
         self._colour.on_update(operator.callback(lambda: scans.cloud.colour_by(self._colour.value)))
         save.on_click(operator.operator_callback(lambda: operator.show_message(f"saved: {scans.save()}")))
         download.on_click(operator.callback(self._download))
-        operator.add_inputs([self._engine, start, cancel, self._colour, save])
+        operator.add_inputs([self._engine, self._colour])
+        operator.add_inputs([start], lambda state: scans.hindrance or can_move(state))
+        operator.add_inputs([cancel], can_end)
+        operator.add_inputs([save], lambda _: scans.lack)
+        operator.add_inputs([download], lambda _: scans.lack, by_all=True)
 
     def show(self, state: LiveState) -> None:
         """Show the progress of the scan."""

@@ -102,7 +102,8 @@ class Workspace:
         self.scans = Scans(
             self.live, LiveCloud(self.scene), mesh, settings.out, settings.engine, self._recording.points
         )
-        self.plans = Plans(LivePlan(self.live, session, mesh is not None), self.scene)
+        has_part = mesh is not None
+        self.plans = Plans(LivePlan(self.live, session, has_part), self.scene, has_part)
         self._operators, self._lock = Operators(), Lock()
         self._views: dict[int, ClientView] = {}
         server.gui.set_panel_label(f"scancell: {part or 'empty table'}")
