@@ -163,6 +163,18 @@ def test_page_makes_no_request_beyond_its_address(opened: Opened) -> None:
     assert watched.errors == []
 
 
+def test_docked_panels_cover_nothing_of_the_picture(opened: Opened) -> None:
+    page = opened.page().page
+
+    def is_between() -> bool:
+        boxes = [canvas.bounding_box() for canvas in page.locator("canvas").all()]
+        picture = max((box for box in boxes if box is not None), key=lambda box: box["height"])
+        left, right = (page.get_by_role("tab", name=name).bounding_box() for name in ("Cameras", "Joints"))
+        return bool(left["x"] + left["width"] < picture["x"] and picture["x"] + picture["width"] <= right["x"])
+
+    waits(page, is_between, "the panels beside the picture")
+
+
 def test_slider_moves_the_arm_and_a_reload_keeps_the_state(opened: Opened) -> None:
     page = opened.page().page
     fill(page, "joint 1, deg", 20.0)

@@ -1,98 +1,81 @@
-"""Camera images and the profile in all browsers, in a panel of their own."""
+"""Camera images and the profile, in a docked panel of one browser."""
 
 from __future__ import annotations
 
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.browser.panels.handles import small_html
-from scancell.browser.scene.scene import CellScene
+from scancell.browser.panels.handles import Follower, set_changed, small_html
 from scancell.browser.scene.sensor_view import field_corners
 from scancell.config.sensor import SensorDescription
 from scancell.extras import require
-from scancell.geometry import pose
 from scancell.live.camera import CameraFeed, CameraFrame
-
-if TYPE_CHECKING:
-    import viser
 
 Rgb = NDArray[np.uint8]
 
 _WIDTH = 480  # px, of an image as it is sent
 _STRIPE = (40, 220, 60)
-_PANEL = 360  # px
+_PANEL = 400  # px
+_GAP = 4  # px between images
 _LEAST_ROOM = 0.2  # mm above and below a profile
 _COLOURS = ("#e07820", "#2878d2", "#3ca050", "#a046aa")
 
 
-class CameraView:
-    """Shows frames of a feed: the images with the stripe that was found in them, and the profile.
+class CameraPanel:
+    """Shows frames of a feed: the images side by side, with the stripe that was found in them, and the profile.
 
     Parameters
     ----------
-    server
+    gui
         Of viser.
-    scene
-        Gets the stripe.
     feed
-        Of the cameras; frames are made while the panel's switch is on.
+        Of the cameras; frames are made while its switch, which all browsers share, is on.
     sensor
         Nominal description.
-    world_from_base
-        (4, 4).
+    beside
+        Dock the panel at the left edge, else below the main panel, where a narrow window has room.
     """
 
-    def __init__(
-        self,
-        server: viser.ViserServer,
-        scene: CellScene,
-        feed: CameraFeed,
-        sensor: SensorDescription,
-        world_from_base: NDArray[np.float64],
-    ) -> None:
-        self._scene, self._feed, self._world_from_base = scene, feed, world_from_base
+    def __init__(self, gui: Any, feed: CameraFeed, sensor: SensorDescription, beside: bool) -> None:
+        self._feed = feed
         self._names, self._shown = [camera.name for camera in sensor.camera], 0
         half = round(1e3 * float(field_corners(sensor)[:, 1].max()), 1)
         self._width = (-half, half)
         self._range = (sensor.range.near_mm, sensor.range.far_mm)
         self._uplot = require("viser.uplot", "workspace")
-        gui = server.gui
-        self._panel = gui.add_panel()
-        with self._panel.add_tab("Sensor"):
-            on = gui.add_checkbox("cameras", True)
-            self._text = gui.add_html("")
+        panel = gui.add_panel()
+        with panel.add_tab("Cameras"):
             blank = np.full((2, 2, 3), 40, np.uint8)
+            self._image = gui.add_image(blank, label=" | ".join(self._names), format="jpeg")
+            self._text = gui.add_html("")
             self._plot = self._add_plot(gui)
-            self._images = [gui.add_image(blank, label=name, format="jpeg") for name in self._names]
-        self._panel.dock_left()
-        self._panel.set_width(_PANEL)
-        on.on_update(lambda _: self._switch(on.value))
-        self._switch(True)
+            on = gui.add_checkbox("cameras", feed.wanted)
+        self._on = Follower(on)
+        if beside:
+            panel.dock_left()
+            panel.set_width(_PANEL)
+        else:
+            panel.dock_below(gui.main_panel)
+        on.on_update(lambda event: setattr(feed, "wanted", on.value) if event.client is not None else None)
 
     def show(self) -> None:
         """Show the last frame, if it is new."""
-        frame = self._feed.frame
-        if frame is None or frame.number == self._shown or not self._feed.wanted:
+        wanted, frame = self._feed.wanted, self._feed.frame
+        self._on.show(wanted)
+        for handle in (self._image, self._plot, self._text):
+            set_changed(handle, "visible", wanted)
+        if frame is None or frame.number == self._shown or not wanted:
             return
         self._shown = frame.number
         self._text.content = _summary(frame)
         if frame.images is not None:
-            for number, handle in enumerate(self._images):
-                handle.image = with_stripe(frame.images[number], frame.stripes[number])
+            self._image.image = side_by_side(list(map(with_stripe, frame.images, frame.stripes)))
         self._plot.data = profile_data(frame, len(self._names))
         self._fit_range(1e3 * frame.points_in_sensor[:, 2])
-        self._scene.show_stripe(pose.transform_points(self._world_from_base, frame.points_in_base))
-
-    def _switch(self, on: bool) -> None:
-        self._feed.wanted = on
-        for handle in (*self._images, self._plot, self._text):
-            handle.visible = on
-        if not on:
-            self._scene.show_stripe(None)
 
     def _add_plot(self, gui: Any) -> Any:
         uplot = self._uplot
@@ -120,6 +103,13 @@ class CameraView:
         if low < self._range[0] or high > self._range[1] or shown > 4 * (high - low + 2 * room):
             self._range = (round(low - room, 2), round(high + room, 2))
             self._plot.scales = self._scales()
+
+
+def side_by_side(images: list[Rgb]) -> Rgb:
+    """One picture (height, width, 3) of images, which may have different heights."""
+    height = max(len(image) for image in images)
+    padded = [np.pad(image, ((0, height - len(image)), (0, _GAP), (0, 0)), constant_values=255) for image in images]
+    return np.hstack(padded)[:, :-_GAP]
 
 
 def with_stripe(image: NDArray[np.uint8], stripe: NDArray[np.float64]) -> Rgb:

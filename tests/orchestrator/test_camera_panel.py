@@ -10,15 +10,13 @@ import numpy as np
 import pytest
 
 from scancell.config.loading import load_setup
-from scancell.geometry import pose
 from scancell.live.camera import CameraFrame
 
 viser = pytest.importorskip("viser")
 
-from scancell.browser.scene.camera_view import CameraView, profile_data, with_stripe  # noqa: E402
+from scancell.browser.panels.camera_panel import CameraPanel, profile_data, side_by_side, with_stripe  # noqa: E402
 from scancell.browser.server.quiet import quiet_server  # noqa: E402
 
-WORLD_FROM_BASE = pose.from_euler_xyz((0.1, -0.2, 0.3), (0.0, 0.0, 0.5))
 POINTS = np.array([[0.0, 0.004, 0.101], [0.0, -0.002, 0.099], [0.0, 0.001, 0.1]])
 
 
@@ -33,13 +31,15 @@ def frame_of(number: int) -> CameraFrame:
 
 
 class Shown:
-    """A view of a feed without a cell, and the stripes that its scene was given."""
+    """The panel of a feed without a cell."""
 
     def __init__(self, server: viser.ViserServer) -> None:
-        self.stripes: list[np.ndarray | None] = []
-        self.feed = SimpleNamespace(frame=None, wanted=False)
-        scene = SimpleNamespace(show_stripe=self.stripes.append)
-        self.view = CameraView(server, scene, self.feed, load_setup().sensor, WORLD_FROM_BASE)  # type: ignore[arg-type]
+        self.feed = SimpleNamespace(frame=None, wanted=True)
+        self.panel = CameraPanel(server.gui, self.feed, load_setup().sensor, beside=True)  # type: ignore[arg-type]
+
+    @property
+    def picture(self) -> np.ndarray:
+        return np.asarray(self.panel._image.image)
 
 
 @pytest.fixture
@@ -48,28 +48,40 @@ def shown() -> Iterator[Shown]:
         yield Shown(server)
 
 
-def test_each_frame_is_shown_once(shown: Shown) -> None:
-    assert shown.feed.wanted
-    shown.view.show()
-    assert shown.stripes == []
+def test_each_frame_is_shown_once_with_its_images_side_by_side(shown: Shown) -> None:
+    blank = shown.picture
+    shown.panel.show()
+    assert shown.picture is blank
     for number in (1, 2):
+        before = shown.picture
         shown.feed.frame = frame_of(number)
-        for _ in range(3):
-            shown.view.show()
-        assert len(shown.stripes) == number
-    stripe = shown.stripes[-1]
-    assert stripe is not None
-    np.testing.assert_allclose(stripe, pose.transform_points(WORLD_FROM_BASE, frame_of(2).points_in_base))
+        shown.panel.show()
+        now = shown.picture
+        assert now is not before
+        shown.panel.show()
+        assert shown.picture is now
+    assert now.shape[0] == 60
+    assert 2 * 480 <= now.shape[1] <= 2 * 480 + 10
+    marked = (now[..., 0] != now[..., 1]).nonzero()[1]
+    assert ((marked < 480).sum(), (marked >= 480).sum()) == (2, 1)
 
 
 def test_no_frame_is_shown_while_none_is_wanted(shown: Shown) -> None:
+    blank = shown.picture
     shown.feed.frame = frame_of(1)
     shown.feed.wanted = False
-    shown.view.show()
-    assert shown.stripes == []
+    shown.panel.show()
+    assert shown.picture is blank
     shown.feed.wanted = True
-    shown.view.show()
-    assert len(shown.stripes) == 1
+    shown.panel.show()
+    assert shown.picture is not blank
+
+
+def test_images_of_different_heights_are_padded() -> None:
+    both = side_by_side([np.zeros((4, 6, 3), np.uint8), np.ones((7, 5, 3), np.uint8)])
+    assert both.shape[0] == 7
+    assert (both[:4, :6] == 0).all()
+    assert (both[:, -5:] == 1).all()
 
 
 def test_profile_is_in_order_and_each_point_belongs_to_its_camera() -> None:
