@@ -8,18 +8,24 @@ import wave
 from collections.abc import Callable
 from html import escape
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 import numpy as np
 
 from scancell.browser.panels.handles import set_changed, small_html
+from scancell.browser.panels.rate import Rate
 from scancell.cell.controller import GUARD_TOO_OLD, Operation
+from scancell.live.scan import LiveScanState
 from scancell.live.state import LiveState
 
 # The stop must work while an input has the focus, where hotkeys of viser do not.
-_KEYS = Path(__file__).with_name("keys.js").read_text(encoding="utf-8")
+_KEYS, _CONNECTION = (
+    Path(__file__).with_name(name).read_text(encoding="utf-8") for name in ("keys.js", "connection.js")
+)
 _ALARM, _WARNING, _CALM = "#c62828", "#8a5300", "#2f7d32"
 _FIELD = {_ALARM: "#fdecea", _WARNING: "#fff4e0"}  # behind a sentence
+_SLOW = 0.9  # of real time, below which the simulation is called slow
 _BEEP_HZ, _BEEP_RATE, _BEEP_SECONDS = 880, 8000, 0.4
 
 
@@ -32,20 +38,54 @@ class Status:
         Of the server.
     stop
         Called by the button and the Escape key of every browser.
+    clock
+        s.
     """
 
-    def __init__(self, gui: Any, stop: Callable[[], None]) -> None:
+    def __init__(self, gui: Any, stop: Callable[[], None], clock: Callable[[], float] = monotonic) -> None:
+        self._clock, self._time, self._done = clock, Rate(clock=clock), Rate(clock=clock)
         button = gui.add_button("Stop", color="red", icon="hand-stop", hint="or the Escape key", order=-10)
         button.on_click(lambda _: stop())
-        gui.add_html(_run_once(_KEYS), order=-7)
+        gui.add_html(_run_once(_KEYS) + _run_once(_CONNECTION), order=-7)
+        self._pulse = gui.add_html("", order=-7)
         self._text = gui.add_html("", order=-9)
         self._sound = gui.add_html("", order=-8)
 
-    def show(self, state: LiveState) -> None:
-        """Show a state."""
-        text, sound = state_html(state), _BEEP if state.pendant_beep else ""
+    def show(self, state: LiveState, scan: LiveScanState | None = None) -> None:
+        """Show a state, and the progress of the last scan."""
+        done = share_done(state, scan)
+        self._time.add(state.time)
+        self._done.add(done)
+        set_changed(self._pulse, "content", f'<span data-pulse="{int(self._clock())}"></span>')
+        text = state_html(state, pace(self._time.per_second, done, self._done.per_second))
+        sound = _BEEP if state.pendant_beep else ""
         set_changed(self._text, "content", text)
         set_changed(self._sound, "content", sound)
+
+
+def share_done(state: LiveState, scan: LiveScanState | None) -> float:
+    """Share of the scan that runs, or of the motion, that is done; 0 if neither is."""
+    if scan is not None and scan.stage in ("scanning", "sensing") and scan.planned:
+        return scan.sensed / scan.planned
+    return state.progress if state.moving else 0.0
+
+
+def pace(rate: float | None, done: float, done_rate: float | None) -> str:
+    """Text of a slow simulation and of the time left.
+
+    Parameters
+    ----------
+    rate
+        Simulated seconds per second; None if unknown.
+    done, done_rate
+        Share that is done, and its rate, 1/s.
+    """
+    texts = []
+    if rate is not None and rate < _SLOW:
+        texts.append(f"slow simulation: {rate:.0%} of real time")
+    if done_rate and 0.0 < done < 1.0:
+        texts.append(f"about {(1 - done) / done_rate:.0f} s left")
+    return ", ".join(texts)
 
 
 def advice(state: LiveState) -> str:
@@ -67,8 +107,8 @@ def advice(state: LiveState) -> str:
     return ""
 
 
-def state_html(state: LiveState) -> str:
-    """A state as HTML; every text of the cell is escaped."""
+def state_html(state: LiveState, pace: str = "") -> str:
+    """A state and a text on its pace as HTML; every text of the cell is escaped."""
     stopped = state.controller == "emergency stop"
     colour = _CALM
     if state.colliding or stopped:
@@ -77,6 +117,7 @@ def state_html(state: LiveState) -> str:
         colour = _WARNING
     operation = "manual" if state.operation is Operation.MANUAL else "automatic"
     lines = [f'<b style="color:{colour}">{escape(state.controller)}</b>, {operation} operation, {state.time:.1f} s']
+    lines += [f'<b style="color:{_WARNING}">{pace}</b>'] if pace.startswith("slow") else [pace]
     lines += _motion_lines(state)
     sentence = advice(state)
     if sentence:
@@ -87,7 +128,7 @@ def state_html(state: LiveState) -> str:
                 lines.append(f'<b style="color:{_WARNING}">{name}: {escape(text)}</b>')
     # The sentence states the reason of a stop.
     lines += [escape(text) for text in ("" if stopped else state.refusal, state.message) if text]
-    return small_html(lines + _device_lines(state))
+    return f"<div data-status>{small_html(lines + _device_lines(state))}</div>"
 
 
 def _motion_lines(state: LiveState) -> list[str]:

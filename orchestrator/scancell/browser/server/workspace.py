@@ -157,7 +157,7 @@ class Workspace:
         for view in views:
             view.show_pictures()
         if with_panels:
-            self._status.show(state)
+            self._status.show(state, self.scans.state)
             for view in views:
                 view.show(state)
 
