@@ -9,15 +9,31 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from chromium import chromium
 from scancell.config.loading import load_setup
 from scancell.live.camera import CameraFrame
 
 viser = pytest.importorskip("viser")
 
-from scancell.browser.panels.camera_panel import CameraPanel, profile_data, side_by_side, with_stripe  # noqa: E402
+from scancell.browser.panels.camera_panel import (  # noqa: E402
+    _CLICK,
+    _ENLARGE,
+    _SCRIPT,
+    CameraPanel,
+    profile_data,
+    side_by_side,
+    with_stripe,
+)
+from scancell.browser.panels.enlarged_image import column_text  # noqa: E402
 from scancell.browser.server.quiet import quiet_server  # noqa: E402
 
 POINTS = np.array([[0.0, 0.004, 0.101], [0.0, -0.002, 0.099], [0.0, 0.001, 0.1]])
+
+
+_KEEP_PRESSED = """() => {
+  window.pressed = [];
+  window.onclick = (event) => event.target.tagName === "BUTTON" && window.pressed.push(event.target.innerText);
+}"""
 
 
 def frame_of(number: int) -> CameraFrame:
@@ -77,6 +93,39 @@ def test_no_frame_is_shown_while_none_is_wanted(shown: Shown) -> None:
     assert shown.picture is not blank
 
 
+def test_stripe_is_marked_only_where_it_is_switched_on(shown: Shown) -> None:
+    def is_marked(picture: np.ndarray) -> bool:
+        return bool((picture[..., 0] != picture[..., 1]).any())
+
+    shown.feed.frame = frame_of(1)
+    shown.panel.show()
+    assert is_marked(shown.picture)
+    shown.panel._marks.value = False
+    shown.panel.show()
+    assert not is_marked(shown.picture)
+
+
+def test_enlarged_image_has_every_pixel_and_the_profile_of_a_column(shown: Shown) -> None:
+    large = shown.panel._large
+    shown.feed.frame = frame_of(1)
+    shown.panel.show()
+    assert large._image.image.shape[0] == 2  # nothing is sent while it is closed
+    large.open("minus")
+    shown.panel.show()
+    assert large._image.image.shape == (120, 960, 3)
+    assert large._column.value == 480
+    large._column.value = 510
+    shown.panel.show()
+    rows, values = large._plot.data
+    np.testing.assert_array_equal(values, 255.0 * (rows == 60))
+    assert "column 510: peak at row 60.00, largest intensity 255 of 255, saturated" in large._text.content
+    assert "no peak" in column_text(frame_of(1), 1, 500)
+    large.close()
+    shown.feed.frame = frame_of(2)
+    shown.panel.show()
+    assert large._shown[0] == 1
+
+
 def test_images_of_different_heights_are_padded() -> None:
     both = side_by_side([np.zeros((4, 6, 3), np.uint8), np.ones((7, 5, 3), np.uint8)])
     assert both.shape[0] == 7
@@ -95,11 +144,27 @@ def test_profile_is_in_order_and_each_point_belongs_to_its_camera() -> None:
 
 def test_marks_lie_on_the_stripe_of_a_smaller_image() -> None:
     """Half as large: a stripe one pixel wide stays, and its points are marked."""
-    shown = with_stripe(frame_of(1).images[0], frame_of(1).stripes[0])
+    shown = with_stripe(frame_of(1).images[0], frame_of(1).stripes[0], 480)
     assert shown.shape == (60, 480, 3)
     marked = shown[..., 0] != shown[..., 1]
     rows, columns = np.nonzero(marked)
     assert sorted(columns.tolist()) == [250, 260]
     assert (shown[rows[0], ~marked[rows[0]]] == 255).all()
-    outside = with_stripe(frame_of(1).images[0], np.array([[-3.0, 60.0], [500.0, 125.0], [961.0, 60.0]]))
+    outside = with_stripe(frame_of(1).images[0], np.array([[-3.0, 60.0], [500.0, 125.0], [961.0, 60.0]]), 480)
     assert (outside[..., 0] == outside[..., 1]).all()
+
+
+def test_click_on_an_image_presses_the_button_of_its_camera() -> None:
+    """On a page with the elements of viser: an image below its label, and a row of buttons beside a label."""
+    content = f"""<div><p>plus | minus, {_CLICK}</p><div><img width=400 height=100></div></div>
+      <div><div><label>{_ENLARGE}</label></div><div><button>plus</button><button>minus</button></div></div>
+      <div><p>other</p><div><img width=400 height=100></div></div>"""
+    with chromium() as browser:
+        page = browser.new_page()
+        page.set_content(content)
+        page.evaluate(_SCRIPT)
+        page.evaluate(_KEEP_PRESSED)
+        pictures = page.locator("img").all()
+        for picture, x in ((pictures[0], 300), (pictures[0], 20), (pictures[1], 20)):
+            picture.click(position={"x": x, "y": 50})
+        assert page.evaluate("pressed") == ["minus", "plus"]

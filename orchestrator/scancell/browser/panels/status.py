@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from scancell.browser.panels.handles import set_changed, small_html
+from scancell.browser.panels.handles import run_once, set_changed, small_html
 from scancell.browser.panels.rate import Rate
 from scancell.cell.controller import GUARD_TOO_OLD, Operation
 from scancell.live.scan import LiveScanState
@@ -46,7 +46,7 @@ class Status:
         self._clock, self._time, self._done = clock, Rate(clock=clock), Rate(clock=clock)
         button = gui.add_button("Stop", color="red", icon="hand-stop", hint="or the Escape key", order=-10)
         button.on_click(lambda _: stop())
-        gui.add_html(_run_once(_KEYS) + _run_once(_CONNECTION), order=-7)
+        gui.add_html(run_once(_KEYS) + run_once(_CONNECTION), order=-7)
         self._pulse = gui.add_html("", order=-7)
         self._text = gui.add_html("", order=-9)
         self._sound = gui.add_html("", order=-8)
@@ -163,11 +163,6 @@ def _sentence_html(sentence: str, colour: str) -> str:
         f'<div role="alert" style="margin:0.3em 0;padding:0.4em 0.6em;border-left:4px solid {colour};'
         f'background:{_FIELD[colour]};color:{colour};font-weight:600">{escape(sentence)}</div>'
     )
-
-
-def _run_once(script: str) -> str:
-    """HTML that runs a script in the page: the element's empty picture fails to load, without any request."""
-    return f'<img src="data:," alt="" style="display:none" onerror="{escape(script)}">'
 
 
 def _beep() -> str:
