@@ -18,6 +18,7 @@ from websockets.typing import Subprotocol
 
 from bench.workspace_messages import run
 from chromium import Watched, chromium
+from contrast import contrast, rgb
 from scancell import Scanner
 from scancell.browser.server.quiet import address
 from scancell.browser.server.serve import Host
@@ -41,6 +42,21 @@ def main(robot: Robot) -> None:
     robot.move_tool(location(450 * mm, 0, 260 * mm, rx=180 * deg))
     robot.move_line(location(450 * mm, 0, 95 * mm, rx=180 * deg))
 """
+# Names, text colours and backgrounds of a dimmed label, an active and an inactive tab, and filled and outlined buttons.
+_TEXT_COLOURS = """() => {
+  const find = (kind, text) => [...document.querySelectorAll(kind)].find((one) => one.innerText.trim() === text);
+  const behind = (one) => {
+    const colour = getComputedStyle(one).backgroundColor;
+    if (!/rgba\\(.*, 0\\)/.test(colour)) return colour;
+    return one.parentElement ? behind(one.parentElement) : "rgb(255, 255, 255)";
+  };
+  const wanted = [["label", "joint 1, deg"], ["[role=tab]", "Joints"], ["[role=tab]", "Pose"], ["button", "Stop"],
+    ["button", "Move to home position"], ["button", "follow"]];
+  return wanted.map(([kind, text]) => {
+    const one = find(kind, text);
+    return [text, getComputedStyle(one).color, behind(one)];
+  });
+}"""
 WAITS = 600.0  # s: only a hang takes longer, on a busy machine, too
 ABOVE_TABLE = location(450 * mm, 0, 260 * mm, rx=180 * deg)
 
@@ -173,6 +189,8 @@ def test_docked_panels_cover_nothing_of_the_picture(opened: Opened) -> None:
         return bool(left["x"] + left["width"] < picture["x"] and picture["x"] + picture["width"] <= right["x"])
 
     waits(page, is_between, "the panels beside the picture")
+    for name, text, behind in page.evaluate(_TEXT_COLOURS):
+        assert contrast(rgb(text), rgb(behind)) >= 4.5, name
 
 
 def test_slider_moves_the_arm_and_a_reload_keeps_the_state(opened: Opened) -> None:

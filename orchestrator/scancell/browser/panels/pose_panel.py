@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.browser.panels.colours import ALARM, CALM
 from scancell.browser.panels.conditions import can_move
 from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.errors import CommandError
@@ -19,7 +20,6 @@ Array = NDArray[np.float64]
 
 _NEAREST = "nearest to the present one"
 _BASE, _TABLE, _TOOL = "base", "table", "tool"
-_UNREACHABLE, _REACHABLE = "#d03030", "#2f7d32"
 
 
 class PosePanel:
@@ -96,9 +96,9 @@ class PosePanel:
         try:
             self._joints(target)
         except CommandError as error:
-            self._verdict.content = _coloured(_UNREACHABLE, str(error))
+            self._verdict.content = _coloured(ALARM, str(error))
             return False
-        self._verdict.content = _coloured(_REACHABLE, "within reach and joint limits")
+        self._verdict.content = _coloured(CALM, "within reach and joint limits")
         return True
 
     def _move(self, target: Array) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from scancell.browser.panels.colours import ALARM, CALM, FIELDS, WARNING, theme_html
 from scancell.browser.panels.handles import run_once, set_changed, small_html
 from scancell.browser.panels.rate import Rate
 from scancell.cell.controller import GUARD_TOO_OLD, Operation
@@ -23,8 +24,6 @@ from scancell.live.state import LiveState
 _KEYS, _CONNECTION = (
     Path(__file__).with_name(name).read_text(encoding="utf-8") for name in ("keys.js", "connection.js")
 )
-_ALARM, _WARNING, _CALM = "#c62828", "#8a5300", "#2f7d32"
-_FIELD = {_ALARM: "#fdecea", _WARNING: "#fff4e0"}  # behind a sentence
 _SLOW = 0.9  # of real time, below which the simulation is called slow
 _BEEP_HZ, _BEEP_RATE, _BEEP_SECONDS = 880, 8000, 0.4
 
@@ -46,7 +45,7 @@ class Status:
         self._clock, self._time, self._done = clock, Rate(clock=clock), Rate(clock=clock)
         button = gui.add_button("Stop", color="red", icon="hand-stop", hint="or the Escape key", order=-10)
         button.on_click(lambda _: stop())
-        gui.add_html(run_once(_KEYS) + run_once(_CONNECTION), order=-7)
+        gui.add_html(theme_html() + run_once(_KEYS) + run_once(_CONNECTION), order=-7)
         self._pulse = gui.add_html("", order=-7)
         self._text = gui.add_html("", order=-9)
         self._sound = gui.add_html("", order=-8)
@@ -110,22 +109,22 @@ def advice(state: LiveState) -> str:
 def state_html(state: LiveState, pace: str = "") -> str:
     """A state and a text on its pace as HTML; every text of the cell is escaped."""
     stopped = state.controller == "emergency stop"
-    colour = _CALM
+    colour = CALM
     if state.colliding or stopped:
-        colour = _ALARM
+        colour = ALARM
     elif state.guard_text or state.refusal or state.message:
-        colour = _WARNING
+        colour = WARNING
     operation = "manual" if state.operation is Operation.MANUAL else "automatic"
     lines = [f'<b style="color:{colour}">{escape(state.controller)}</b>, {operation} operation, {state.time:.1f} s']
-    lines += [f'<b style="color:{_WARNING}">{pace}</b>'] if pace.startswith("slow") else [pace]
+    lines += [f'<b style="color:{WARNING}">{pace}</b>'] if pace.startswith("slow") else [pace]
     lines += _motion_lines(state)
     sentence = advice(state)
     if sentence:
-        lines.append(_sentence_html(sentence, _ALARM if stopped else _WARNING))
+        lines.append(_sentence_html(sentence, ALARM if stopped else WARNING))
     else:
         for name, text in (("guard", state.guard_text), ("pendant", state.pendant_text)):
             if text:
-                lines.append(f'<b style="color:{_WARNING}">{name}: {escape(text)}</b>')
+                lines.append(f'<b style="color:{WARNING}">{name}: {escape(text)}</b>')
     # The sentence states the reason of a stop.
     lines += [escape(text) for text in ("" if stopped else state.refusal, state.message) if text]
     return f"<div data-status>{small_html(lines + _device_lines(state))}</div>"
@@ -139,7 +138,7 @@ def _motion_lines(state: LiveState) -> list[str]:
     if state.moving:
         lines.append(f"{state.progress:.0%} of the motion, monitor speed {state.monitor_speed_in_force:.0%}")
     if state.colliding:
-        lines.append(f'<b style="color:{_ALARM}">collision: {escape(" - ".join(state.colliding))}</b>')
+        lines.append(f'<b style="color:{ALARM}">collision: {escape(" - ".join(state.colliding))}</b>')
     if state.nearest:
         first, second, distance = state.nearest
         lines.append(f"nearest: {escape(first)} - {escape(second)}, {1e3 * distance:.1f} mm")
@@ -161,7 +160,7 @@ def _device_lines(state: LiveState) -> list[str]:
 def _sentence_html(sentence: str, colour: str) -> str:
     return (
         f'<div role="alert" style="margin:0.3em 0;padding:0.4em 0.6em;border-left:4px solid {colour};'
-        f'background:{_FIELD[colour]};color:{colour};font-weight:600">{escape(sentence)}</div>'
+        f'background:{FIELDS[colour]};color:{colour};font-weight:600">{escape(sentence)}</div>'
     )
 
 
