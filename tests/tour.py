@@ -119,7 +119,6 @@ def moves(page: Any, host: Host, act: Callable[[], None]) -> None:
 
 def walk(page: Any, host: Host, shoot: Shoot = lambda _: None) -> None:
     """Walk the tour on a page that shows the workspace with `PART`; `shoot` gets the name of each picture."""
-    tab(page, "Joints")
     shoot("open")
     moves(page, host, lambda: fill(page, "joint 1, deg", 10))
 
@@ -131,8 +130,7 @@ def walk(page: Any, host: Host, shoot: Shoot = lambda _: None) -> None:
     choose(page, "axis", "sensor z")
     page.get_by_role("button", name="Hold to jog -").hover()
     page.mouse.down()
-    says(page, "guard:")
-    says(page, "emergency stop")
+    says(page, "The guard stopped the robot")
     page.mouse.up()
     shoot("stopped")
     press(page, "Reset after a stop")
@@ -167,6 +165,7 @@ def shown_frame(host: Host) -> CameraFrame:
 
 def go_over_the_part(page: Any, host: Host) -> None:
     """The third step."""
+    tab(page, "Move")
     tab(page, "Pose")
     for label, values in zip(("x, y, z, mm", "XYZ' angles, deg"), POSE, strict=True):
         for number, value in enumerate(values):

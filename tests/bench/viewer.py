@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _MOST = 200_000  # updates
-_CAMERAS = 2
+
 _FRAME_TIME = re.compile(r" points, (\d+\.\d+) s")  # of the text beside the images
 _POSES = ("SetPositionMessage", "SetOrientationMessage")
 
@@ -71,7 +71,7 @@ def _receive(place: str, nodes: str, count: Any, times: Any, size: Any, frame_co
     from websockets.typing import Subprotocol  # noqa: PLC0415
 
     unpack = zstandard.ZstdDecompressor()
-    frame_time, images = 0.0, 0  # of the text that came last, and images since
+    frame_time = 0.0  # of the text that came last
     with connect(place, max_size=None, subprotocols=[Subprotocol(f"viser-v{viser.__version__}")]) as socket:
         socket.send(msgspec.msgpack.encode(_CAMERA))  # makes this client one that has panels
         for message in socket:
@@ -83,13 +83,11 @@ def _receive(place: str, nodes: str, count: Any, times: Any, size: Any, frame_co
                 count.value += 1
             for update in (one["updates"] for one in content["messages"] if one["type"] == "GuiUpdateMessage"):
                 if text := _FRAME_TIME.search(str(update.get("content"))):
-                    frame_time, images = float(text[1]), 0
+                    frame_time = float(text[1])
                 elif isinstance(image := update.get("_data"), bytes):
                     assert cv2.imdecode(np.frombuffer(image, np.uint8), cv2.IMREAD_UNCHANGED) is not None
-                    images += 1
-                    if images == _CAMERAS:
-                        frames[2 * frame_count.value : 2 * frame_count.value + 2] = (time.monotonic(), frame_time)
-                        frame_count.value += 1
+                    frames[2 * frame_count.value : 2 * frame_count.value + 2] = (time.monotonic(), frame_time)
+                    frame_count.value += 1
             size.value += len(message)
 
 

@@ -38,11 +38,14 @@ class Gui:
         self.named: dict[str, Handle] = {}
         self.texts: list[Handle] = []
 
-    def add_button(self, name: str) -> Handle:
+    def add_button(self, name: str, **_: object) -> Handle:
         return self.named.setdefault(name, Handle())
 
     def add_dropdown(self, name: str, options: tuple[str, ...], initial_value: str | None = None) -> Handle:
         return self.named.setdefault(name, Handle(initial_value or options[0]))
+
+    def add_vector2(self, name: str, value: tuple[float, float], **_: object) -> Handle:
+        return self.named.setdefault(name, Handle(value))
 
     def add_progress_bar(self, value: float) -> Handle:
         return Handle(value)
@@ -60,13 +63,13 @@ def operator() -> Any:
         return act
 
     return SimpleNamespace(
-        callback=unchanged, operator_callback=unchanged, submit=lambda _: None, add_inputs=lambda _: None
+        callback=unchanged, operator_callback=unchanged, submit=lambda _: None, add_inputs=lambda *_, **__: None
     )
 
 
 @pytest.mark.parametrize("engine", ["geometric", "ray-traced"])
 def test_engine_of_a_scan_is_at_first_that_of_the_workspace(engine: Engine, tmp_path: Path) -> None:
-    cloud = SimpleNamespace(colour="part", legend="")
+    cloud = SimpleNamespace(colour="part", bar=None, limit=lambda: None)
     scans = Scans(SimpleNamespace(), cloud, None, tmp_path, engine)  # type: ignore[arg-type]
     gui, started = Gui(), []
     scans.start = started.append  # type: ignore[method-assign]

@@ -55,7 +55,7 @@ class Operator:
         self.nominal = SimpleNamespace(arm=arm, home=HOME)
         self.submit = self.submitted.append
 
-    def add_inputs(self, _handles: list[Any]) -> None:
+    def add_inputs(self, _handles: list[Any], _condition: Any) -> None:
         """All may be used."""
 
     def callback(self, act: Callable[[], None]) -> Callable[[], None]:

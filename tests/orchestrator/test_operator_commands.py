@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from scancell.browser.panels.conditions import OTHER_OPERATOR, can_end, can_jog, can_move
 from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.browser.server.operators import Operators
 from scancell.cell.controller import Operation
@@ -87,3 +88,45 @@ def test_browser_without_control_submits_nothing(rig: Rig) -> None:
     rig.commands.take_control()
     rig.enter(MOVE)
     assert rig.submitted == [MOVE]
+
+
+def test_inputs_that_cannot_work_are_disabled_and_their_hints_state_why(rig: Rig) -> None:
+    """Without its operator a browser may use the inputs that are for all."""
+    move, download, text = (SimpleNamespace(disabled=False, hint=hint) for hint in ("or the key J", None, None))
+    finished: list[str] = []
+    rig.commands.add_inputs([move], can_move)
+    rig.commands.add_inputs([download], lambda _: "" if finished else "there is no finished scan", by_all=True)
+    rig.commands.add_inputs([text])
+
+    def shown(**state: Any) -> list[tuple[bool, str | None]]:
+        rig.commands.enable_inputs(SimpleNamespace(**{"controller": "at rest", "job": None, **state}))
+        return [(handle.disabled, handle.hint) for handle in (move, download, text)]
+
+    missing = (True, "there is no finished scan")
+    assert shown() == [(False, "or the key J"), missing, (False, None)]
+    assert shown(job="pick.py")[0] == (True, "pick.py runs: end it first")
+    disabled, hint = shown(controller="emergency stop")[0]
+    assert disabled
+    assert hint is not None
+    assert "Reset after a stop" in hint
+    finished.append("scan")
+    assert shown() == [(False, "or the key J"), (False, None), (False, None)]
+    rig.operators.take(2)
+    assert shown() == [(True, OTHER_OPERATOR), (False, None), (True, OTHER_OPERATOR)]
+
+
+@pytest.mark.parametrize(
+    ("moving", "operation", "job", "jogs", "ends"),
+    [
+        (False, Operation.AUTOMATIC, None, True, False),
+        (True, Operation.AUTOMATIC, None, False, True),
+        (True, Operation.MANUAL, None, True, True),
+        (False, Operation.AUTOMATIC, "scan", False, True),
+    ],
+)
+def test_jogs_and_ends_of_motions_depend_on_the_state(
+    moving: bool, operation: Operation, job: str | None, jogs: bool, ends: bool
+) -> None:
+    state: Any = SimpleNamespace(controller="at rest", moving=moving, operation=operation, job=job)
+    assert (can_jog(state) == "") is jogs
+    assert (can_end(state) == "") is ends

@@ -88,7 +88,7 @@ class Rig:
 
     def __init__(self) -> None:
         self.made, self.scene, self.now = KnownPlans(), KnownScene(), 10.0
-        self.plans = Plans(self.made, self.scene, lambda: self.now)  # type: ignore[arg-type]
+        self.plans = Plans(self.made, self.scene, clock=lambda: self.now)  # type: ignore[arg-type]
 
     def open(self, paths: tuple[object, ...] = ()) -> None:
         self.made.plan = plan_of(paths)

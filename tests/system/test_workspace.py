@@ -18,6 +18,7 @@ from websockets.typing import Subprotocol
 
 from bench.workspace_messages import run
 from chromium import Watched, chromium
+from contrast import contrast, rgb
 from scancell import Scanner
 from scancell.browser.server.quiet import address
 from scancell.browser.server.serve import Host
@@ -41,6 +42,21 @@ def main(robot: Robot) -> None:
     robot.move_tool(location(450 * mm, 0, 260 * mm, rx=180 * deg))
     robot.move_line(location(450 * mm, 0, 95 * mm, rx=180 * deg))
 """
+# Names, text colours and backgrounds of a dimmed label, an active and an inactive tab, and filled and outlined buttons.
+_TEXT_COLOURS = """() => {
+  const find = (kind, text) => [...document.querySelectorAll(kind)].find((one) => one.innerText.trim() === text);
+  const behind = (one) => {
+    const colour = getComputedStyle(one).backgroundColor;
+    if (!/rgba\\(.*, 0\\)/.test(colour)) return colour;
+    return one.parentElement ? behind(one.parentElement) : "rgb(255, 255, 255)";
+  };
+  const wanted = [["label", "joint 1, deg"], ["[role=tab]", "Joints"], ["[role=tab]", "Pose"], ["button", "Stop"],
+    ["button", "Move to home position"], ["button", "follow"]];
+  return wanted.map(([kind, text]) => {
+    const one = find(kind, text);
+    return [text, getComputedStyle(one).color, behind(one)];
+  });
+}"""
 WAITS = 600.0  # s: only a hang takes longer, on a busy machine, too
 ABOVE_TABLE = location(450 * mm, 0, 260 * mm, rx=180 * deg)
 
@@ -163,6 +179,20 @@ def test_page_makes_no_request_beyond_its_address(opened: Opened) -> None:
     assert watched.errors == []
 
 
+def test_docked_panels_cover_nothing_of_the_picture(opened: Opened) -> None:
+    page = opened.page().page
+
+    def is_between() -> bool:
+        boxes = [canvas.bounding_box() for canvas in page.locator("canvas").all()]
+        picture = max((box for box in boxes if box is not None), key=lambda box: box["height"])
+        left, right = (page.get_by_role("tab", name=name).bounding_box() for name in ("Cameras", "Joints"))
+        return bool(left["x"] + left["width"] < picture["x"] and picture["x"] + picture["width"] <= right["x"])
+
+    waits(page, is_between, "the panels beside the picture")
+    for name, text, behind in page.evaluate(_TEXT_COLOURS):
+        assert contrast(rgb(text), rgb(behind)) >= 4.5, name
+
+
 def test_slider_moves_the_arm_and_a_reload_keeps_the_state(opened: Opened) -> None:
     page = opened.page().page
     fill(page, "joint 1, deg", 20.0)
@@ -212,8 +242,8 @@ def test_jog_into_the_table_is_warned_then_stopped(opened: Opened) -> None:
     page.mouse.down()
     opened.until(lambda state: state.moving, "the jog")
     opened.until(lambda state: state.pendant_beep and state.guard_text != "", "the warning")
-    page.locator("b", has_text="guard:").wait_for()
     stopped = opened.until(lambda state: not state.moving and state.controller == "emergency stop", "the stop")
+    page.get_by_role("alert").filter(has_text="The guard stopped the robot").wait_for()
     page.mouse.up()
     assert not any(state.colliding for state in opened.states)
     assert opened.nominal.world_from_sensor(stopped.joints)[2, 3] < ABOVE_TABLE[2, 3] - 1 * mm

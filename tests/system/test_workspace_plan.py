@@ -22,7 +22,7 @@ from scancell.browser.panels.playback import Playback
 from scancell.browser.server.workspace import WorkspaceSettings
 from scancell.planning.path_map.configuration_map import CLEARANCE, FREE, ConfigurationMap
 from spiral_cell import PART, spiral_setup
-from tour import hosted, waits
+from tour import hosted, tab, waits
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +77,8 @@ def click_map(page: Any, plans: Plans, place: tuple[float, float]) -> None:
 
 def test_map_is_clicked_the_robot_goes_there_and_the_plan_plays(opened: Opened) -> None:
     page, plans = opened.page().page, opened.workspace.plans
-    page.get_by_role("tab", name="Plan").click()
+    tab(page, "Scan")
+    page.get_by_text("Plan", exact=True).click()
     page.get_by_role("button", name="Plan the scan").click()
     waits(page, lambda: plans.map is not None and plans.state.stage == "ready", "the plan")
     page.locator("[data-map]").wait_for()
@@ -137,7 +138,7 @@ def test_run_is_opened_and_left_and_the_session_is_recorded(opened: Opened, tmp_
     page.get_by_role("tab", name="File").click()
     entry(page, "Record (MCAP)").check()
     page.get_by_text("recording: ").wait_for()
-    page.get_by_role("tab", name="Joints").click()
+    tab(page, "Move")
     fill(page, "joint 1, deg", 5.0)
     opened.until(lambda state: abs(state.joints[0] - np.radians(5.0)) < 1e-6, "joint 1 at 5 deg")
     page.get_by_role("tab", name="File").click()

@@ -118,6 +118,8 @@ class GripperMode(IntEnum):
     FORCE = 2
 
 
+GUARD_TOO_OLD = "the last message of the guard is too old: reset the controller when it sends again"
+
 _REFUSALS = {
     1: "the cell is in manual operation, which runs no programs: change to automatic operation first",
     2: "the cell is in automatic operation, which has no jogging: change to manual operation first",
@@ -129,7 +131,7 @@ _REFUSALS = {
     8: "the program cannot be read, or has no such segment",
     9: "{axis} is not where the segment starts",
     10: "the segment moves {axis} faster than its limits of speed and acceleration allow",
-    11: "the last message of the guard is too old: reset the controller when it sends again",
+    11: GUARD_TOO_OLD,
 }
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
+from scancell.browser.panels.conditions import can_move
 from scancell.browser.panels.handles import Follower
 from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.cell.controller import Operation
@@ -26,7 +27,8 @@ class CellPanel:
         self._shown_monitor = Follower(self._monitor)
         self._operation.on_update(operator.callback(self._set_operation))
         self._monitor.on_update(operator.callback(lambda: operator.submit(SetMonitorSpeed(self._monitor.value / 100))))
-        operator.add_inputs([self._operation, self._monitor])
+        operator.add_inputs([self._operation], can_move)
+        operator.add_inputs([self._monitor])
         if state.gripper_width is not None:
             self._add_gripper(gui, state.gripper_width)
         for number, (speed, _) in enumerate(state.conveyors, start=1):
@@ -34,7 +36,7 @@ class CellPanel:
                 f"conveyor {number}, mm/s", -_MOST_SPEED_MM, _MOST_SPEED_MM, 1.0, round(1e3 * speed)
             )
             slider.on_update(operator.callback(partial(self._run_conveyor, number, slider)))
-            operator.add_inputs([slider])
+            operator.add_inputs([slider], can_move)
         self.show(state)
 
     def show(self, state: LiveState) -> None:
@@ -52,7 +54,8 @@ class CellPanel:
         opened, closed = gui.add_button("Open the gripper"), gui.add_button("Close the gripper")
         opened.on_click(self._operator.callback(lambda: self._operator.submit(OpenGripper(1e-3 * self._width.value))))
         closed.on_click(self._operator.callback(lambda: self._operator.submit(CloseGripper(self._force.value))))
-        self._operator.add_inputs([self._width, self._force, opened, closed])
+        self._operator.add_inputs([self._width, self._force])
+        self._operator.add_inputs([opened, closed], can_move)
 
     def _run_conveyor(self, conveyor: int, slider: Any) -> None:
         self._operator.submit(RunConveyor(conveyor, 1e-3 * slider.value))

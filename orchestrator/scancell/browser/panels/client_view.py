@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
+from scancell.browser.panels.camera_panel import CameraPanel
 from scancell.browser.panels.cell_panel import CellPanel
 from scancell.browser.panels.file_panel import FilePanel, Opener
 from scancell.browser.panels.handles import set_changed
@@ -21,6 +22,8 @@ from scancell.browser.panels.recording import SessionRecording
 from scancell.browser.panels.scan_panel import ScanPanel
 from scancell.browser.panels.scans import Scans
 from scancell.browser.panels.sensor_panel import SensorPanel
+from scancell.browser.panels.view_panel import ViewPanel
+from scancell.browser.scene.scene import CellScene
 from scancell.config.sensor import SensorDescription
 from scancell.live.camera import CameraFeed
 from scancell.live.commands import Reset
@@ -41,6 +44,7 @@ class Panel(Protocol):
 class Shared:
     """Objects that all browsers share; `program` is None if the workspace was started without one."""
 
+    scene: CellScene
     plans: Plans
     scans: Scans
     feed: CameraFeed
@@ -53,7 +57,7 @@ class Shared:
 class ClientView:
     """Shows the cell's state in one browser, whose inputs work while it is the operator.
 
-    It keeps no state that a reload of the page would lose.
+    Apart from its viewpoint it keeps no state that a reload of the page would lose.
     """
 
     def __init__(
@@ -62,6 +66,7 @@ class ClientView:
         operator: OperatorCommands,
         shared: Shared,
         state: LiveState,
+        is_wide: bool,
     ) -> None:
         gui, self._operator = client.gui, operator
         self._take = gui.add_button("Take control", hint="another browser controls the cell", visible=False, order=-5)
@@ -73,33 +78,42 @@ class ClientView:
         operator.add_inputs([self._reset])
         tabs = gui.add_tab_group(order=0)
         self._panels: list[Panel] = []
-        with tabs.add_tab("Joints"):
+        with tabs.add_tab("Move"):
+            motions = gui.add_tab_group()
+        with motions.add_tab("Joints"):
             self._panels.append(JointPanel(gui, operator, state))
-        with tabs.add_tab("Pose"):
+        with motions.add_tab("Pose"):
             self._panels.append(PosePanel(gui, client.scene, operator, state))
-        with tabs.add_tab("Jog"):
+        with motions.add_tab("Jog"):
             self._panels.append(JogPanel(gui, operator, state))
-        with tabs.add_tab("Cell"):
+        with motions.add_tab("Cell"):
             self._panels.append(CellPanel(gui, operator, state))
         with tabs.add_tab("Sensor"):
             self._panels.append(SensorPanel(gui, operator, shared.feed, shared.sensor))
-        with tabs.add_tab("Plan"):
-            self._panels.append(PlanPanel(gui, operator, shared.plans))
         with tabs.add_tab("Scan"):
             self._panels.append(ScanPanel(gui, operator, shared.scans))
+            with gui.add_folder("Plan", expand_by_default=False):
+                self._panels.append(PlanPanel(gui, operator, shared.plans))
         if shared.program is not None:
             with tabs.add_tab("Program"):
                 self._panels.append(ProgramPanel(gui, operator, shared.program))
         with tabs.add_tab("File"):
             self._panels.append(FilePanel(gui, operator, shared.opener, shared.recording))
+        self._cameras = CameraPanel(gui, shared.feed, shared.sensor, is_wide)
+        self._view = ViewPanel(gui, client.camera, operator, shared.scene)
         self._said: dict[Panel, str] = {}
         self.show(state)
+
+    def show_pictures(self) -> None:
+        """Show a new camera frame, and follow the sensor; called as often as the scene is updated."""
+        self._cameras.show()
+        self._view.update()
 
     def show(self, state: LiveState) -> None:
         """Show a state."""
         set_changed(self._take, "visible", not self._operator.is_operator)
         set_changed(self._reset, "visible", state.controller == "emergency stop")
-        self._operator.enable_inputs()
+        self._operator.enable_inputs(state)
         for panel in self._panels:
             failures: list[str] = []
             report_errors(partial(panel.show, state), failures.append)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from html import escape
 from typing import Any
 
 
@@ -34,3 +35,8 @@ def small_html(lines: Iterable[str]) -> str:
     return (
         f'<div style="padding:0 0.75em 0.4em;font-size:0.85em;line-height:1.4">{"<br>".join(filter(None, lines))}</div>'
     )
+
+
+def run_once(script: str) -> str:
+    """HTML that runs a script in the page: the element's empty picture fails to load, without any request."""
+    return f'<img src="data:," alt="" style="display:none" onerror="{escape(script)}">'

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from scancell.browser.panels.conditions import can_jog
 from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.cell.controller import JogFrame
 from scancell.live.commands import JogJoints, JogSensor
@@ -37,7 +38,8 @@ class JogPanel:
             button.on_hold(operator.callback(self._jog(sign)), callback_hz=_RATE)
         for key, name in zip("123456789", self._axes, strict=False):
             gui.add_command(f"Choose {name}", hotkey=key).on_trigger(operator.callback(self._choose(name)))
-        operator.add_inputs([self._axis, self._frame, self._deflection, minus, plus])
+        operator.add_inputs([self._axis, self._frame, self._deflection])
+        operator.add_inputs([minus, plus], can_jog)
 
     def show(self, state: LiveState) -> None:
         """Do nothing: no input depends on the state."""

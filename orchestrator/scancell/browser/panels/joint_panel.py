@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from scancell.browser.panels.conditions import can_move
 from scancell.browser.panels.debounce import Debounce
 from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.live.commands import MoveJoints
@@ -33,7 +34,7 @@ class JointPanel:
         for slider in self._sliders:
             slider.on_update(operator.callback(self._debounce.change))
         home.on_click(operator.callback(self._move_home))
-        operator.add_inputs([*self._sliders, self._speed, home])
+        operator.add_inputs([*self._sliders, self._speed, home], can_move)
 
     def show(self, state: LiveState) -> None:
         """Show a state, and move to the values of released sliders."""

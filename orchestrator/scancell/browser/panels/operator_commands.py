@@ -9,18 +9,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.browser.panels.conditions import OTHER_OPERATOR, always
+from scancell.browser.panels.handles import set_changed
 from scancell.browser.panels.messages import SHOWN, report_errors, show_message
 from scancell.browser.server.operators import Operators
 from scancell.cell.controller import Tool
 from scancell.errors import CommandError
 from scancell.live.cell import LiveCell
 from scancell.live.commands import Command, SetOperation
+from scancell.live.state import LiveState
 from scancell.scanning.session import ScanSession
 
 if TYPE_CHECKING:
     import viser
 
 Array = NDArray[np.float64]
+Condition = Callable[[LiveState], str]  # reason why an input cannot work now; empty if it can
 
 _RENDER_TIMEOUT = 60.0  # s, within which a browser renders a picture
 
@@ -55,7 +59,7 @@ class OperatorCommands:
     ) -> None:
         self._client, self._operators, self._live, self._session = client, operators, live, session
         self._clock = clock
-        self._inputs: list[Any] = []
+        self._inputs: list[tuple[Any, str | None, Condition, bool]] = []
         self._last_message, self._message_ends = "", 0.0
         self.nominal = session.nominal
 
@@ -96,7 +100,7 @@ class OperatorCommands:
         if self.is_operator:
             act()
         else:
-            self.show_message("Another browser controls the cell: take control first")
+            self.show_message(OTHER_OPERATOR)
 
     def send_file(self, name: str, content: bytes) -> None:
         """Let the browser download a file."""
@@ -135,15 +139,16 @@ class OperatorCommands:
 
     # For panels
 
-    def add_inputs(self, handles: Iterable[Any]) -> None:
-        """Add inputs that only the operator may use."""
-        self._inputs += handles
+    def add_inputs(self, handles: Iterable[Any], condition: Condition = always, by_all: bool = False) -> None:
+        """Add inputs with the condition for their use; `by_all`: every browser may use them, not the operator alone."""
+        self._inputs += [(handle, handle.hint, condition, by_all) for handle in handles]
 
-    def enable_inputs(self) -> None:
-        """Enable the inputs if this browser is the operator, else disable them."""
-        for handle in self._inputs:
-            if handle.disabled == self.is_operator:
-                handle.disabled = not self.is_operator
+    def enable_inputs(self, state: LiveState) -> None:
+        """Enable the inputs that can work now; the hint of a disabled one states the reason."""
+        for handle, hint, condition, by_all in self._inputs:
+            reason = condition(state) if by_all or self.is_operator else OTHER_OPERATOR
+            set_changed(handle, "disabled", reason != "")
+            set_changed(handle, "hint", reason or hint)
 
     def callback(self, act: Callable[[], object]) -> Callable[[Any], None]:
         """Callback of viser that calls `act` on input of the user and reports errors."""

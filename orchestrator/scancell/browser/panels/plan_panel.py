@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from scancell.browser.panels.conditions import can_end, can_move
 from scancell.browser.panels.handles import Follower, set_changed
 from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.browser.panels.plan_view import ALONG, ANGLE, map_html, pose_html, segments_html, state_html
@@ -45,7 +46,10 @@ class PlanPanel:
 
     def _connect(self) -> None:
         operator, plans = self._operator, self._plans
-        operator.add_inputs([self._make, *self._of_map, *self._of_plan])
+        operator.add_inputs([*self._of_map, self._segment, self._time, self._play, self._hide])
+        operator.add_inputs([self._make], lambda _: plans.hindrance)
+        operator.add_inputs([self._go], lambda state: plans.unselected or can_move(state))
+        operator.add_inputs([self._end], can_end)
         self._make.on_click(operator.operator_callback(plans.start))
         self._path.on_update(operator.operator_callback(lambda: plans.choose_map(self._number(self._path))))
         self._branch.on_update(

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from scancell.browser.panels.colours import ALARM, CALM, DIMMED, MARKED
 from scancell.live.plan import LivePlanState, MapPose
 from scancell.output.map_picture import map_legend, map_pixels, motion_lines
 from scancell.planning.path_map.configuration_map import ConfigurationMap
@@ -25,7 +26,6 @@ _SEGMENTS = 7  # shown at a time: a scrolled list would jump back at every chang
 _NUMBER = "padding-right:0.5em;vertical-align:top"
 _ONE_LINE = "max-width:0;width:100%;overflow:hidden;text-overflow:ellipsis;white-space:nowrap"
 _RIGHT = "text-align:right;white-space:nowrap;padding-left:0.6em;vertical-align:top"
-_BAD, _GOOD = "#c62828", "#2f7d32"
 _TEXT = "padding:0 0.75em 0.4em;font-size:0.85em;line-height:1.4"
 _CLICK = (
     Path(__file__).with_name("map.js").read_text(encoding="utf-8").replace("@ALONG@", ALONG).replace("@ANGLE@", ANGLE)
@@ -59,7 +59,7 @@ def map_html(map_: ConfigurationMap, motion: NDArray[np.float64] | None, picked:
 
 def pose_html(picked: MapPose) -> str:
     """Quality of a pose of the map, or the reason why it is forbidden."""
-    colour = _BAD if picked.reason else _GOOD
+    colour = ALARM if picked.reason else CALM
     verdict = f"forbidden: {picked.reason}" if picked.reason else f"free, quality {picked.quality:.2f}"
     where = f"{100 * picked.share:.1f} % of the way, table at {np.degrees(picked.angle):.0f}°"
     return f'<div style="{_TEXT}">{where}<br><b style="color:{colour}">{escape(verdict)}</b></div>'
@@ -72,7 +72,7 @@ def state_html(state: LivePlanState, plan: Plan | None) -> str:
         what = "planning" if state.stage == "planning" else f"evaluating the map, {state.share:.0%}"
         lines.append(f"<b>{what}</b>, {state.seconds:.0f} s")
     if state.error:
-        lines.append(f'<b style="color:{_BAD}">{escape(state.error)}</b>')
+        lines.append(f'<b style="color:{ALARM}">{escape(state.error)}</b>')
     if plan is not None:
         count, program = len(plan.segment), plan.program
         lines.append(f"{count} exposures in {len(program.segments)} segments, {program.duration:.1f} s of motion")
@@ -88,7 +88,7 @@ def segments_html(plan: Plan, now: int) -> str:
     exposures = dict(zip(*(values.tolist() for values in np.unique(plan.segment, return_counts=True)), strict=True))
     first = max(0, min(now - most // 2, len(segments) - most))
     rows = [
-        f'<tr style="{"background:#cfe2ff" if number == now + 1 else ""}"><td style="{_NUMBER}">{number}</td>'
+        f'<tr style="{f"background:{MARKED}" if number == now + 1 else ""}"><td style="{_NUMBER}">{number}</td>'
         f'<td style="{"" if number == now + 1 else _ONE_LINE}" title="{escape(item.name)}">{escape(item.name)}</td>'
         f'<td style="{_RIGHT}">{item.times[-1]:.1f}</td>'
         f'<td style="{_RIGHT}">{exposures.get(item.id, "-")}</td></tr>'
@@ -96,7 +96,7 @@ def segments_html(plan: Plan, now: int) -> str:
     ]
     more = f"segments {first + 1} to {first + len(rows)} of {len(segments)}" if len(rows) < len(segments) else ""
     return (
-        f'<div style="{_TEXT}"><table style="width:100%;border-spacing:0"><thead><tr style="color:#7d8590"><td></td>'
+        f'<div style="{_TEXT}"><table style="width:100%;border-spacing:0"><thead><tr style="color:{DIMMED}"><td></td>'
         f'<td>segment</td><td style="{_RIGHT}">time, s</td><td style="{_RIGHT}">exposures</td></tr></thead>'
         f"<tbody>{''.join(rows)}</tbody></table>{more}</div>"
     )

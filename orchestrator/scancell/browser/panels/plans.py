@@ -28,6 +28,8 @@ class Plans:
         Makes plans, and moves the robot.
     scene
         Shows the ghost.
+    has_part
+        Whether something stands on the table.
     clock
         s.
 
@@ -41,8 +43,10 @@ class Plans:
         Of the program, s.
     """
 
-    def __init__(self, plans: LivePlan, scene: CellScene, clock: Callable[[], float] = monotonic) -> None:
-        self._plans, self._scene, self._clock = plans, scene, clock
+    def __init__(
+        self, plans: LivePlan, scene: CellScene, has_part: bool = True, clock: Callable[[], float] = monotonic
+    ) -> None:
+        self._plans, self._scene, self._has_part, self._clock = plans, scene, has_part, clock
         self._lock = RLock()
         self._plan: Plan | None = None
         self._motion: ProgramMotion | None = None
@@ -57,6 +61,13 @@ class Plans:
     def state(self) -> LivePlanState:
         """Progress of the plan."""
         return self._plans.state
+
+    @property
+    def hindrance(self) -> str:
+        """Reason why no plan can be made now; empty if one can."""
+        if not self._has_part:
+            return "the table is empty: open a part first"
+        return "a plan is being made: wait for it" if self.state.stage in ("planning", "evaluating") else ""
 
     @property
     def plan(self) -> Plan | None:
@@ -137,10 +148,17 @@ class Plans:
         """
         with self._lock:
             self._playing = False
-            axes, what, picked = self._axes, self._what, self._picked
+            axes, what = self._axes, self._what
         if axes is None:
-            raise CommandError(picked.reason if picked is not None else "choose a pose of the plan first")
+            raise CommandError(self.unselected)
         self._plans.go_to(axes, what)
+
+    @property
+    def unselected(self) -> str:
+        """Reason why no pose is selected to which the robot could move; empty if one is."""
+        if self._axes is not None:
+            return ""
+        return self._picked.reason if self._picked is not None else "choose a pose of the plan first"
 
     def update(self) -> None:
         """Show a new plan, and advance the playback; one thread calls this periodically."""

@@ -63,6 +63,7 @@ class Playback:
         self.scene = CellScene(server, run.cell, run.setup.sensor, run.setup.cell)
         motion, gui = run.motion, server.gui
         gui.set_panel_label(f"scancell: {run.name}")
+        gui.main_panel.dock_right()
         if back is not None:
             gui.add_button("Back to the cell").on_click(
                 lambda event: report_errors(back, partial(show_message, event.client))
@@ -89,7 +90,7 @@ class Playback:
             self.advance(now - before)
             before = now
 
-    def join(self, client: viser.ClientHandle) -> None:
+    def join(self, client: viser.ClientHandle, is_wide: bool) -> None:
         """Do nothing: all browsers share one panel."""
 
     def leave(self, client: viser.ClientHandle) -> None:

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.browser.panels.colours import ALARM, CALM
+from scancell.browser.panels.conditions import can_move
 from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.errors import CommandError
 from scancell.geometry import pose
@@ -18,7 +20,6 @@ Array = NDArray[np.float64]
 
 _NEAREST = "nearest to the present one"
 _BASE, _TABLE, _TOOL = "base", "table", "tool"
-_UNREACHABLE, _REACHABLE = "#d03030", "#2f7d32"
 
 
 class PosePanel:
@@ -46,7 +47,8 @@ class PosePanel:
             handle.on_update(operator.callback(lambda: self._judge(self._typed_pose())))
         self._gizmo.on_update(lambda event: operator.callback(lambda: self._drag(event.phase))(event))
         inputs = (self._tool, self._relative_to, self._position, self._angles, self._configuration, self._straight)
-        operator.add_inputs([*inputs, self._speed, move, here, self._dragged])
+        operator.add_inputs([*inputs, self._speed, here])
+        operator.add_inputs([move, self._dragged], can_move)
         self._read()
 
     def show(self, state: LiveState) -> None:
@@ -94,9 +96,9 @@ class PosePanel:
         try:
             self._joints(target)
         except CommandError as error:
-            self._verdict.content = _coloured(_UNREACHABLE, str(error))
+            self._verdict.content = _coloured(ALARM, str(error))
             return False
-        self._verdict.content = _coloured(_REACHABLE, "within reach and joint limits")
+        self._verdict.content = _coloured(CALM, "within reach and joint limits")
         return True
 
     def _move(self, target: Array) -> None:

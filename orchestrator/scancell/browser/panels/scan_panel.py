@@ -7,6 +7,8 @@ from html import escape
 from pathlib import Path
 from typing import Any, get_args
 
+from scancell.browser.panels.colour_bar import colour_bar_html
+from scancell.browser.panels.conditions import can_end, can_move
 from scancell.browser.panels.handles import Follower, set_changed, small_html
 from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.browser.panels.scans import Scans
@@ -28,17 +30,27 @@ class ScanPanel:
         self._text = gui.add_html("")
         self._colour = gui.add_dropdown("colours show", LIVE_COLOURS)
         self._shown_colour = Follower(self._colour)
+        self._bar = gui.add_html("")
+        self._limits = gui.add_vector2("limits of the colours", (0.0, 1.0), visible=False)
+        self._shown_limits = Follower(self._limits)
+        self._automatic = gui.add_button("Automatic limits", visible=False)
         save, download = gui.add_button("Save the run folder"), gui.add_button("Download the cloud (PLY)")
         start.on_click(operator.operator_callback(lambda: scans.start(self._engine.value)))
         cancel.on_click(operator.callback(lambda: operator.submit(Cancel())))
         self._colour.on_update(operator.callback(lambda: scans.cloud.colour_by(self._colour.value)))
+        self._limits.on_update(operator.callback(lambda: scans.cloud.limit(*self._limits.value)))
+        self._automatic.on_click(operator.callback(scans.cloud.limit))
         save.on_click(operator.operator_callback(lambda: operator.show_message(f"saved: {scans.save()}")))
         download.on_click(operator.callback(self._download))
-        operator.add_inputs([self._engine, start, cancel, self._colour, save])
+        operator.add_inputs([self._engine, self._colour, self._limits, self._automatic])
+        operator.add_inputs([start], lambda state: scans.hindrance or can_move(state))
+        operator.add_inputs([cancel], can_end)
+        operator.add_inputs([save], lambda _: scans.lack)
+        operator.add_inputs([download], lambda _: scans.lack, by_all=True)
 
     def show(self, state: LiveState) -> None:
         """Show the progress of the scan."""
-        self._shown_colour.show(self._scans.cloud.colour)
+        self._show_colours()
         scan = self._scans.state
         if scan is None:
             return
@@ -47,11 +59,19 @@ class ScanPanel:
         lines = [
             f"<b>{scan.stage}</b>",
             f"{scan.sensed} of {scan.planned} profiles, {scan.points} points",
-            escape(self._scans.cloud.legend),
             escape(scan.ended_by),
             escape(self._scans.error),
         ]
         set_changed(self._text, "content", small_html(lines))
+
+    def _show_colours(self) -> None:
+        self._shown_colour.show(self._scans.cloud.colour)
+        bar = self._scans.cloud.bar
+        set_changed(self._bar, "content", "" if bar is None else colour_bar_html(bar))
+        for handle in (self._limits, self._automatic):
+            set_changed(handle, "visible", bar is not None)
+        if bar is not None:
+            self._shown_limits.show(tuple(round(value, 3) for value in bar.limits))
 
     def _download(self) -> None:
         cloud = self._scans.result.cloud

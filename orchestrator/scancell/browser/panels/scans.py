@@ -74,9 +74,24 @@ class Scans:
         CommandError
             If no scan has finished.
         """
-        if self._scan is None or not self._scan.result.done() or self.error:
-            raise CommandError("there is no finished scan")
+        if self.lack or self._scan is None:
+            raise CommandError(self.lack)
         return self._scan.result.result()
+
+    @property
+    def lack(self) -> str:
+        """Reason why there is no `result`; empty if there is one."""
+        finished = self._scan is not None and self._scan.result.done() and not self.error
+        return "" if finished else "there is no finished scan"
+
+    @property
+    def hindrance(self) -> str:
+        """Reason why no scan can start; empty if one can."""
+        if self._part is None:
+            return "the table is empty: open a part first"
+        if self._scan is not None and not self._scan.result.done():
+            return "a scan is running: end it first"
+        return ""
 
     def start(self, engine: Engine) -> None:
         """Plan and run the scan of the descriptions.
@@ -87,10 +102,8 @@ class Scans:
             If the table is empty, or a scan runs.
         """
         with self._lock:
-            if self._part is None:
-                raise CommandError("the table is empty: open a part first")
-            if self._scan is not None and not self._scan.result.done():
-                raise CommandError("a scan is running: end it first")
+            if self.hindrance:
+                raise CommandError(self.hindrance)
             self.cloud.clear()
             scan = LiveScan(engine, on_points=lambda chunk: self._add(scan, chunk))
             self._scan = scan

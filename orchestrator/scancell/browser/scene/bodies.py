@@ -38,6 +38,11 @@ class MovedNodes:
         self.nodes = dict(nodes)
         self._sent = np.full((len(self.nodes), 4, 4), np.inf)
 
+    @property
+    def poses(self) -> Mapping[str, Array]:
+        """Poses (4, 4) that were sent, by name."""
+        return dict(zip(self.nodes, self._sent, strict=True))
+
     def move(self, world: Array) -> None:
         """Put the nodes at poses ``world_from_node`` (n, 4, 4)."""
         moved = np.flatnonzero(np.abs(world - self._sent).max((1, 2)) > _STILL)
@@ -94,6 +99,11 @@ class BodyNodes:
     def move(self, frames: Mapping[str, Array]) -> None:
         """Put frames at poses ``world_from_frame`` (4, 4)."""
         self._frames.move(np.stack([frames[name] for name in self.names]))
+
+    @property
+    def poses(self) -> Mapping[str, Array]:
+        """Poses ``world_from_frame`` (4, 4) of the frames as they are shown."""
+        return self._frames.poses
 
     def position(self, frame: str) -> Array:
         """Where a frame is shown (3,), m."""

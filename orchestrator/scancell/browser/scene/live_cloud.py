@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from threading import RLock
 from typing import Literal, get_args
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.browser.scene.scene import CellScene
+from scancell.errors import DescriptionError
 from scancell.live.scan import LiveChunk
 from scancell.output.deviation_picture import colour_limit_um
 from scancell.views.coloured_cloud import colour_scale
@@ -19,13 +21,36 @@ LIVE_COLOURS: tuple[LiveColour, ...] = get_args(LiveColour)
 Colours = NDArray[np.uint8]
 
 _CAMERAS = np.array([(220, 120, 40), (40, 120, 210), (60, 160, 80), (160, 70, 170)], np.uint8)
+_INTERVALS = 48  # of the histogram
 _SIZE = 1.2  # of a point, in mean distances between points
 
 
-class LiveCloud:
-    """Adds chunks of a scan to a scene, where each is sent once; another colour sends them again.
+@dataclass(frozen=True, eq=False)
+class ColourBar:
+    """Meaning of the colours of a cloud.
 
-    The limits of the colours are those of the first chunk. Any thread may call.
+    Attributes
+    ----------
+    title
+        Value that the colours show, and its unit.
+    limits
+        Values of the first and the last colour.
+    colours
+        (n, 3) from the first to the last, 0 to 255.
+    counts
+        (intervals,) number of points in equal intervals between the limits; values beyond are in the outer ones.
+    """
+
+    title: str
+    limits: tuple[float, float]
+    colours: NDArray[np.float64]
+    counts: NDArray[np.int64]
+
+
+class LiveCloud:
+    """Adds chunks of a scan to a scene, where each is sent once; other colours or limits send them again.
+
+    The limits of the colours are those of the first chunk until `limit` changes them. Any thread may call.
     """
 
     def __init__(self, scene: CellScene) -> None:
@@ -33,6 +58,7 @@ class LiveCloud:
         self._chunks: list[LiveChunk] = []
         self._colour: LiveColour = "deviation"
         self._limits: dict[LiveColour, tuple[float, float]] = {}
+        self._counts = np.zeros(_INTERVALS, np.int64)
         self._size = 1e-3
 
     @property
@@ -50,6 +76,7 @@ class LiveCloud:
         with self._lock:
             self._scene.clear_points()
             self._chunks, self._limits = [], {}
+            self._counts[:] = 0
 
     def add(self, chunk: LiveChunk, spacing: float) -> None:
         """Show more points; `spacing` is the mean distance between neighbours in the complete cloud, m."""
@@ -63,30 +90,58 @@ class LiveCloud:
         """Show other colours."""
         with self._lock:
             self._colour = colour
-            self._scene.clear_points()
-            for chunk in self._chunks:
-                self._show(chunk)
+            self._show_again()
+
+    def limit(self, low: float | None = None, high: float | None = None) -> None:
+        """Change the limits of the present colours; None: those of the first chunk.
+
+        Raises
+        ------
+        DescriptionError
+            If `low` is not less than `high`.
+        """
+        with self._lock:
+            if not self._chunks or self._colour == "camera":
+                return
+            first = _limits(self._chunks[0])[self._colour]
+            limits = first if low is None or high is None else (low, high)
+            if not limits[0] < limits[1]:
+                raise DescriptionError(key="limits", value=f"{limits[0]:g} to {limits[1]:g}", expected="first < second")
+            self._limits[self._colour] = limits
+            self._show_again()
 
     @property
-    def legend(self) -> str:
-        """What the colours mean."""
-        if self._colour == "camera" or self._colour not in self._limits:
-            return self._colour
-        low, high = self._limits[self._colour]
-        unit = {"deviation": " µm", "intensity": " DN"}.get(self._colour, "")
-        return f"{self._colour}, {low:.3g} to {high:.3g}{unit}"
+    def bar(self) -> ColourBar | None:
+        """Meaning of the colours; None without points, and where colours distinguish cameras."""
+        with self._lock:
+            if self._colour not in self._limits or self._colour == "camera":
+                return None
+            unit = {"deviation": ", µm", "intensity": ", DN"}.get(self._colour, "")
+            counts = self._counts.copy()
+            return ColourBar(f"{self._colour}{unit}", self._limits[self._colour], self._scale(), counts)
+
+    def _show_again(self) -> None:
+        self._scene.clear_points()
+        self._counts[:] = 0
+        for chunk in self._chunks:
+            self._show(chunk)
 
     def _show(self, chunk: LiveChunk) -> None:
         self._scene.add_points(chunk.points_in_part, self._colours(chunk), self._size)
 
+    def _scale(self) -> NDArray[np.float64]:
+        return colour_scale("deviation" if self._colour == "deviation" else "intensity")
+
     def _colours(self, chunk: LiveChunk) -> Colours:
+        """Colours (n, 3) of a chunk, whose values are counted."""
         if self._colour == "camera":
             return _CAMERAS[np.asarray(chunk.camera) % len(_CAMERAS)]
-        scale = colour_scale("deviation" if self._colour == "deviation" else "intensity")
+        scale = self._scale()
         low, high = self._limits[self._colour]
-        share = np.clip((_values(chunk, self._colour) - low) / (high - low), 0.0, 1.0)
-        place = np.nan_to_num(share * (len(scale) - 1)).astype(np.int64)
-        return np.asarray(scale[place], np.uint8)
+        share = np.nan_to_num(np.clip((_values(chunk, self._colour) - low) / (high - low), 0.0, 1.0))
+        interval = np.minimum((share * _INTERVALS).astype(np.int64), _INTERVALS - 1)
+        self._counts += np.bincount(interval, minlength=_INTERVALS)
+        return np.asarray(scale[(share * (len(scale) - 1)).astype(np.int64)], np.uint8)
 
 
 def _values(chunk: LiveChunk, colour: LiveColour) -> NDArray[np.float64]:

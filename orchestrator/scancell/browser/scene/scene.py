@@ -18,13 +18,12 @@ from scancell.browser.scene.pairs import PairView
 from scancell.browser.scene.sensor_view import SensorView
 from scancell.browser.scene.surfaces import drawn_mesh
 from scancell.browser.scene.trace import Trace
+from scancell.browser.scene.viewpoints import ViewName, Viewpoint, placed, viewpoint
 from scancell.cell.sensing import collision_meshes
 from scancell.config.cell import CellDescription
 from scancell.config.sensor import SensorDescription
-from scancell.geometry import pose
 from scancell.live.state import LiveState
 from scancell.nominal.cell import NominalCell
-from scancell.views.camera import framing
 from scancell.views.shading import SUN
 
 if TYPE_CHECKING:
@@ -33,8 +32,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-_AZIMUTH, _ELEVATION = -38.0, 24.0  # deg, of the first view
-_SCREEN = (760, 800)  # px, which the first view is fitted to: what panels leave of a small window
+_ASPECT = 0.78  # of the first picture: what panels leave of a window of 1280 x 720 px
 _HALL, _SUN = 0.38, 1.5  # intensities
 _GRID = 0.1  # m between lines on the floor
 
@@ -93,9 +91,11 @@ class CellScene:
         self._carried = {name: carried.get(name) for name in self._bodies.names if name != "world"}
         self.options = SceneOptions(self._apply_options)
         frames = {name: np.asarray(world) for name, world in cell.frame_poses(cell.home, np.array(0.0)).items()}
-        self._look_at(frames)
+        self._add_floor(frames)
         self._apply_options()
         self.move(frames)
+        camera, first = server.initial_camera, self.viewpoint("cell", _ASPECT)
+        camera.position, camera.look_at, camera.fov = tuple(first.position), tuple(first.look_at), first.fov
 
     def show(self, state: LiveState) -> None:
         """Show the true state of a running cell."""
@@ -136,6 +136,11 @@ class CellScene:
     def position(self, frame: str) -> Array:
         """Where a frame is shown (3,), m."""
         return self._bodies.position(frame)
+
+    def viewpoint(self, view: ViewName, aspect: float) -> Viewpoint:
+        """Viewpoint that has the bodies of a view in a picture of a width over height, see `viewpoint`."""
+        with self._lock:
+            return viewpoint(view, self._cell.bodies, self._bodies.poses, aspect)
 
     @property
     def ghosts(self) -> tuple[str, ...]:
@@ -217,17 +222,9 @@ class CellScene:
             self._devices.show(options.devices)
             self._show_ghost()
 
-    def _look_at(self, frames: Mapping[str, Array]) -> None:
-        """Floor, and a first view of the whole cell from its front."""
-        bodies = self._cell.bodies
-        points = [pose.transform_points(frames[body.moves_with], body.mesh.vertices) for body in bodies]
-        placed = np.concatenate([one[:: max(1, len(one) // 200)] for one in points])
-        middle = (placed.min(0) + placed.max(0)) / 2
-        view = framing(placed, _AZIMUTH, _ELEVATION, _SCREEN)
-        camera = self._server.initial_camera
-        camera.position = tuple(view.centre)
-        camera.look_at = tuple(view.centre + np.linalg.norm(middle - view.centre) * view.world_from_camera[:3, 2])
-        camera.fov = float(2 * np.arctan(_SCREEN[1] / 2 / view.focal_px))
+    def _add_floor(self, frames: Mapping[str, Array]) -> None:
+        points = placed(self._cell.bodies, frames)
+        middle = (points.min(0) + points.max(0)) / 2
         self._server.scene.add_grid(
             "/floor",
             infinite_grid=True,
@@ -240,7 +237,7 @@ class CellScene:
             plane_color=(226, 230, 235),
             plane_opacity=1.0,
             shadow_opacity=0.25,
-            position=(float(middle[0]), float(middle[1]), float(placed[:, 2].min()) - 1e-3),
+            position=(float(middle[0]), float(middle[1]), float(points[:, 2].min()) - 1e-3),
         )
 
 

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     import viser
 
 
+_WIDE = 1.2  # width over height of a window with room for a panel on both sides
+
+
 @dataclass(frozen=True)
 class PartFile:
     """The file of a part, and the unit of a mesh."""
@@ -39,8 +42,8 @@ class View(Protocol):
     def run(self, ended: Callable[[], bool]) -> None:
         """Run the view until `ended`."""
 
-    def join(self, client: viser.ClientHandle) -> None:
-        """Add a browser."""
+    def join(self, client: viser.ClientHandle, is_wide: bool) -> None:
+        """Add a browser, whose window is wide or not."""
 
     def leave(self, client: viser.ClientHandle) -> None:
         """Remove a browser."""
@@ -75,6 +78,7 @@ class Host:
         self._part: PartFile | None = None
         self._parts = tempfile.TemporaryDirectory(prefix="scancell-parts-")
         self._opening = Lock()
+        self._is_wide: dict[int, bool] = {}  # window, by the number of the browser
         server.on_client_connect(self._join)
         server.on_client_disconnect(self._leave)
 
@@ -181,16 +185,20 @@ class Host:
             for client in self._server.get_clients().values():
                 client.scene.reset()
                 client.gui.reset()
-                view.join(client)
+                view.join(client, self._is_wide[client.client_id])
         return view
 
     def _join(self, client: viser.ClientHandle) -> None:
         with self._lock:
+            width, height = client.camera.image_width, client.camera.image_height
+            # Before its first panels, the picture is as large as the window.
+            self._is_wide[client.client_id] = width > _WIDE * height
             if self._view is not None:
-                self._view.join(client)
+                self._view.join(client, self._is_wide[client.client_id])
 
     def _leave(self, client: viser.ClientHandle) -> None:
         with self._lock:
+            self._is_wide.pop(client.client_id, None)
             if self._view is not None:
                 self._view.leave(client)
 

@@ -18,11 +18,11 @@ from scancell.browser.panels.recording import SessionRecording
 from scancell.browser.panels.scans import Scans
 from scancell.browser.panels.status import Status
 from scancell.browser.panels.view_options import add_view_options
-from scancell.browser.scene.camera_view import CameraView
 from scancell.browser.scene.live_cloud import LiveCloud
 from scancell.browser.scene.scene import CellScene
 from scancell.browser.server.operators import Operators
 from scancell.config.choices import Engine
+from scancell.geometry import pose
 from scancell.live.camera import CameraFeed
 from scancell.live.cell import LiveCell
 from scancell.live.plan import LivePlan
@@ -102,17 +102,20 @@ class Workspace:
         self.scans = Scans(
             self.live, LiveCloud(self.scene), mesh, settings.out, settings.engine, self._recording.points
         )
-        self.plans = Plans(LivePlan(self.live, session, mesh is not None), self.scene)
+        has_part = mesh is not None
+        self.plans = Plans(LivePlan(self.live, session, has_part), self.scene, has_part)
         self._operators, self._lock = Operators(), Lock()
         self._views: dict[int, ClientView] = {}
         server.gui.set_panel_label(f"scancell: {part or 'empty table'}")
+        server.gui.main_panel.dock_right()
         self._status = Status(server.gui, self.live.emergency_stop)
         add_view_options(server.gui, self.scene)
-        base = session.nominal.arm.world_from_base
-        self._cameras = CameraView(server, self.scene, self.feed, setup.sensor, base)
+        self.feed.wanted, self._drawn = True, 0
         file = settings.program
         program = None if file is None else RobotProgram(self.live, file, settings.engine, settings.out)
-        self._shared = Shared(self.plans, self.scans, self.feed, self._recording, setup.sensor, program, opener)
+        self._shared = Shared(
+            self.scene, self.plans, self.scans, self.feed, self._recording, setup.sensor, program, opener
+        )
 
     def run(self, ended: Callable[[], bool]) -> None:
         """Run the cell in real time, and show it, until `ended`.
@@ -148,20 +151,30 @@ class Workspace:
         state = self.live.state
         self.plans.update()
         self.scene.show(state)
-        self._cameras.show()
-        if not with_panels:
-            return
-        self._status.show(state)
+        self._show_stripe()
         with self._lock:
             views = list(self._views.values())
         for view in views:
-            view.show(state)
+            view.show_pictures()
+        if with_panels:
+            self._status.show(state, self.scans.state)
+            for view in views:
+                view.show(state)
 
-    def join(self, client: viser.ClientHandle) -> None:
-        """Give a browser its panels; the first one becomes the operator."""
+    def _show_stripe(self) -> None:
+        """Draw the stripe of the last frame in the scene, or none while no frames are wanted."""
+        frame = self.feed.frame if self.feed.wanted else None
+        number = 0 if frame is None else frame.number
+        if number != self._drawn:
+            self._drawn = number
+            base = self.nominal.arm.world_from_base
+            self.scene.show_stripe(None if frame is None else pose.transform_points(base, frame.points_in_base))
+
+    def join(self, client: viser.ClientHandle, is_wide: bool) -> None:
+        """Give a browser, whose window is wide or not, its panels; the first one becomes the operator."""
         self._operators.join(client.client_id)
         operator = OperatorCommands(client, self._operators, self.live, self._session)
-        view = ClientView(client, operator, self._shared, self.live.state)
+        view = ClientView(client, operator, self._shared, self.live.state, is_wide)
         with self._lock:
             self._views[client.client_id] = view
 

@@ -1,98 +1,104 @@
-"""Camera images and the profile in all browsers, in a panel of their own."""
+"""Camera images and the profile, in a docked panel of one browser."""
 
 from __future__ import annotations
 
 from html import escape
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.browser.panels.handles import small_html
-from scancell.browser.scene.scene import CellScene
+from scancell.browser.panels.enlarged_image import EnlargedImage
+from scancell.browser.panels.handles import Follower, run_once, set_changed, small_html
 from scancell.browser.scene.sensor_view import field_corners
 from scancell.config.sensor import SensorDescription
 from scancell.extras import require
-from scancell.geometry import pose
 from scancell.live.camera import CameraFeed, CameraFrame
-
-if TYPE_CHECKING:
-    import viser
 
 Rgb = NDArray[np.uint8]
 
 _WIDTH = 480  # px, of an image as it is sent
 _STRIPE = (40, 220, 60)
-_PANEL = 360  # px
+_PANEL = 400  # px
+_GAP = 4  # px between images
+_ENLARGE, _CLICK = "enlarge", "click to enlarge"  # texts that the script finds
+_SCRIPT = (Path(__file__).with_name("images.js").read_text(encoding="utf-8").replace("@ENLARGE@", _ENLARGE)).replace(
+    "@CLICK@", _CLICK
+)
 _LEAST_ROOM = 0.2  # mm above and below a profile
 _COLOURS = ("#e07820", "#2878d2", "#3ca050", "#a046aa")
 
 
-class CameraView:
-    """Shows frames of a feed: the images with the stripe that was found in them, and the profile.
+class CameraPanel:
+    """Shows frames of a feed: the images side by side, with the stripe that was found in them, and the profile.
 
     Parameters
     ----------
-    server
+    gui
         Of viser.
-    scene
-        Gets the stripe.
     feed
-        Of the cameras; frames are made while the panel's switch is on.
+        Of the cameras; frames are made while its switch, which all browsers share, is on.
     sensor
         Nominal description.
-    world_from_base
-        (4, 4).
+    beside
+        Dock the panel at the left edge, else below the main panel, where a narrow window has room.
     """
 
-    def __init__(
-        self,
-        server: viser.ViserServer,
-        scene: CellScene,
-        feed: CameraFeed,
-        sensor: SensorDescription,
-        world_from_base: NDArray[np.float64],
-    ) -> None:
-        self._scene, self._feed, self._world_from_base = scene, feed, world_from_base
-        self._names, self._shown = [camera.name for camera in sensor.camera], 0
+    def __init__(self, gui: Any, feed: CameraFeed, sensor: SensorDescription, beside: bool) -> None:
+        self._feed = feed
+        self._names, self._shown = tuple(camera.name for camera in sensor.camera), 0
         half = round(1e3 * float(field_corners(sensor)[:, 1].max()), 1)
         self._width = (-half, half)
         self._range = (sensor.range.near_mm, sensor.range.far_mm)
         self._uplot = require("viser.uplot", "workspace")
-        gui = server.gui
-        self._panel = gui.add_panel()
-        with self._panel.add_tab("Sensor"):
-            on = gui.add_checkbox("cameras", True)
-            self._text = gui.add_html("")
+        panel = gui.add_panel()
+        with panel.add_tab("Cameras"):
             blank = np.full((2, 2, 3), 40, np.uint8)
+            self._image = gui.add_image(blank, label=f"{' | '.join(self._names)}, {_CLICK}", format="jpeg")
+            self._text = gui.add_html("")
             self._plot = self._add_plot(gui)
-            self._images = [gui.add_image(blank, label=name, format="jpeg") for name in self._names]
-        self._panel.dock_left()
-        self._panel.set_width(_PANEL)
-        on.on_update(lambda _: self._switch(on.value))
-        self._switch(True)
+            enlarge = gui.add_button_group(_ENLARGE, self._names)
+            self._marks = gui.add_checkbox("found stripe", True)
+            on = gui.add_checkbox("cameras", feed.wanted)
+            gui.add_html(run_once(_SCRIPT))
+        self._on, self._redrawn = Follower(on), 0
+        self._large = EnlargedImage(gui, self._names, self._drawn)
+        enlarge.on_click(lambda event: self._large.open(event.target.value))
+        self._marks.on_update(lambda _: self._redraw())
+        if beside:
+            panel.dock_left()
+            panel.set_width(_PANEL)
+        else:
+            panel.dock_below(gui.main_panel)
+        on.on_update(lambda event: setattr(feed, "wanted", on.value) if event.client is not None else None)
 
     def show(self) -> None:
         """Show the last frame, if it is new."""
-        frame = self._feed.frame
-        if frame is None or frame.number == self._shown or not self._feed.wanted:
+        wanted, frame = self._feed.wanted, self._feed.frame
+        self._on.show(wanted)
+        for handle in (self._image, self._plot, self._text):
+            set_changed(handle, "visible", wanted)
+        self._large.show(frame, self._redrawn)
+        if frame is None or frame.number == self._shown or not wanted:
             return
         self._shown = frame.number
         self._text.content = _summary(frame)
         if frame.images is not None:
-            for number, handle in enumerate(self._images):
-                handle.image = with_stripe(frame.images[number], frame.stripes[number])
+            self._image.image = side_by_side([self._drawn(frame, i, _WIDTH) for i in range(len(self._names))])
         self._plot.data = profile_data(frame, len(self._names))
         self._fit_range(1e3 * frame.points_in_sensor[:, 2])
-        self._scene.show_stripe(pose.transform_points(self._world_from_base, frame.points_in_base))
 
-    def _switch(self, on: bool) -> None:
-        self._feed.wanted = on
-        for handle in (*self._images, self._plot, self._text):
-            handle.visible = on
-        if not on:
-            self._scene.show_stripe(None)
+    def _redraw(self) -> None:
+        self._shown = 0
+        self._redrawn += 1
+
+    def _drawn(self, frame: CameraFrame, camera: int, width: int | None = None) -> Rgb:
+        """Image of a camera, at most `width` px wide, with the stripe if it is switched on."""
+        assert frame.images is not None
+        stripe = frame.stripes[camera] if self._marks.value else np.zeros((0, 2))
+        return with_stripe(frame.images[camera], stripe, width)
 
     def _add_plot(self, gui: Any) -> Any:
         uplot = self._uplot
@@ -122,9 +128,16 @@ class CameraView:
             self._plot.scales = self._scales()
 
 
-def with_stripe(image: NDArray[np.uint8], stripe: NDArray[np.float64]) -> Rgb:
-    """An image (height, width) in grey, smaller, with marks at image positions (n, 2), column and row."""
-    scale = min(1.0, _WIDTH / image.shape[1])
+def side_by_side(images: list[Rgb]) -> Rgb:
+    """One picture (height, width, 3) of images, which may have different heights."""
+    height = max(len(image) for image in images)
+    padded = [np.pad(image, ((0, height - len(image)), (0, _GAP), (0, 0)), constant_values=255) for image in images]
+    return np.hstack(padded)[:, :-_GAP]
+
+
+def with_stripe(image: NDArray[np.uint8], stripe: NDArray[np.float64], width: int | None = None) -> Rgb:
+    """An image in grey, at most `width` px wide, with marks at image positions (n, 2), column and row."""
+    scale = 1.0 if width is None else min(1.0, width / image.shape[1])
     size = (round(image.shape[1] * scale), round(image.shape[0] * scale))
     # A stripe is narrower than a pixel of the smaller image; its brightest pixels stay.
     grown = cv2.dilate(image, np.ones((max(1, round(1 / scale)),) * 2, np.uint8))

@@ -1,0 +1,28 @@
+// Shows a banner while no news come from the server: what the page shows is old then, and its buttons do nothing.
+// The server changes data-pulse once a second. A hidden page draws nothing, so its pulse says nothing either.
+(() => {
+  if (window.scancellConnection) return;
+  window.scancellConnection = true;
+  const LOST_MS = 5000;
+  let seen;
+  let since = Date.now();
+  const banner = document.createElement("div");
+  banner.setAttribute("role", "alert");
+  banner.style.cssText =
+    "position:fixed;top:0;left:0;right:0;z-index:10000;padding:0.5em;text-align:center;font-weight:600;" +
+    "background:#b71c1c;color:#ffffff;pointer-events:none";
+  banner.hidden = true;
+  document.body.append(banner);
+  setInterval(() => {
+    const now = Date.now();
+    const pulse = document.querySelector("[data-pulse]")?.dataset.pulse;
+    if (pulse !== seen || pulse === undefined || document.hidden) [seen, since] = [pulse, now];
+    const lost = now - since >= LOST_MS;
+    banner.hidden = !lost;
+    const seconds = Math.floor((now - since) / 1000);
+    banner.textContent =
+      `Connection lost: no news from the server for ${seconds} s. The page shows an old state, and its buttons do nothing.`;
+    const status = document.querySelector("[data-status]");
+    if (status) status.style.opacity = lost ? "0.25" : "";
+  }, 500);
+})();
