@@ -29,6 +29,9 @@ _COARSE = 4  # parts of the other pieces
 _LEAST = 0.002  # smallest permitted share of the full speed above 0
 _SLOW = 0.25  # share up to which stops leave the path so little that they are checked on their own
 _LARGER = 1.5  # of the largest error of the angles, for which the permitted share leaves room
+# Reaction times for which the permitted share s leaves room: near a body s falls by the factor e in this time, so that
+# the share that was permitted a reaction time before is safe as well, also where answers arrive 0.1 s late.
+_EASY = 2.5
 _RAMP = 1.1  # of the time that the controller takes to slow down, for which the permitted share leaves room
 
 
@@ -139,16 +142,13 @@ class JogCheck:
         return share * self._reaction + share**2 * jog.braking / 2
 
     def _room(self, jog: _Jog, share: float) -> float:
-        """Path clock from which on a share is permitted, s.
-
-        It has twice the reaction time, so that the robot follows a lower share without an emergency stop.
-        """
-        return 2 * share * self._reaction + share**2 * jog.ramp / 2
+        """Path clock from which on a share is permitted, s."""
+        return _EASY * share * self._reaction + share**2 * jog.ramp / 2
 
     def _permitted(self, jog: _Jog, free: float) -> float:
         """The share with the room `free`, s of path clock; 0 if it is too small."""
-        twice = 2 * self._reaction
-        share = 2 * free / (twice + np.sqrt(twice**2 + 2 * jog.ramp * free))
+        easy = _EASY * self._reaction
+        share = 2 * free / (easy + np.sqrt(easy**2 + 2 * jog.ramp * free))
         return float(share) if share >= _LEAST else 0.0
 
     def _ramp(self, axes: Array, rates: Array) -> float:
