@@ -1,4 +1,4 @@
-"""Jogs the simulated robot to the table until its guard stops it: ``guarded_cell.py HOST PORT`` of a guard over UDP.
+"""Jogs the simulated robot to the table until its guard holds it: ``guarded_cell.py HOST PORT`` of a guard over UDP.
 
 ::
 
@@ -31,7 +31,6 @@ from scancell import (
 )
 
 DOWN = np.array([0.0, 0, -1, 0, 0, 0])  # of the world, full speed
-EMERGENCY_STOP = 3  # controller.state
 
 
 def main(host: str, port: int) -> None:
@@ -50,15 +49,16 @@ def main(host: str, port: int) -> None:
         cell.set_integer("command.jog_frame", JogFrame.WORLD)
         cell.set(cell.real_group([f"command.jog[{i + 1}]" for i in range(6)]), DOWN)
         cell.set_integer("command.mode", Mode.CARTESIAN_JOG)
-        said = ""
+        said, moved = "", False
 
         def watch() -> bool:
-            nonlocal said
+            nonlocal said, moved
             if (text := cell.get_string("command.pendant.text")) != said:
                 said = text
                 print(f"{cell.time_us * 1e-6:6.3f} s  {text}")
-            resting = not cell.get_boolean("controller.moving")
-            return resting and cell.get_integer("controller.state") == EMERGENCY_STOP
+            moving = cell.get_boolean("controller.moving")
+            moved = moved or moving
+            return moved and not moving
 
         guarded.run(10.0, watch)
         contacts = cell.get_integer("truth.collision.pairs")

@@ -49,7 +49,7 @@ struct Command {
   std::optional<Eigen::Isometry3d> pose;          // world_from_tool, target of a linear move
   std::shared_ptr<const ProgramSegment> segment;  // to run in program mode; null: there is none
   double speed = 1;                               // fraction of the full speed, above 0
-  double monitor_speed = 1;                       // speed override of programmed motions, 0 to 1
+  double monitor_speed = 1;                       // speed override of moves, and of jogs by a guard, 0 to 1
   Axes jog{};                                     // deflection of each axis, -1 to 1
   JogFrame jog_frame = JogFrame::kWorld;
   Operation operation = Operation::kAutomatic;
@@ -128,6 +128,7 @@ struct Report {
   bool at_destination = false;
   double progress = 0;
   ClockPoint path_clock;       // of the running or last programmed motion; its rate is 0 where none runs
+  double rate = 0;             // present speed as a share of that of the path ahead
   double guard_age = 0;        // s
   double guard_share = 1;      // share of the monitor speed that the guard allows
   bool guard_stopped = false;  // the guard has stopped the robot

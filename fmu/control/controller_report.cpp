@@ -18,6 +18,8 @@ Report RobotController::report(std::int64_t time_us) const {
   report.limit = state_.path_limit != 0 ? state_.path_limit : servo_.state().limit;
   report.progress = move_.progress();
   report.path_clock = path_clock(time_us);
+  report.rate = is_jog(state_.mode) ? jog_.share_of_ahead(state_.jog_permit.shown(), sample(time_us))
+                                    : report.path_clock.rate;
   report.guard_age = state_.guard.age(time_us);
   report.guard_share = state_.guard.share;
   report.guard_stopped = state_.guard.stopped;
@@ -43,7 +45,7 @@ bool RobotController::motion_runs() const {
 
 /// Whether a motion waits at its start for an answer to a state that shows its path.
 bool RobotController::waits_for_guard() const {
-  return move_.active() ? state_.guard.waits() : state_.jog_permit.waits();
+  return move_.active() ? state_.guard.waits() : state_.jog_permit.waits(state_.guard);
 }
 
 RunningSegment RobotController::running_segment(std::int64_t time_us) const {

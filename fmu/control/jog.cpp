@@ -90,6 +90,33 @@ Axes Jog::deflection(const Command& command) {
   return deflection;
 }
 
+double Jog::share_of_full(Mode mode, const Axes& deflection) {
+  double share = std::abs(deflection[kTableAxis]);
+  if (mode == Mode::kCartesianJog) {
+    for (const double* part : {deflection.data(), deflection.data() + 3}) {
+      share = std::max(share, Eigen::Map<const Eigen::Vector3d>(part).norm());
+    }
+    return share;
+  }
+  for (const double value : deflection) share = std::max(share, std::abs(value));
+  return share;
+}
+
+double Jog::share_of_ahead(const Command& command, const Knots& present) const {
+  if (at_rest(present)) return 0;
+  if (command.mode == Mode::kCartesianJog) {
+    const double ahead = commanded_speed(command, 0).norm();
+    const bool brakes = state_.brakes_first || state_.blocked;
+    return brakes || state_.speed.norm() > ahead ? 1 : state_.speed.norm() / ahead;
+  }
+  const Axes rates = joint_rates(command, arm_.tool(positions(present)).jacobian);
+  double share = 0;
+  for (std::size_t i = 0; i < kAxes; ++i) {
+    if (present[i].velocity != 0) share = std::max(share, std::abs(present[i].velocity / rates[i]));
+  }
+  return std::min(1.0, share);
+}
+
 PathAhead Jog::path_ahead(const Command& command, const Knots& present, double step) const {
   Axes position = positions(present);
   Axes change;  // in a step, of axes that keep their speeds
@@ -102,7 +129,7 @@ PathAhead Jog::path_ahead(const Command& command, const Knots& present, double s
   PathAhead ahead;
   for (Axes& point : ahead) {
     if (joints) {
-      const Axes rates = joint_rates(command.jog, arm_.tool(position).jacobian);
+      const Axes rates = joint_rates(command, arm_.tool(position).jacobian);
       for (std::size_t i = 0; i < kAxes; ++i) {
         if (std::abs(step * rates[i]) > std::abs(change[i])) change[i] = step * rates[i];
       }
@@ -159,7 +186,7 @@ Knots Jog::joints(double cycle, const Command& command, const Knots& present) {
   state_.limit = 0;
   if (jog_released(command)) return brake_synchronously(cycle, limits_, present);
   const Jacobian jacobian = arm_.tool(positions(present)).jacobian;
-  const Axes wanted = joint_rates(command.jog, jacobian);
+  const Axes wanted = joint_rates(command, jacobian);
   Axes change{};
   for (std::size_t i = 0; i < kAxes; ++i) change[i] = wanted[i] - present[i].velocity;
   const double ratio = std::max(1.0, change_ratio(change, jacobian, cycle));
@@ -170,17 +197,19 @@ Knots Jog::joints(double cycle, const Command& command, const Knots& present) {
   return knots;
 }
 
-/// Speeds of the axes in a joint jog, reduced in proportion to the speed limit of the tool.
-Axes Jog::joint_rates(const Axes& deflection, const Jacobian& jacobian) const {
+/// Speeds of the axes in a joint jog, reduced in proportion to the speed limit of the tool. The monitor speed
+/// scales this limit, so that it is a share of the full speed also where the tool is at its limit.
+Axes Jog::joint_rates(const Command& command, const Jacobian& jacobian) const {
   Axes rates;
   for (std::size_t i = 0; i < kAxes; ++i) {
-    rates[i] = deflection[i] * jog_.joint_share * limits_[i].max_speed;
+    rates[i] = command.jog[i] * jog_.joint_share * limits_[i].max_speed;
   }
   Eigen::Vector3d tool_velocity = Eigen::Vector3d::Zero();
   for (int i = 0; i < jacobian.cols(); ++i) {
     tool_velocity += rates[static_cast<std::size_t>(i)] * jacobian.col(i).head<3>();
   }
-  const double scale = std::min(1.0, jog_.line_speed / std::max(tool_velocity.norm(), 1e-12));
+  const double limit = command.monitor_speed * jog_.line_speed;
+  const double scale = std::min(1.0, limit / std::max(tool_velocity.norm(), 1e-12));
   for (double& rate : rates) rate *= scale;
   return rates;
 }

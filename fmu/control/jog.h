@@ -45,10 +45,17 @@ class Jog {
   /// most 1.
   static Axes deflection(const Command& command);
 
+  /// Share of the full speed of a jog in the same direction: the largest deflection of an axis, in a
+  /// Cartesian jog of translation, rotation or table.
+  static double share_of_full(Mode mode, const Axes& deflection);
+
   /// Positions `step` seconds apart of a jog that holds the deflection of `command`, or the present speed
   /// where that is higher. Limits and singularities do not end it: where the inverse kinematics fails, and
   /// where the jog brakes, the axes keep their speeds.
   PathAhead path_ahead(const Command& command, const Knots& present, double step) const;
+
+  /// Present speed as a share of the speed of `path_ahead`, 0 to 1.
+  double share_of_ahead(const Command& command, const Knots& present) const;
 
   /// The arm is moved by something else: a Cartesian jog that goes on comes to rest first.
   void interrupt() { state_.brakes_first = true; }
@@ -62,7 +69,7 @@ class Jog {
 
  private:
   struct Attempt;
-  Axes joint_rates(const Axes& deflection, const Jacobian& jacobian) const;
+  Axes joint_rates(const Command& command, const Jacobian& jacobian) const;
   double change_ratio(const Axes& change, const Jacobian& jacobian, double cycle) const;
   JogSpeed commanded_speed(const Command& command, double later) const;
   JogSpeed ramped(const JogSpeed& wanted, double cycle) const;

@@ -16,53 +16,41 @@ Axes scaled(const Axes& axes, double factor) {
   return result;
 }
 
-double largest(const Axes& axes) {
-  double largest = 0;
-  for (const double value : axes) largest = std::max(largest, std::abs(value));
-  return largest;
-}
-
 }  // namespace
 
-Axes JogPermit::read(const Command& command, bool at_rest, std::int64_t now_us, GuardWatch& guard) {
-  const Axes wanted = Jog::deflection(command);
-  const double size = largest(wanted);
-  if (size == 0) {
-    withdraw();
-    return {};
+Command JogPermit::read(const Command& command, bool at_rest, std::int64_t now_us, GuardWatch& guard) {
+  Command permitted = command;
+  permitted.monitor_speed = 1;
+  permitted.jog = Jog::deflection(command);
+  const double share = Jog::share_of_full(command.mode, permitted.jog);
+  if (share == 0) {
+    if (at_rest) withdraw();
+    return permitted;
   }
-  const Axes unit = scaled(wanted, 1 / size);
+  const Axes full = scaled(permitted.jog, 1 / share);
   bool same = command.mode == mode && command.jog_frame == frame;
-  for (std::size_t i = 0; i < kAxes; ++i) same = same && std::abs(unit[i] - direction[i]) <= kSameDirection;
+  for (std::size_t i = 0; i < kAxes; ++i) same = same && std::abs(full[i] - direction[i]) <= kSameDirection;
   if (!same) {
-    withdraw();
-    if (guard.guarded && !at_rest) return {};
+    if (guard.guarded && !at_rest) {
+      permitted.jog = {};
+      return permitted;
+    }
     mode = command.mode;
     frame = command.jog_frame;
-    direction = unit;
-  }
-  if (!guard.guarded) {
-    deflection = proposed = size;
-    return wanted;
-  }
-  const bool refused = !(command.monitor_speed > 0);
-  deflection = refused ? 0 : std::min(deflection, size);
-  if (waits() && !guard.waits()) {
-    if (!refused) deflection = std::min(proposed, size);
-    proposed = deflection;
-  }
-  if (size > deflection && !waits()) {
-    proposed = size;
+    direction = full;
     guard.path_us = now_us;
   }
-  return scaled(direction, deflection);
+  if (!guard.guarded) return permitted;
+  permitted.monitor_speed = guard.waits() ? 0 : command.monitor_speed;
+  permitted.jog = scaled(direction, std::min(share, permitted.monitor_speed));
+  return permitted;
 }
 
 Command JogPermit::shown() const {
   Command command;
   command.mode = mode;
   command.jog_frame = frame;
-  command.jog = scaled(direction, std::max(deflection, proposed));
+  command.jog = direction;
   return command;
 }
 

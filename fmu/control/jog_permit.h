@@ -1,4 +1,4 @@
-// Jogs that a guard must have answered before they move the robot.
+// Jogs that a guard must have answered before they move the robot, at most as fast as it permits.
 #pragma once
 
 #include <cstdint>
@@ -8,28 +8,27 @@
 
 namespace robotcell::control {
 
-/// Holds a jog back until the guard has answered a state that contains it.
+/// Holds a jog back until the guard has answered a state that shows its path, and limits its speed.
 ///
-/// A jog in another direction begins at rest. One that grows in its direction goes on at the deflection that
-/// is permitted; one that shrinks does so at once. A monitor speed of 0 permits none. Without a guard every
-/// jog is permitted.
+/// The path does not depend on the speed: it is shown at full speed. The monitor speed of the guard's last
+/// answer is the largest permitted share of that. A jog in another direction begins at rest. Without a guard
+/// every jog is permitted.
 struct JogPermit {
   Mode mode = Mode::kJointJog;
   JogFrame frame = JogFrame::kWorld;
-  Axes direction{};       // deflections, the largest of them 1 or -1
-  double deflection = 0;  // permitted
-  double proposed = 0;    // sent to the guard; above `deflection` until it is answered
+  Axes direction{};  // deflections of full speed; zero: no jog is shown
 
-  /// Reads a command at the start of a cycle; returns the deflections that may be in force in it.
-  Axes read(const Command& command, bool at_rest, std::int64_t now_us, GuardWatch& guard);
+  /// Reads a command at the start of a cycle; returns it with the permitted deflections, and the permitted
+  /// share of the full speed as monitor speed.
+  Command read(const Command& command, bool at_rest, std::int64_t now_us, GuardWatch& guard);
 
-  /// The jog ends; its direction is kept until the axes rest.
-  void withdraw() { deflection = proposed = 0; }
+  /// The robot leaves the path of the jog.
+  void withdraw() { direction = {}; }
 
-  /// Whether a deflection is waiting for an answer.
-  bool waits() const { return proposed > deflection; }
+  /// Whether a path is shown that no answer refers to yet.
+  bool waits(const GuardWatch& guard) const { return direction != Axes{} && guard.waits(); }
 
-  /// The jog that is sent to the guard.
+  /// The jog that is sent to the guard: at full speed.
   Command shown() const;
 };
 

@@ -173,8 +173,7 @@ void RobotController::run(std::int64_t now_us, const Command& command) {
 }
 
 void RobotController::run_jog(std::int64_t now_us, const Command& command) {
-  Command permitted = command;
-  permitted.jog = state_.jog_permit.read(command, at_rest(), now_us, state_.guard);
+  const Command permitted = state_.jog_permit.read(command, at_rest(), now_us, state_.guard);
   const Knots end = state_.mode == Mode::kJointJog ? jog_.joints(cycle_, permitted, present())
                                                    : jog_.cartesian(cycle_, permitted, present());
   servo_.advance(now_us, end, jog_.state().limit);

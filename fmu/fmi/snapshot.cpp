@@ -126,7 +126,7 @@ void exchange(A& a, GuardWatch& v) {
 }
 template <class A>
 void exchange(A& a, JogPermit& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.mode, v.frame, v.direction, v.deflection, v.proposed);
+  ROBOTCELL_EXCHANGE(a, v, v.mode, v.frame, v.direction);
 }
 template <class A>
 void exchange(A& a, ControllerState& v) {

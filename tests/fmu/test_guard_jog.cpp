@@ -5,6 +5,7 @@
 #include <cmath>
 #include <deque>
 #include <random>
+#include <vector>
 
 #include "tests/fmu/arm_model.h"
 
@@ -37,6 +38,17 @@ class GuardedJog : public ::testing::TestWithParam<Mode> {
   bool waits() const { return drive_.controller.report(drive_.now).guard_waits; }
   bool moving() const { return drive_.controller.report(drive_.now).moving; }
   PathAhead ahead() const { return drive_.controller.path_ahead(drive_.now); }
+  double rate() const { return drive_.controller.report(drive_.now).rate; }
+  double speed() const { return drive_.controller.sample(drive_.now)[1].velocity; }
+  double tool_speed() const {
+    Axes later = drive_.position();
+    for (std::size_t i = 0; i < kAxes; ++i)
+      later[i] += 1e-6 * drive_.controller.sample(drive_.now)[i].velocity;
+    const auto at = [this](const Axes& axes) -> Eigen::Vector3d {
+      return drive_.arm.tool(axes).pose.translation();
+    };
+    return (at(later) - at(drive_.position())).norm() / 1e-6;
+  }
 
   Drive drive_;
 };
@@ -72,32 +84,64 @@ TEST_P(GuardedJog, MonitorSpeedZeroLetsNoJogBeginAndStopsOne) {
   EXPECT_NE(drive_.controller.report(drive_.now).phase, Phase::kEmergencyStop);
 }
 
-TEST_P(GuardedJog, GrowsOnlyWithAnAnswerShrinksAtOnceAndReversesAtRest) {
-  drive_.command.jog[1] = 0.1;
+TEST_P(GuardedJog, SpeedIsTheSmallerOfDeflectionAndMonitorSpeedWithoutAnotherAnswer) {
+  const double cases[][2] = {{1, 0.6}, {0.1, 1}, {1, 0.3}, {0.2, 0.3}, {1, 0.05}};
+  for (const auto& [deflection, monitor_speed] : cases) {
+    drive_.command.jog[1] = deflection;
+    drive_.command.monitor_speed = monitor_speed;
+    answered(2);  // the first one shows the jog
+    drive_.command.guard_max_age = 10;
+    drive_.run(30);
+    const double share = std::min(deflection, monitor_speed);
+    EXPECT_NEAR(rate(), share, 1e-6 * share) << deflection;
+    if (GetParam() == Mode::kJointJog) {
+      EXPECT_NEAR(speed(), share * settings().jog.joint_share * settings().motion.axes[1].max_speed, 1e-9);
+    } else {
+      EXPECT_NEAR(tool_speed(), share * settings().jog.line_speed, 1e-3 * share);
+    }
+  }
+}
+
+TEST_P(GuardedJog, MonitorSpeedIsAShareOfTheSpeedToWhichTheToolLimitsAJog) {
+  drive_.command.jog[0] = drive_.command.jog[1] = drive_.command.jog[2] = 1;
+  drive_.command.monitor_speed = 0.5;
   answered(20);
-  const auto speed = [this] { return drive_.controller.sample(drive_.now)[1].velocity; };
-  const double slow = speed();
+  EXPECT_NEAR(rate(), 0.5, 0.01);
+  drive_.command.jog[0] = drive_.command.jog[1] = drive_.command.jog[2] = 0.9;
+  answered(5);
+  EXPECT_NEAR(rate(), 0.5, 0.01);
+}
+
+TEST_P(GuardedJog, ReversesAtRest) {
   drive_.command.jog[1] = 1;
-  drive_.command.guard_us = drive_.now;
-  drive_.run(4);
-  EXPECT_NEAR(speed(), slow, 0.05 * std::abs(slow));
   answered(20);
-  EXPECT_GT(std::abs(speed()), 5 * std::abs(slow));
-  const double fast = std::abs(speed());
-  drive_.command.jog[1] = 0.05;
-  drive_.command.guard_us = drive_.now;
-  drive_.run(4);
-  EXPECT_LT(std::abs(speed()), fast);
+  const double fast = speed();
   drive_.command.jog[1] = -1;
   bool rested = false;
   for (int k = 0; k < 100 && !rested; ++k) {
     answered(1);
-    ASSERT_GE(speed() * slow, 0) << "no reversal before the axes rest";
+    ASSERT_GE(speed() * fast, 0) << "no reversal before the axes rest";
     rested = speed() == 0;
   }
   EXPECT_TRUE(rested);
   answered(20);
-  EXPECT_LT(speed() * slow, 0);
+  EXPECT_LT(speed() * fast, 0);
+}
+
+TEST_P(GuardedJog, ShowsTheSamePathAtAnyDeflectionAndNoneAfterItsRelease) {
+  drive_.command.guard_us = -1;  // it waits for an answer
+  drive_.command.jog[1] = 1;
+  drive_.run(1);
+  const PathAhead full = ahead();
+  drive_.command.jog[1] = 0.01;
+  drive_.run(1);
+  EXPECT_EQ(ahead(), full);
+  answered(10);
+  EXPECT_GT(rate(), 0);
+  drive_.command.jog[1] = 0;
+  answered(20);
+  EXPECT_EQ(rate(), 0);
+  EXPECT_EQ(ahead().back(), drive_.position());
 }
 
 TEST_P(GuardedJog, WithoutAGuardItBeginsAtOnce) {
@@ -108,9 +152,9 @@ TEST_P(GuardedJog, WithoutAGuardItBeginsAtOnce) {
   EXPECT_FALSE(waits());
 }
 
-/// Largest difference of an axis from the way through `home` and the first `count` points of a path.
-double off_path(const Axes& begin, const PathAhead& path, int count, const Axes& position) {
-  double least = std::numeric_limits<double>::infinity();
+/// Largest difference of an axis from the way through `begin` and the points of a path, as far as `reach`
+/// pieces.
+double off_path(const Axes& begin, const PathAhead& path, double reach, const Axes& position) {
   const auto off = [&position](const Axes& from, const Axes& to, double share) {
     double largest = 0;
     for (std::size_t i = 0; i < kAxes; ++i) {
@@ -118,7 +162,8 @@ double off_path(const Axes& begin, const PathAhead& path, int count, const Axes&
     }
     return largest;
   };
-  for (int k = 0; k < count; ++k) {
+  double least = off(begin, begin, 0);
+  for (int k = 0; k < reach; ++k) {
     const Axes &from = k == 0 ? begin : path[static_cast<std::size_t>(k - 1)],
                &to = path[static_cast<std::size_t>(k)];
     double squared = 0, along = 0;
@@ -126,7 +171,8 @@ double off_path(const Axes& begin, const PathAhead& path, int count, const Axes&
       squared += (to[i] - from[i]) * (to[i] - from[i]);
       along += (to[i] - from[i]) * (position[i] - from[i]);
     }
-    least = std::min(least, off(from, to, squared > 0 ? std::clamp(along / squared, 0.0, 1.0) : 0));
+    const double farthest = std::min(1.0, reach - k);
+    least = std::min(least, off(from, to, squared > 0 ? std::clamp(along / squared, 0.0, farthest) : 0));
   }
   return least;
 }
@@ -145,7 +191,8 @@ double bend(const Axes& begin, const PathAhead& path) {
 }
 
 /// Random jogs, whose states are answered late, out of order, or never: the robot is on the path that the
-/// newest answered state has shown, and not farther on it than the time since then.
+/// newest answered state has shown, and not farther on it than at the largest of its present speed and the
+/// monitor speeds since then.
 TEST(GuardedJogs, RobotStaysOnTheShownPath) {
   std::mt19937 random(11);
   std::uniform_real_distribution<double> uniform;
@@ -153,6 +200,7 @@ TEST(GuardedJogs, RobotStaysOnTheShownPath) {
     std::int64_t time = 0;
     Axes begin{};
     PathAhead ahead{};
+    double rate = 0, monitor_speed = 0;
   };
   int moved = 0, refused = 0;
   for (int run = 0; run < 60; ++run) {
@@ -161,6 +209,7 @@ TEST(GuardedJogs, RobotStaysOnTheShownPath) {
     drive.command.guard_max_age = kMaxAge;
     std::deque<std::pair<std::int64_t, Shown>> answers;  // with their arrival
     Shown newest{0, home(), drive.controller.path_ahead(0)};
+    std::vector<double> in_force;  // monitor speed of each cycle
     for (int k = 0; k < 300; ++k) {
       if (uniform(random) < 0.05) {
         drive.command.mode = uniform(random) < 0.5 ? Mode::kJointJog : Mode::kCartesianJog;
@@ -177,11 +226,12 @@ TEST(GuardedJogs, RobotStaysOnTheShownPath) {
         for (const double value : drive.command.jog) fits = fits && std::abs(factor * value) <= 1;
         for (double& value : drive.command.jog) value *= fits ? factor : 1;
       }
-      drive.command.monitor_speed = uniform(random) < 0.02 ? 0 : 1;
       if (drive.controller.report(drive.now).phase == Phase::kEmergencyStop) break;
       if (k % 2 == 0 && uniform(random) < 0.9) {
         answers.emplace_back(drive.now + static_cast<std::int64_t>(80'000 * uniform(random)),
-                             Shown{drive.now, drive.position(), drive.controller.path_ahead(drive.now)});
+                             Shown{drive.now, drive.position(), drive.controller.path_ahead(drive.now),
+                                   drive.controller.report(drive.now).rate,
+                                   uniform(random) < 0.1 ? 0 : std::pow(10, -2 * uniform(random))});
       }
       for (auto answer = answers.begin(); answer != answers.end();) {
         const bool arrives = answer->first <= drive.now;
@@ -189,14 +239,18 @@ TEST(GuardedJogs, RobotStaysOnTheShownPath) {
         answer = arrives ? answers.erase(answer) : answer + 1;
       }
       drive.command.guard_us = newest.time;
+      drive.command.monitor_speed = newest.monitor_speed;
+      in_force.push_back(newest.monitor_speed);
       const Axes before = drive.position();
       drive.run(1);
       const ControllerError error = drive.controller.report(drive.now).error;
       if (error == ControllerError::kSingular || error == ControllerError::kPathOutOfLimits) break;
-      const int cycles = static_cast<int>((drive.now - newest.time) / kCycle);
+      const auto cycles = (drive.now - newest.time) / kCycle;
+      const double fastest =
+          std::max(newest.rate, *std::max_element(in_force.end() - cycles, in_force.end()));
       moved += drive.position() != before;
       refused += drive.controller.report(drive.now).guard_waits;
-      ASSERT_LT(off_path(newest.begin, newest.ahead, cycles, drive.position()),
+      ASSERT_LT(off_path(newest.begin, newest.ahead, fastest * static_cast<double>(cycles), drive.position()),
                 1e-6 + kOnTangent * bend(newest.begin, newest.ahead))
           << run << ' ' << k;
     }

@@ -84,7 +84,7 @@ STATE, REPLY = state_at(5, 0.3).encode(SESSION, 0), ANSWER.encode(SESSION, GUARD
         (STATE, 52, struct.pack("<d", 0.1)),  # time of a path without a path ahead
         (STATE, 60, b"\2"),  # operation
         (STATE, 61, b"\7"),  # mode
-        (STATE, 62, b"\2"),  # moving
+        (STATE, 62, b"\4"),  # flags
         (STATE, 63, b"\0"),  # joints
         (STATE, 63, b"\7"),
         (STATE, 63, b"\x09"),

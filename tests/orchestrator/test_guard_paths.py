@@ -12,6 +12,7 @@ import pytest
 from guard_walls import boxes, distances, square, straight
 
 from guard_motions import POLL, unit
+from scancell.guard.free_path import FreePath
 from scancell.guard.path_check import RATE_SLOPE, PathCheck
 from scancell.nominal.cell import NominalCell
 from scancell.proximity.scene import ProximityScene, cell_scene
@@ -55,7 +56,7 @@ class Line:
         return float(clock[np.argmax(touching)]) if touching.any() else np.inf
 
     def check(self, reaction: float = REACTION) -> PathCheck:
-        return PathCheck(self.cell, self.scene, CONTACT, reaction, deceleration(), angle_error=0.0)
+        return PathCheck(FreePath(self.cell, self.scene, CONTACT, 0.0), reaction, deceleration())
 
 
 def lines(rng: np.random.Generator, count: int, gaps: tuple[float, float] = (0.05, 0.2)) -> Iterator[Line]:
@@ -142,7 +143,7 @@ def test_speed_rises_again_when_the_path_is_clear():
     rng = np.random.default_rng(64)
     cell = boxes()
     free_scene = cell_scene(cell, {body.name: body.mesh for body in cell.bodies})
-    without = PathCheck(cell, free_scene, CONTACT, REACTION, deceleration(), 0.0)
+    without = PathCheck(FreePath(cell, free_scene, CONTACT, 0.0), REACTION, deceleration())
     # Lines on which no link is in the way behind the wall.
     through = (line for line in blocked(rng, 100) if without.check(line.ahead(line.contact), POLL, 0, 0).clash is None)
     for line in itertools.islice(through, 4):

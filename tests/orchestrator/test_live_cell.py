@@ -105,18 +105,19 @@ def test_move_into_table_is_slowed_and_held(operator: SteppedCell) -> None:
     np.testing.assert_allclose(operator.live.state.world_from_body["sensor"], ABOVE, atol=1e-6)
 
 
-def test_jog_into_table_is_warned_then_stopped(operator: SteppedCell) -> None:
+def test_jog_into_table_slows_down_and_rests(operator: SteppedCell) -> None:
     operator.at(ABOVE)
     operator.live.submit(SetOperation(Operation.MANUAL))
     down = JogSensor([0, 0, -1, 0, 0, 0])
-    operator.until(lambda state: state.controller == "emergency stop", down)
+    held = operator.until(lambda state: state.guard_text.startswith("no jog: sensor - table: "), down)
+    assert held.guarded_pair == ("sensor", "table")
     texts = [state.guard_text for state in operator.states]
-    warned = next(i for i, text in enumerate(texts) if "contact in" in text)
-    stopped = next(i for i, text in enumerate(texts) if text.startswith("stop: sensor - table"))
-    assert warned < stopped
+    slowed = next(i for i, text in enumerate(texts) if text.startswith("slowed to "))
+    assert texts[slowed].endswith(" mm")
     assert any(state.pendant_beep for state in operator.states)
-    operator.cycle(30, down)
-    assert operator.live.state.controller == "emergency stop"
+    assert not any(state.controller == "emergency stop" for state in operator.states)
+    joints = operator.cycle(30, down).joints
+    np.testing.assert_allclose(joints, held.joints, atol=1e-4)
     assert not operator.touched
 
 

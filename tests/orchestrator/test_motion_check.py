@@ -90,7 +90,7 @@ def test_violations_of_a_way_match_those_of_its_motions(cell):
     counts = {True: 0, False: 0}
     for a, b in zip(start, end, strict=True):
         way = np.linspace(a, b, 5)
-        violated, first = check.violations(way[:-1], way[1:]), check.first_violations(way, 8)
+        violated, first = check.violations(way[:-1], way[1:]), check.first_violations(way[:-1], way[1:], 8)
         fine = np.linspace(a, b, 4 * 8 * 20 + 1)
         nearest = scene.distances(cell.body_poses(fine[:, :6], fine[:, 6]), 0.05)
         assert violated[nearest.min(0) < 0.01].all()
@@ -138,7 +138,7 @@ def test_used_up_budget_proves_nothing(cell):
     way = np.linspace(*(np.append(cell.home + 0.01 * k, 0.0) for k in (0, 1)), 3)
     assert not check.violations(way[:-1], way[1:]).any()
     assert check.violations(way[:-1], way[1:], budget=Budget(0)).all()
-    assert (check.first_violations(way, 4, budget=Budget(0)) == 0).any()
+    assert (check.first_violations(way[:-1], way[1:], 4, budget=Budget(0)) == 0).any()
     budget = Budget(10)
     assert check.violations(way[:-1], way[1:], budget=budget).any()
     assert budget.left <= 0
@@ -254,7 +254,7 @@ def test_clearances_and_deviations_that_prove_nothing_are_rejected(cell, argumen
     for function, motions in (
         (check.violations, (path[:-1], path[1:])),
         (check.first_clashes, (path[:-1], path[1:])),
-        (check.first_violations, (path, 4)),
+        (check.first_violations, (path[:-1], path[1:], 4)),
     ):
         with pytest.raises(ValueError, match=r"expected (finite )?(angles|clearances)"):
             function(*motions, **{argument: value})

@@ -73,9 +73,9 @@ def test_guard_stops_jog_before_table(ideal_scanner: Scanner) -> None:
         Robot(session).move_tool(ABOVE)
         seen = contacts(session)
         session.set_operation(Operation.MANUAL)
-        with pytest.raises(CommandError, match=r"jog_sensor: stop: sensor - table: \d+ mm; an emergency stop"):
+        with pytest.raises(CommandError, match=r"jog_sensor: held by the guard: no jog: sensor - table: \d mm"):
             session.jog_sensor([0, 0, -1, 0, 0, 0], 10.0)
-        session.wait(1.0)
+        session.jog_sensor([0, 0, 1, 0, 0, 0], 1.0)
         assert max(seen) == 0
 
 

@@ -232,7 +232,7 @@ def test_typed_pose_is_reached(opened: Opened) -> None:
     np.testing.assert_allclose(sensor[:3, :3], ABOVE_TABLE[:3, :3], atol=1e-4)
 
 
-def test_jog_into_the_table_is_warned_then_stopped(opened: Opened) -> None:
+def test_jog_into_the_table_slows_down_and_rests(opened: Opened) -> None:
     opened.moves_to(ABOVE_TABLE)
     page = opened.page().page
     page.get_by_role("tab", name="Jog").click()
@@ -242,8 +242,9 @@ def test_jog_into_the_table_is_warned_then_stopped(opened: Opened) -> None:
     page.mouse.down()
     opened.until(lambda state: state.moving, "the jog")
     opened.until(lambda state: state.pendant_beep and state.guard_text != "", "the warning")
-    stopped = opened.until(lambda state: not state.moving and state.controller == "emergency stop", "the stop")
-    page.get_by_role("alert").filter(has_text="The guard stopped the robot").wait_for()
+    page.locator("b", has_text="guard: slowed").wait_for()
+    stopped = opened.until(lambda state: not state.moving and state.guard_text.startswith("no jog"), "the rest")
+    page.get_by_role("alert").filter(has_text="The guard permits no jog in this direction").wait_for()
     page.mouse.up()
     assert not any(state.colliding for state in opened.states)
     assert opened.nominal.world_from_sensor(stopped.joints)[2, 3] < ABOVE_TABLE[2, 3] - 1 * mm

@@ -90,7 +90,7 @@ ControllerOutputs outputs_of(const control::Report& report, std::size_t joints, 
   outputs.limit = table_limited ? static_cast<std::int32_t>(joints) + 1 : report.limit;
   outputs.progress = report.progress;
   outputs.clock = report.path_clock.clock;
-  outputs.rate = report.path_clock.rate;
+  outputs.rate = report.rate;
   outputs.at_destination = report.at_destination;
   outputs.destination = report.destination;
   outputs.guard_age = report.guard_age;

@@ -88,7 +88,9 @@ struct MotionCommand {
             bounded(
                 {"monitor_speed", kNone,
                  "Speed override of moves and segments, 0 to 1, while they run, without leaving the path; 0 "
-                 "pauses. Streamed set-points and jogs are not scaled; with a guard, 0 lets no jog begin"},
+                 "pauses. Streamed set-points are not scaled. With a guard, largest jog speed as a fraction "
+                 "of "
+                 "the full speed in the direction of the jog; without one, jogs are not scaled"},
                 0, 1)),
         field(c.jog,
               with_axes(bounded({"jog", kNone,
@@ -126,10 +128,10 @@ struct MotionCommand {
               bounded(
                   {"guard.max_age", kSecond,
                    "Largest allowed age of command.guard.time. Moves, segments and jogs wait at their start "
-                   "until command.guard.time is after controller.path_time, jogs for a command.monitor_speed "
-                   "above 0, too. Moves and segments slow down from full speed at half this age to rest at "
-                   "this age and wait on their paths for an increase of command.reset; older, set-points and "
-                   "jogs (modes 1, 4, 5) end in an emergency stop; 0: no guard"},
+                   "until command.guard.time is after controller.path_time; then jogs are limited to "
+                   "command.monitor_speed. Moves and segments slow down from full speed at half this age to "
+                   "rest at this age and wait on their paths for an increase of command.reset; older, "
+                   "set-points and jogs (modes 1, 4, 5) end in an emergency stop; 0: no guard"},
                   0)));
   }
 };
@@ -189,11 +191,12 @@ struct ControllerOutputs {
                                   "Path clock of the running or last move or segment: time from its start at "
                                   "full monitor speed"}),
                       0)),
-        field(o.rate,
-              bounded({"rate", kNone,
-                       "Rate of the path clock against time, 0 to 1: the speed of the running move or "
-                       "segment as a fraction of its full speed; 0 where none runs"},
-                      0, 1)),
+        field(
+            o.rate,
+            bounded({"rate", kNone,
+                     "Rate of the path clock against time, 0 to 1: the speed of the running move, segment or "
+                     "jog as a fraction of that of controller.ahead; 0 where none runs"},
+                    0, 1)),
         field(o.at_destination,
               {"at_destination", kNone, "True while all axes are at rest exactly at controller.destination"}),
         field(o.destination,
@@ -207,9 +210,9 @@ struct ControllerOutputs {
         field(
             o.path_time,
             {"path_time", kSecond,
-             "Simulation time at which the controller took up the running or last move or segment, or with a "
-             "guard the latest jog or increase of its deflection: from then on controller.ahead shows its "
-             "path. With a guard it waits for a later command.guard.time"}));
+             "Simulation time at which the controller took up the running or last move, segment or jog: from "
+             "then on controller.ahead shows its path. With a guard it waits for a later "
+             "command.guard.time"}));
   }
 };
 

@@ -525,7 +525,8 @@ class CellSession:
         Raises
         ------
         CommandError
-            If the controller refuses; stopping before a limit is no error.
+            If the controller refuses, or the guard holds the robot in front of a body; stopping before a limit is no
+            error.
         """
         self.start_jog_joints(deflections)
         self._finish_jog(Mode.JOINT_JOG, "jog_joints", duration)
@@ -540,7 +541,8 @@ class CellSession:
         Raises
         ------
         CommandError
-            If the arm has fewer than six joints, or the controller refuses; stopping before a limit is no error.
+            If the arm has fewer than six joints, the controller refuses, or the guard holds the robot in front of a
+            body; stopping before a limit is no error.
         """
         self.start_jog_sensor(deflections, frame)
         self._finish_jog(Mode.CARTESIAN_JOG, "jog_sensor", duration)
@@ -726,9 +728,13 @@ class CellSession:
                 self.step()
                 if refusal(self._cell) is not None and self._cell.get_integer("controller.mode") != mode:
                     self._refuse(command)
+            is_held = self.value("command.guard.max_age") > 0 and self.value("command.monitor_speed") == 0
+            guard_text = self._guard_text()
         finally:
             self.hold()
         self._wait_for_rest(command)
+        if is_held:
+            raise CommandError(f"{command}: held by the guard: {guard_text}")
 
     def _world_from_flange(self, world_from_tool: ArrayLike, tool: Tool) -> Array:
         return np.asarray(world_from_tool, float) @ pose.inverse(self.flange_from_tool(tool))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scancell.guard.motion import Hypothesis, Path
-from scancell.guard.near import NearPairs
+from scancell.guard.near import STILL, NearPairs, almost
 from scancell.guard.predict import Predictor
 from scancell.guard.stopping import Stop, WorstCase, braking_time, latest_stop
 from scancell.guard.tool import Tool
@@ -29,9 +29,7 @@ Flags = NDArray[np.bool_]
 _PIECES = 4  # straight in the axes, of a predicted motion
 _PARTS = 64  # of a motion in which the contact is looked for
 _SOON = 1e-3  # s in which the distance changes, for its rate
-_STILL = 1e-6  # m/s: slower pairs do not approach
 _SURELY = 5e-3  # m/s: faster pairs approach whatever the noise of the rates, and are warned of
-_NEARER, _NEARER_SHARE = 0.2e-3, 0.1  # m, and share of its distance, by which a pair may come nearer that does not
 _FINEST = 2e-4  # rad: finest intervals, a fraction of a millimetre of motion
 _FINE = 1e-4  # rad: those of the proof that a pair does not come nearer
 _FARTHEST_ASTRAY = 0.2  # rad: links of an arm are too close to each other for stops that may deviate more
@@ -59,7 +57,7 @@ class Contact:
     approach
         The pair, now.
     path
-        Continuation of the motion; None: as the controller shows.
+        Continuation of the motion.
     free_until, contact_by
         Times between which the first contact is, s from the measured state; before, the motion is proved free.
     travel
@@ -67,7 +65,7 @@ class Contact:
     """
 
     approach: Approach
-    path: Path | None
+    path: Path
     free_until: float
     contact_by: float
     travel: float
@@ -159,36 +157,6 @@ class ManualCheck:
             motions.append(_Motion(hypothesis.path, now, rates, error, stop, way, axes[later], times[later]))
         return self._verdict(motions, only_stop)
 
-    def check_shown(self, axes: Array, ahead: Array, spacing: float, only_stop: bool = False) -> Verdict:
-        """The same for a predicted jog, which the operator cannot change before a state contains the change.
-
-        Parameters
-        ----------
-        axes
-            Measured joints and table angle, (joints + 1,), rad.
-        ahead
-            Where the jog leads, (n, joints + 1), rad, `spacing` (s) apart, from one `spacing` after the state on. The
-            robot follows this path, at most as fast.
-        spacing
-            s.
-        only_stop
-            As in `check`.
-        """
-        pieces = max(2, int(np.ceil(self._worst.reaction / spacing - 1e-9)))  # rates need three points
-        if pieces + 1 > len(ahead) or len(ahead) < 3:
-            return Verdict((), (), True)
-        # The rows are set-points: by them the path begins where the measured axes are but for their errors.
-        begin = 3 * ahead[0] - 3 * ahead[1] + ahead[2]
-        points = np.vstack([begin, ahead])
-        times = np.asarray(spacing * np.arange(len(points)), np.float64)
-        rates = (points[1] - points[0]) / spacing
-        error = np.abs(begin - axes) + self._worst.angle_error
-        stop = Stop(braking_time(rates, self._worst.deceleration), error, 0.0)
-        way = _stop_way(points[: pieces + 1], times[: pieces + 1], stop, self._worst, False)
-        soon = times <= max(self._horizon, spacing) + spacing / 2  # a piece at least
-        motion = _Motion(None, begin, rates, np.zeros_like(rates), stop, way, points[soon], times[soon])
-        return self._verdict([motion], only_stop)
-
     def _verdict(self, motions: Sequence[_Motion], only_stop: bool) -> Verdict:
         without_stop, contacts, astray = [], [], False
         budget = Budget(_WORK)
@@ -246,12 +214,10 @@ class ManualCheck:
         near, kept = self._near.update(motion.now, distance)
         of_axes = self._bounds.pairs(motion.now[None], np.diag(motion.rate_error)[:, None])[:, 0]
         surely = np.sqrt((of_axes**2).sum(0))  # the errors of the axes are independent
-        approaching = ~near & violated & (rate < surely - _STILL)
+        approaching = ~near & violated & (rate < surely - STILL / _SOON)
         if approaching.any():
             return next(one for one in found if approaching[self._number[one.body_a, one.body_b]])
-        nearer_by = np.maximum(_NEARER, _NEARER_SHARE * distance)
-        far = violated & ~near
-        kept = np.where(far, np.maximum(self._clearance, distance - nearer_by), kept)
+        kept = np.where(violated & ~near, almost(distance, self._clearance), kept)
         nearer_later = self._motions.violations(*way.predicted, clearance=kept, budget=budget, finest=_FINE)
         return next((one for one in found if nearer_later[self._number[one.body_a, one.body_b]]), None)
 
@@ -260,7 +226,9 @@ class ManualCheck:
         axes, times = motion.axes, motion.times
         clearance = self._clearance.copy()
         while True:
-            first = self._motions.first_violations(axes, motion.finer, clearance=clearance, budget=budget)
+            first = self._motions.first_violations(
+                axes[:-1], axes[1:], motion.finer, clearance=clearance, budget=budget
+            )
             touching = np.isfinite(first)
             if not touching.any() or budget.left <= 0:
                 return None
@@ -283,7 +251,7 @@ class _Motion:
     Attributes
     ----------
     path
-        Its continuation; None: as the controller shows.
+        Its continuation.
     now
         Axes from which it continues, (joints + 1,), rad.
     rates, rate_error
@@ -294,7 +262,7 @@ class _Motion:
         Predicted axes of the motion if it continues, (n, joints + 1), rad, at equally spaced times (n,), s.
     """
 
-    path: Path | None
+    path: Path
     now: Array
     rates: Array
     rate_error: Array

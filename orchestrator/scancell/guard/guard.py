@@ -21,7 +21,9 @@ from scancell.config.robot import RobotDescription
 from scancell.errors import MessageError
 from scancell.geometry.reduction import reduced
 from scancell.guard.check import Contact, ManualCheck, Verdict
+from scancell.guard.free_path import FreePath
 from scancell.guard.identify import Identifier
+from scancell.guard.jog_check import JogCheck, JogVerdict
 from scancell.guard.messages import MAX_TEXT, CellState, GuardMessage
 from scancell.guard.motion import Hypothesis, MeasuredState
 from scancell.guard.path_check import PathCheck, PathVerdict
@@ -37,6 +39,7 @@ Array = NDArray[np.float64]
 _MAX_FACES = 400
 _STATES = 3
 _BEEP = 0.5  # s to a contact
+_AT_LIMIT = 0.9  # of the permitted speed, from which on a jog counts as slowed
 
 
 @dataclass(frozen=True)
@@ -111,10 +114,13 @@ class Guard:
         deceleration = settings.deceleration * nominal.axis_max_acceleration
         angle_error = np.broadcast_to(np.asarray(settings.angle_error, float), (self._axes,))
         age, delay = settings.latency + settings.max_age, 2 * settings.cycle
-        worst = WorstCase(age, 0.0, delay, deceleration, angle_error, jog_limits(robot, nominal))
+        limits = jog_limits(robot, nominal)
+        worst = WorstCase(age, 0.0, delay, deceleration, angle_error, limits)
         self._identifier = Identifier(nominal, settings.noise)
         self._manual = ManualCheck(nominal, scene, clearance, worst, settings.horizon)
-        self._automatic = PathCheck(nominal, scene, clearance, settings.reaction, deceleration, angle_error)
+        self._free_path = FreePath(nominal, scene, clearance, angle_error)
+        self._jogs = JogCheck(nominal, self._free_path, settings.reaction, deceleration, limits)
+        self._automatic = PathCheck(self._free_path, settings.reaction, deceleration)
         self._motions = MotionCheck(nominal, scene, clearance, settings.threads)
         self.reset()
 
@@ -125,7 +131,7 @@ class Guard:
         self._states: deque[MeasuredState] = deque(maxlen=_STATES)
         self._moving = 0  # states since the robot was at rest
         self._manual.reset()
-        self._automatic.reset()
+        self._free_path.reset()
         self._speeds: deque[tuple[float, float]] = deque()
         self._stopping = False
         self.decision = Decision()
@@ -167,6 +173,7 @@ class Guard:
             self._speeds = deque([(state.time, 1.0)])  # what was allowed before is not known
             self._operation = state.operation
         decision = self._by_hand(state) if state.operation is Operation.MANUAL else self._on_path(state)
+        self._speeds.append((state.time, decision.monitor_speed))
         self.decision = decision
         # A stop continues until the robot is at rest; then the controller waits for a reset by an operator.
         self._stopping = decision.stop or (self._stopping and state.moving)
@@ -188,13 +195,12 @@ class Guard:
         if not state.moving and not _leads_away(ahead):
             return Decision()
         if len(ahead):
-            verdict = self._manual.check_shown(axes, ahead, state.spacing, only_stop=True)
-        elif len(self._states) < 2:
+            return self._on_jog(state, axes, ahead)
+        if len(self._states) < 2:
             return Decision(True, text="stop: the robot moves in an unknown way", beep=True)
-        else:
-            verdict = self._manual.check(self._hypotheses(), only_stop=True, begins=self._moving < _STATES)
+        verdict = self._manual.check(self._hypotheses(), only_stop=True, begins=self._moving < _STATES)
         if not verdict.stop_is_proved:
-            return _refusal(verdict, state.moving)
+            return _stop(verdict)
         if verdict.contacts:
             return _warning(verdict.contacts[0])
         return Decision()
@@ -203,16 +209,26 @@ class Guard:
         """Motions to check."""
         return self._identifier.identify(list(self._states)).hypotheses
 
+    def _on_jog(self, state: CellState, axes: Array, ahead: Array) -> Decision:
+        if not state.limits_jogs:  # it has the speed that is shown, or rests
+            verdict = self._jogs.check(axes, ahead, state.spacing, 1.0)
+            if verdict.stop_is_proved:
+                return Decision()
+            return _jog_decision(verdict, 0.0, state.moving, state.moving)
+        in_force = max(state.rate, self._allowed(state))
+        verdict = self._jogs.check(axes, ahead, state.spacing, in_force)
+        stops = not verdict.stop_is_proved and in_force > 0
+        slows = state.rate >= _AT_LIMIT * verdict.permitted
+        return _jog_decision(verdict, verdict.permitted if verdict.stop_is_proved else 0.0, stops, slows)
+
     def _on_path(self, state: CellState) -> Decision:
         ahead = np.asarray(state.ahead)
         if not len(ahead) and state.moving:
             return Decision(True, text="stop: no path is known", beep=True)
         if not state.moving and not _leads_away(ahead):
-            self._speeds.append((state.time, 1.0))
             return Decision()
         verdict = self._path_verdict(state, np.vstack([state.axes, ahead]))
         speed = verdict.monitor_speed
-        self._speeds.append((state.time, speed))
         if verdict.clash is None:
             return Decision(not verdict.stop_is_proved, speed)
         pair = verdict.clash.body_a, verdict.clash.body_b
@@ -222,15 +238,17 @@ class Guard:
         return Decision(False, speed, f"slowed to {speed:.0%}: {' - '.join(pair)}" if slows else "", slows, pair)
 
     def _path_verdict(self, state: CellState, points: Array) -> PathVerdict:
-        """Verdict, with all monitor speeds that may be in force on the path until its answer arrives.
+        return self._automatic.check(points, state.spacing, state.rate, self._allowed(state))
+
+    def _allowed(self, state: CellState) -> float:
+        """Largest monitor speed that may be in force on the path of a state until its answer arrives.
 
         The controller takes up a path at rest, and waits there for an answer to a later state.
         """
         oldest = state.time - self.settings.reaction
         while self._speeds and (self._speeds[0][0] < oldest or self._speeds[0][0] <= state.path_time):
             self._speeds.popleft()
-        allowed = max((speed for _, speed in self._speeds), default=0.0)
-        return self._automatic.check(points, state.spacing, state.rate, allowed)
+        return max((speed for _, speed in self._speeds), default=0.0)
 
 
 def _leads_away(ahead: Array) -> bool:
@@ -238,14 +256,23 @@ def _leads_away(ahead: Array) -> bool:
     return len(ahead) > 0 and bool(np.ptp(ahead, axis=0).any())
 
 
-def _refusal(verdict: Verdict, moving: bool) -> Decision:
-    """An emergency stop, or the rejection of the predicted jog if the robot is at rest."""
-    speed, word = (1.0, "stop") if moving else (0.0, "no jog")
+def _stop(verdict: Verdict) -> Decision:
     if not verdict.without_stop:
-        return Decision(moving, speed, f"{word}: the motion changes too fast", True)
+        return Decision(True, text="stop: the motion changes too fast", beep=True)
     near = verdict.without_stop[0]
     pair = near.body_a, near.body_b
-    return Decision(moving, speed, f"{word}: {' - '.join(pair)}: {near.distance * 1e3:.0f} mm", True, pair)
+    return Decision(True, 1.0, f"stop: {' - '.join(pair)}: {near.distance * 1e3:.0f} mm", True, pair)
+
+
+def _jog_decision(verdict: JogVerdict, speed: float, stops: bool, slows: bool) -> Decision:
+    """An emergency stop, or the permitted speed of a jog; the bodies that it approaches are named in any case."""
+    word = "stop" if stops else f"slowed to {speed:.0%}" if speed else "no jog"
+    clash = verdict.clash
+    if clash is None:
+        return Decision() if verdict.stop_is_proved else Decision(stops, speed, f"{word}: too little is shown", True)
+    pair = clash.body_a, clash.body_b
+    near = f"{' - '.join(pair)}: {verdict.distance * 1e3:.0f} mm"
+    return Decision(stops, speed, f"{word}: {near}" if stops or slows else near, stops or slows, pair)
 
 
 def _warning(contact: Contact) -> Decision:

@@ -159,4 +159,5 @@ class GuardedCell:
             cell.get(self._ahead).reshape(_AHEAD, len(axes)).copy() if follows else (),
             self._cycle_us * 1e-6 if follows else 0.0,
             float(cell.get(self._path_time)[0]) if follows else 0.0,
+            self._shows_jogs,
         )

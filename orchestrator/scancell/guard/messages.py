@@ -36,6 +36,7 @@ _LENGTH_AT = 6
 MIN_PACKET = _HEADER.size + _ANSWER.size + _CRC.size
 MAX_PACKET = _HEADER.size + _STATE.size + 8 * (MAX_JOINTS + 1) * (1 + MAX_AHEAD) + _CRC.size
 
+_MOVING, _LIMITS_JOGS = 1, 2  # flags of a state
 _MAX_TIME = 1e9  # s
 _MAX_ANGLE = 1e4  # rad
 _SPACING = 1e-3, 10.0  # s, least and greatest
@@ -65,7 +66,7 @@ class CellState:
     axes
         Measured joints and table, (joints + 1,), rad.
     rate
-        Rate of the path clock, 0 to 1; 1 is the programmed speed.
+        Rate of the path clock, 0 to 1; 1 is the speed of the path ahead.
     ahead
         Axes on the path ahead, (m, joints + 1), rad, one row per `spacing` of path clock, or of time in a jog; m = 0 if
         nothing is shown.
@@ -74,6 +75,9 @@ class CellState:
     path_time
         Time at which the controller took up the path ahead, by its clock, s: only answers to later states let it move
         on the path. 0 if there is no path ahead.
+    limits_jogs
+        Whether the controller shows jogs at full speed, reports their present share of it as `rate`, and limits it to
+        the monitor speed of the last answer.
 
     Raises
     ------
@@ -100,6 +104,7 @@ class CellState:
     ahead: ArrayLike = ()
     spacing: float = 0.0
     path_time: float = 0.0
+    limits_jogs: bool = False
 
     def __post_init__(self) -> None:
         axes = _numbers("axes", self.axes)
@@ -125,7 +130,8 @@ class CellState:
     def encode(self, session: int, guard: int) -> bytes:
         """The packet of the session number `session`; `guard` is 0 until the guard's number is known."""
         axes, ahead = np.asarray(self.axes), np.asarray(self.ahead)
-        counts = (self.operation, self.mode, bool(self.moving), len(axes) - 1, len(ahead))
+        flags = bool(self.moving) * _MOVING | bool(self.limits_jogs) * _LIMITS_JOGS
+        counts = (self.operation, self.mode, flags, len(axes) - 1, len(ahead))
         body = _STATE.pack(self.time, self.rate, self.spacing, self.path_time, *counts)
         angles = np.concatenate([axes, ahead.ravel()]).astype("<f8").tobytes()
         return _sealed(Kind.STATE, session, guard, self.sequence, body + angles)
@@ -142,7 +148,7 @@ class GuardMessage:
     state_sequence, state_time
         Those of the state. The controller measures the age of the answer by its own clock; no clocks are synchronised.
     monitor_speed
-        Greatest rate of the path clock allowed, 0 to 1.
+        Greatest rate of the path clock allowed, 0 to 1; in a jog, of its full speed.
     emergency_stop
         Whether the robot must stop at once. Single answers may be lost: the guard repeats it until the robot rests.
     text
@@ -242,15 +248,17 @@ def _sealed(kind: Kind, session: int, guard: int, sequence: int, body: bytes) ->
 
 def _decoded_state(sequence: int, body: bytes) -> CellState:
     _require(len(body) >= _STATE.size, "state", f"{len(body)} bytes", f"at least {_STATE.size}")
-    time, rate, spacing, path_time, operation, mode, moving, joints, rows = _STATE.unpack_from(body)
+    time, rate, spacing, path_time, operation, mode, flags, joints, rows = _STATE.unpack_from(body)
     _require(1 <= joints <= MAX_JOINTS, "joints", joints, f"1 to {MAX_JOINTS}")
     size = _STATE.size + 8 * (joints + 1) * (1 + rows)
     _require(len(body) == size, "state", f"{len(body)} bytes", f"{size} for {joints} joints and {rows} rows ahead")
     _require(operation in tuple(Operation), "operation", operation, "0 (manual) or 1 (automatic)")
     _require(mode in tuple(Mode), "mode", mode, f"0 to {max(Mode)}")
+    _require(flags <= _MOVING | _LIMITS_JOGS, "flags", flags, "0 to 3")
     angles = np.frombuffer(body, "<f8", offset=_STATE.size).reshape(1 + rows, joints + 1)
-    known = (Operation(operation), Mode(mode), _flag("moving", moving))
-    return CellState(sequence, time, *known, angles[0], rate, angles[1:], spacing, path_time)
+    known = (Operation(operation), Mode(mode), bool(flags & _MOVING))
+    limits_jogs = bool(flags & _LIMITS_JOGS)
+    return CellState(sequence, time, *known, angles[0], rate, angles[1:], spacing, path_time, limits_jogs)
 
 
 def _decoded_answer(sequence: int, body: bytes) -> GuardMessage:

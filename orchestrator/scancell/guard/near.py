@@ -19,6 +19,9 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 _ROUNDING = 5e-6  # m: of proofs, which need some room
+_NEARER, _NEARER_SHARE = 0.2e-3, 0.1  # m, and share of its distance, by which a pair may come nearer that does not
+
+STILL = 1e-9  # m: pairs whose distance changes less in a short motion do not approach
 
 
 class NearPairs:
@@ -64,3 +67,8 @@ class NearPairs:
         known = np.isfinite(self._kept)
         self._kept = np.where(near, np.where(known, self._kept, distance - feigned - _ROUNDING), np.inf)
         return near, np.where(near, self._kept, -np.inf)
+
+
+def almost(distance: Array, clearance: Array) -> Array:
+    """Distances (pairs,), m, that pairs with their `clearance` keep if a motion does not reduce their `distance`."""
+    return np.maximum(clearance, distance - np.maximum(_NEARER, _NEARER_SHARE * distance))

@@ -10,17 +10,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from scancell.guard.near import NearPairs
-from scancell.nominal.cell import NominalCell
-from scancell.proximity.motion_check import Budget, MotionCheck, MotionClash
-from scancell.proximity.scene import ProximityScene
+from scancell.guard.free_path import FreePath, Section, ShownPath
+from scancell.proximity.motion_check import Budget, MotionClash
 
 Array = NDArray[np.float64]
 
 _FINER = 4  # parts of a piece of the path that are distinguished
-_FINEST = 2e-4  # rad: finest intervals, a fraction of a millimetre of motion
 _WORK = 150_000  # comparisons of faces or their bounding volumes: the path is not proved beyond
 _LONGER = 1.5  # braking on a path against braking straight on
 _TARGETS = np.linspace(0.0, 1.0, 51)
@@ -59,39 +56,16 @@ class PathCheck:
 
     Parameters
     ----------
-    nominal
-        Kinematics and bodies.
-    scene
-        Pairs of these bodies.
-    clearance
-        Distance that counts as contact, one for all pairs or (pairs,), m.
+    free_path
+        The search for the free part of a path.
     reaction
         Time from the measured state to the beginning of braking in the worst case, s.
     deceleration
         That every axis attains, (joints + 1,), rad/s².
-    angle_error
-        Of the measured angles, one or (joints + 1,), rad.
     """
 
-    def __init__(
-        self,
-        nominal: NominalCell,
-        scene: ProximityScene,
-        clearance: ArrayLike,
-        reaction: float,
-        deceleration: ArrayLike,
-        angle_error: ArrayLike,
-    ) -> None:
-        self._motions = MotionCheck(nominal, scene, clearance, 1, _FINEST)
-        self._pairs = scene.pairs
-        self._clearance = np.broadcast_to(np.asarray(clearance, float), (len(scene.pairs),))
-        self._reaction, self._angle_error = reaction, np.asarray(angle_error, float)
-        self._deceleration = np.asarray(deceleration, float)
-        self._near = NearPairs(nominal, scene.pairs, self._clearance, angle_error)
-
-    def reset(self) -> None:
-        """Forget the pairs within their clearance."""
-        self._near.reset()
+    def __init__(self, free_path: FreePath, reaction: float, deceleration: Array) -> None:
+        self._free_path, self._reaction, self._deceleration = free_path, reaction, deceleration
 
     def check(self, points: Array, spacing: float, rate: float, allowed: float) -> PathVerdict:
         """Verdict on the path through `points` (n, joints + 1), rad, `spacing` (s of path clock) apart.
@@ -110,38 +84,15 @@ class PathCheck:
 
     def _free(self, points: Array, spacing: float, needed: float) -> tuple[float, MotionClash | None]:
         """Path clock that is proved free, s, and the clash beyond it; the part `needed` for a stop is proved first."""
-        bend = np.abs(np.diff(points, n=2, axis=0)).max(0, initial=0.0) / 4 + self._angle_error
+        bend = np.abs(np.diff(points, n=2, axis=0)).max(0, initial=0.0) / 4 + self._free_path.angle_error
         moving = np.flatnonzero((np.diff(points, axis=0) != 0).any(1))
         last = int(moving[-1]) + 1 if len(moving) else 0
         of_stop = min(int(np.ceil(needed / spacing)), last)
-        budget = Budget(_WORK)
-        near, kept = self._near_pairs(points[0], budget)
-        for begin, end in ((0, of_stop), (of_stop, last)):
-            way = points[begin : end + 1]
-            if end <= begin:
-                continue
-            room = np.where(near, -np.inf, self._clearance)
-            first = self._motions.first_violations(way, _FINER, bend, room, budget)
-            if near.any():
-                nearer = self._motions.first_violations(way, _FINER, _bend_aside(points), kept, budget)
-                first = np.minimum(first, nearer)
-            pairs = np.flatnonzero(np.isfinite(first))
-            if not len(pairs):
-                continue
-            number = int(pairs[np.argmin(first[pairs])])
-            piece, share = divmod(float(first[number]), 1.0)
-            place = way[int(piece)] + share * (way[int(piece) + 1] - way[int(piece)])
-            distance = float(self._motions.distances(place[None], np.arange(len(first)) == number)[0, number])
-            clearance = float(self._clearance[number])
-            clash = MotionClash(begin + int(piece), *self._pairs[number], distance, clearance, share)
-            return spacing * (begin + piece + share), clash
-        return spacing * (len(points) - 1), None
-
-    def _near_pairs(self, axes: Array, budget: Budget) -> tuple[NDArray[np.bool_], Array]:
-        """As `NearPairs.update` at the measured `axes`."""
-        without_room = self._motions.violations(axes[None], axes[None], self._angle_error, budget=budget)
-        distance = self._motions.distances(axes[None], without_room, budget)[0]
-        return self._near.update(axes, distance)
+        deviation = np.broadcast_to(bend, points[1:].shape)
+        path = ShownPath(points, deviation, points[1:], _bend_aside(points))
+        sections = [Section(0, of_stop, _FINER), Section(of_stop, last, _FINER)]
+        free, clash = self._free_path.search(path, sections, Budget(_WORK))
+        return spacing * (free if clash else len(points) - 1), clash
 
     def _braking(self, points: Array, spacing: float) -> float:
         """Path clock that braking from full speed takes, s; from the rate r it takes r times that."""

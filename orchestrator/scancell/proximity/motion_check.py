@@ -145,19 +145,20 @@ class MotionCheck:
 
     def first_violations(
         self,
-        points: Array,
+        start: Array,
+        end: Array,
         parts: int,
         deviation: ArrayLike = 0.0,
         clearance: ArrayLike | None = None,
         budget: Budget | None = None,
     ) -> Array:
-        """Where the first pairs (pairs,) are not proved to keep their clearance on the path through `points`.
+        """Where the first pairs (pairs,) are not proved to keep their clearance, in motions one after the other.
 
-        It is the beginning of one of `parts` equal parts of the straight motions between two points, and counted in
-        those; infinite for other pairs. `parts` is a power of 2; others as in `violations`.
+        It is the beginning of one of `parts` equal parts of a motion from `start` to `end`, and counted in motions;
+        infinite for other pairs. `parts` is a power of 2; others as in `violations`.
         """
         budget = budget or Budget()
-        motions = self._motions(points[:-1], points[1:], deviation, clearance)
+        motions = self._motions(start, end, deviation, clearance)
         first, work = self._native.first_violations(*motions, self._finest, parts, max(budget.left, 0))
         budget.spend(work)
         return first

@@ -10,12 +10,12 @@ import numpy as np
 
 from scancell.cell.controller import Operation
 from scancell.guard.check import ManualCheck
+from scancell.guard.free_path import FreePath
 from scancell.guard.guard import Decision, Guard
 from scancell.guard.identify import Identifier, _Window
 from scancell.guard.link import Link
 from scancell.guard.messages import CellState, GuardMessage, decode
 from scancell.guard.motion import Hypothesis, Kind, Path
-from scancell.guard.path_check import PathCheck
 from scancell.nominal.cell import NominalCell
 from scancell.studies.guard.simulation import Protection
 from scancell.studies.guard.strata import Stratum
@@ -84,7 +84,8 @@ class _NoClearance(Guard):
         super().__init__(nominal, *others)
         known, scene, worst = self.settings, self._manual._scene, self._manual._worst
         self._manual = ManualCheck(nominal, scene, 0.0, worst, known.horizon)
-        self._automatic = PathCheck(nominal, scene, 0.0, known.reaction, worst.deceleration, known.angle_error)
+        self._free_path = FreePath(nominal, scene, 0.0, known.angle_error)
+        self._jogs._free_path = self._automatic._free_path = self._free_path
 
 
 class _NoTable(Guard):

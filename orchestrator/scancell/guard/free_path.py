@@ -1,0 +1,133 @@
+"""Free length of a path that the controller shows: how far the robot is proved to keep all clearances on it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from scancell.guard.near import STILL, NearPairs, almost
+from scancell.nominal.cell import NominalCell
+from scancell.proximity.motion_check import Budget, MotionCheck, MotionClash
+from scancell.proximity.scene import ProximityScene
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+_FINEST = 2e-4  # rad: finest intervals, a fraction of a millimetre of motion
+_SOON = 1 / 16  # of the first piece, in which the distance changes, for the direction of its change
+
+
+@dataclass(frozen=True)
+class ShownPath:
+    """Set-points of a path, and how far the robot may be from it.
+
+    Attributes
+    ----------
+    points
+        (n, joints + 1), rad, equally spaced in path clock.
+    deviation
+        Bound on the deviation of the axes from the straight motion from each point to the next, (n - 1, joints + 1),
+        rad.
+    ends
+        End of the motion from each point that pairs without room have to survive, (n - 1, joints + 1), rad.
+    aside
+        The deviation that applies to those, (joints + 1,), rad.
+    slides
+        Whether a pair within its clearance and the deviation may stay there if the motion does not reduce its distance.
+    """
+
+    points: Array
+    deviation: Array
+    ends: Array
+    aside: Array
+    slides: bool = False
+
+
+@dataclass(frozen=True)
+class Section:
+    """Pieces of a path from `begin` to `end`, of which `parts` (a power of 2) are distinguished in each."""
+
+    begin: int
+    end: int
+    parts: int
+
+
+class FreePath:
+    """Searches for the first place of a path that is not proved free.
+
+    Parameters
+    ----------
+    nominal
+        Kinematics and bodies.
+    scene
+        Pairs of these bodies.
+    clearance
+        Distance that counts as contact, one for all pairs or (pairs,), m.
+    angle_error
+        Of the measured angles, one or (joints + 1,), rad.
+    """
+
+    def __init__(
+        self, nominal: NominalCell, scene: ProximityScene, clearance: ArrayLike, angle_error: ArrayLike
+    ) -> None:
+        self._motions = MotionCheck(nominal, scene, clearance, 1, _FINEST)
+        self._pairs = scene.pairs
+        self._clearance = np.broadcast_to(np.asarray(clearance, float), (len(scene.pairs),))
+        self.angle_error = np.broadcast_to(np.asarray(angle_error, float), (len(nominal.arm.joints) + 1,))
+        self._near = NearPairs(nominal, scene.pairs, self._clearance, angle_error)
+
+    def reset(self) -> None:
+        """Forget the pairs within their clearance."""
+        self._near.reset()
+
+    def search(self, path: ShownPath, sections: Sequence[Section], budget: Budget) -> tuple[float, MotionClash | None]:
+        """Pieces that are proved free, one section after the other, and the clash behind them; None: there is none."""
+        near, kept = self._without_room(path, budget)
+        room = np.where(near, -np.inf, self._clearance)
+        for section in sections:
+            pieces = slice(section.begin, section.end)
+            if section.end <= section.begin:
+                continue
+            begins, ends, deviation = path.points[pieces], path.points[1:][pieces], path.deviation[pieces]
+            first = self._motions.first_violations(begins, ends, section.parts, deviation, room, budget)
+            if near.any():
+                nearer = self._motions.first_violations(
+                    begins, path.ends[pieces], section.parts, path.aside, kept, budget
+                )
+                first = np.minimum(first, nearer)
+            if np.isfinite(first).any():
+                number = int(np.argmin(first))
+                piece, share = divmod(section.begin + float(first[number]), 1.0)
+                return piece + share, self._clash(path.points, int(piece), share, number)
+        return float(max(section.end for section in sections)), None
+
+    def distance(self, axes: Array, pair: tuple[str, str]) -> float:
+        """Distance of a pair of the scene at `axes` (joints + 1,), rad, m."""
+        return self._distance(axes, self._pairs.index(pair))
+
+    def _clash(self, points: Array, piece: int, share: float, number: int) -> MotionClash:
+        place = points[piece] + share * (points[piece + 1] - points[piece])
+        clearance = float(self._clearance[number])
+        return MotionClash(piece, *self._pairs[number], self._distance(place, number), clearance, share)
+
+    def _distance(self, axes: Array, number: int) -> float:
+        one = np.arange(len(self._pairs)) == number
+        return float(self._motions.distances(axes[None], one)[0, number])
+
+    def _without_room(self, path: ShownPath, budget: Budget) -> tuple[Flags, Array]:
+        """Pairs (pairs,) whose distances must not become less than others (pairs,), m: see `NearPairs.update`."""
+        start = path.points[0]
+        within = path.deviation[0] if path.slides else self.angle_error
+        violated = self._motions.violations(start[None], start[None], within, budget=budget)
+        distance = self._motions.distances(start[None], violated, budget)[0]
+        near, kept = self._near.update(start, distance)
+        far = violated & ~near
+        if not (path.slides and far.any()):
+            return near, kept
+        soon = start + _SOON * (path.points[1] - start)
+        later = self._motions.distances(soon[None], far, budget)[0]
+        slides = far & (later >= distance - STILL)
+        return near | slides, np.where(slides, almost(distance, self._clearance), kept)

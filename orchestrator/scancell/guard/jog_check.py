@@ -1,0 +1,188 @@
+"""Permitted speed of a jog whose path the controller shows, and proof that it stops within the free part of the path.
+
+A jog follows its path at any share of the full speed at which it is shown.  At the share s it goes on for s T of path
+clock in the reaction time T, then brakes along the tangent: the axis of speed v and deceleration a that needs longest
+sets B = v / a at full speed, and the stop takes s² B / 2 of path clock.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.guard.free_path import FreePath, Section, ShownPath
+from scancell.guard.stopping import braking_time
+from scancell.guard.tool import Tool
+from scancell.guard.unseen import JogLimits
+from scancell.nominal.cell import NominalCell
+from scancell.proximity.motion_check import Budget, MotionClash
+
+Array = NDArray[np.float64]
+
+# Comparisons of faces or their bounding volumes (about 0.08 µs each): the path is not proved beyond.
+_WORK = 70_000
+_BENDING = 1.5  # of the measured curvature between its samples
+_FINE = 2, 64  # pieces in which slow jogs stop, and the parts of each that are distinguished
+_COARSE = 4  # parts of the other pieces
+_LEAST = 0.002  # smallest permitted share of the full speed above 0
+_SLOW = 0.25  # share up to which stops leave the path so little that they are checked on their own
+_LARGER = 1.5  # of the largest error of the angles, for which the permitted share leaves room
+# Reaction times for which the permitted share s leaves room: near a body s falls by the factor e in this time, so that
+# the share that was permitted a reaction time before is safe as well, also where answers arrive 0.1 s late.
+_EASY = 2.5
+_RAMP = 1.1  # of the time that the controller takes to slow down, for which the permitted share leaves room
+
+
+@dataclass(frozen=True)
+class JogVerdict:
+    """Result of the check of a jog.
+
+    Attributes
+    ----------
+    clash
+        What limits the speed; None: nothing on the path that is shown.
+    distance
+        Present distance of its bodies, m; infinite if there is no clash.
+    permitted
+        Largest share of the full speed from which the robot slows down in time, 0 to 1.
+    stop_is_proved
+        Whether the robot can react and then stop in the worst case, free of contact.
+    """
+
+    clash: MotionClash | None
+    distance: float
+    permitted: float
+    stop_is_proved: bool
+
+
+class JogCheck:
+    """Checks jogs that a controller shows.
+
+    Parameters
+    ----------
+    nominal
+        Kinematics and bodies.
+    free_path
+        The search for the free part of a path.
+    reaction
+        Time from the measured state to the beginning of braking in the worst case, s.
+    deceleration
+        That every axis attains, (joints + 1,), rad/s².
+    limits
+        Accelerations of jogs: those at which the controller follows a lower permitted speed.
+    """
+
+    def __init__(
+        self, nominal: NominalCell, free_path: FreePath, reaction: float, deceleration: Array, limits: JogLimits
+    ) -> None:
+        self._free_path, self._reaction, self._deceleration, self._limits = free_path, reaction, deceleration, limits
+        self._max_speed = nominal.axis_max_speed
+        self._tool = Tool(nominal)
+
+    def check(self, axes: Array, ahead: Array, spacing: float, in_force: float) -> JogVerdict:
+        """Verdict on a jog.
+
+        Parameters
+        ----------
+        axes
+            Measured joints and table angle, (joints + 1,), rad.
+        ahead
+            Path of the jog at full speed, (n, joints + 1), rad, `spacing` (s) apart, from one `spacing` after the state
+            on.
+        spacing
+            s.
+        in_force
+            Largest share of the full speed that the robot may have until the answer arrives.
+        """
+        if len(ahead) < 3:
+            return JogVerdict(None, np.inf, 0.0, False)
+        # The rows are set-points: by them the path begins where the measured axes are but for their errors.
+        points = np.vstack([3 * ahead[0] - 3 * ahead[1] + ahead[2], ahead])
+        rates = np.gradient(points, spacing, axis=0, edge_order=2)
+        rates = np.clip(rates, -self._max_speed, self._max_speed)
+        braking = braking_time(np.abs(rates).max(0), self._deceleration)
+        jog = _Jog(points, rates, spacing, braking, max(braking, _RAMP * self._ramp(points[0], rates[0])))
+        error = np.abs(points[0] - axes) + self._free_path.angle_error
+        # The errors of the next state differ: the speed is reduced for larger ones.
+        larger = np.maximum(error, _LARGER * self._free_path.angle_error)
+        budget = Budget(_WORK)
+        permitted, proved, clash = 1.0, False, None
+        for most in (1.0, _SLOW):
+            free, found = self._search(jog, larger, most, self._room(jog, most), budget)
+            permitted = most if found is None else min(most, self._permitted(jog, free))
+            clash = found or clash
+            share = max(in_force, permitted)
+            proved = proved or (share <= most and self._needed(jog, share) <= free)
+            if permitted >= _SLOW:
+                break
+        if not proved:
+            share = max(in_force, permitted)
+            needed = self._needed(jog, share)
+            proved = self._search(jog, error, share, needed, budget)[0] >= needed
+        distance = np.inf if clash is None else self._free_path.distance(points[0], (clash.body_a, clash.body_b))
+        return JogVerdict(clash, distance, permitted, proved)
+
+    def _search(
+        self, jog: _Jog, error: Array, share: float, clock: float, budget: Budget
+    ) -> tuple[float, MotionClash | None]:
+        """Path clock that is proved free, s, at up to a `share` of the full speed, as far as `clock` or what is shown.
+
+        The last piece that is looked at is searched as a whole.
+        """
+        end = min(int(np.ceil(clock / jog.spacing - 1e-9)), len(jog.points) - 1)
+        fine, parts = _FINE
+        sections = [Section(0, min(fine, end), parts), Section(min(fine, end), end, _COARSE)]
+        free, clash = self._free_path.search(jog.path(error, share), sections, budget)
+        return free * jog.spacing, clash
+
+    def _needed(self, jog: _Jog, share: float) -> float:
+        """Path clock of the reaction and the stop at a share of the full speed, s."""
+        return share * self._reaction + share**2 * jog.braking / 2
+
+    def _room(self, jog: _Jog, share: float) -> float:
+        """Path clock from which on a share is permitted, s."""
+        return _EASY * share * self._reaction + share**2 * jog.ramp / 2
+
+    def _permitted(self, jog: _Jog, free: float) -> float:
+        """The share with the room `free`, s of path clock; 0 if it is too small."""
+        easy = _EASY * self._reaction
+        share = 2 * free / (easy + np.sqrt(easy**2 + 2 * jog.ramp * free))
+        return float(share) if share >= _LEAST else 0.0
+
+    def _ramp(self, axes: Array, rates: Array) -> float:
+        """Time in which the controller slows a jog of `rates` (joints + 1,), rad/s, down to rest, s."""
+        twist = self._tool.poses(axes[None, :-1])[1][0] @ rates[:-1]
+        line, turn = float(np.linalg.norm(twist[:3])), float(np.linalg.norm(twist[3:]))
+        return max(braking_time(rates, self._limits.axes), line / self._limits.line, turn / self._limits.turn)
+
+
+@dataclass(frozen=True)
+class _Jog:
+    """A jog at full speed: set-points (n, joints + 1), rad, `spacing` (s) apart, and their rates, rad/s.
+
+    `braking` and `ramp` are the times in which it brakes in the worst case and as the controller slows it down, s.
+    """
+
+    points: Array
+    rates: Array
+    spacing: float
+    braking: float
+    ramp: float
+
+    def path(self, error: Array, share: float) -> ShownPath:
+        """The path at a share of the full speed, with the stops that leave it along its tangents.
+
+        Braking takes at most half its time of path clock and half a cycle; until then the path bends away by half the
+        curvature times the squared time.
+        """
+        reach = share * (share * self.braking + self.spacing) / 2
+        bend = np.abs(np.diff(self.points, n=2, axis=0))
+        bend = np.vstack([bend[:1], bend, bend[-1:]])  # at each point
+        pieces = np.arange(len(self.points) - 1)
+        behind = int(np.ceil(reach / self.spacing))
+        around = [bend[np.clip(pieces + k, 0, len(bend) - 1)] for k in range(-behind, 3)]
+        aside = 1 / 4 + _BENDING * (reach / self.spacing) ** 2 / 2
+        ends = self.points[:-1] + (self.spacing + reach) * self.rates[:-1]
+        return ShownPath(self.points, error + aside * np.max(around, axis=0), ends, np.zeros(len(error)), slides=True)
