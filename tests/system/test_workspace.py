@@ -206,7 +206,7 @@ def test_jog_into_the_table_is_warned_then_stopped(opened: Opened) -> None:
     opened.moves_to(ABOVE_TABLE)
     page = opened.page().page
     page.get_by_role("tab", name="Jog").click()
-    choose(page, "axis", "sensor z")
+    choose(page, "axis", "tool z")
     button = page.get_by_role("button", name="Hold to jog -")
     button.hover()
     page.mouse.down()
