@@ -20,13 +20,29 @@ struct ToolState {
 };
 
 /// Nominal forward kinematics, without deviations of the arm as built.
-class ArmGeometry {
+class ArmKinematics {
  public:
-  virtual ~ArmGeometry() = default;
-  virtual ToolState tool(const Axes& position) const = 0;
+  virtual ~ArmKinematics() = default;
+  virtual ToolState tool(const Axes& position, const Eigen::Isometry3d& flange_from_tool) const = 0;
   /// The joints, at most six, that linear moves and Cartesian jogs use. The others keep still, so that an arm
   /// with more than six joints has one solution near every position.
   virtual const std::vector<int>& cartesian_joints() const = 0;
+};
+
+/// An arm with the tool that linear moves and jogs refer to.
+class ArmGeometry {
+ public:
+  explicit ArmGeometry(const ArmKinematics& arm) : arm_(arm) {}
+
+  ToolState tool(const Axes& position) const { return arm_.tool(position, flange_from_tool_); }
+  const std::vector<int>& cartesian_joints() const { return arm_.cartesian_joints(); }
+  const Eigen::Isometry3d& flange_from_tool() const { return flange_from_tool_; }
+  /// To be called between motions only: a path holds poses of the tool.
+  void set_tool(const Eigen::Isometry3d& flange_from_tool) { flange_from_tool_ = flange_from_tool; }
+
+ private:
+  const ArmKinematics& arm_;
+  Eigen::Isometry3d flange_from_tool_ = Eigen::Isometry3d::Identity();
 };
 
 /// The columns of a Jacobian that belong to the joints of Cartesian motion.

@@ -32,7 +32,7 @@ inline constexpr EnumerationItem kOperationItems[] = {
 enum class JogFrame : std::int32_t { kWorld, kTool };
 inline constexpr EnumerationItem kJogFrameItems[] = {
     {"world", "axes of the world"},
-    {"sensor", "axes of the sensor"},
+    {"sensor", "axes of the tool, at the start the sensor"},
 };
 
 /// Collision of bodies of the cell at the last controller cycle.
@@ -45,7 +45,9 @@ enum class Collision {
 
 struct Command {
   Mode mode = Mode::kHold;
-  Axes position{};                                // rad, set-points in servo mode, targets of moves
+  Axes position{};  // rad, set-points in servo mode, targets of moves
+  /// Tool of linear moves and jogs; none: invalid.
+  std::optional<Eigen::Isometry3d> flange_from_tool = Eigen::Isometry3d::Identity();
   std::optional<Eigen::Isometry3d> pose;          // world_from_tool, target of a linear move
   std::shared_ptr<const ProgramSegment> segment;  // to run in program mode; null: there is none
   double speed = 1;                               // fraction of the full speed, above 0
@@ -104,7 +106,8 @@ inline constexpr EnumerationItem kControllerErrorItems[] = {
     {"too_fast", "segment exceeds a limit of speed or acceleration"},
     {"guard_timeout", "guard message too old, reset needed"},
     {"invalid_orientation",
-     "command.target.orientation is no unit quaternion: its norm must be from 0.99 to 1.01"},
+     "command.target.orientation or command.tool.orientation is no unit quaternion: its norm must be from "
+     "0.99 to 1.01"},
     {"trigger_interval",
      "trigger mode without interval: command.trigger.period must be at least 1 microsecond, .angle or "
      ".distance above 0"},

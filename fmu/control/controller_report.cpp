@@ -74,6 +74,7 @@ ControllerState RobotController::state() const {
   state.servo = servo_.state();
   state.move = move_.state();
   state.jog = jog_.state();
+  state.flange_from_tool = arm_.flange_from_tool();
   return state;
 }
 
@@ -82,6 +83,7 @@ void RobotController::restore(const ControllerState& state) {
   servo_.restore(state.servo);
   move_.restore(state.move);
   jog_.restore(state.jog);
+  arm_.set_tool(state.flange_from_tool);
 }
 
 }  // namespace robotcell::control

@@ -39,14 +39,14 @@ ControllerError error_of(PathFault fault) {
 
 }  // namespace
 
-RobotController::RobotController(const ControllerSettings& settings, const ArmGeometry& arm,
+RobotController::RobotController(const ControllerSettings& settings, const ArmKinematics& arm,
                                  const Axes& start)
     : settings_(settings),
       arm_(arm),
       cycle_(static_cast<double>(settings.cycle_us) * kSecondsPerMicrosecond),
       servo_(settings.motion.axes, settings.cycle_us, start),
-      move_(arm, settings_.motion.axes),
-      jog_(arm, settings_.motion.axes, settings.jog) {
+      move_(arm_, settings_.motion.axes),
+      jog_(arm_, settings_.motion.axes, settings.jog) {
   state_.destination = state_.free = start;
 }
 
@@ -62,8 +62,10 @@ void RobotController::cycle(std::int64_t now_us, const Command& command) {
   // An interrupted motion comes to rest and ends, also where its mode is commanded again before.
   const bool interrupted = state_.phase == Phase::kBraking && move_.active();
   const bool at_once = streams(state_.mode) && streams(next);
-  if (next != state_.mode && (at_once || at_rest())) enter(next);
-  if (next == state_.mode && !state_.stopped && !interrupted) {
+  const bool changes = next != state_.mode || changes_tool(next, command);
+  const bool enters = changes && (at_once || at_rest());
+  if (enters) enter(next, command);
+  if ((enters || !changes) && !state_.stopped && !interrupted) {
     state_.phase = Phase::kMoving;
     run(now_us, command);
   } else {
@@ -101,8 +103,9 @@ void RobotController::latch_inputs(std::int64_t now_us, const Command& command) 
   move.segment = command.segment;
   move.position = command.position;
   move.speed = command.speed;
-  if (!command.pose) return;
+  if (!command.pose || !command.flange_from_tool) return;
   move.has_pose = true;
+  move.flange_from_tool = *command.flange_from_tool;
   move.tool_position = command.pose->translation();
   move.tool_orientation = Eigen::Quaterniond(command.pose->linear());
 }
@@ -127,6 +130,7 @@ ControllerError RobotController::check_preconditions(std::int64_t now_us, const 
   const bool manual = command.operation == Operation::kManual;
   if (manual && !is_jog(command.mode)) return ControllerError::kManualOperation;
   if (!manual && is_jog(command.mode)) return ControllerError::kAutomaticOperation;
+  if (is_jog(command.mode) && !command.flange_from_tool) return ControllerError::kInvalidOrientation;
   const auto age = static_cast<double>(now_us - state_.heartbeat_us) * kSecondsPerMicrosecond;
   const bool watched = command.max_age > 0 && streams_commands(command.mode);
   if (watched && age > command.max_age) return ControllerError::kHeartbeatTimeout;
@@ -137,11 +141,19 @@ Mode RobotController::requested_mode(const Command& command) const {
   return state_.error == ControllerError::kNone ? command.mode : Mode::kHold;
 }
 
-void RobotController::enter(Mode mode) {
+/// Whether a mode begins with another tool than that of the last linear move or jog.
+bool RobotController::changes_tool(Mode mode, const Command& command) const {
+  return is_jog(mode) && command.flange_from_tool->matrix() != arm_.flange_from_tool().matrix();
+}
+
+void RobotController::enter(Mode mode, const Command& command) {
   state_.mode = mode;
   move_.cancel();
   state_.jog_permit = {};
-  if (is_jog(mode)) jog_.enter(present());
+  if (is_jog(mode)) {
+    arm_.set_tool(*command.flange_from_tool);
+    jog_.enter(present());
+  }
   if (moves(mode)) return;
   state_.path_error = ControllerError::kNone;
   state_.path_limit = 0;
@@ -209,6 +221,7 @@ void RobotController::plan() {
     state_.path_error = ControllerError::kInvalidOrientation;
     return;
   }
+  if (line) arm_.set_tool(pending_move.flange_from_tool);
   const Axes from = present_position();
   const Eigen::Isometry3d target =
       Eigen::Translation3d(pending_move.tool_position) * pending_move.tool_orientation;

@@ -25,7 +25,8 @@ struct PendingMove {
   Mode mode = Mode::kJointMove;
   std::shared_ptr<const ProgramSegment> segment;  // in program mode; null: there is none
   Axes position{};
-  bool has_pose = false;  // of the tool; false: the command had none
+  bool has_pose = false;  // of the tool; false: the command had none, or no tool
+  Eigen::Isometry3d flange_from_tool = Eigen::Isometry3d::Identity();
   Eigen::Vector3d tool_position = Eigen::Vector3d::Zero();
   Eigen::Quaterniond tool_orientation = Eigen::Quaterniond::Identity();
   double speed = 1;
@@ -37,7 +38,8 @@ struct ControllerState {
   MoveState move;
   JogState jog;
   PendingMove pending_move;
-  Mode mode = Mode::kHold;  // active mode
+  Eigen::Isometry3d flange_from_tool = Eigen::Isometry3d::Identity();  // of the last linear move or jog
+  Mode mode = Mode::kHold;                                             // active mode
   Phase phase = Phase::kRest;
   bool stopped = false;                                 // emergency stop active
   ControllerError error = ControllerError::kNone;       // of the current command
@@ -61,10 +63,10 @@ struct RunningSegment {
 
 /// Reads a command once per cycle and computes the axes one cycle ahead.
 ///
-/// Changes between servo and hold are immediate. Any other change of mode waits until the axes are at rest; a
-/// programmed motion stops on its path. A move or segment starts from where the axes have come to rest, and
-/// an infeasible one does not start. In manual operation only jogs are accepted, in automatic operation
-/// everything else.
+/// Changes between servo and hold are immediate. Any other change of mode, and of the tool in a jog, waits
+/// until the axes are at rest; a programmed motion stops on its path. A move or segment starts from where the
+/// axes have come to rest, and an infeasible one does not start. In manual operation only jogs are accepted,
+/// in automatic operation everything else.
 ///
 /// A collision that begins ends in an emergency stop, and so does one that becomes deeper after a reset,
 /// unless the axes approach the position of the last cycle without a collision: a motion back is always
@@ -76,7 +78,7 @@ struct RunningSegment {
 /// then end in an emergency stop.
 class RobotController {
  public:
-  RobotController(const ControllerSettings& settings, const ArmGeometry& arm, const Axes& start);
+  RobotController(const ControllerSettings& settings, const ArmKinematics& arm, const Axes& start);
   RobotController(const RobotController&) = delete;
   RobotController& operator=(const RobotController&) = delete;
 
@@ -109,7 +111,8 @@ class RobotController {
   bool waits_for_guard() const;
   ControllerError check_preconditions(std::int64_t now_us, const Command& command) const;
   Mode requested_mode(const Command& command) const;
-  void enter(Mode mode);
+  bool changes_tool(Mode mode, const Command& command) const;
+  void enter(Mode mode, const Command& command);
   void run(std::int64_t now_us, const Command& command);
   void brake(std::int64_t now_us);
   void run_jog(std::int64_t now_us, const Command& command);
@@ -125,12 +128,12 @@ class RobotController {
   Axes present_position() const;
 
   ControllerSettings settings_;
-  const ArmGeometry& arm_;
+  ArmGeometry arm_;
   double cycle_;  // s
   ServoController servo_;
   ProgrammedMove move_;
   Jog jog_;
-  ControllerState state_;  // except the states of servo_, move_ and jog_
+  ControllerState state_;  // except those of servo_, move_ and jog_, and the tool
 };
 
 }  // namespace robotcell::control

@@ -117,8 +117,8 @@ void exchange(A& a, JogState& v) {
 }
 template <class A>
 void exchange(A& a, PendingMove& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.pending, v.mode, v.segment, v.position, v.has_pose, v.tool_position,
-                     v.tool_orientation, v.speed);
+  ROBOTCELL_EXCHANGE(a, v, v.pending, v.mode, v.segment, v.position, v.has_pose, v.flange_from_tool,
+                     v.tool_position, v.tool_orientation, v.speed);
 }
 template <class A>
 void exchange(A& a, GuardWatch& v) {
@@ -130,9 +130,10 @@ void exchange(A& a, JogPermit& v) {
 }
 template <class A>
 void exchange(A& a, ControllerState& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.servo, v.move, v.jog, v.pending_move, v.mode, v.phase, v.stopped, v.error,
-                     v.path_error, up_to(a, kAxes, v.path_limit), v.start, v.reset, v.heartbeat,
-                     v.heartbeat_us, v.guard, v.jog_permit, v.advanced_us, v.runs, v.destination, v.free);
+  ROBOTCELL_EXCHANGE(a, v, v.servo, v.move, v.jog, v.pending_move, v.flange_from_tool, v.mode, v.phase,
+                     v.stopped, v.error, v.path_error, up_to(a, kAxes, v.path_limit), v.start, v.reset,
+                     v.heartbeat, v.heartbeat_us, v.guard, v.jog_permit, v.advanced_us, v.runs, v.destination,
+                     v.free);
 }
 }  // namespace control
 

@@ -152,7 +152,7 @@ std::int64_t Cell::guard_instant(double guard_time) const {
 
 /// Reads the commands at an instant of the controller cycle.
 void Cell::take_commands(const CellInputs& inputs) {
-  control::Command command = command_of(inputs.motion);
+  control::Command command = command_of(inputs.motion, nominal_.flange_from_sensor());
   if (command.mode == control::Mode::kProgram && controller_.starts(command)) {
     command.segment = requested_segment(inputs);
   }

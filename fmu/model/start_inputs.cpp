@@ -8,6 +8,8 @@ std::array<double*, kHomeInputs> home_inputs(CellInputs& inputs) {
   std::array<double*, kHomeInputs> members;
   std::size_t count = 0;
   for (double& axis : inputs.motion.position) members[count++] = &axis;
+  for (double& coordinate : inputs.motion.tool_position) members[count++] = &coordinate;
+  for (double& coordinate : inputs.motion.tool_orientation) members[count++] = &coordinate;
   for (double& coordinate : inputs.motion.target_position) members[count++] = &coordinate;
   for (double& coordinate : inputs.motion.target_orientation) members[count++] = &coordinate;
   members[count] = &inputs.gripper.width;
@@ -19,6 +21,9 @@ CellInputs start_inputs(const CellDescription& cell) {
   for (std::size_t i = 0; i < cell.joints.size(); ++i) inputs.motion.position[i] = cell.joints[i].start;
   inputs.motion.position[kTableAxis] = cell.table.start;
   const Kinematics nominal(cell, AsBuilt{});
+  const BodyState tool = body_state(attached({}, nominal.flange_from_sensor()));
+  inputs.motion.tool_position = tool.position;
+  inputs.motion.tool_orientation = tool.orientation;
   const BodyState sensor = body_state(nominal.sensor(nominal.arm(inputs.motion.position, {}).back()));
   inputs.motion.target_position = sensor.position;
   inputs.motion.target_orientation = sensor.orientation;

@@ -9,9 +9,9 @@
 
 namespace robotcell {
 
-/// Inputs that start at the home pose of the cell: set-points of all axes, target of the sensor, width of the
+/// Inputs that start at the home pose of the cell: set-points of all axes, tool, its target, width of the
 /// gripper.
-constexpr std::size_t kHomeInputs = kAxes + 3 + 4 + 1;
+constexpr std::size_t kHomeInputs = kAxes + 2 * (3 + 4) + 1;
 std::array<double*, kHomeInputs> home_inputs(CellInputs& inputs);
 
 /// Start values of all inputs, with the home pose from the nominal geometry.

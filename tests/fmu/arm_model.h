@@ -13,10 +13,11 @@ constexpr std::size_t kArmJoints = 6;
 constexpr std::int64_t kCycle = 16000;
 constexpr double kCycleSeconds = 0.016;
 
-/// The tool is 0.15 m in front of the flange, off its axis.
-class ArmModel : public control::ArmGeometry {
+/// The flange, where the tool is at the start, is 0.15 m in front of the last joint, off its axis.
+class ArmModel : public control::ArmKinematics {
  public:
-  control::ToolState tool(const Axes& position) const override {
+  control::ToolState tool(const Axes& position, const Eigen::Isometry3d& flange_from_tool =
+                                                    Eigen::Isometry3d::Identity()) const override {
     const double rows[kArmJoints][3] = {{0.075, 0.335, -90}, {0.27, 0, 0}, {-0.09, 0, 90},
                                         {0, 0.295, -90},     {0, 0, 90},   {0, 0.08, 0}};
     Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
@@ -30,7 +31,7 @@ class ArmModel : public control::ArmGeometry {
     }
     control::ToolState tool;
     tool.jacobian.resize(6, kArmJoints);
-    tool.pose = pose * Eigen::Translation3d(0.02, 0.01, 0.15);
+    tool.pose = pose * Eigen::Translation3d(0.02, 0.01, 0.15) * flange_from_tool;
     for (std::size_t i = 0; i < kArmJoints; ++i) {
       tool.jacobian.col(static_cast<int>(i)) << axes[i].cross(tool.pose.translation() - origins[i]), axes[i];
     }

@@ -3,12 +3,22 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <string>
 
 namespace robotcell {
 namespace {
 
 constexpr double kNormRounding = 0.01;  // of a quaternion that was written with few digits
+constexpr double kSameTool = 1e-12;     // rounding of a pose that was converted to a quaternion
+
+/// None where the orientation is no unit quaternion.
+std::optional<Eigen::Isometry3d> pose_of(const std::array<double, 3>& position,
+                                         const std::array<double, 4>& orientation) {
+  const Eigen::Quaterniond rotation(orientation[0], orientation[1], orientation[2], orientation[3]);
+  if (!(std::abs(rotation.norm() - 1) < kNormRounding)) return std::nullopt;
+  return Eigen::Translation3d(position[0], position[1], position[2]) * rotation.normalized();
+}
 
 }  // namespace
 
@@ -19,10 +29,11 @@ NominalArm::NominalArm(const CellDescription& cell) : kinematics_(cell, AsBuilt{
   }
 }
 
-control::ToolState NominalArm::tool(const control::Axes& position) const {
+control::ToolState NominalArm::tool(const control::Axes& position,
+                                    const Eigen::Isometry3d& flange_from_tool) const {
   const auto links = kinematics_.arm(position, {});
   control::ToolState tool;
-  tool.pose = kinematics_.sensor(links.back()).pose;
+  tool.pose = links.back().pose * flange_from_tool;
   tool.jacobian.resize(6, static_cast<int>(links.count));
   Eigen::Isometry3d before = kinematics_.world_from_base();
   for (std::size_t i = 0; i < links.count; ++i) {
@@ -56,18 +67,17 @@ control::ControllerSettings settings_of(const CellDescription& cell) {
   return settings;
 }
 
-control::Command command_of(const MotionCommand& motion) {
+control::Command command_of(const MotionCommand& motion, const Eigen::Isometry3d& flange_from_sensor) {
   control::Command command;
   command.mode = static_cast<control::Mode>(motion.mode);
   command.operation = static_cast<control::Operation>(motion.operation);
   command.jog_frame = static_cast<control::JogFrame>(motion.jog_frame);
   command.position = motion.position;
-  const auto& p = motion.target_position;
-  const auto& q = motion.target_orientation;
-  const Eigen::Quaterniond orientation(q[0], q[1], q[2], q[3]);
-  if (std::abs(orientation.norm() - 1) < kNormRounding) {
-    command.pose = Eigen::Translation3d(p[0], p[1], p[2]) * orientation.normalized();
+  command.flange_from_tool = pose_of(motion.tool_position, motion.tool_orientation);
+  if (command.flange_from_tool && command.flange_from_tool->isApprox(flange_from_sensor, kSameTool)) {
+    command.flange_from_tool = flange_from_sensor;
   }
+  command.pose = pose_of(motion.target_position, motion.target_orientation);
   command.speed = motion.speed;
   command.monitor_speed = motion.monitor_speed;
   command.jog = motion.jog;

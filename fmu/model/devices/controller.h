@@ -6,6 +6,7 @@
 #include <string>
 
 #include "fmu/control/robot_controller.h"
+#include "fmu/model/description/value_limits.h"
 #include "fmu/model/fields.h"
 #include "fmu/model/world/kinematics.h"
 
@@ -15,12 +16,12 @@ constexpr double kMaxGuardTime = 2e9;  // s: beyond the largest simulation time
 constexpr double kMinSpeed = 1e-6;     // fraction of the full speed: a move ends
 
 constexpr Element kJogElements[kAxes] = {
-    {"[1]", "joint 1; in mode 5 the sensor along x"},
-    {"[2]", "joint 2; in mode 5 the sensor along y"},
-    {"[3]", "joint 3; in mode 5 the sensor along z"},
-    {"[4]", "joint 4; in mode 5 the sensor about x"},
-    {"[5]", "joint 5; in mode 5 the sensor about y"},
-    {"[6]", "joint 6; in mode 5 the sensor about z"},
+    {"[1]", "joint 1; in mode 5 the tool along x"},
+    {"[2]", "joint 2; in mode 5 the tool along y"},
+    {"[3]", "joint 3; in mode 5 the tool along z"},
+    {"[4]", "joint 4; in mode 5 the tool about x"},
+    {"[5]", "joint 5; in mode 5 the tool about y"},
+    {"[6]", "joint 6; in mode 5 the tool about z"},
     {"[7]", "joint 7"},
     {"[8]", "joint 8"},
     {"[{t}]", "the rotary table, in mode 5, too"},
@@ -29,8 +30,10 @@ constexpr Element kJogElements[kAxes] = {
 /// Mode, jog frame and operation are those of control/command.h.
 struct MotionCommand {
   std::int32_t mode = 0;
-  std::string program;                      // path of a file, relative to the FMU's resources, or absolute
-  std::array<double, kAxes> position{};     // set-points and targets: joints, then table (rad)
+  std::string program;                    // path of a file, relative to the FMU's resources, or absolute
+  std::array<double, kAxes> position{};   // set-points and targets: joints, then table (rad)
+  std::array<double, 3> tool_position{};  // on the flange, m
+  std::array<double, 4> tool_orientation{1, 0, 0, 0};
   std::array<double, 3> target_position{};  // of the tool in the world, m
   std::array<double, 4> target_orientation{1, 0, 0, 0};
   std::int32_t start = 0;
@@ -63,13 +66,25 @@ struct MotionCommand {
                          "Angle of {e}: in mode 1 streamed set-point, reached one controller cycle "
                          "after it is read; in mode 2 (the table: and 3) target of the next move"},
                         kAxisElements)),
+        field(c.tool_position,
+              bounded({"tool.position[{i}]", kMetre,
+                       "Tool of linear moves and jogs: {x} of its origin in the frame of the flange; at the "
+                       "start the sensor. Read when a linear move starts and, at rest, when a jog starts: a "
+                       "change during a jog first brings the axes to rest"},
+                      -kMaxCoordinate, kMaxCoordinate)),
+        field(
+            c.tool_orientation,
+            bounded({"tool.orientation[{i}]", kNone,
+                     "Tool of linear moves and jogs: {x} of the unit quaternion flange_from_tool; scaled to "
+                     "unit length where its norm is from 0.99 to 1.01"},
+                    -1, 1)),
         field(c.target_position,
               {"target.position[{i}]", kMetre,
-               "Target of the next linear move: {x} of the sensor origin, world frame, by the nominal "
+               "Target of the next linear move: {x} of the origin of the tool, world frame, by the nominal "
                "geometry of the arm"}),
         field(c.target_orientation,
               bounded({"target.orientation[{i}]", kNone,
-                       "Target of the next linear move: {x} of the unit quaternion world_from_sensor, by "
+                       "Target of the next linear move: {x} of the unit quaternion world_from_tool, by "
                        "the nominal geometry of the arm; scaled to unit length where its norm is from "
                        "0.99 to 1.01"},
                       -1, 1)),
@@ -236,11 +251,12 @@ struct PendantOutputs {
   }
 };
 
-/// Nominal kinematics of the arm with the sensor as its tool, for the controller.
-class NominalArm : public control::ArmGeometry {
+/// Nominal kinematics of the arm, for the controller.
+class NominalArm : public control::ArmKinematics {
  public:
   explicit NominalArm(const CellDescription& cell);
-  control::ToolState tool(const control::Axes& position) const override;
+  control::ToolState tool(const control::Axes& position,
+                          const Eigen::Isometry3d& flange_from_tool) const override;
   const std::vector<int>& cartesian_joints() const override { return cartesian_joints_; }
 
  private:
@@ -250,8 +266,9 @@ class NominalArm : public control::ArmGeometry {
 
 control::ControllerSettings settings_of(const CellDescription& cell);
 
-/// Without a pose where the target orientation is no unit quaternion.
-control::Command command_of(const MotionCommand& motion);
+/// Without a pose or tool where its orientation is no unit quaternion. A tool that differs from
+/// `flange_from_sensor` by rounding alone is exactly that.
+control::Command command_of(const MotionCommand& motion, const Eigen::Isometry3d& flange_from_sensor);
 
 /// Outputs for an arm with this number of joints in a simulation from `start_time` (s) on.
 ControllerOutputs outputs_of(const control::Report& report, std::size_t joints, double start_time);

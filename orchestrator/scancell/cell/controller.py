@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import Annotated, Literal
+from typing import Annotated
 
 from numpy.typing import ArrayLike
 
@@ -11,7 +11,7 @@ from scancell.arguments import Rigid, Shape, Within
 from scancell.cell.instance import CellInstance
 
 # Arguments of commands, SI units and radians.
-Tool = Literal["sensor", "gripper"]  # whose pose is commanded
+Tool = str  # whose pose is commanded: sensor, gripper, or a tool of the description
 JointAngles = Annotated[ArrayLike, Shape((None,))]
 TableAngle = Annotated[float, Within(-1e4, 1e4)]
 WorldFromTool = Annotated[ArrayLike, Rigid()]
@@ -35,11 +35,11 @@ class Mode(IntEnum):
     JOINT_MOVE
         All axes together from start to end.
     LINE_MOVE
-        The sensor straight to a pose.
+        A tool straight to a pose.
     JOINT_JOG
         Axes by hand.
     CARTESIAN_JOG
-        The sensor by hand, along and about the axes of a `JogFrame`.
+        A tool by hand, along and about the axes of a `JogFrame`.
     PROGRAM
         A segment of a program.
 
@@ -92,7 +92,7 @@ class JogFrame(IntEnum):
     WORLD
         The axes of the world.
     SENSOR
-        The axes of the sensor; its z is the direction of the laser.
+        The axes of the jogged tool, by default the sensor; its z is the direction of the laser.
 
     Examples
     --------

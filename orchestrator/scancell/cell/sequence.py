@@ -23,6 +23,7 @@ from scancell.errors import CommandError, DescriptionError
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
 from scancell.nominal.poses import pose_matrix
+from scancell.nominal.tools import flange_from_tool
 
 Array = NDArray[np.float64]
 SequenceStep = Mapping[str, float | int]
@@ -144,14 +145,11 @@ def _pick_and_place(
     world_from_part = world_from_belt @ travel @ belt_from_part
     middle = np.append(on_belt[:, :2].min(0) + on_belt[:, :2].max(0), 2 * on_belt[:, 2].min()) / 2
 
-    assert nominal.flange_from_finger is not None
-    flange_from_gripper = nominal.flange_from_finger[0].copy()
-    flange_from_gripper[:3, 3] = nominal.flange_from_finger[:, :3, 3].mean(0)
     closing = world_from_belt[:3, 0]
     down = np.stack([closing, np.cross([0.0, 0.0, -1.0], closing), [0.0, 0.0, -1.0]], 1)
     reach = np.array([0.0, 0.0, _GRIP_HEIGHT + gripper.finger_length_mm * 1e-3])
     grip = pose.from_rotation(down, (world_from_belt @ travel @ np.append(middle, 1.0))[:3] + reach)
-    part_from_flange = pose.inverse(world_from_part) @ grip @ pose.inverse(flange_from_gripper)
+    part_from_flange = pose.inverse(world_from_part) @ grip @ pose.inverse(flange_from_tool(nominal, "gripper"))
     world_from_drop = pose.translation((0.0, 0.0, _DROP)) @ nominal.world_from_part(0.0)
 
     opened = {"gripper.mode": int(GripperMode.WIDTH), "gripper.width": width}

@@ -41,7 +41,7 @@ from scancell.cell.controller import (
     state_in_words,
 )
 from scancell.cell.driver import TRIGGER_MODES, DriveOptions, Driver
-from scancell.cell.instance import CellInstance
+from scancell.cell.instance import CellInstance, RealGroup
 from scancell.cell.program import Program
 from scancell.cell.recording import Recording
 from scancell.cell.records import RecordBatches, RecordCollector
@@ -49,6 +49,7 @@ from scancell.cell.snapshot import snapshot
 from scancell.errors import CommandError
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
+from scancell.nominal.tools import flange_from_tool, world_from_frame
 
 Array = NDArray[np.float64]
 
@@ -103,9 +104,12 @@ class CellSession:
         self._destination = cell.real_group(cell.axis_names("controller.destination."))
         axes = cell.axis_names("command.")
         self._targets = cell.real_group(axes)
-        self._line = cell.real_group(
-            [*(f"command.target.position[{i}]" for i in (1, 2, 3)),
-             *(f"command.target.orientation[{i}]" for i in (1, 2, 3, 4))]
+        self._tool, self._line = (
+            cell.real_group(
+                [*(f"command.{what}.position[{i}]" for i in (1, 2, 3)),
+                 *(f"command.{what}.orientation[{i}]" for i in (1, 2, 3, 4))]
+            )
+            for what in ("tool", "target")
         )  # fmt: skip
         self._jog = cell.real_group([f"command.jog[{i}]" for i in range(1, len(axes) + 1)])
         self._cycle_us = cycle_us
@@ -150,8 +154,21 @@ class CellSession:
         return self._cell.get(self._destination).copy()
 
     def world_from_tool(self, tool: Tool = "sensor") -> Array:
-        """Pose (4, 4) of `tool` (``sensor`` or ``gripper``) by the measured joints and the nominal geometry."""
+        """Pose (4, 4) of a `tool` (see `flange_from_tool`) by the measured joints and the nominal geometry."""
         return np.asarray(self._nominal.arm.fk(self.joints) @ self.flange_from_tool(tool))
+
+    @checked_arguments
+    def world_from_frame(self, frame: str) -> Array:
+        """Pose (4, 4) of a `frame` in which poses can be given, by nominal geometry and the measured table angle.
+
+        It is ``base``, ``table``, or a user frame of the description (``[[frame]]``).
+
+        Raises
+        ------
+        DescriptionError
+            If the cell has no such frame.
+        """
+        return world_from_frame(self._nominal, frame, self.table_angle)
 
     def presence(self, sensor: int) -> bool:
         """Whether presence sensor number `sensor` (from 1) detects a body."""
@@ -203,7 +220,7 @@ class CellSession:
         world_from_tool
             Pose (4, 4).
         tool
-            ``sensor`` or ``gripper``, whose origin lies between the pads.
+            See `flange_from_tool`.
         near
             Angles (joints,), rad: of all branches the one counts whose largest difference from them is smallest. None:
             the present joints.
@@ -214,9 +231,9 @@ class CellSession:
         ------
         CommandError
             If no branch, or not that of the configuration, reaches the pose within the joint limits, or there is no
-            such tool or configuration.
+            such configuration.
         DescriptionError
-            If `world_from_tool` is no pose.
+            If `world_from_tool` is no pose, or there is no such tool.
         """
         reference = self.joints if near is None else np.asarray(near, float)
         target = self._world_from_flange(world_from_tool, tool)
@@ -236,21 +253,18 @@ class CellSession:
 
     @checked_arguments
     def flange_from_tool(self, tool: Tool) -> Array:
-        """Pose (4, 4) of `tool` on the flange: ``sensor``, or ``gripper``, whose origin lies between the pads.
+        """Pose (4, 4) of `tool` on the flange.
+
+        It is ``sensor``, ``gripper``, whose origin lies between the pads, or a tool of the description (``[[tcp]]``).
 
         Raises
         ------
         CommandError
-            If the cell has no gripper.
+            If `tool` is ``gripper`` and the cell has none.
+        DescriptionError
+            If the cell has no such tool.
         """
-        if tool == "sensor":
-            return self._nominal.flange_from_sensor
-        fingers = self._nominal.flange_from_finger
-        if fingers is None:
-            raise CommandError("the cell has no gripper")
-        flange_from_gripper = fingers[0].copy()
-        flange_from_gripper[:3, 3] = fingers[:, :3, 3].mean(0)
-        return np.asarray(flange_from_gripper)
+        return flange_from_tool(self._nominal, tool)
 
     # Commands that take effect in the next cycles: nothing here steps the cell
 
@@ -295,14 +309,12 @@ class CellSession:
 
         Raises
         ------
-        CommandError
-            If the cell has no such tool.
         DescriptionError
-            If `world_from_tool` is no pose, or `speed` is out of its range.
+            If `world_from_tool` is no pose, there is no such tool, or `speed` is out of its range.
         """
-        sensor = self._world_from_flange(world_from_tool, tool) @ self._nominal.flange_from_sensor
+        self._set_pose(self._tool, self.flange_from_tool(tool))
+        self._set_pose(self._line, np.asarray(world_from_tool, float))
         self._cell.set(self._targets, self.destination)
-        self._cell.set(self._line, np.append(sensor[:3, 3], pose.quaternion_from_rotation(sensor[:3, :3])))
         self._start(Mode.LINE_MOVE, speed)
 
     @checked_arguments
@@ -322,20 +334,38 @@ class CellSession:
         self._start_jog(Mode.JOINT_JOG, values)
 
     @checked_arguments
-    def start_jog_sensor(self, deflections: SensorDeflections, frame: JogFrame = JogFrame.WORLD) -> None:
-        """Start to jog the sensor: `deflections` (6,) along x, y, z and about x, y, z of `frame`, -1 to 1.
+    def start_jog_sensor(
+        self, deflections: SensorDeflections, frame: JogFrame | str = JogFrame.WORLD, tool: Tool = "sensor"
+    ) -> None:
+        """Start to jog the sensor, or another `tool`.
+
+        Parameters
+        ----------
+        deflections
+            (6,) along x, y, z and about x, y, z, -1 to 1.
+        frame
+            Whose axes these are: a `JogFrame`, or the name of a frame as in `world_from_frame`.
+        tool
+            See `flange_from_tool`. Rotations are about its origin. Another tool than that of a running jog brings
+            the axes to rest first.
 
         Raises
         ------
         CommandError
             If the arm has fewer than six joints.
         DescriptionError
-            If there are not six deflections, or one is out of its range.
+            If there are not six deflections, one is out of its range, or there is no such frame or tool.
         """
         if self._jog.count <= 6:
             raise CommandError(f"jog_sensor: the arm has {self._jog.count - 1} joints: expected at least 6")
+        wanted = np.asarray(deflections, float)
+        if not isinstance(frame, JogFrame):
+            # By the commanded angle of the table: encoder noise would change the direction of a renewed jog.
+            axes = world_from_frame(self._nominal, frame, self.destination[-1])[:3, :3]
+            wanted, frame = _in_world(axes, wanted), JogFrame.WORLD
+        self._set_pose(self._tool, self.flange_from_tool(tool))
         self._cell.set_integer("command.jog_frame", frame)
-        self._start_jog(Mode.CARTESIAN_JOG, np.asarray(deflections, float))
+        self._start_jog(Mode.CARTESIAN_JOG, wanted)
 
     def renew_heartbeat(self) -> None:
         """Renew the heartbeat for the controller's watchdog, so that a jog continues."""
@@ -436,7 +466,7 @@ class CellSession:
         world_from_tool
             Pose (4, 4).
         tool
-            ``sensor`` or ``gripper``, whose origin lies between the pads.
+            See `flange_from_tool`.
         speed, timeout
             As of `move_joints`.
 
@@ -453,15 +483,12 @@ class CellSession:
     ) -> None:
         """Move a tool straight to a pose, turning evenly, by the arm's nominal geometry; the table rests.
 
-        The controller moves the sensor along a straight line; the path of the gripper is straight if its
-        orientation does not change.
-
         Parameters
         ----------
         world_from_tool
             Pose (4, 4).
         tool
-            ``sensor`` or ``gripper``, whose origin lies between the pads.
+            See `flange_from_tool`.
         speed
             Share (above 0, at most 1) of the line speed of the robot's description.
         timeout
@@ -531,12 +558,17 @@ class CellSession:
         self.start_jog_joints(deflections)
         self._finish_jog(Mode.JOINT_JOG, "jog_joints", duration)
 
-    def jog_sensor(self, deflections: ArrayLike, duration: float, frame: JogFrame = JogFrame.WORLD) -> None:
-        """Jog the sensor along and about the axes of `frame` for `duration`, s, then come to rest.
+    def jog_sensor(
+        self,
+        deflections: ArrayLike,
+        duration: float,
+        frame: JogFrame | str = JogFrame.WORLD,
+        tool: Tool = "sensor",
+    ) -> None:
+        """Jog the sensor, or another `tool`, for `duration`, s, then come to rest; needs manual operation.
 
-        It needs manual operation.
-
-        `deflections` (6,) are along x, y, z and about x, y, z, -1 to 1 of the speeds that the description allows.
+        `deflections` (6,) are along x, y, z and about x, y, z, -1 to 1 of the speeds that the description allows;
+        `frame` and `tool` are those of `start_jog_sensor`.
 
         Raises
         ------
@@ -544,7 +576,7 @@ class CellSession:
             If the arm has fewer than six joints, the controller refuses, or the guard holds the robot in front of a
             body; stopping before a limit is no error.
         """
-        self.start_jog_sensor(deflections, frame)
+        self.start_jog_sensor(deflections, frame, tool)
         self._finish_jog(Mode.CARTESIAN_JOG, "jog_sensor", duration)
 
     def run_program(self, program: Program, exposure: float, batches: RecordBatches | None = None) -> Recording:
@@ -739,6 +771,10 @@ class CellSession:
     def _world_from_flange(self, world_from_tool: ArrayLike, tool: Tool) -> Array:
         return np.asarray(world_from_tool, float) @ pose.inverse(self.flange_from_tool(tool))
 
+    def _set_pose(self, variables: RealGroup, target_from_source: Array) -> None:
+        quaternion = pose.quaternion_from_rotation(target_from_source[:3, :3])
+        self._cell.set(variables, np.append(target_from_source[:3, 3], quaternion))
+
     def _set_real(self, variable: str, value: float) -> None:
         self._cell.set(self._cell.real_group([variable]), np.array([value]))
 
@@ -753,3 +789,12 @@ class CellSession:
 
     def _next(self, counter: str) -> int:
         return self._cell.get_integer(counter) + 1
+
+
+def _in_world(world_from_axes: Array, deflections: Array) -> Array:
+    """Deflections (6,) along the axes of a rotation (3, 3) as those of the world; those of a vector have norms up to 1.
+
+    The controller limits the norms in the same way.
+    """
+    vectors = deflections.reshape(2, 3) @ world_from_axes.T
+    return np.asarray((vectors / np.maximum(1.0, np.linalg.norm(vectors, axis=1, keepdims=True))).ravel())

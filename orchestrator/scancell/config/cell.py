@@ -30,6 +30,7 @@ from scancell.config.devices import (
     check_soft,
 )
 from scancell.config.estimated import EstimatedDescription
+from scancell.config.frames import FrameDescription, TcpDescription, check_names
 from scancell.config.gripper import GripperDescription
 from scancell.config.light import LightDescription
 from scancell.config.material import MaterialDescription
@@ -237,6 +238,8 @@ class CellDescription(FileDescription):
         default=(), description="rigid bodies fixed in the world or on the table"
     )
     gripper: GripperDescription | None = Field(default=None, description="gripper on the flange; default: none")
+    tcp: tuple[TcpDescription, ...] = Field(default=(), description="named tool centre points on the flange")
+    frame: tuple[FrameDescription, ...] = Field(default=(), description="user frames: coordinate systems of programs")
     contact: ContactDescription = Field(
         default=ContactDescription(), description="contact solver and number of contact points"
     )
@@ -260,6 +263,11 @@ class CellDescription(FileDescription):
     @model_validator(mode="after")
     def _devices_fit(self) -> Self:
         check_devices(self.part.arrival, self.further_part, self.conveyor, self.obstacle)
+        return self
+
+    @model_validator(mode="after")
+    def _names_are_unique(self) -> Self:
+        check_names(self.tcp, self.frame)
         return self
 
     @model_validator(mode="after")

@@ -97,14 +97,16 @@ class JogJoints(Jog):
 @checked_fields
 @dataclass(frozen=True, eq=False)
 class JogSensor(Jog):
-    """Jog the sensor for as long as it is renewed.
+    """Jog the sensor, or another tool, for as long as it is renewed.
 
     Parameters
     ----------
     deflections
         (6,) along x, y, z and about x, y, z, -1 to 1.
     frame
-        Whose axes these are.
+        Whose axes these are: a `JogFrame`, or the name of a frame of the cell, such as ``table``.
+    tool
+        ``sensor``, ``gripper``, or the name of a tool of the description.
 
     Examples
     --------
@@ -116,11 +118,12 @@ class JogSensor(Jog):
     """
 
     deflections: SensorDeflections
-    frame: JogFrame = JogFrame.WORLD
+    frame: JogFrame | str = JogFrame.WORLD
+    tool: Tool = "sensor"
 
     def start(self, session: CellSession) -> None:
         """Call `CellSession.start_jog_sensor` of `session`."""
-        session.start_jog_sensor(self.deflections, self.frame)
+        session.start_jog_sensor(self.deflections, self.frame, self.tool)
 
 
 @checked_fields
@@ -172,7 +175,7 @@ class MoveTool(_PoseMove):
     world_from_tool
         (4, 4).
     tool
-        ``sensor`` or ``gripper``.
+        ``sensor``, ``gripper``, or the name of a tool of the description.
     speed
         Share of the full speed, above 0, at most 1.
 

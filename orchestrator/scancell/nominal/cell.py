@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -112,6 +112,14 @@ class FurtherPart:
     carrier_from_part: Array
 
 
+@dataclass(frozen=True)
+class UserFrame:
+    """A named coordinate system at `carrier_from_frame` (4, 4); `carrier` is ``table`` or ``world``."""
+
+    carrier: str
+    carrier_from_frame: Array
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class NominalCell(Value):
     """Nominal geometry of arm, tool, table and part, made by `nominal_cell`.
@@ -145,6 +153,10 @@ class NominalCell(Value):
         Parts beside the one that is scanned.
     flange_from_finger
         Poses (2, 4, 4) of the gripper's fingers as they start; None without a gripper.
+    flange_from_tcp
+        Poses (4, 4) of the named tools on the flange, by name.
+    user_frames
+        User frames by name.
     eccentricity
         Of the platter (x, y), m, in an estimated cell.
     wobble
@@ -176,6 +188,8 @@ class NominalCell(Value):
     lamps: tuple[Lamp, ...] = ()
     further_parts: tuple[FurtherPart, ...] = ()
     flange_from_finger: Array | None = None
+    flange_from_tcp: Mapping[str, Array] = field(default_factory=dict)
+    user_frames: Mapping[str, UserFrame] = field(default_factory=dict)
     eccentricity: tuple[float, ...] = (0.0, 0.0)
     wobble: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
     trigger_latency: float = 0.0
@@ -290,6 +304,8 @@ def nominal_cell(cell: CellDescription, part: Mesh | None) -> NominalCell:
             *_obstacles(cell, known=True),
         ),
         flange_from_finger=None if cell.gripper is None else _flange_from_finger(cell.gripper),
+        flange_from_tcp={tcp.name: pose_matrix(tcp.flange_from_tcp) for tcp in cell.tcp},
+        user_frames={frame.name: UserFrame(frame.moves_with, pose_matrix(frame.pose)) for frame in cell.frame},
         further_parts=further,
     )
     return without_bodies(nominal, ["part"]) if is_empty else nominal

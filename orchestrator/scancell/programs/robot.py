@@ -153,6 +153,13 @@ class Robot:
         """Pose (4, 4) of `tool`, by default that of `set_tool`, by the measured joints and the nominal geometry."""
         return self._now.world_from_tool(tool or self._tool)
 
+    def world_from_frame(self, frame: str) -> Array:
+        """Pose (4, 4) of ``base``, ``table`` at the measured table angle, or a user frame of the description.
+
+        A pose in the frame is ``robot.world_from_frame("fixture") @ location(...)``.
+        """
+        return self._now.world_from_frame(frame)
+
     @property
     def _now(self) -> ScanSession:
         """The session; a program that only reads, and never lets time pass, can be ended here."""
@@ -167,7 +174,7 @@ class Robot:
         self._speed = share
 
     def set_tool(self, tool: Tool) -> None:
-        """Set the `tool` of the following poses: ``sensor``, as at the start, or ``gripper``."""
+        """Set the `tool` of the following poses: ``sensor``, as at the start, ``gripper``, or a described tool."""
         self._session.flange_from_tool(tool)
         self._tool = tool
 

@@ -68,11 +68,6 @@ class OperatorCommands:
         """Whether this browser controls the cell."""
         return self._operators.operator == int(self._client.client_id)
 
-    @property
-    def has_gripper(self) -> bool:
-        """Whether the arm carries a gripper."""
-        return self.nominal.flange_from_finger is not None
-
     def submit(self, command: Command) -> None:
         """Submit a command as the operator; a motion that needs another operation first changes to it.
 
@@ -122,12 +117,6 @@ class OperatorCommands:
     def world_from_tool(self, tool: Tool, joints: Array) -> Array:
         """Pose (4, 4) of a tool by nominal geometry."""
         return np.asarray(self.nominal.arm.fk(joints) @ self._session.flange_from_tool(tool))
-
-    def world_from_frame(self, name: str, table_angle: float) -> Array:
-        """Pose (4, 4) of ``base`` or ``table``."""
-        if name == "base":
-            return self.nominal.arm.world_from_base
-        return self.nominal.frame_poses(self.nominal.home, table_angle)[name]
 
     def show_message(self, text: str) -> None:
         """Show a message in this browser; not again while it is shown, as a held button repeats its command."""

@@ -15,20 +15,21 @@ from scancell.errors import CommandError
 from scancell.geometry import pose
 from scancell.live.commands import MoveJoints, MoveLine
 from scancell.live.state import LiveState
+from scancell.nominal.tools import frame_names, tool_names, world_from_frame
 
 Array = NDArray[np.float64]
 
 _NEAREST = "nearest to the present one"
-_BASE, _TABLE, _TOOL = "base", "table", "tool"
+_TOOL = "tool"
 
 
 class PosePanel:
-    """Moves the sensor or the gripper to a pose relative to the base, the table or the tool itself."""
+    """Moves a tool to a pose relative to a frame of the cell or to the tool itself."""
 
     def __init__(self, gui: Any, scene: Any, operator: OperatorCommands, state: LiveState) -> None:
         self._operator, self._state = operator, state
-        self._tool = gui.add_dropdown("tool", ("sensor", "gripper") if operator.has_gripper else ("sensor",))
-        self._relative_to = gui.add_dropdown("relative to", (_BASE, _TABLE, _TOOL))
+        self._tool = gui.add_dropdown("tool", tool_names(operator.nominal))
+        self._relative_to = gui.add_dropdown("relative to", (*frame_names(operator.nominal), _TOOL))
         self._position = gui.add_vector3("x, y, z, mm", (0.0, 0.0, 0.0), step=0.1)
         self._angles = gui.add_vector3("XYZ' angles, deg", (0.0, 0.0, 0.0), step=0.01)
         self._configuration = gui.add_dropdown("configuration", (_NEAREST, *operator.nominal.arm.branch_names))
@@ -75,7 +76,7 @@ class PosePanel:
     def _reference(self) -> Array:
         if self._relative_to.value == _TOOL:
             return self._present()
-        return self._operator.world_from_frame(self._relative_to.value, self._state.table_angle)
+        return world_from_frame(self._operator.nominal, self._relative_to.value, self._state.table_angle)
 
     def _typed_pose(self) -> Array:
         position, angles = np.array(self._position.value) * 1e-3, np.radians(self._angles.value)
