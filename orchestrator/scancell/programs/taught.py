@@ -74,7 +74,7 @@ class Words:
     unit
         In which texts state the number.
     moves
-        Whether the speed counts.
+        Whether it has a speed.
     """
 
     point: type[JointPoint] | type[PosePoint] | None = None
@@ -108,14 +108,14 @@ class TaughtStep:
     value
         Its number, see `WORDS`; SI.
     speed
-        Share of the full speed, 0.001 to 1.
+        Share of the full speed, 0.001 to 1; 1 for a command that moves nothing.
     tool
         Tool that a line moves; ``sensor`` for every other command.
 
     Raises
     ------
     DescriptionError
-        If the value or the speed is out of its range.
+        If the value or the speed is out of its range, or the command has none.
     """
 
     command: Command
@@ -131,6 +131,8 @@ class TaughtStep:
         if words.value and (self.value is None or not _is_within(self.value, words.bounds)):
             expected = f"a finite number{words.bounds} (SI unit)"
             raise DescriptionError(key=f"{self.command}: {words.value}", value=self.value, expected=expected)
+        if not words.moves and self.speed != 1.0:
+            raise DescriptionError(f"{self.command} has no speed")
         if not _is_within(self.speed, _SPEED):
             raise DescriptionError(key="speed", value=self.speed, expected=f"a finite number{_SPEED}")
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from threading import RLock
 
 from scancell.errors import OutputError
-from scancell.files import atomic_write
+from scancell.files import atomic_write, first_free
 from scancell.programs.taught import TaughtProgram
 from scancell.programs.taught_text import program_text, read_program
 
@@ -81,3 +81,25 @@ class TaughtFile:
         """
         with self._lock, atomic_write(self.path) as temporary:
             temporary.write_text(program_text(program), encoding="utf-8")
+
+    def set_aside(self) -> Path | None:
+        """Begin an empty program: rename the file to the first of ``taught_1.py``, ``taught_2.py``, ... that is free.
+
+        Returns
+        -------
+        Path or None
+            The new name; None if there is no file.
+
+        Raises
+        ------
+        OutputError
+            If it cannot be renamed.
+        """
+        with self._lock:
+            kept = first_free(self.path.parent, f"{self.path.stem}_{{}}{self.path.suffix}")
+            try:
+                return self.path.rename(kept)
+            except FileNotFoundError:
+                return None
+            except OSError as error:
+                raise OutputError(f"cannot be renamed: {error.strerror}", file=self.path) from error

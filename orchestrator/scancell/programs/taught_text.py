@@ -59,10 +59,11 @@ def _arguments(step: TaughtStep) -> Iterable[str]:
 
 def _point_text(point: Point) -> str:
     if isinstance(point, JointPoint):
-        return f"({', '.join(_number(angle, 'deg') for angle in point.joints)},)"
+        angles = [_number(angle, "deg") for angle in point.joints]
+        return f"({', '.join(angles)}{',' if len(angles) == 1 else ''})"
     position = [_number(value, "mm") for value in point.position]
-    angles = [f"r{axis}={_number(value, 'deg')}" for axis, value in zip("xyz", point.angles, strict=True)]
-    return f"location({', '.join(position + angles)})"
+    turns = [f"r{axis}={_number(value, 'deg')}" for axis, value in zip("xyz", point.angles, strict=True)]
+    return f"location({', '.join(position + turns)})"
 
 
 def _number(value: float, unit: str) -> str:
@@ -168,7 +169,8 @@ class _Reader:
                 pass
             case _:
                 raise self._error(call)
-        return TaughtStep(command, point, value, self._speed, self._tool if command == "move_line" else "sensor")
+        speed = self._speed if words.moves else 1.0
+        return TaughtStep(command, point, value, speed, self._tool if command == "move_line" else "sensor")
 
     def _point(self, node: ast.expr) -> Point:
         match node:

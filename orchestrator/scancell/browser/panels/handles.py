@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
+from html import escape
 from typing import Any
 
 
@@ -10,6 +11,15 @@ def set_changed(handle: Any, name: str, value: Any) -> None:
     """Set an attribute only if its value differs, because each assignment is sent."""
     if getattr(handle, name) != value:
         setattr(handle, name, value)
+
+
+def pressed(group: Any, acts: Mapping[str, Callable[[], object]]) -> Callable[[], None]:
+    """Function that calls the act of the button of a group that was pressed."""
+
+    def act() -> None:
+        acts[group.value]()
+
+    return act
 
 
 class Follower:
@@ -34,3 +44,8 @@ def small_html(lines: Iterable[str]) -> str:
     return (
         f'<div style="padding:0 0.75em 0.4em;font-size:0.85em;line-height:1.4">{"<br>".join(filter(None, lines))}</div>'
     )
+
+
+def run_once(script: str) -> str:
+    """HTML that runs a script in the page: the element's empty picture fails to load, without any request."""
+    return f'<img src="data:," alt="" style="display:none" onerror="{escape(script)}">'

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from scancell.browser.panels.handles import set_changed, small_html
+from scancell.browser.panels.handles import run_once, set_changed, small_html
 from scancell.cell.controller import Operation
 from scancell.live.state import LiveState
 
@@ -36,7 +36,7 @@ class Status:
     def __init__(self, gui: Any, stop: Callable[[], None]) -> None:
         button = gui.add_button("Stop", color="red", icon="hand-stop", hint="or the Escape key", order=-10)
         button.on_click(lambda _: stop())
-        gui.add_html(_run_once(_KEYS), order=-7)
+        gui.add_html(run_once(_KEYS), order=-7)
         self._text = gui.add_html("", order=-9)
         self._sound = gui.add_html("", order=-8)
 
@@ -76,11 +76,6 @@ def state_html(state: LiveState) -> str:
     if state.gripper_width is not None:
         lines.append(f"gripper: {1e3 * state.gripper_width:.1f} mm")
     return small_html(lines)
-
-
-def _run_once(script: str) -> str:
-    """HTML that runs a script in the page: the element's empty picture fails to load, without any request."""
-    return f'<img src="data:," alt="" style="display:none" onerror="{escape(script)}">'
 
 
 def _beep() -> str:

@@ -13,7 +13,6 @@ from scancell.browser.panels.client_view import ClientView, Shared
 from scancell.browser.panels.file_panel import Opener
 from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.browser.panels.plans import Plans
-from scancell.browser.panels.program_panel import RobotProgram
 from scancell.browser.panels.recording import SessionRecording
 from scancell.browser.panels.scans import Scans
 from scancell.browser.panels.status import Status
@@ -26,6 +25,8 @@ from scancell.config.choices import Engine
 from scancell.live.camera import CameraFeed
 from scancell.live.cell import LiveCell
 from scancell.live.plan import LivePlan
+from scancell.programs.live_program import LiveProgram
+from scancell.programs.taught_file import TaughtFile
 from scancell.scanning.session import ScanSession
 from scancell.stopwatch import Pace
 
@@ -110,9 +111,11 @@ class Workspace:
         add_view_options(server.gui, self.scene)
         base = session.nominal.arm.world_from_base
         self._cameras = CameraView(server, self.scene, self.feed, setup.sensor, base)
-        file = settings.program
-        program = None if file is None else RobotProgram(self.live, file, settings.engine, settings.out)
-        self._shared = Shared(self.plans, self.scans, self.feed, self._recording, setup.sensor, program, opener)
+        program = LiveProgram(self.live, settings.engine, settings.out)
+        taught = TaughtFile(settings.out / "taught.py")
+        self._shared = Shared(
+            self.plans, self.scans, self.feed, self._recording, setup.sensor, program, taught, settings.program, opener
+        )
 
     def run(self, ended: Callable[[], bool]) -> None:
         """Run the cell in real time, and show it, until `ended`.
