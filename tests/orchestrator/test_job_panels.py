@@ -1,4 +1,4 @@
-"""Panels of the scan and of the robot program, without a browser."""
+"""Panel of the scan, without a browser."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 
-from scancell.browser.panels.program_panel import ProgramPanel, RobotProgram
 from scancell.browser.panels.scan_panel import ScanPanel
 from scancell.browser.panels.scans import Scans
 from scancell.config.choices import Engine
@@ -76,14 +75,3 @@ def test_engine_of_a_scan_is_at_first_that_of_the_workspace(engine: Engine, tmp_
     ScanPanel(gui, operator(), scans)
     gui.named["Scan the part"].click()
     assert started == [engine]
-
-
-def test_program_is_shown_to_run_while_it_does(tmp_path: Path) -> None:
-    live = SimpleNamespace(perform=lambda _run, _name: None)
-    program = RobotProgram(live, tmp_path / "pick.py", "geometric", tmp_path)  # type: ignore[arg-type]
-    gui = Gui()
-    panel = ProgramPanel(gui, operator(), program)
-    shown = gui.texts[-1]
-    for job, runs in (("", False), ("pick.py", True), ("scan", False), ("pick.py", True), ("", False)):
-        panel.show(SimpleNamespace(job=job))  # type: ignore[arg-type]
-        assert ("runs" in shown.content) is runs

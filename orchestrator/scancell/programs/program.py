@@ -56,6 +56,7 @@ def run_program(
     show: Callable[[int, Step], None] = lambda _line, _step: None,
     printed: Callable[[str], None] | None = None,
     recorded: bool = False,
+    before: Callable[[int, str], None] = lambda _line, _command: None,
 ) -> ProgramRun:
     """Run the program of a file; it runs in this process, with all rights of its user.
 
@@ -76,6 +77,9 @@ def run_program(
     recorded
         Whether `folder` becomes a run folder, which `picture` and `animate` take, also if the program fails; a
         program in which no simulated time passes leaves none.
+    before
+        Receives each command before it is carried out, with the line of the program that gives it; the program
+        continues when it returns. It may step the session.
 
     Returns
     -------
@@ -106,14 +110,16 @@ def run_program(
     file, run = str(program), ProgramRun()
     written: list[Path] = []
 
+    def line() -> int:
+        return next((line for frame, line in traceback.walk_stack(None) if frame.f_code.co_filename == file), 0)
+
     def on_step(step: Step) -> None:
-        lines = [line for frame, line in traceback.walk_stack(None) if frame.f_code.co_filename == file]
-        run.steps.append((lines[0] if lines else 0, step))
+        run.steps.append((line(), step))
         show(*run.steps[-1])
 
     watch = ContactWatch(session.cell, [body.name for body in session.true.bodies])
     recorder = ProgramRecorder(session) if recorded else None
-    robot = Robot(session, engine, folder, on_step)
+    robot = Robot(session, engine, folder, on_step, lambda command: before(line(), command))
     try:
         with _loaded(program, printed) as module:
             _require_main(module, program)

@@ -99,6 +99,8 @@ class Robot:
     on_step
         Receives each command that was carried out: its name ``command``, its subject (``about``), and times
         ``begin`` and ``end``, s.
+    before_step
+        Receives the name of each command before it is carried out; the program continues when it returns.
 
     Attributes
     ----------
@@ -125,9 +127,10 @@ class Robot:
         engine: Engine = "ray-traced",
         folder: str | Path | None = None,
         on_step: Callable[[Step], None] = lambda _: None,
+        before_step: Callable[[str], None] = lambda _: None,
     ) -> None:
         self._session, self._engine, self._folder = session, engine, Path(folder or ".")
-        self._on_step = on_step
+        self._on_step, self._before_step = on_step, before_step
         self._speed = 1.0
         self._tool: Tool = "sensor"
         self.files: list[Path] = []
@@ -310,6 +313,7 @@ class Robot:
 
     @contextmanager
     def _step(self, command: str, about: str = "") -> Iterator[None]:
+        self._before_step(command)
         begin = self.time
         yield
         self._on_step(Step(command, about, begin, self.time))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from scancell.browser.panels.camera_panel import CameraPanel
@@ -17,17 +18,20 @@ from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.browser.panels.plan_panel import PlanPanel
 from scancell.browser.panels.plans import Plans
 from scancell.browser.panels.pose_panel import PosePanel
-from scancell.browser.panels.program_panel import ProgramPanel, RobotProgram
+from scancell.browser.panels.program_panel import ProgramPanel
 from scancell.browser.panels.recording import SessionRecording
 from scancell.browser.panels.scan_panel import ScanPanel
 from scancell.browser.panels.scans import Scans
 from scancell.browser.panels.sensor_panel import SensorPanel
+from scancell.browser.panels.teach_panel import TeachPanel
 from scancell.browser.panels.view_panel import ViewPanel
 from scancell.browser.scene.scene import CellScene
 from scancell.config.sensor import SensorDescription
 from scancell.live.camera import CameraFeed
 from scancell.live.commands import Reset
 from scancell.live.state import LiveState
+from scancell.programs.live_program import LiveProgram
+from scancell.programs.taught_file import TaughtFile
 
 if TYPE_CHECKING:
     import viser
@@ -42,7 +46,7 @@ class Panel(Protocol):
 
 @dataclass(frozen=True)
 class Shared:
-    """Objects that all browsers share; `program` is None if the workspace was started without one."""
+    """Objects that all browsers share; `program_file` is None if the workspace was started without one."""
 
     scene: CellScene
     plans: Plans
@@ -50,7 +54,9 @@ class Shared:
     feed: CameraFeed
     recording: SessionRecording
     sensor: SensorDescription
-    program: RobotProgram | None
+    program: LiveProgram
+    taught: TaughtFile
+    program_file: Path | None
     opener: Opener
 
 
@@ -94,9 +100,12 @@ class ClientView:
             self._panels.append(ScanPanel(gui, operator, shared.scans))
             with gui.add_folder("Plan", expand_by_default=False):
                 self._panels.append(PlanPanel(gui, operator, shared.plans))
-        if shared.program is not None:
-            with tabs.add_tab("Program"):
-                self._panels.append(ProgramPanel(gui, operator, shared.program))
+        with tabs.add_tab("Program"):
+            programs = gui.add_tab_group()
+        with programs.add_tab("Run"):
+            self._panels.append(ProgramPanel(gui, operator, shared.program, shared.taught, shared.program_file))
+        with programs.add_tab("Teach"):
+            self._panels.append(TeachPanel(gui, operator, shared.taught, state))
         with tabs.add_tab("File"):
             self._panels.append(FilePanel(gui, operator, shared.opener, shared.recording))
         self._cameras = CameraPanel(gui, shared.feed, shared.sensor, is_wide)

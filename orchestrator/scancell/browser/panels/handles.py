@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from html import escape
 from typing import Any
 
@@ -11,6 +11,15 @@ def set_changed(handle: Any, name: str, value: Any) -> None:
     """Set an attribute only if its value differs, because each assignment is sent."""
     if getattr(handle, name) != value:
         setattr(handle, name, value)
+
+
+def pressed(group: Any, acts: Mapping[str, Callable[[], object]]) -> Callable[[], None]:
+    """Function that calls the act of the button of a group that was pressed."""
+
+    def act() -> None:
+        acts[group.value]()
+
+    return act
 
 
 class Follower:

@@ -1,68 +1,99 @@
-"""The robot program of the workspace; it runs with all rights of its user, so pages cannot submit one."""
+"""Robot programs of the workspace; they run with all rights of its user, so pages cannot submit code."""
 
 from __future__ import annotations
 
-from collections import deque
 from html import escape
 from pathlib import Path
 from typing import Any
 
-from scancell.browser.panels.handles import set_changed, small_html
+from scancell.browser.panels.handles import pressed, run_once, set_changed, small_html
 from scancell.browser.panels.operator_commands import OperatorCommands
-from scancell.config.choices import Engine
-from scancell.live.cell import LiveCell
 from scancell.live.commands import Cancel
 from scancell.live.state import LiveState
-from scancell.programs.program import run_program
-from scancell.programs.robot import Step
-from scancell.scanning.session import ScanSession
+from scancell.programs.live_program import LiveProgram, LiveProgramState
+from scancell.programs.taught_file import TaughtFile
 
-_LINES = 12  # of the last commands and of printed text
-
-
-class RobotProgram:
-    """A program file that runs in a live cell, on request and as often as requested; shown to all browsers.
-
-    Attributes
-    ----------
-    file
-        Read again for each run.
-    """
-
-    def __init__(self, live: LiveCell, file: Path, engine: Engine, out: Path) -> None:
-        self._live, self.file, self._engine, self._out = live, file, engine, out
-        self._lines: deque[str] = deque(maxlen=_LINES)
-
-    @property
-    def lines(self) -> list[str]:
-        """The last commands with their lines in the program, and printed text."""
-        return list(self._lines)
-
-    def start(self) -> None:
-        """Run it when nothing else moves the robot."""
-        self._lines.clear()
-        self._live.perform(self._run, self.file.name)
-
-    def _run(self, session: ScanSession) -> None:
-        run_program(self.file, session, self._engine, self._out, self._note, self._lines.append)
-
-    def _note(self, line: int, step: Step) -> None:
-        self._lines.append(f"line {line}: {step.command} {step.about}".rstrip())
+_TAUGHT = "the taught program"
+_SHOWN = 400  # lines of a program, around the marked one
+_TO_MARK = """const box = this.parentElement, row = box.querySelector("[data-marked]");
+if (row) box.scrollTop = row.offsetTop - box.offsetTop - box.clientHeight / 2;"""
+_BOX = "font-family:monospace;white-space:pre;overflow:auto;font-size:0.75em;line-height:1.35;margin:0.3em 0.75em"
+_MARKS = {"failed": "rgba(208,48,48,0.35)", "stopped": "rgba(224,138,0,0.35)"}
+_ACTIVE_MARK = "rgba(47,125,50,0.35)"
 
 
 class ProgramPanel:
-    """Runs the program."""
+    """Runs the program of ``--program`` or the taught one, and shows its source, active line and output."""
 
-    def __init__(self, gui: Any, operator: OperatorCommands, program: RobotProgram) -> None:
-        self._program = program
-        gui.add_html(small_html([f"<b>{escape(program.file.name)}</b>"]))
-        start, cancel = gui.add_button("Run the program"), gui.add_button("End the program")
-        self._text = gui.add_html("")
-        start.on_click(operator.operator_callback(program.start))
-        cancel.on_click(operator.callback(lambda: operator.submit(Cancel())))
-        operator.add_inputs([start, cancel])
+    def __init__(
+        self, gui: Any, operator: OperatorCommands, program: LiveProgram, taught: TaughtFile, file: Path | None
+    ) -> None:
+        self._program, self._taught = program, taught
+        self._files = {} if file is None else {file.name: file}
+        self._choice = gui.add_dropdown("program", (*self._files, _TAUGHT))
+        start = gui.add_button("Run the program", hint="or continue it after a pause")
+        more = gui.add_button_group("while it runs", ("Pause", "Step", "End"), hint="Step: one command, also the first")
+        self._source, self._text = gui.add_html(""), gui.add_html("")
+        start.on_click(operator.operator_callback(self._run))
+        acts = {"Pause": program.pause, "Step": self._step, "End": lambda: operator.submit(Cancel())}
+        more.on_click(operator.operator_callback(pressed(more, acts)))
+        operator.add_inputs([self._choice, start])
 
     def show(self, state: LiveState) -> None:
-        """Show whether the program is running, and its last commands and output."""
-        now = "<b>runs</b>" if state.job == self._program.file.name else ""
-        set_changed(self._text, "content", small_html([now, *map(escape, self._program.lines)]))
+        """Show the program and its run."""
+        run = self._program.state
+        file = self._files.get(self._choice.value, self._taught.path)
+        if run is not None and run.is_active:
+            set_changed(self._source, "content", source_html(run.source, run))
+        else:
+            source = self._lines(file)
+            is_same = run is not None and run.file == file and run.source == source
+            set_changed(self._source, "content", source_html(source, run if is_same else None))
+        set_changed(self._text, "content", "" if run is None else run_html(run))
+
+    def _lines(self, file: Path) -> tuple[str, ...]:
+        if file == self._taught.path:
+            return tuple(self._taught.text.splitlines())
+        try:
+            return tuple(file.read_text(encoding="utf-8", errors="replace").splitlines())
+        except OSError as error:
+            return (f"{file}: {error.strerror}",)
+
+    def _file(self) -> Path:
+        """The chosen file; the taught one only while it is a list of steps."""
+        file = self._files.get(self._choice.value)
+        if file is None:
+            file, _ = self._taught.path, self._taught.program
+        return file
+
+    def _run(self) -> None:
+        run = self._program.state
+        if run is not None and run.is_active:
+            self._program.resume()
+        else:
+            self._program.start(self._file())
+
+    def _step(self) -> None:
+        self._program.step(self._file())
+
+
+def source_html(lines: tuple[str, ...], run: LiveProgramState | None) -> str:
+    """Numbered lines of a program; the active line of its run, or that of its end, is marked."""
+    marked = 0 if run is None else run.line
+    first = max(0, min(marked - _SHOWN // 2, len(lines) - _SHOWN))
+    colour = _ACTIVE_MARK if run is None else _MARKS.get(run.stage, _ACTIVE_MARK)
+    rows = []
+    for number, line in enumerate(lines[first : first + _SHOWN], start=first + 1):
+        mark = f' data-marked style="background:{colour}"' if number == marked else ""
+        rows.append(f"<div{mark}>{number:4} {escape(line)}</div>")
+    return f'<div style="{_BOX};max-height:16em">{"".join(rows)}{run_once(_TO_MARK)}</div>'
+
+
+def run_html(run: LiveProgramState) -> str:
+    """Stage, error, run folder and output of a run; the last line of output first."""
+    where = f", line {run.line}" if run.line else ""
+    head = [f"<b>{escape(run.file.name)}: {run.stage}{where}</b>", escape(run.error)]
+    if run.folder is not None:
+        head.append(f"recorded: {escape(str(run.folder))}")
+    rows = "".join(f"<div>{escape(line)}</div>" for line in reversed(run.output))
+    return f'{small_html(head)}<div style="{_BOX};max-height:10em">{rows}</div>'

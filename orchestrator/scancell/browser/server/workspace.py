@@ -13,7 +13,6 @@ from scancell.browser.panels.client_view import ClientView, Shared
 from scancell.browser.panels.file_panel import Opener
 from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.browser.panels.plans import Plans
-from scancell.browser.panels.program_panel import RobotProgram
 from scancell.browser.panels.recording import SessionRecording
 from scancell.browser.panels.scans import Scans
 from scancell.browser.panels.status import Status
@@ -26,6 +25,8 @@ from scancell.geometry import pose
 from scancell.live.camera import CameraFeed
 from scancell.live.cell import LiveCell
 from scancell.live.plan import LivePlan
+from scancell.programs.live_program import LiveProgram
+from scancell.programs.taught_file import TaughtFile
 from scancell.scanning.session import ScanSession
 from scancell.stopwatch import Pace
 
@@ -111,10 +112,19 @@ class Workspace:
         self._status = Status(server.gui, self.live.emergency_stop)
         add_view_options(server.gui, self.scene)
         self.feed.wanted, self._drawn = True, 0
-        file = settings.program
-        program = None if file is None else RobotProgram(self.live, file, settings.engine, settings.out)
+        program = LiveProgram(self.live, settings.engine, settings.out)
+        taught = TaughtFile(settings.out / "taught.py")
         self._shared = Shared(
-            self.scene, self.plans, self.scans, self.feed, self._recording, setup.sensor, program, opener
+            self.scene,
+            self.plans,
+            self.scans,
+            self.feed,
+            self._recording,
+            setup.sensor,
+            program,
+            taught,
+            settings.program,
+            opener,
         )
 
     def run(self, ended: Callable[[], bool]) -> None:
