@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from scancell.browser.panels.client_view import ClientView, Shared
 from scancell.browser.panels.file_panel import Opener
+from scancell.browser.panels.help import HelpPanel
 from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.browser.panels.plans import Plans
 from scancell.browser.panels.program_panel import RobotProgram
@@ -110,6 +111,7 @@ class Workspace:
         server.gui.main_panel.dock_right()
         self._status = Status(server.gui, self.live.emergency_stop)
         add_view_options(server.gui, self.scene)
+        self._help = HelpPanel(server.gui, self.feed, self.scans, self.live.state)
         self.feed.wanted, self._drawn = True, 0
         file = settings.program
         program = None if file is None else RobotProgram(self.live, file, settings.engine, settings.out)
@@ -158,6 +160,7 @@ class Workspace:
             view.show_pictures()
         if with_panels:
             self._status.show(state, self.scans.state)
+            self._help.show(state)
             for view in views:
                 view.show(state)
 
