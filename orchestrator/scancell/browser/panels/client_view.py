@@ -109,6 +109,8 @@ class ClientView:
         set_changed(self._take, "visible", not self._operator.is_operator)
         set_changed(self._reset, "visible", state.controller == "emergency stop")
         self._operator.enable_inputs(state)
+        # Less often than the small images: it takes longer.
+        self._report(self._cameras, self._cameras.show_enlarged)
         for panel in self._panels:
             self._report(panel, partial(panel.show, state))
 
