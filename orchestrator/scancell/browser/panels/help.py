@@ -88,7 +88,7 @@ class HelpPanel:
             _Step("Scan: save the run folder", lambda _: scans.saved is not None),
         ]
         self._done = [False] * len(self._steps)
-        with gui.add_folder("Help", expand_by_default=False, order=101):
+        with gui.add_folder("Keys and tour", expand_by_default=False, order=101):
             gui.add_html(small_html(f"<b>{escape(key)}</b>: {escape(text)}" for key, text in KEYS.items()))
             self._tour = gui.add_html("")
         self.show(start)
