@@ -120,6 +120,9 @@ def test_enlarged_image_has_every_pixel_and_the_profile_of_a_column(shown: Shown
     np.testing.assert_array_equal(values, 255.0 * (rows == 60))
     assert "column 510: peak at row 60.00, largest intensity 255 of 255, saturated" in large._text.content
     assert "no peak" in column_text(frame_of(1), 1, 500)
+    shown.feed.frame = replace(frame_of(3), images=None)
+    shown.panel.show_enlarged()
+    assert "makes no images" in large._text.content
     large.close()
     shown.feed.frame = frame_of(2)
     shown.panel.show_enlarged()

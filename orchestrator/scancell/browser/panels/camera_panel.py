@@ -24,9 +24,8 @@ _STRIPE = (40, 220, 60)
 _PANEL = 400  # px
 _GAP = 4  # px between images
 _ENLARGE, _CLICK = "enlarge", "click to enlarge"  # texts that the script finds
-_SCRIPT = (Path(__file__).with_name("images.js").read_text(encoding="utf-8").replace("@ENLARGE@", _ENLARGE)).replace(
-    "@CLICK@", _CLICK
-)
+_SCRIPT = Path(__file__).with_name("images.js").read_text(encoding="utf-8")
+_SCRIPT = _SCRIPT.replace("@ENLARGE@", _ENLARGE).replace("@CLICK@", _CLICK)
 _LEAST_ROOM = 0.2  # mm above and below a profile
 _COLOURS = ("#e07820", "#2878d2", "#3ca050", "#a046aa")
 
