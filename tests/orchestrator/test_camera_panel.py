@@ -108,21 +108,24 @@ def test_stripe_is_marked_only_where_it_is_switched_on(shown: Shown) -> None:
 def test_enlarged_image_has_every_pixel_and_the_profile_of_a_column(shown: Shown) -> None:
     large = shown.panel._large
     shown.feed.frame = frame_of(1)
-    shown.panel.show()
+    shown.panel.show_enlarged()
     assert large._image.image.shape[0] == 2  # nothing is sent while it is closed
     large.open("minus")
-    shown.panel.show()
+    shown.panel.show_enlarged()
     assert large._image.image.shape == (120, 960, 3)
     assert large._column.value == 480
     large._column.value = 510
-    shown.panel.show()
+    shown.panel.show_enlarged()
     rows, values = large._plot.data
     np.testing.assert_array_equal(values, 255.0 * (rows == 60))
     assert "column 510: peak at row 60.00, largest intensity 255 of 255, saturated" in large._text.content
     assert "no peak" in column_text(frame_of(1), 1, 500)
+    shown.feed.frame = replace(frame_of(3), images=None)
+    shown.panel.show_enlarged()
+    assert "makes no images" in large._text.content
     large.close()
     shown.feed.frame = frame_of(2)
-    shown.panel.show()
+    shown.panel.show_enlarged()
     assert large._shown[0] == 1
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from threading import RLock
 
-from scancell.errors import OutputError
+from scancell.errors import OutputError, ScancellError
 from scancell.files import atomic_write, first_free
 from scancell.programs.taught import TaughtProgram
 from scancell.programs.taught_text import program_text, read_program
@@ -59,6 +59,14 @@ class TaughtFile:
             if text != self._text:
                 self._program, self._text = read_program(text, str(self.path)), text
             return self._program
+
+    @property
+    def count(self) -> int:
+        """Number of steps; 0 if the file cannot be read."""
+        try:
+            return len(self.program.steps)
+        except ScancellError:
+            return 0
 
     def edit(self, change: Callable[[TaughtProgram], TaughtProgram]) -> None:
         """Replace the program by `change` of it, and write the file.

@@ -24,9 +24,8 @@ _STRIPE = (40, 220, 60)
 _PANEL = 400  # px
 _GAP = 4  # px between images
 _ENLARGE, _CLICK = "enlarge", "click to enlarge"  # texts that the script finds
-_SCRIPT = (Path(__file__).with_name("images.js").read_text(encoding="utf-8").replace("@ENLARGE@", _ENLARGE)).replace(
-    "@CLICK@", _CLICK
-)
+_SCRIPT = Path(__file__).with_name("images.js").read_text(encoding="utf-8")
+_SCRIPT = _SCRIPT.replace("@ENLARGE@", _ENLARGE).replace("@CLICK@", _CLICK)
 _LEAST_ROOM = 0.2  # mm above and below a profile
 _COLOURS = ("#e07820", "#2878d2", "#3ca050", "#a046aa")
 
@@ -80,7 +79,6 @@ class CameraPanel:
         self._on.show(wanted)
         for handle in (self._image, self._plot, self._text):
             set_changed(handle, "visible", wanted)
-        self._large.show(frame, self._redrawn)
         if frame is None or frame.number == self._shown or not wanted:
             return
         self._shown = frame.number
@@ -89,6 +87,10 @@ class CameraPanel:
             self._image.image = side_by_side([self._drawn(frame, i, _WIDTH) for i in range(len(self._names))])
         self._plot.data = profile_data(frame, len(self._names))
         self._fit_range(1e3 * frame.points_in_sensor[:, 2])
+
+    def show_enlarged(self) -> None:
+        """Show the last frame in the enlarged image, if it is open and the frame is new."""
+        self._large.show(self._feed.frame, self._redrawn)
 
     def _redraw(self) -> None:
         self._shown = 0

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from scancell.browser.panels.camera_panel import CameraPanel
 from scancell.browser.panels.cell_panel import CellPanel
 from scancell.browser.panels.file_panel import FilePanel, Opener
 from scancell.browser.panels.handles import set_changed
+from scancell.browser.panels.help import add_help
 from scancell.browser.panels.jog_panel import JogPanel
 from scancell.browser.panels.joint_panel import JointPanel
 from scancell.browser.panels.messages import report_errors
@@ -74,7 +76,8 @@ class ClientView:
         state: LiveState,
         is_wide: bool,
     ) -> None:
-        gui, self._operator = client.gui, operator
+        self._gui, self._operator = client.gui, operator
+        gui = client.gui
         self._take = gui.add_button("Take control", hint="another browser controls the cell", visible=False, order=-5)
         self._take.on_click(operator.callback(operator.take_control))
         self._reset = gui.add_button(
@@ -86,47 +89,53 @@ class ClientView:
         self._panels: list[Panel] = []
         with tabs.add_tab("Move"):
             motions = gui.add_tab_group()
-        with motions.add_tab("Joints"):
-            self._panels.append(JointPanel(gui, operator, state))
-        with motions.add_tab("Pose"):
-            self._panels.append(PosePanel(gui, client.scene, operator, state))
-        with motions.add_tab("Jog"):
-            self._panels.append(JogPanel(gui, operator, state))
-        with motions.add_tab("Cell"):
-            self._panels.append(CellPanel(gui, operator, state))
-        with tabs.add_tab("Sensor"):
-            self._panels.append(SensorPanel(gui, operator, shared.feed, shared.sensor))
-        with tabs.add_tab("Scan"):
-            self._panels.append(ScanPanel(gui, operator, shared.scans))
-            with gui.add_folder("Plan", expand_by_default=False):
-                self._panels.append(PlanPanel(gui, operator, shared.plans))
+        self._add_tab(motions, "Joints", lambda: JointPanel(gui, operator, state))
+        self._add_tab(motions, "Pose", lambda: PosePanel(gui, client.scene, operator, state))
+        self._add_tab(motions, "Jog", lambda: JogPanel(gui, operator, state))
+        self._add_tab(motions, "Cell", lambda: CellPanel(gui, operator, state))
+        self._add_tab(tabs, "Sensor", lambda: SensorPanel(gui, operator, shared.feed, shared.sensor))
+        scan = self._add_tab(tabs, "Scan", lambda: ScanPanel(gui, operator, shared.scans))
+        with scan, gui.add_folder("Plan", expand_by_default=False):
+            self._panels.append(PlanPanel(gui, operator, shared.plans))
         with tabs.add_tab("Program"):
             programs = gui.add_tab_group()
-        with programs.add_tab("Run"):
-            self._panels.append(ProgramPanel(gui, operator, shared.program, shared.taught, shared.program_file))
-        with programs.add_tab("Teach"):
-            self._panels.append(TeachPanel(gui, operator, shared.taught, state))
-        with tabs.add_tab("File"):
-            self._panels.append(FilePanel(gui, operator, shared.opener, shared.recording))
+        self._add_tab(
+            programs, "Run", lambda: ProgramPanel(gui, operator, shared.program, shared.taught, shared.program_file)
+        )
+        self._add_tab(programs, "Teach", lambda: TeachPanel(gui, operator, shared.taught, state))
+        self._add_tab(tabs, "File", lambda: FilePanel(gui, operator, shared.opener, shared.recording))
         self._cameras = CameraPanel(gui, shared.feed, shared.sensor, is_wide)
         self._view = ViewPanel(gui, client.camera, operator, shared.scene)
-        self._said: dict[Panel, str] = {}
+        self._said: dict[object, str] = {}
         self.show(state)
 
     def show_pictures(self) -> None:
         """Show a new camera frame, and follow the sensor; called as often as the scene is updated."""
-        self._cameras.show()
-        self._view.update()
+        self._report(self._cameras, self._cameras.show)
+        self._report(self._view, self._view.update)
 
     def show(self, state: LiveState) -> None:
         """Show a state."""
         set_changed(self._take, "visible", not self._operator.is_operator)
         set_changed(self._reset, "visible", state.controller == "emergency stop")
         self._operator.enable_inputs(state)
+        # Less often than the small images: it takes longer.
+        self._report(self._cameras, self._cameras.show_enlarged)
         for panel in self._panels:
-            failures: list[str] = []
-            report_errors(partial(panel.show, state), failures.append)
-            text = "".join(failures)
-            if text and text != self._said.get(panel):  # it may fail in every update
-                self._operator.show_message(text)
-            self._said[panel] = text
+            self._report(panel, partial(panel.show, state))
+
+    def _add_tab(self, group: Any, name: str, make: Callable[[], Panel]) -> Any:
+        tab = group.add_tab(name)
+        with tab:
+            self._panels.append(make())
+            add_help(self._gui, name)
+        return tab
+
+    def _report(self, panel: object, show: Callable[[], None]) -> None:
+        """Show the error of a panel, once, as it may fail in every update."""
+        failures: list[str] = []
+        report_errors(show, failures.append)
+        text = "".join(failures)
+        if text and text != self._said.get(panel):
+            self._operator.show_message(text)
+        self._said[panel] = text

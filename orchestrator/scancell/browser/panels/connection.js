@@ -1,11 +1,14 @@
 // Shows a banner while no news come from the server: what the page shows is old then, and its buttons do nothing.
-// The server changes data-pulse once a second. A hidden page draws nothing, so its pulse says nothing either.
+// The server changes data-pulse once a second. Time in which the page is hidden or too busy to look does not count,
+// because it takes no news in either.
 (() => {
   if (window.scancellConnection) return;
   window.scancellConnection = true;
+  const PERIOD_MS = 500;
   const LOST_MS = 5000;
   let seen;
-  let since = Date.now();
+  let last = Date.now();
+  let silent = 0;
   const banner = document.createElement("div");
   banner.setAttribute("role", "alert");
   banner.style.cssText =
@@ -15,14 +18,16 @@
   document.body.append(banner);
   setInterval(() => {
     const now = Date.now();
+    silent += Math.min(now - last, 2 * PERIOD_MS);
+    last = now;
     const pulse = document.querySelector("[data-pulse]")?.dataset.pulse;
-    if (pulse !== seen || pulse === undefined || document.hidden) [seen, since] = [pulse, now];
-    const lost = now - since >= LOST_MS;
+    if (pulse !== seen || pulse === undefined || document.hidden) [seen, silent] = [pulse, 0];
+    const lost = silent >= LOST_MS;
     banner.hidden = !lost;
-    const seconds = Math.floor((now - since) / 1000);
+    const seconds = Math.floor(silent / 1000);
     banner.textContent =
       `Connection lost: no news from the server for ${seconds} s. The page shows an old state, and its buttons do nothing.`;
     const status = document.querySelector("[data-status]");
     if (status) status.style.opacity = lost ? "0.25" : "";
-  }, 500);
+  }, PERIOD_MS);
 })();

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -55,7 +56,11 @@ class EnlargedImage:
     def show(self, frame: CameraFrame | None, redrawn: int) -> None:
         """Show a frame, if it, the column or the number of changes of the drawing is new."""
         key = (0 if frame is None else frame.number, int(self._column.value), redrawn)
-        if not self._panel.visible or frame is None or frame.images is None or key == self._shown:
+        if not self._panel.visible or frame is None or key == self._shown:
+            return
+        if frame.images is None:
+            why = frame.error or "the geometric engine makes no images"
+            set_changed(self._text, "content", small_html([escape(why)]))
             return
         width = frame.images.shape[2]
         if self._column.max != width - 1:

@@ -36,6 +36,8 @@ class Scans:
     ----------
     cloud
         The points that are shown.
+    saved
+        The last run folder; None before the first.
     """
 
     def __init__(
@@ -51,6 +53,7 @@ class Scans:
         self.engine, self._on_points = engine, on_points
         self._lock = Lock()
         self._scan: LiveScan | None = None
+        self.saved: Path | None = None
 
     @property
     def state(self) -> LiveScanState | None:
@@ -119,6 +122,7 @@ class Scans:
         """
         result, folder = self.result, first_free(self._out, "scan_{}")
         result.save(folder)
+        self.saved = folder
         return folder
 
     def _add(self, scan: LiveScan, chunk: LiveChunk) -> None:

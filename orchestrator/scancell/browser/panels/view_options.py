@@ -19,7 +19,7 @@ _SWITCHES = {
 
 def add_view_options(gui: Any, scene: CellScene) -> None:
     """Add a folder of switches to the panel."""
-    with gui.add_folder("View", expand_by_default=False, order=100):
+    with gui.add_folder("Display", expand_by_default=False, order=100):
         for label, option in _SWITCHES.items():
             add_switch(gui, scene, label, option)
         gui.add_button("Clear the path of the sensor").on_click(lambda _: scene.clear_trace())

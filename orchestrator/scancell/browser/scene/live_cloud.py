@@ -113,12 +113,12 @@ class LiveCloud:
     @property
     def bar(self) -> ColourBar | None:
         """Meaning of the colours; None without points, and where colours distinguish cameras."""
-        with self._lock:
-            if self._colour not in self._limits or self._colour == "camera":
-                return None
-            unit = {"deviation": ", µm", "intensity": ", DN"}.get(self._colour, "")
-            counts = self._counts.copy()
-            return ColourBar(f"{self._colour}{unit}", self._limits[self._colour], self._scale(), counts)
+        # Without the lock: another thread holds it while it sends all points again.
+        colour, limits = self._colour, self._limits.get(self._colour)
+        if limits is None:
+            return None
+        unit = {"deviation": ", µm", "intensity": ", DN"}.get(colour, "")
+        return ColourBar(f"{colour}{unit}", limits, self._scale(), self._counts.copy())
 
     def _show_again(self) -> None:
         self._scene.clear_points()

@@ -43,7 +43,8 @@ def viewpoint(view: ViewName, bodies: Iterable[Body], frames: Mapping[str, Array
         Width of the picture over its height.
     """
     wanted = _CARRIED_BY.get(view)
-    points = placed(bodies if wanted is None else (body for body in bodies if body.moves_with in wanted), frames)
+    bodies = tuple(bodies)
+    points = placed([body for body in bodies if wanted is None or body.moves_with in wanted] or bodies, frames)
     camera = framing(points, *_DIRECTIONS[view], (round(aspect * _HEIGHT_PX), _HEIGHT_PX))
     middle = (points.min(0) + points.max(0)) / 2
     forward = camera.world_from_camera[:3, 2]

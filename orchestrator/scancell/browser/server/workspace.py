@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from scancell.browser.panels.client_view import ClientView, Shared
 from scancell.browser.panels.file_panel import Opener
+from scancell.browser.panels.help import HelpPanel
 from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.browser.panels.plans import Plans
 from scancell.browser.panels.recording import SessionRecording
@@ -114,6 +115,7 @@ class Workspace:
         self.feed.wanted, self._drawn = True, 0
         program = LiveProgram(self.live, settings.engine, settings.out)
         taught = TaughtFile(settings.out / "taught.py")
+        self._help = HelpPanel(server.gui, self.feed, self.scans, taught, program, self.live.state)
         self._shared = Shared(
             self.scene,
             self.plans,
@@ -168,6 +170,7 @@ class Workspace:
             view.show_pictures()
         if with_panels:
             self._status.show(state, self.scans.state)
+            self._help.show(state)
             for view in views:
                 view.show(state)
 

@@ -1,0 +1,127 @@
+"""Help of the workspace: texts of the tabs, keys, and the steps of the tour, which tick themselves off."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scancell.browser.panels.colours import CALM
+from scancell.browser.panels.handles import set_changed, small_html
+from scancell.browser.panels.scans import Scans
+from scancell.cell.controller import Operation
+from scancell.live.camera import CameraFeed
+from scancell.live.state import LiveState
+from scancell.programs.live_program import LiveProgram
+from scancell.programs.taught_file import TaughtFile
+
+TABS = {
+    "Joints": "Drag a slider, or type an angle; the robot moves after the release. The translucent arm is the target.",
+    "Pose": "Type a pose of the tool, or drag the handle in the scene. A sensor that looks down has the angles "
+    "180, 0, 0. The text below states whether the arm reaches the pose.",
+    "Jog": "Hold a button, or J or K, to move one axis; the robot stops when you release it. The guard "
+    "slows the robot down before bodies touch, and names them.",
+    "Cell": "In manual operation only jogs move the robot, in automatic operation only moves and programs. The panels "
+    "change the operation at rest. The monitor speed scales moves and programs.",
+    "Sensor": "The sliders change the true sensor. Images and profile show the effect, because the profile is computed "
+    "with the nominal sensor. Scans have the sensor of the descriptions.",
+    "Scan": "Plans the scan of the descriptions, moves to its start on a free path, and scans. The geometric engine is "
+    "faster, the ray-traced one renders every image.",
+    "Run": "Runs the program file with which the workspace was started, or the taught program. The file is read again "
+    "for every run.",
+    "Teach": "Add the present pose as a step, repeat, and change steps; then run the program in the tab Run. The list is "
+    "a program file for scancell run.",
+    "File": "Opens another part or a recorded run, records the session, and downloads a picture of the scene.",
+}
+KEYS = {
+    "Escape": "stop the robot, from every browser",
+    "J, K": "hold to jog in the negative or positive direction",
+    "1 to 9": "choose the axis of the jog",
+    "Ctrl+K": "list of commands",
+}
+_LAST = 1e6  # order of a folder at the end of a tab
+_MOVED = np.radians(1.0)
+
+
+def add_help(gui: Any, tab: str) -> None:
+    """Add the help of a tab, folded."""
+    with gui.add_folder("Help", expand_by_default=False, order=_LAST):
+        gui.add_html(small_html([escape(TABS[tab])]))
+
+
+@dataclass(frozen=True)
+class _Step:
+    text: str
+    is_done: Callable[[LiveState], bool]
+
+
+class HelpPanel:
+    """Keys and tour, shown to all browsers.
+
+    Parameters
+    ----------
+    gui
+        Of the server.
+    feed, scans, taught, program
+        Of the workspace.
+    start
+        State in which the tour begins.
+    """
+
+    def __init__(
+        self, gui: Any, feed: CameraFeed, scans: Scans, taught: TaughtFile, program: LiveProgram, start: LiveState
+    ) -> None:
+        nominal = feed.as_built
+        self._held = False  # by the guard, in a jog
+        self._steps = [
+            _Step(
+                "Move, Joints: move joint 1",
+                lambda state: bool(np.abs(state.joints - start.joints).max() > _MOVED),
+            ),
+            _Step(
+                "Move, Pose: bring the sensor over the part, until the cameras show a profile",
+                lambda _: feed.frame is not None and len(feed.frame.points_in_sensor) > 0,
+            ),
+            _Step("Move, Jog: jog tool z towards the table until the guard holds the robot", lambda _: self._held),
+            _Step(
+                "Move away, after a stop with Reset after a stop",
+                lambda state: self._held and state.controller != "emergency stop" and not state.guard_text,
+            ),
+            _Step("Sensor: turn the laser about z, and look at the profile", lambda _: feed.as_built != nominal),
+            _Step("Scan: scan the part", lambda _: scans.lack == ""),
+            _Step("Scan: save the run folder", lambda _: scans.saved is not None),
+            _Step("Program, Teach: add two poses", lambda _: taught.count >= 2),
+            _Step("Program, Run: run the taught program", lambda _: _is_run(program, taught.path)),
+        ]
+        self._done = [False] * len(self._steps)
+        with gui.add_folder("Keys and tour", expand_by_default=False, order=101):
+            gui.add_html(small_html(f"<b>{escape(key)}</b>: {escape(text)}" for key, text in KEYS.items()))
+            self._tour = gui.add_html("")
+        self.show(start)
+
+    def show(self, state: LiveState) -> None:
+        """Tick off what has been done."""
+        by_guard = state.guard_text.startswith(("stop", "no jog"))
+        self._held = self._held or (by_guard and state.operation is Operation.MANUAL)
+        self._done = [done or step.is_done(state) for done, step in zip(self._done, self._steps, strict=True)]
+        set_changed(self._tour, "content", tour_html([step.text for step in self._steps], self._done))
+
+
+def _is_run(program: LiveProgram, file: Path) -> bool:
+    state = program.state
+    return state is not None and state.file == file and state.stage == "done"
+
+
+def tour_html(texts: list[str], done: list[bool]) -> str:
+    """Steps with their marks; the first one that is not done is bold."""
+    following = done.index(False) if False in done else -1
+    lines = [f"<b>Tour</b>, {sum(done)} of {len(done)} steps done"]
+    for number, (text, is_done) in enumerate(zip(texts, done, strict=True)):
+        mark = f'<span style="color:{CALM}">&#9745;</span>' if is_done else "&#9744;"
+        shown = f"<b>{escape(text)}</b>" if number == following else escape(text)
+        lines.append(f"{mark} {shown}")
+    return small_html(lines)
