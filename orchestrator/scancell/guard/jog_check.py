@@ -107,19 +107,18 @@ class JogCheck:
         # The errors of the next state differ: the speed is reduced for larger ones.
         larger = np.maximum(error, _LARGER * self._free_path.angle_error)
         budget, shown = Budget(_WORK), spacing * len(ahead)
-        permitted, proved, clash = 1.0, False, None
-        for most in (1.0, _SLOW):
-            free, found = self._search(jog, larger, most, self._room(jog, most), budget.share(2))
-            permitted = min(most, self._permitted(jog, free))
+        permitted, clash, free_at = 0.0, None, {}
+        for most in (1.0, _SLOW) if in_force > _SLOW else (_SLOW, 1.0):  # one of them is mostly enough
+            free_at[most], found = self._search(jog, larger, most, self._room(jog, most), budget.share(2))
+            permitted = max(permitted, min(most, self._permitted(jog, free_at[most])))
             clash = found or clash
-            share = max(in_force, permitted)
-            proved = proved or (share <= most and self._needed(jog, share) <= min(free, shown))
-            if permitted >= _SLOW:
+            if (permitted >= _SLOW) == (most == 1.0):
                 break
-        if not proved:
-            share = max(in_force, permitted)
-            needed = self._needed(jog, share)
-            proved = needed <= shown and self._search(jog, error, share, needed, budget)[0] >= needed
+        share = max(in_force, permitted)
+        needed = self._needed(jog, share)
+        proved = needed <= shown and any(share <= most and needed <= free for most, free in free_at.items())
+        if needed <= shown and not proved:
+            proved = self._search(jog, error, share, needed, budget)[0] >= needed
         distance = np.inf if clash is None else self._free_path.distance(begin, (clash.body_a, clash.body_b))
         return JogVerdict(clash, distance, permitted, proved)
 
@@ -141,8 +140,8 @@ class JogCheck:
         """
         wanted = int(np.ceil(clock / jog.spacing - 1e-9))
         path = jog.path(error, share)
-        astray = (path.deviation > _FARTHEST_ASTRAY).any(1)
-        known = int(np.argmax(astray)) if astray.any() else len(astray)
+        astray = path.deviation.max(1) > _FARTHEST_ASTRAY
+        known = int(np.argmax(astray)) if astray.any() else len(path.ends)
         end = min(wanted, known)
         fine, parts = _FINE
         sections = [Section(0, min(fine, end), parts), Section(min(fine, end), end, _COARSE)]

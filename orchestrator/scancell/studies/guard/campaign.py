@@ -76,8 +76,8 @@ class RunRow:
     false_stop
         Whether the twin never came near what the guard stopped for.
     halted
-        Whether the guard slows the robot at the end: at most a tenth of its speed on a path is left, or a jog is faster
-        than permitted.
+        Whether the guard has slowed the robot without a stop: a jog at any time, or a motion on a path at the end to at
+        most a tenth of its speed.
     warnings, warned_retreating
         Answers with a warning, and those whose pair did not approach.
     twin_arrived_at, arrived_at
@@ -260,10 +260,10 @@ class _Pair:
         return "guard", stopped, next((decision.pair for _, decision in log if decision.stop), ())
 
     def _is_slowed(self) -> bool:
-        """Whether the guard slows the robot at the end: to a tenth on a path, below its jog by hand."""
+        """Whether the guard has slowed the robot: a jog at any time, a motion on a path to a tenth at the end."""
         if self.stratum.operation is Operation.AUTOMATIC:
             return self.course.rate <= _HELD and self.course.arrived_at is None
-        return self.block.guarded.log[-1][1].monitor_speed < self.twin.scenario.speed
+        return any(decision.monitor_speed < self.twin.scenario.speed for _, decision in self.block.guarded.log)
 
     def _was_near(self, pair: tuple[str, ...]) -> bool:
         """Whether the twin came nearer than the stated distance and 5 mm, with `pair` or a body around the arm.
