@@ -8,6 +8,7 @@ namespace {
 
 constexpr double kAccelerationShare = 0.97;  // the rest is for the overshoot of the cubics between knots
 constexpr double kBrakingShare = 0.999;      // margin for rounding
+constexpr int kParts = 32;                   // of a step of a path for which the inverse kinematics fails
 
 /// Largest speed at the end of a cycle towards a limit `distance` away at its start, from which constant
 /// deceleration still stops before the limit.
@@ -117,40 +118,55 @@ double Jog::share_of_ahead(const Command& command, const Knots& present) const {
   return std::min(1.0, share);
 }
 
+/// Moves the axes and the pose of the tool on by `time` seconds; false, and nothing moves, where the inverse
+/// kinematics fails. In the frame of the tool the speed turns with it, until the middle by half of its
+/// rotation.
+bool Jog::move_on(double time, JogFrame frame, JogSpeed& speed, Eigen::Isometry3d& pose,
+                  Axes& position) const {
+  Vector6 way = time * speed.head<6>();
+  const bool turns = frame == JogFrame::kTool;
+  const Eigen::Matrix3d half = interpolate_pose(Eigen::Isometry3d::Identity(), way, 0.5).linear();
+  if (turns) way.head<3>() = half * way.head<3>();
+  const Eigen::Isometry3d next = interpolate_pose(pose, way, 1);
+  const auto solution = solve_inverse_kinematics(arm_, next, position);
+  if (!solution) return false;
+  pose = next;
+  if (turns) speed.head<3>() = half * half * speed.head<3>();
+  for (std::size_t i = 0; i < kMaxJoints; ++i) position[i] = solution->position[i];
+  position[kTableAxis] += time * speed[6];
+  return true;
+}
+
 PathAhead Jog::path_ahead(const Command& command, const Knots& present, double step) const {
   Axes position = positions(present);
+  const bool joints = command.mode == Mode::kJointJog;
+  const double share = joints || at_rest(present) ? 1 : share_of_ahead(command, present);
   Axes change;  // in a step, of axes that keep their speeds
-  for (std::size_t i = 0; i < kAxes; ++i) change[i] = step * present[i].velocity;
+  for (std::size_t i = 0; i < kAxes; ++i) change[i] = step * present[i].velocity / share;
   JogSpeed speed = commanded_speed(command, 0);
   if (state_.speed.norm() > speed.norm()) speed = state_.speed;
-  const bool joints = command.mode == Mode::kJointJog;
   bool straight = !joints && !state_.brakes_first && !state_.blocked;
   Eigen::Isometry3d pose = arm_.tool(position).pose;
   PathAhead ahead;
   for (Axes& point : ahead) {
+    Axes end = position;
     if (joints) {
       const Axes rates = joint_rates(command, arm_.tool(position).jacobian);
       for (std::size_t i = 0; i < kAxes; ++i) {
         if (std::abs(step * rates[i]) > std::abs(change[i])) change[i] = step * rates[i];
       }
-    } else if (straight) {
-      // In the frame of the tool the speed turns with it, until the middle of the step by half of its
-      // rotation.
-      Vector6 way = step * speed.head<6>();
-      const bool turns = command.jog_frame == JogFrame::kTool;
-      const Eigen::Matrix3d half = interpolate_pose(Eigen::Isometry3d::Identity(), way, 0.5).linear();
-      if (turns) way.head<3>() = half * way.head<3>();
-      const Eigen::Isometry3d next = interpolate_pose(pose, way, 1);
-      const auto solution = solve_inverse_kinematics(arm_, next, position);
-      straight = solution.has_value();
-      if (straight) {
-        pose = next;
-        if (turns) speed.head<3>() = half * half * speed.head<3>();
-        for (std::size_t i = 0; i < kMaxJoints; ++i) change[i] = solution->position[i] - position[i];
-        change[kTableAxis] = step * speed[6];
+    } else if (straight && !move_on(step, command.jog_frame, speed, pose, end)) {
+      // Slower jogs get nearer to a singular position or to the end of the reach.
+      for (int part = 0; part < kParts && straight; ++part) {
+        const Axes before = end;
+        straight = move_on(step / kParts, command.jog_frame, speed, pose, end);
+        for (std::size_t i = 0; i < kAxes && straight; ++i) change[i] = kParts * (end[i] - before[i]);
       }
     }
-    for (std::size_t i = 0; i < kAxes; ++i) position[i] += change[i];
+    for (std::size_t i = 0; i < kAxes; ++i) {
+      if (straight) change[i] = end[i] - position[i];
+      position[i] += change[i];
+    }
     point = position;
   }
   return ahead;

@@ -71,6 +71,7 @@ class Jog {
   struct Attempt;
   Axes joint_rates(const Command& command, const Jacobian& jacobian) const;
   double change_ratio(const Axes& change, const Jacobian& jacobian, double cycle) const;
+  bool move_on(double time, JogFrame frame, JogSpeed& speed, Eigen::Isometry3d& pose, Axes& position) const;
   JogSpeed commanded_speed(const Command& command, double later) const;
   JogSpeed ramped(const JogSpeed& wanted, double cycle) const;
   std::optional<Attempt> attempt(const JogSpeed& speed, double cycle, const Knots& present) const;

@@ -25,6 +25,7 @@ from scancell.guard.link import Link
 from scancell.guard.transport import InProcess
 from scancell.nominal.cell import NominalCell, nominal_cell
 from scancell.nominal.parts import load_part
+from scancell.proximity.motion_bounds import MotionBounds
 from scancell.scanning.guard import guard_of
 from scancell.studies.guard.scenario import Command, Scenario
 from scancell.studies.guard.simulation import Simulation
@@ -79,6 +80,17 @@ class JogBench:
             axes[:-1] = branches[np.nanargmin(np.abs(branches - axes[:-1]).max(1))]
             sensor[2, 3] += height - self.distance(axes)
         return axes
+
+    def terms(self) -> str:
+        """What remains in front of the part by the guard's assumptions, mm."""
+        free_path, settings = self.guard._free_path, self.guard.settings
+        number = free_path._pairs.index(_PAIR)
+        axes = self.above(_LOW)
+        errors = np.diag(free_path.angle_error)[:, None]
+        angles = float(MotionBounds(self.nominal, [_PAIR]).pairs(axes[None], errors).sum())
+        meshes = float(free_path._clearance[number]) - settings.position_error
+        named = {"position": settings.position_error, "meshes": meshes, "angles": angles}
+        return ", ".join(f"{name} {1e3 * value:.1f}" for name, value in named.items())
 
     def held(self, share: float) -> JogOutcome:
         """A jog straight down at a share of the full speed."""
@@ -141,6 +153,7 @@ def main() -> None:
         found = [bench.held(share) for share in SHARES]
         cells = [f"{1e3 * one.distance:.1f}{' (stop)' * one.stopped}{one.contact}" for one in found]
         print(f"| {arm} | " + " | ".join(cells) + " |", flush=True)
+        times.append(f"{arm}: errors assumed, mm: {bench.terms()}")
         took = " s, ".join(f"{one.rests_after:.1f}" for one in found)
         times.append(f"{arm}: rests after {took} s")
         without, guarded = bench.time_to_part(False), bench.time_to_part(True)

@@ -1,7 +1,7 @@
 """Processor time of the guard's answers: ``PYTHONPATH=tests python -m bench.guard_speed [--answers N] [--seed S]``.
 
-Seeded random jogs and random paths, half of them from starts near obstacles, with all shipped arms.  States are 32 ms
-apart and measured with noise; the robot obeys the answers, as in a run.
+Seeded random jogs, predicted by the controller or not, and random paths, half of them from starts near obstacles, with
+all shipped arms.  States are 32 ms apart and measured with noise; the robot obeys the answers, as in a run.
 """
 
 from __future__ import annotations
@@ -13,13 +13,14 @@ from itertools import count, cycle, islice
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from guard_motions import CELLS, KINDS, NOISE, POLL, cell_of, random_motion, random_start
 from scancell.cell.controller import Mode, Operation
 from scancell.config.loading import assets_dir, load_setup
 from scancell.geometry.reduction import reduced
 from scancell.guard.guard import Guard
-from scancell.guard.messages import CellState, GuardMessage
+from scancell.guard.messages import MAX_AHEAD, CellState, GuardMessage
 from scancell.guard.path_check import RATE_SLOPE
 from scancell.guard.stopping import braking_time, stopping_motion
 from scancell.nominal.cell import NominalCell
@@ -34,6 +35,8 @@ MEDIAN_LIMIT_MS, LAST_LIMIT_MS = 2.0, 8.0
 _OF_TABLE = 3000  # answers in `make bench`
 _SHARES = (50.0, 90.0, 99.0, 99.9, 100.0)
 _POLLS = 12  # of a jog
+_CYCLE = POLL / 2
+_SLOPE = 3.2  # 1/s: change of the speed of a predicted jog
 _AHEAD = 32  # points of the path
 _NEAR = (0.002, 0.06)  # m: least distance at a start near an obstacle
 _CLEAR = 0.002  # m: that of links to each other
@@ -61,13 +64,21 @@ class _Session:
         self._guard.reset()
 
     def answer(
-        self, operation: Operation, poll: int, axes: Array, ahead: Array | tuple[()] = (), rate: float = 1.0
+        self,
+        operation: Operation,
+        poll: int,
+        axes: Array,
+        ahead: Array | tuple[()] = (),
+        rate: float = 1.0,
+        spacing: float = POLL,
     ) -> tuple[GuardMessage, float]:
         """The answer to a state measured with noise, and the processor time that it took, s."""
         measured = axes + NOISE * self.rng.standard_normal(axes.shape)
         mode = Mode.CARTESIAN_JOG if operation is Operation.MANUAL else Mode.JOINT_MOVE
-        spacing = POLL if len(ahead) else 0.0
-        state = CellState(next(self._sequence), poll * POLL, operation, mode, True, measured, rate, ahead, spacing)
+        spacing = spacing if len(ahead) else 0.0
+        state = CellState(
+            next(self._sequence), poll * POLL, operation, mode, True, measured, rate, ahead, spacing, limits_jogs=True
+        )
         began = time.process_time()
         message = self._guard.answer(state)
         return message, time.process_time() - began
@@ -111,6 +122,27 @@ def manual_times(session: _Session) -> Iterator[float]:
                 axes = np.vstack([axes[:poll], axes[poll - 1] + braked])
 
 
+def predicted_times(session: _Session) -> Iterator[float]:
+    """Processor times, s, of the answers to random jogs that begin at rest and follow the permitted speed."""
+    shown = _CYCLE * np.arange(1, MAX_AHEAD + 1)
+    clocks = _CYCLE * np.arange(2 * _POLLS + MAX_AHEAD + 1)
+    for name in cycle(KINDS[1:]):
+        path = random_motion(session.arm, name, session.rng, clocks, session.start()).axes
+        if not np.isfinite(path).all() or not session.nominal.arm.within_limits(path[:, :-1]).all():
+            continue
+        course = CubicSpline(clocks, path)
+        session.reset()
+        clock = rate = 0.0
+        for poll in range(_POLLS):
+            ahead = course(clock + shown)
+            message, took = session.answer(Operation.MANUAL, poll, course(clock), ahead, rate, _CYCLE)
+            yield took
+            if message.emergency_stop:
+                break
+            rate += float(np.clip(message.monitor_speed - rate, -_SLOPE * POLL, _SLOPE * POLL))
+            clock += rate * POLL
+
+
 def automatic_times(session: _Session) -> Iterator[float]:
     """Processor times, s, of the answers on random joint-interpolated paths, which are slowed down as answered."""
     while True:
@@ -146,7 +178,7 @@ def _along(session: _Session, start: Array, travel: Array) -> Iterator[float]:
 
 def answer_times(arm: str, answers: int, seed: int) -> dict[str, Array]:
     """Processor times of answers, ms, by operation."""
-    drawn = {"manual": manual_times, "automatic": automatic_times}
+    drawn = {"manual": manual_times, "predicted": predicted_times, "automatic": automatic_times}
     found = {}
     for number, (name, times) in enumerate(drawn.items()):
         session = _Session(arm, np.random.default_rng([seed, number]))
@@ -177,7 +209,7 @@ def main() -> None:
     print(f"{'':<26}{'answers':>8}{'median':>8}{'90 %':>8}{'99 %':>8}{'99.9 %':>8}{'max':>8}{'over 8':>8}")
     arms = [options.arm] if options.arm else list(CELLS)
     found = {arm: answer_times(arm, options.answers // len(arms), options.seed) for arm in arms}
-    for name in ("manual", "automatic"):
+    for name in ("manual", "predicted", "automatic"):
         each = {f"{name}, {arm}": times[name] for arm, times in found.items()}
         for label, times in (*each.items(), (f"{name}, all", np.concatenate(list(each.values())))):
             shares = "".join(f"{value:8.2f}" for value in np.percentile(times, _SHARES))

@@ -259,4 +259,27 @@ TEST(GuardedJogs, RobotStaysOnTheShownPath) {
   EXPECT_GT(refused, 500);
 }
 
+/// Slow jogs outwards, whose path at full speed has no inverse kinematics near the end of the reach: in every
+/// cycle the robot is on the path that was shown before it.
+TEST(GuardedJogs, ShowTheirPathUpToTheEndOfTheReach) {
+  for (const double share : {0.3, 0.03}) {
+    Drive drive;
+    drive.command.operation = Operation::kManual;
+    drive.command.guard_max_age = kMaxAge;
+    drive.command.mode = Mode::kCartesianJog;
+    drive.command.jog[0] = share;
+    ControllerError error = ControllerError::kNone;
+    for (int k = 0; k < 10'000 && error == ControllerError::kNone; ++k) {
+      drive.command.guard_us = drive.now;
+      const Axes begin = drive.position();
+      const PathAhead ahead = drive.controller.path_ahead(drive.now);
+      const double fastest = std::max(share, drive.controller.report(drive.now).rate);
+      drive.run(1);
+      error = drive.controller.report(drive.now).error;
+      ASSERT_LT(off_path(begin, ahead, 1.1 * fastest, drive.position()), 5e-4) << share << ' ' << k;
+    }
+    EXPECT_EQ(error, ControllerError::kSingular);
+  }
+}
+
 }  // namespace

@@ -269,7 +269,7 @@ def _jog_decision(verdict: JogVerdict, speed: float, stops: bool, slows: bool) -
     word = "stop" if stops else f"slowed to {speed:.0%}" if speed else "no jog"
     clash = verdict.clash
     if clash is None:
-        return Decision() if verdict.stop_is_proved else Decision(stops, speed, f"{word}: too little is shown", True)
+        return Decision(stops, speed, "" if speed == 1 else f"{word}: the motion changes too fast", speed < 1)
     pair = clash.body_a, clash.body_b
     near = f"{' - '.join(pair)}: {verdict.distance * 1e3:.0f} mm"
     return Decision(stops, speed, f"{word}: {near}" if stops or slows else near, stops or slows, pair)

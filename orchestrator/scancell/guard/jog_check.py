@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from scancell.guard.free_path import FreePath, Section, ShownPath
@@ -24,6 +25,7 @@ Array = NDArray[np.float64]
 # Comparisons of faces or their bounding volumes (about 0.08 µs each): the path is not proved beyond.
 _WORK = 70_000
 _BENDING = 1.5  # of the measured curvature between its samples
+_FARTHEST_ASTRAY = 0.2  # rad: links of an arm are too close to each other for stops that may deviate more
 _FINE = 2, 64  # pieces in which slow jogs stop, and the parts of each that are distinguished
 _COARSE = 4  # parts of the other pieces
 _LEAST = 0.002  # smallest permitted share of the full speed above 0
@@ -99,47 +101,58 @@ class JogCheck:
         if len(ahead) < 3:
             return JogVerdict(None, np.inf, 0.0, False)
         # The rows are set-points: by them the path begins where the measured axes are but for their errors.
-        points = np.vstack([3 * ahead[0] - 3 * ahead[1] + ahead[2], ahead])
-        rates = np.gradient(points, spacing, axis=0, edge_order=2)
-        rates = np.clip(rates, -self._max_speed, self._max_speed)
-        braking = braking_time(np.abs(rates).max(0), self._deceleration)
-        jog = _Jog(points, rates, spacing, braking, max(braking, _RAMP * self._ramp(points[0], rates[0])))
-        error = np.abs(points[0] - axes) + self._free_path.angle_error
+        begin = 3 * ahead[0] - 3 * ahead[1] + ahead[2]
+        jog = self._jog(np.vstack([begin, ahead]), spacing)
+        error = np.abs(begin - axes) + self._free_path.angle_error
         # The errors of the next state differ: the speed is reduced for larger ones.
         larger = np.maximum(error, _LARGER * self._free_path.angle_error)
-        budget = Budget(_WORK)
-        permitted, proved, clash = 1.0, False, None
-        for most in (1.0, _SLOW):
-            free, found = self._search(jog, larger, most, self._room(jog, most), budget)
-            permitted = most if found is None else min(most, self._permitted(jog, free))
+        budget, shown = Budget(_WORK), spacing * len(ahead)
+        permitted, clash, free_at = 0.0, None, {}
+        for most in (1.0, _SLOW) if in_force > _SLOW else (_SLOW, 1.0):  # one of them is mostly enough
+            free_at[most], found = self._search(jog, larger, most, self._room(jog, most), budget.share(2))
+            permitted = max(permitted, min(most, self._permitted(jog, free_at[most])))
             clash = found or clash
-            share = max(in_force, permitted)
-            proved = proved or (share <= most and self._needed(jog, share) <= free)
-            if permitted >= _SLOW:
+            if (permitted >= _SLOW) == (most == 1.0):
                 break
-        if not proved:
-            share = max(in_force, permitted)
-            needed = self._needed(jog, share)
+        share = max(in_force, permitted)
+        needed = self._needed(jog, share)
+        proved = needed <= shown and any(share <= most and needed <= free for most, free in free_at.items())
+        if needed <= shown and not proved:
             proved = self._search(jog, error, share, needed, budget)[0] >= needed
-        distance = np.inf if clash is None else self._free_path.distance(points[0], (clash.body_a, clash.body_b))
+        distance = np.inf if clash is None else self._free_path.distance(begin, (clash.body_a, clash.body_b))
         return JogVerdict(clash, distance, permitted, proved)
+
+    def _jog(self, points: Array, spacing: float) -> _Jog:
+        rates = np.gradient(points, spacing, axis=0, edge_order=2)
+        rates = np.clip(rates, -self._max_speed, self._max_speed)
+        braking = (np.abs(rates) / self._deceleration).max(1)
+        until = int(np.ceil(self._reaction / spacing)) + 1  # braking begins no later, at any share
+        longest = float(braking[:until].max())
+        ramp = max(longest, _RAMP * self._ramp(points[0], rates[0]))
+        return _Jog(points, rates, spacing, np.minimum(braking, longest), longest, ramp, self._deceleration)
 
     def _search(
         self, jog: _Jog, error: Array, share: float, clock: float, budget: Budget
     ) -> tuple[float, MotionClash | None]:
-        """Path clock that is proved free, s, at up to a `share` of the full speed, as far as `clock` or what is shown.
+        """Path clock that is proved free, s, at up to a `share` of the full speed; infinite: at least `clock`.
 
-        The last piece that is looked at is searched as a whole.
+        The path beyond what is shown counts as free where all of that is. It ends where stops may be far from it.
         """
-        end = min(int(np.ceil(clock / jog.spacing - 1e-9)), len(jog.points) - 1)
+        wanted = int(np.ceil(clock / jog.spacing - 1e-9))
+        path = jog.path(error, share)
+        astray = path.deviation.max(1) > _FARTHEST_ASTRAY
+        known = int(np.argmax(astray)) if astray.any() else len(path.ends)
+        end = min(wanted, known)
         fine, parts = _FINE
         sections = [Section(0, min(fine, end), parts), Section(min(fine, end), end, _COARSE)]
-        free, clash = self._free_path.search(jog.path(error, share), sections, budget)
+        free, clash = self._free_path.search(path, sections, budget)
+        if clash is None and (end == wanted or not astray.any()):
+            return np.inf, None
         return free * jog.spacing, clash
 
     def _needed(self, jog: _Jog, share: float) -> float:
         """Path clock of the reaction and the stop at a share of the full speed, s."""
-        return share * self._reaction + share**2 * jog.braking / 2
+        return share * self._reaction + share**2 * jog.longest / 2
 
     def _room(self, jog: _Jog, share: float) -> float:
         """Path clock from which on a share is permitted, s."""
@@ -147,6 +160,8 @@ class JogCheck:
 
     def _permitted(self, jog: _Jog, free: float) -> float:
         """The share with the room `free`, s of path clock; 0 if it is too small."""
+        if free == np.inf:
+            return 1.0
         easy = _EASY * self._reaction
         share = 2 * free / (easy + np.sqrt(easy**2 + 2 * jog.ramp * free))
         return float(share) if share >= _LEAST else 0.0
@@ -162,27 +177,37 @@ class JogCheck:
 class _Jog:
     """A jog at full speed: set-points (n, joints + 1), rad, `spacing` (s) apart, and their rates, rad/s.
 
-    `braking` and `ramp` are the times in which it brakes in the worst case and as the controller slows it down, s.
+    `braking` (n,), s, is the time of a stop from each of them, `longest` that of the longest stop within the reaction
+    time, and `ramp` the time in which the controller slows the jog down.
     """
 
     points: Array
     rates: Array
     spacing: float
-    braking: float
+    braking: Array
+    longest: float
     ramp: float
+    deceleration: Array
 
     def path(self, error: Array, share: float) -> ShownPath:
         """The path at a share of the full speed, with the stops that leave it along its tangents.
 
         Braking takes at most half its time of path clock and half a cycle; until then the path bends away by half the
-        curvature times the squared time.
+        curvature times the squared time. What accelerates more than the axes can, the controller does not follow: it
+        brakes.
         """
-        reach = share * (share * self.braking + self.spacing) / 2
+        reach = share * (share * self.braking + self.spacing) / 2 / self.spacing  # pieces
+        covered = int(np.ceil(reach.max()))
         bend = np.abs(np.diff(self.points, n=2, axis=0))
         bend = np.vstack([bend[:1], bend, bend[-1:]])  # at each point
-        pieces = np.arange(len(self.points) - 1)
-        behind = int(np.ceil(reach / self.spacing))
-        around = [bend[np.clip(pieces + k, 0, len(bend) - 1)] for k in range(-behind, 3)]
-        aside = 1 / 4 + _BENDING * (reach / self.spacing) ** 2 / 2
-        ends = self.points[:-1] + (self.spacing + reach) * self.rates[:-1]
-        return ShownPath(self.points, error + aside * np.max(around, axis=0), ends, np.zeros(len(error)), slides=True)
+        curved = np.minimum(_BENDING * bend, self.deceleration * (self.spacing / share) ** 2)
+        aside = reach[:, None] ** 2 / 2 * _largest(curved, -1, covered + 1)
+        deviation = error + _largest(bend, 0, 1)[:-1] / 4 + _largest(aside, -covered, 1)[:-1]
+        ends = self.points[:-1] + self.spacing * (1 + reach[:-1, None]) * self.rates[:-1]
+        return ShownPath(self.points, deviation, ends, np.zeros(len(error)), slides=True)
+
+
+def _largest(rows: Array, first: int, last: int) -> Array:
+    """Largest of the rows (n, m) from each number plus `first` to that plus `last`, (n, m)."""
+    padded = np.pad(rows, ((max(-first, 0), max(last, 0)), (0, 0)), mode="edge")
+    return np.asarray(sliding_window_view(padded, last - first + 1, axis=0).max(-1)[: len(rows)], np.float64)

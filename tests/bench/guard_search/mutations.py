@@ -59,6 +59,13 @@ class _AcceptsStaleAnswers(Link):
         return time - self._received
 
 
+class _IgnoresPermittedSpeed(Link):
+    """A link to a controller that jogs as fast as the operator wants unless the guard permits no speed at all."""
+
+    def poll(self, time: float) -> list[GuardMessage]:
+        return [replace(answer, monitor_speed=float(answer.monitor_speed > 0)) for answer in super().poll(time)]
+
+
 def _without(path: Path) -> Mutation:
     class OmitsPath(Identifier):
         """Omits one path, and takes a motion along it for one along another path."""
@@ -124,6 +131,13 @@ class _HalfAsFast(Guard):
         return super()._by_hand(replace(state, spacing=2 * state.spacing))
 
 
+class _ForgetsPermittedSpeeds(Guard):
+    """A guard that forgets which speeds its earlier answers permit."""
+
+    def _allowed(self, state: CellState) -> float:
+        return 0.0
+
+
 def _shown(stratum: Stratum) -> bool:
     """Whether the guard sees what jogs are about to do."""
     return stratum.operation is Operation.MANUAL and not stratum.silent
@@ -147,4 +161,6 @@ MUTATIONS: dict[str, Mutation] = {
     "slow-is-rest": Mutation(_SlowIsRest, strata=lambda stratum: _identified(stratum) and stratum.decade < 2),
     "begun-is-permitted": Mutation(_BegunIsPermitted, strata=_shown),
     "half-as-fast": Mutation(_HalfAsFast, strata=_shown),
+    "ignored-speed": Mutation(link=_IgnoresPermittedSpeed, strata=_shown),
+    "forgotten-speeds": Mutation(_ForgetsPermittedSpeeds, strata=_shown),
 }

@@ -71,12 +71,13 @@ class RunRow:
     clearance
         Smallest distance of the arm to other bodies in the guarded run, m, at most 0.06.
     stop, stop_at, stopped_pair
-        First cause that held the robot: a stop by the ``guard``, by the ``age`` of the last answer, a ``refused`` jog,
-        or none; its time, s, and its pair.
+        First cause that held the robot: a stop by the ``guard``, by the ``age`` of the last answer, a jog held at rest
+        (``refused``), or none; its time, s, and its pair.
     false_stop
         Whether the twin never came near what the guard stopped for.
     halted
-        Whether the guard holds the robot on its path: at most a tenth of its speed is left.
+        Whether the guard has slowed the robot without a stop: a jog at any time, or a motion on a path at the end to at
+        most a tenth of its speed.
     warnings, warned_retreating
         Answers with a warning, and those whose pair did not approach.
     twin_arrived_at, arrived_at
@@ -238,10 +239,7 @@ class _Pair:
             stop_at,
             " - ".join(pair),
             stop in ("guard", "refused") and not self._was_near(pair),
-            stop == ""
-            and stratum.operation is Operation.AUTOMATIC
-            and course.rate <= _HELD
-            and course.arrived_at is None,
+            stop == "" and self._is_slowed(),
             len(warnings),
             sum(not approaches for approaches in warnings),
             np.nan if twin.course.arrived_at is None else twin.course.arrived_at,
@@ -260,6 +258,12 @@ class _Pair:
         if not any(answer.emergency_stop and time <= stopped + 1e-9 for time, answer in course.answers):
             return "age", stopped, ()
         return "guard", stopped, next((decision.pair for _, decision in log if decision.stop), ())
+
+    def _is_slowed(self) -> bool:
+        """Whether the guard has slowed the robot: a jog at any time, a motion on a path to a tenth at the end."""
+        if self.stratum.operation is Operation.AUTOMATIC:
+            return self.course.rate <= _HELD and self.course.arrived_at is None
+        return any(decision.monitor_speed < self.twin.scenario.speed for _, decision in self.block.guarded.log)
 
     def _was_near(self, pair: tuple[str, ...]) -> bool:
         """Whether the twin came nearer than the stated distance and 5 mm, with `pair` or a body around the arm.

@@ -101,7 +101,7 @@ _COUNTS: dict[str, Callable[[RunRow], bool]] = {
     "refused": lambda row: row.stop == "refused",
     "false": lambda row: row.false_stop,
     "by age": lambda row: row.stop == "age",
-    "waiting on the path": lambda row: row.halted,
+    "slowed": lambda row: row.halted,
 }
 
 
