@@ -98,7 +98,7 @@ class ClientView:
         with programs.add_tab("Run"):
             self._panels.append(ProgramPanel(gui, operator, shared.program, shared.taught, shared.program_file))
         with programs.add_tab("Teach"):
-            self._panels.append(TeachPanel(gui, operator, shared.taught, state))
+            self._panels.append(TeachPanel(gui, operator, shared.taught))
         with tabs.add_tab("File"):
             self._panels.append(FilePanel(gui, operator, shared.opener, shared.recording))
         self._said: dict[Panel, str] = {}

@@ -15,6 +15,7 @@ from scancell.cell.controller import Tool
 from scancell.errors import CommandError
 from scancell.live.cell import LiveCell
 from scancell.live.commands import Command, SetOperation
+from scancell.live.state import LiveState
 from scancell.scanning.session import ScanSession
 
 if TYPE_CHECKING:
@@ -63,6 +64,11 @@ class OperatorCommands:
     def is_operator(self) -> bool:
         """Whether this browser controls the cell."""
         return self._operators.operator == int(self._client.client_id)
+
+    @property
+    def state(self) -> LiveState:
+        """State of the cell now; panels are shown an older one."""
+        return self._live.state
 
     @property
     def has_gripper(self) -> bool:
