@@ -49,7 +49,7 @@ def numbers(text: str, *names: str) -> list[float]:
 def test_every_solution_is_tested_and_described() -> None:
     names = {path.stem for path in SOLUTIONS.glob("*.py")}
     described = (EXAMPLES.parent / "exercises.md").read_text()
-    assert names == {"kinematics", "grasping", "sensors", "conveyor", "scanning", "seam"}
+    assert names == {"kinematics", "grasping", "sensors", "conveyor", "scanning", "seam", "taught"}
     assert all(f"exercises/{name}.py" in described for name in names)
 
 
@@ -90,6 +90,11 @@ def test_scanning_exercise(exercise) -> None:
     done, out, _ = exercise("scanning.py", "sphere_on_foot.stl")
     assert numbers(out, "radius")[0] == pytest.approx(25.0, abs=0.01)
     assert [file.name for file in done.files] == ["sphere.ply"]
+
+
+def test_taught_exercise(exercise) -> None:
+    done, _, _ = exercise("taught.py", "sphere_on_foot.stl")
+    assert [step.command for _, step in done.steps] == ["move_joints", "move_line", "scan_line", "move_joints"]
 
 
 @pytest.mark.parametrize("angle", [10.0, -6.0])

@@ -102,7 +102,7 @@ class ClientView:
         self._add_tab(
             programs, "Run", lambda: ProgramPanel(gui, operator, shared.program, shared.taught, shared.program_file)
         )
-        self._add_tab(programs, "Teach", lambda: TeachPanel(gui, operator, shared.taught, state))
+        self._add_tab(programs, "Teach", lambda: TeachPanel(gui, operator, shared.taught))
         self._add_tab(tabs, "File", lambda: FilePanel(gui, operator, shared.opener, shared.recording))
         self._cameras = CameraPanel(gui, shared.feed, shared.sensor, is_wide)
         self._view = ViewPanel(gui, client.camera, operator, shared.scene)

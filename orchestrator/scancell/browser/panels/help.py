@@ -33,8 +33,8 @@ TABS = {
     "faster, the ray-traced one renders every image.",
     "Run": "Runs the program file with which the workspace was started, or the taught program. The file is read again "
     "for every run.",
-    "Teach": "Add the present pose as a step, repeat, and change steps; then run the program in the tab Run. The list is "
-    "a program file for scancell run.",
+    "Teach": "Add the present pose as a step, repeat, and change steps; then run the program in the tab Run. The list "
+    "is a program file for scancell run.",
     "File": "Opens another part or a recorded run, records the session, and downloads a picture of the scene.",
 }
 KEYS = {

@@ -68,6 +68,11 @@ class OperatorCommands:
         """Whether this browser controls the cell."""
         return self._operators.operator == int(self._client.client_id)
 
+    @property
+    def state(self) -> LiveState:
+        """State of the cell now; panels are shown an older one."""
+        return self._live.state
+
     def submit(self, command: Command) -> None:
         """Submit a command as the operator; a motion that needs another operation first changes to it.
 

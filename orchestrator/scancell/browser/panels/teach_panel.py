@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from html import escape
+from threading import RLock
 from typing import Any
 
 import numpy as np
@@ -42,8 +43,9 @@ _NONE = "-"
 class TeachPanel:
     """Edits the taught program, which all browsers share."""
 
-    def __init__(self, gui: Any, operator: OperatorCommands, taught: TaughtFile, state: LiveState) -> None:
-        self._operator, self._taught, self._state = operator, taught, state
+    def __init__(self, gui: Any, operator: OperatorCommands, taught: TaughtFile) -> None:
+        self._operator, self._taught = operator, taught
+        self._lock = RLock()  # `show` and the callbacks of inputs run in several threads
         tools = tool_names(operator.nominal)
         kinds = [kind for kind in _KINDS if "gripper" in tools or "gripper" not in kind]
         self._list = gui.add_html("")
@@ -53,7 +55,7 @@ class TeachPanel:
         self._kind = gui.add_dropdown("kind", kinds)
         self._tool = gui.add_dropdown("tool", tools, visible=len(tools) > 1)
         self._name = gui.add_text("name", "", hint="empty: the next of p1, p2, ...")
-        self._speed = gui.add_slider("speed, %", 1, 100, 1, 30)
+        self._speed = gui.add_slider("speed of the step, %", 1, 100, 1, 30)
         self._number = gui.add_number("number", 0.0, step=0.1, visible=False)
         add = gui.add_button("Add after this step", hint="the present pose")
         upload = gui.add_upload_button("Open a taught program", mime_type=".py")
@@ -79,12 +81,15 @@ class TeachPanel:
         new.on_click(operator.operator_callback(self._begin_new))
         inputs = [self._step, self._kind, self._tool, self._name, self._speed, self._number]
         operator.add_inputs([*inputs, add, upload, new])
-        self.show(state)
+        self._show()
         self._select(len(self._step.options) - 1)
 
-    def show(self, state: LiveState) -> None:
+    def show(self, _state: LiveState) -> None:
         """Show the steps."""
-        self._state = state
+        with self._lock:
+            self._show()
+
+    def _show(self) -> None:
         try:
             program, error = self._taught.program, ""
         except ScancellError as failed:
@@ -112,10 +117,11 @@ class TeachPanel:
 
     def _edit(self, change: Callable[[TaughtProgram, int], TaughtProgram], shift: int = 0) -> None:
         """Change the program, and select the step `shift` after the selected one."""
-        at = self._at
-        self._taught.edit(lambda program: change(program, at))
-        self.show(self._state)
-        self._select(at + shift)
+        with self._lock:
+            at = self._at
+            self._taught.edit(lambda program: change(program, at))
+            self._show()
+            self._select(at + shift)
 
     def _move(self, by: int) -> None:
         self._edit(lambda program, at: program.moved(at, by), by)
@@ -130,7 +136,7 @@ class TeachPanel:
             case _, PosePoint():
                 self._operator.submit(MoveTool(point.world_from_tool, step.tool, step.speed))
             case "turn_table", _:
-                self._operator.submit(MoveJoints(self._state.joints, value, step.speed))
+                self._operator.submit(MoveJoints(self._operator.state.joints, value, step.speed))
             case "open_gripper", _:
                 self._operator.submit(OpenGripper(value))
             case "close_gripper", _:
@@ -162,27 +168,24 @@ class TeachPanel:
 
     def _add(self) -> None:
         state, command = self._resting_state(), _KINDS[self._kind.value]
-        angle, program = state.table_angle, self._taught.program
-        index = self._at + 1 if program.steps else 0
-        name = "" if WORDS[command].point is None else self._name.value.strip() or program.free_name()
-        speed = self._speed.value / 100 if WORDS[command].moves else 1.0
-        tool: Tool = self._tool.value if command == "move_line" else "sensor"
-        if WORDS[command].value == "table_angle":
-            value: float | None = angle
-        else:
-            value = self._number.value * self._unit(command) if command in _TYPED else None
-        step = TaughtStep(command, name, value, speed, tool)
-        point = self._point(step, state) if name else None
-
-        def change(program: TaughtProgram) -> TaughtProgram:
+        words, angle = WORDS[command], state.table_angle
+        value = angle if words.value == "table_angle" else None
+        if command in _TYPED:
+            value = self._number.value * self._unit(command)
+        with self._lock:
+            program = self._taught.program
+            name = "" if words.point is None else self._name.value.strip() or program.free_name()
+            tool: Tool = self._tool.value if command == "move_line" else "sensor"
+            step = TaughtStep(command, name, value, self._speed.value / 100 if words.moves else 1.0, tool)
+            point, index = self._point(step, state) if name else None, self._at + 1 if program.steps else 0
             if isinstance(point, PosePoint):
-                return program.with_line(index, step, point, angle)
-            return program.with_step(index, step, point)
-
-        self._taught.edit(change)
-        self.show(state)
-        self._select(index + len(self._taught.program.steps) - len(program.steps) - 1)
-        self._name.value = ""
+                changed = program.with_line(index, step, point, angle)
+            else:
+                changed = program.with_step(index, step, point)
+            self._taught.write(changed)
+            self._show()
+            self._select(index + len(changed.steps) - len(program.steps) - 1)
+            self._name.value = ""
 
     def _point(self, step: TaughtStep, state: LiveState) -> Point:
         if step.command == "move_joints":
@@ -190,9 +193,10 @@ class TeachPanel:
         return PosePoint.of(np.asarray(self._operator.world_from_tool(step.tool, state.joints)))
 
     def _resting_state(self) -> LiveState:
-        if self._state.moving:
+        state = self._operator.state
+        if state.moving:
             raise CommandError("the robot moves: wait until it is at rest")
-        return self._state
+        return state
 
     def _show_number(self) -> None:
         """Offer the number of the kind that is chosen."""
@@ -200,7 +204,7 @@ class TeachPanel:
         self._number.visible = command in _TYPED
         if command in _TYPED:
             words = WORDS[command]
-            self._number.label, self._number.value = f"{words.value}, {words.unit}", _TYPED[command][1]
+            self._number.value, self._number.label = _TYPED[command][1], f"{words.value}, {words.unit}"
 
     def _unit(self, command: Command) -> float:
         if command not in _TYPED:
@@ -233,7 +237,7 @@ def step_label(number: int, step: TaughtStep) -> str:
     if step.value is not None and words.value != "table_angle":
         parts.append(f"{step.value / _TYPED[step.command][0]:g} {words.unit}")
     elif step.value is not None:
-        parts.append(f"table at {step.value / deg:.1f}°")
+        parts.append(f"table at {round(step.value / deg, 1) + 0.0}°")
     if step.tool != "sensor":
         parts.append(step.tool)
     if words.moves:
