@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
+from threading import Event
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +14,7 @@ import pytest
 import trimesh
 from cells import block, mesh_of
 
+from remote_browser import RemoteBrowser
 from scancell import Scanner
 from scancell.config.loading import Setup, assets_dir, load_setup
 from scancell.config.material import PRESETS
@@ -32,7 +35,7 @@ from scancell.browser.scene.scene import CellScene  # noqa: E402
 from scancell.browser.scene.sensor_view import stripe_segments  # noqa: E402
 from scancell.browser.scene.surfaces import inset, material_colour, split_at_creases  # noqa: E402
 from scancell.browser.scene.trace import Trace  # noqa: E402
-from scancell.browser.server.quiet import quiet_server  # noqa: E402
+from scancell.browser.server.quiet import address, quiet_server  # noqa: E402
 
 DEVICES = (
     'cell.distance_sensor=[{ name = "height", pose = { x_mm = 370, y_mm = -400, z_mm = 300, rx_deg = 180 },'
@@ -519,3 +522,17 @@ def test_server_prints_nothing(capfd) -> None:
         pass
     said = capfd.readouterr()
     assert said.out + said.err == ""
+
+
+def test_update_of_a_browser_that_has_left_warns_of_nothing() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with quiet_server(port=0) as server:
+            clients: list[viser.ClientHandle] = []
+            came, left = Event(), Event()
+            server.on_client_connect(lambda client: (clients.append(client), came.set()))
+            server.on_client_disconnect(lambda _: left.set())
+            with RemoteBrowser(address(server)):
+                assert came.wait(60)
+            assert left.wait(60)
+            clients[0].gui.add_html("too late")

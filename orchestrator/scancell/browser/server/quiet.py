@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http
 import socket
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from ipaddress import ip_address
@@ -34,6 +35,8 @@ def quiet_server(host: str = LOOPBACK, port: int = 8080) -> Iterator[viser.Viser
     """
     made_by = require("viser", "workspace")
     _require_own_address(host)
+    # A browser may leave while its panels are being updated.
+    warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)
     with _without_messages(), _guarded(host) as guarded:
         server = guarded.server = made_by.ViserServer(host=host, port=port, verbose=False)
     try:
