@@ -155,7 +155,7 @@ constexpr Declared<T> command_state(T& value, const char* name) {
 /// Does not compile where a structure has not `count` members, none of them private.
 template <std::size_t count, class Structure>
 constexpr void require_members([[maybe_unused]] Structure& structure) {
-  static_assert(count >= 1 && count <= 20, "add a line for this number of members");
+  static_assert(count >= 1 && count <= 21, "add a line for this number of members");
   // clang-format off
   if constexpr (count == 1) { [[maybe_unused]] auto& [a] = structure; }
   else if constexpr (count == 2) { [[maybe_unused]] auto& [a, b] = structure; }
@@ -177,6 +177,7 @@ constexpr void require_members([[maybe_unused]] Structure& structure) {
   else if constexpr (count == 18) { [[maybe_unused]] auto& [a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, q, r] = structure; }
   else if constexpr (count == 19) { [[maybe_unused]] auto& [a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, q, r, s] = structure; }
   else if constexpr (count == 20) { [[maybe_unused]] auto& [a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, q, r, s, t] = structure; }
+  else if constexpr (count == 21) { [[maybe_unused]] auto& [a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, q, r, s, t, u] = structure; }
   // clang-format on
 }
 

@@ -91,7 +91,8 @@ def test_jog_about_own_axes_keeps_origin_of_named_tool(scanner: Scanner) -> None
     with scanner.session() as session:
         session.set_operation(Operation.MANUAL)
         start = session.world_from_tool("tip")
-        session.jog_sensor([0, 0, 0, 0.3, 0.0, -0.4], 0.5, JogFrame.SENSOR, "tip")
+        session.start_jog_sensor([0, 0, 0, 0.3, 0.0, -0.4], JogFrame.SENSOR, "tip")
+        session.wait(0.5)
         end = session.world_from_tool("tip")
     np.testing.assert_allclose(end[:3, 3], start[:3, 3], atol=1e-6)
     turn = start[:3, :3].T @ end[:3, :3]
@@ -106,7 +107,8 @@ def test_jog_follows_axes_of_a_frame(scanner: Scanner, name: str) -> None:
         session.turn_table(0.5)
         session.set_operation(Operation.MANUAL)
         start, axes = session.world_from_tool("tip"), session.world_from_frame(name)[:3, :3]
-        session.jog_sensor([1, -1, 0, 0, 0, 0], 0.3, name, "tip")
+        session.start_jog_sensor([1, -1, 0, 0, 0, 0], name, "tip")
+        session.wait(0.3)
         end = session.world_from_tool("tip")
     travel = axes.T @ (end - start)[:3, 3]
     np.testing.assert_allclose(travel / np.linalg.norm(travel), np.array([1, -1, 0]) / np.sqrt(2), atol=1e-4)
@@ -141,7 +143,7 @@ def test_guard_stops_jog_of_named_tool_before_table(scanner: Scanner) -> None:
         session.set_operation(Operation.MANUAL)
         origin = session.world_from_tool("tip")[:3, 3]
         with pytest.raises(CommandError, match=r"jog_sensor: stop: sensor - table: \d+ mm"):
-            session.jog_sensor([0, 0, 0, 0, 1, 0], 10.0, tool="tip")
+            session.jog_sensor([0, 0, 0, 0, -1, 0], 10.0, tool="tip")
         session.wait(1.0)
         turned = session.world_from_tool("tip")
     assert max(pairs) == 0
