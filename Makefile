@@ -30,7 +30,8 @@ DEV_PACKAGES := libgtest-dev unzip libgl1 libegl1 libusb-1.0-0 libgomp1
 
 # An installation in place knows the modules of its time: it is made again with new or moved packages, too.
 SOURCES := $(shell find orchestrator -name '__init__.py') CMakeLists.txt pyproject.toml $(shell find fmu sensor_rt -type f \
-  \( -name '*.cpp' -o -name '*.h' -o -name '*.txt' -o -name '*.in' -o -name '*.map' -o -path 'fmu/package/*.py' \))
+  \( -name '*.cpp' -o -name '*.h' -o -name '*.txt' -o -name '*.in' -o -name '*.map' -o -path 'fmu/package/*.py' \)) \
+  $(wildcard build/windows/runtime/*)
 
 .PHONY: help setup dev scan test test-fast campaign wheel native-tests check format bench peers sanitize clean
 

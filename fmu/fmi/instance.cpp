@@ -235,10 +235,10 @@ std::shared_ptr<const LoadedCell> load_cell(const std::string& path,
 }
 
 std::string Instance::description_path(const std::string& file) const {
-  if (!file.empty() && file.front() == '/') return file;
   if (file.empty()) {
     throw std::invalid_argument("cell.file is empty: expected the path of a cell description");
   }
+  if (is_absolute(file)) return file;
   return resource_folder(resource_location_) + "/" + file;
 }
 

@@ -132,7 +132,7 @@ std::shared_ptr<const control::ProgramSegment> Cell::requested_segment(const Cel
     program_ = {path, nullptr, ""};
     try {
       if (path.empty()) throw DescriptionError("command.program is empty: expected the path of a saved plan");
-      program_.program = read_program(path.front() == '/' ? path : folder_ + "/" + path,
+      program_.program = read_program(is_absolute(path) ? path : folder_ + "/" + path,
                                       description_.joints.size(), description_.controller_cycle_us);
     } catch (const DescriptionError& error) {
       program_.fault = error.what();

@@ -11,7 +11,13 @@
 #include <string>
 #include <vector>
 
+#ifdef _WIN32
+#include <windows.h>
+// After windows.h, which it needs.
+#include <psapi.h>
+#else
 #include <unistd.h>
+#endif
 
 #include "fmu/fmi/variable_table.h"
 #include "fmu/model/description/cell_description.h"
@@ -25,6 +31,13 @@ namespace {
 
 using Bytes = std::vector<unsigned char>;
 
+#ifdef _WIN32
+double resident_mb() {
+  PROCESS_MEMORY_COUNTERS memory{};
+  GetProcessMemoryInfo(GetCurrentProcess(), &memory, sizeof memory);
+  return static_cast<double>(memory.WorkingSetSize) / 1e6;
+}
+#else
 double resident_mb() {
   std::ifstream file("/proc/self/statm");
   long pages = 0;
@@ -32,6 +45,7 @@ double resident_mb() {
   file >> pages >> resident;
   return static_cast<double>(resident) * static_cast<double>(sysconf(_SC_PAGESIZE)) / 1e6;
 }
+#endif
 
 void no_log3(fmi3InstanceEnvironment, fmi3Status, fmi3String, fmi3String) {}
 

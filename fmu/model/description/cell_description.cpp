@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#ifdef _WIN32
+#include <filesystem>
+#endif
 #include <limits>
 #include <memory>
 
@@ -16,6 +19,19 @@ namespace {
 constexpr std::size_t kMinJoints = 4;
 constexpr double kMaxJointPosition = 1e6;  // rad
 constexpr double kParallel = 1e-6;         // sine of the angle between parallel axes
+
+#ifdef _WIN32
+/// `fopen` of Windows reads a path in the active code page, not in UTF-8.
+std::FILE* open_file(const std::string& path) {
+  try {
+    return _wfopen(std::filesystem::u8path(path).c_str(), L"rb");
+  } catch (const std::filesystem::filesystem_error&) {
+    return nullptr;  // not UTF-8
+  }
+}
+#else
+std::FILE* open_file(const std::string& path) { return std::fopen(path.c_str(), "rb"); }
+#endif
 
 MotionDescription parse_motion(const JsonReader& json) {
   json.expect_keys({"line_speed", "line_acceleration", "turn_speed", "turn_acceleration", "jog_speed",
@@ -150,7 +166,7 @@ CellDescription parse_cell(const std::string& json) {
 
 std::string read_text_file(const std::string& path) {
   const std::string& actual = path == "-" ? "/dev/stdin" : path;
-  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(actual.c_str(), "rb"), &std::fclose);
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(open_file(actual), &std::fclose);
   if (!file) throw DescriptionError("cannot open the file '" + path + "'");
   std::string text;
   char buffer[65536];

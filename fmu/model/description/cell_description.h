@@ -67,6 +67,14 @@ CellLayout layout_of(const CellDescription& cell);
 /// Parses a description; throws DescriptionError.
 CellDescription parse_cell(const std::string& json);
 
+/// Whether a path, not empty, does not depend on a folder; on Windows also one with a drive or backslash.
+inline bool is_absolute(const std::string& path) {
+#ifdef _WIN32
+  if (path.front() == '\\' || (path.size() > 1 && path[1] == ':')) return true;
+#endif
+  return path.front() == '/';
+}
+
 /// Content of a file, or of standard input for "-"; throws DescriptionError that names the file.
 std::string read_text_file(const std::string& path);
 

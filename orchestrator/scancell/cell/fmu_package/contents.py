@@ -7,14 +7,21 @@ import subprocess
 import tempfile
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Literal
 
 import fmpy
 
 from scancell.arguments import checked_fields
-from scancell.cell.fmu_package.bundle import Bundle, dependencies_text, license_text, read_bundle
+from scancell.cell.fmu_package.bundle import (
+    Bundle,
+    dependencies_text,
+    license_files,
+    license_text,
+    read_bundle,
+    windows_dll,
+)
 from scancell.cell.fmu_package.pages import index_page
 from scancell.cell.fmu_package.reference import Reference, record_reference
 from scancell.cell.fmu_package.terminals import terminals_xml
@@ -22,7 +29,8 @@ from scancell.config.loading import assets_dir
 from scancell.errors import CellError
 
 FmiVersion = Literal[2, 3]
-_PLATFORM = {2: "linux64", 3: "x86_64-linux"}
+_LINUX = {2: "linux64", 3: "x86_64-linux"}
+_WINDOWS = {2: "win64", 3: "x86_64-windows"}
 # Zip entries carry a fixed date, so that the same cell gives the same bytes.
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
@@ -82,9 +90,8 @@ def fmu_contents(runtime: Path, cell: str, version: FmiVersion, options: FmuOpti
         "documentation/externalDependencies.txt": dependencies_text(bundle).encode(),
     }
     for library in sorted(runtime.glob("*.so*")):
-        contents[f"binaries/{_PLATFORM[version]}/{library.name}"] = library.read_bytes()
-    for text in sorted((runtime / "licenses").iterdir()):
-        contents[f"documentation/licenses/{text.name}"] = text.read_bytes()
+        contents[f"binaries/{_LINUX[version]}/{library.name}"] = library.read_bytes()
+    contents |= _optional_binary(runtime, "RobotCell", version) | dict(sorted(_licenses(runtime, bundle).items()))
     with tempfile.TemporaryDirectory(prefix="scancell-") as folder:
         fmu = Path(folder) / "RobotCell"
         write_unpacked(fmu, runtime, cell, version)
@@ -108,17 +115,26 @@ def sequencer_contents(runtime: Path, cell: str) -> dict[str, bytes]:
         If the native part refuses the description.
     """
     library = runtime / "sequencer" / "CellSequencer.so"
-    bundle = read_bundle(runtime)
-    compiled_in = tuple(replace(part, file=library.name) for part in bundle.components if part.file == "RobotCell.so")
-    contents = {
+    bundle = read_bundle(runtime, "CellSequencer")
+    return {
         "modelDescription.xml": _printed([runtime / "sequencer" / "sequencer-describe", "-"], cell),
         "resources/cell.json": cell.encode(),
-        "documentation/licenses/license.txt": license_text(replace(bundle, components=compiled_in)).encode(),
-        f"binaries/{_PLATFORM[2]}/{library.name}": library.read_bytes(),
+        "documentation/licenses/license.txt": license_text(bundle).encode(),
+        f"binaries/{_LINUX[2]}/{library.name}": library.read_bytes(),
+        **_optional_binary(runtime, "CellSequencer", 2),
+        **_licenses(runtime, bundle),
     }
-    for part in compiled_in:
-        contents[f"documentation/licenses/{part.text}"] = (runtime / "licenses" / part.text).read_bytes()
-    return contents
+
+
+def _optional_binary(runtime: Path, binary: str, version: FmiVersion) -> dict[str, bytes]:
+    """The binary for Windows, if it was built."""
+    dll = windows_dll(runtime, binary)
+    return {} if dll is None else {f"binaries/{_WINDOWS[version]}/{dll.name}": dll.read_bytes()}
+
+
+def _licenses(runtime: Path, bundle: Bundle) -> dict[str, bytes]:
+    texts = license_files(runtime, bundle)
+    return {f"documentation/licenses/{name}": text for name, text in texts.items()}
 
 
 def write_unpacked(folder: Path, runtime: Path, cell: str, version: FmiVersion) -> None:
@@ -134,7 +150,7 @@ def write_unpacked(folder: Path, runtime: Path, cell: str, version: FmiVersion) 
     (folder / "binaries").mkdir()
     (folder / "modelDescription.xml").write_bytes(description)
     (folder / "resources" / "cell.json").write_text(cell)
-    (folder / "binaries" / _PLATFORM[version]).symlink_to(runtime.resolve(), target_is_directory=True)
+    (folder / "binaries" / _LINUX[version]).symlink_to(runtime.resolve(), target_is_directory=True)
 
 
 def _documents(model_description: bytes, version: FmiVersion, bundle: Bundle, reference: Reference) -> dict[str, bytes]:
@@ -179,8 +195,7 @@ def write_archive(path: Path | IO[bytes], contents: Mapping[str, bytes]) -> None
 
 def _describe(runtime: Path, cell: str, version: FmiVersion, options: FmuOptions, bundle: Bundle) -> bytes:
     """The model description, printed by the same variable table that the library answers from."""
-    needs = f"64-bit x86 Linux with glibc {bundle.glibc} or later"
-    command: list[str | Path] = [runtime / "robotcell-describe", "-", "--fmi", str(version), "--needs", needs]
+    command: list[str | Path] = [runtime / "robotcell-describe", "-", "--fmi", str(version), "--needs", bundle.machine]
     variants = (("--clock", options.clock), ("--arrays", options.arrays), ("--integers", options.integers))
     command += [word for word, wanted in variants if wanted]
     return _printed(command, cell)

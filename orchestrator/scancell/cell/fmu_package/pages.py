@@ -93,7 +93,7 @@ def _facts(description: Any, bundle: Bundle) -> str:
         ("made by", description.generationTool),
         ("token", description.guid),
         ("licence", f"{description.license}; of bundled components: see the end"),
-        ("machine", f"64-bit x86 Linux with glibc {bundle.glibc} or later"),
+        ("machine", bundle.machine),
         ("variables", str(len(description.modelVariables))),
         ("communication step", f"any; {step * 1e3:g} ms by default, the cycle of the controller"),
     ]
