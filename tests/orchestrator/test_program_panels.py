@@ -145,7 +145,7 @@ def page(cell: SteppedCell, tmp_path: Path) -> Page:
 def test_added_steps_hold_the_present_pose(page: Page) -> None:
     assert page.add("joints", "above") == ""
     page.cell.at(THERE)
-    page.gui.named["speed of the step, %"].enter(20)
+    page.gui.named["step speed, %"].enter(20)
     assert page.add("line") == ""
     assert page.add("scan line", "end") == ""
     assert page.add("wait") == ""
@@ -205,7 +205,7 @@ def test_step_is_changed_and_moved_to(page: Page) -> None:
     np.testing.assert_allclose(page.cell.session.world_from_tool(), ABOVE, atol=5e-6)
     page.select(2)
     page.press("change its", "Pose")
-    page.gui.named["speed of the step, %"].enter(80)
+    page.gui.named["step speed, %"].enter(80)
     page.press("change its", "Speed")
     page.gui.named["name"].enter("here")
     page.press("change its", "Name")

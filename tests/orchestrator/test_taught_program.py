@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from scancell import Scanner
+from scancell.config.loading import assets_dir, load_setup
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.programs.program import run_program
@@ -16,6 +17,7 @@ from scancell.programs.taught import COMMANDS, MAX_STEPS, JointPoint, PosePoint,
 from scancell.programs.taught_file import TaughtFile
 from scancell.programs.taught_text import program_text, read_program
 
+WITH_GRIPPER = Path(__file__).parents[2] / "docs" / "examples" / "exercises" / "gripper.toml"
 START = location(430 * mm, 0, 230 * mm, rx=180 * deg)
 END = START @ location(20 * mm, 0, 0)
 HOME = JointPoint((0.0, -60 * deg, 185 * deg, 0.0, 55 * deg, 0.0))
@@ -88,6 +90,31 @@ def test_saved_program_runs_and_measures(ideal_scanner: Scanner, tmp_path: Path)
     line = done.steps[2][1]
     slow = np.linalg.norm((END - START)[:3, 3]) / (line.end - line.begin)
     assert slow < 0.2 * 0.5  # m/s, below a fifth of the line speed of the arm
+
+
+def test_taught_grasp_lifts_the_part(tmp_path: Path) -> None:
+    """As exercise 2; poses of lines are those of the gripper."""
+    pick = location(450 * mm, 0, 149 * mm, rx=180 * deg, rz=-90 * deg)
+    above = pick @ location(0, 0, -80 * mm)
+    with (
+        Scanner(setup=load_setup(WITH_GRIPPER, ideal=True), threads=1) as scanner,
+        scanner.session(assets_dir() / "parts" / "step_block.stl", guarded=True) as session,
+    ):
+        joints = JointPoint(tuple(session.joints_for(above, "gripper").tolist()))
+        points = {"above": joints, "pick": PosePoint.of(pick), "up": PosePoint.of(above)}
+        steps = (
+            TaughtStep("open_gripper", value=65 * mm),
+            TaughtStep("move_joints", "above", 0.0, 0.3),
+            TaughtStep("move_line", "pick", speed=0.3, tool="gripper"),
+            TaughtStep("close_gripper", value=30.0),
+            TaughtStep("move_line", "up", speed=0.3, tool="gripper"),
+        )
+        file = TaughtFile(tmp_path / "taught.py")
+        file.write(TaughtProgram(points, steps))
+        done = run_program(file.path, session, "geometric", tmp_path)
+        height = session.cell.get(session.cell.real_group(["truth.part[1].position[3]"]))[0]
+    assert done.contacts == []
+    assert height == pytest.approx(180 * mm, abs=1 * mm)
 
 
 def test_steps_are_reordered_copied_and_deleted() -> None:

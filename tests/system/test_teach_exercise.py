@@ -70,7 +70,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         assert host.workspace is not None
         host.workspace.feed.wanted = False
         student = Student(host, browser)
-        browser.enter("speed of the step, %", 100)
+        browser.enter("step speed, %", 100)
         student.goes_to(450.0, 300.0)
         student.adds("joints", "above", "1 above: joints")
         student.goes_to(432.0, 260.0)

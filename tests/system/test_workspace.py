@@ -396,7 +396,7 @@ def runs_into_the_table(opened: Opened) -> None:
     assert slowed.job == "into_table.py"
     ended = opened.until(lambda state: state.message != "", "the end of the program")
     assert "into_table.py:6: move_line: held by the guard" in ended.message
-    page.get_by_text("held by the guard").wait_for()
+    page.get_by_text("into_table.py: failed, line 6").wait_for()
     speeds = [state.monitor_speed_in_force for state in opened.states]
     assert any(0.05 < speed < 0.95 for speed in speeds)
     assert not any(state.colliding for state in opened.states)

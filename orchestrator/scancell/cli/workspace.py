@@ -40,7 +40,9 @@ def workspace(
     program: Annotated[
         Path | None, typer.Option("--program", help="robot program to run from the browser (docs/programs.md)")
     ] = None,
-    out: Annotated[Path, typer.Option("--out", help="folder for the runs that are saved")] = Path("out/workspace"),
+    out: Annotated[Path, typer.Option("--out", help="folder of saved runs and taught programs")] = Path(
+        "out/workspace"
+    ),
     colour: Annotated[_Colour, typer.Option("--colour", help="quantity that the colours of a run's cloud show")] = (
         "deviation"
     ),

@@ -41,7 +41,8 @@ class LiveProgramState:
     line
         Of the command that runs or, paused, comes next; of the error after a failure; 0: none.
     output
-        Commands that were carried out, with their lines, and printed text; the last ones.
+        Commands that were carried out, with their lines, and printed text, the last ones; after success the
+        simulated time and contacts of bodies.
     error
         Why it failed or was stopped; empty otherwise.
     folder
@@ -194,11 +195,11 @@ class _Run:
     def run(self, session: ScanSession) -> ProgramRun:
         with self._lock:
             self._begun, self._folder = True, first_free(self._out, "program_{}")
-        engine, folder = self._engine, self._folder
+        engine, folder, begin = self._engine, self._folder, session.time
         before = lambda line, _command: self._before(session, line)  # noqa: E731
         done = run_program(self.file, session, engine, folder, self._after, self._note, recorded=True, before=before)
-        for pair in done.contacts:
-            self._note(f"contact: {pair}")
+        contacts = f"contacts: {', '.join(done.contacts)}" if done.contacts else "no contact"
+        self._note(f"done in {session.time - begin:.2f} s, {contacts}")
         return done
 
     def _before(self, session: ScanSession, line: int) -> None:

@@ -55,7 +55,7 @@ class TeachPanel:
         self._kind = gui.add_dropdown("kind", kinds)
         self._tool = gui.add_dropdown("tool", tools, visible=len(tools) > 1)
         self._name = gui.add_text("name", "", hint="empty: the next of p1, p2, ...")
-        self._speed = gui.add_slider("speed of the step, %", 1, 100, 1, 30)
+        self._speed = gui.add_slider("step speed, %", 1, 100, 1, 30)
         self._number = gui.add_number("number", 0.0, step=0.1, visible=False)
         add = gui.add_button("Add after this step", hint="the present pose")
         upload = gui.add_upload_button("Open a taught program", mime_type=".py")
