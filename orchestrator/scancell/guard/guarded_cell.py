@@ -32,7 +32,8 @@ class GuardedCell:
     max_age
         Age of the last answer's state at which the controller stops, s.
     shows_jogs
-        Whether the guard sees where a jog leads before it moves the robot; else it identifies jogs by measured states.
+        Whether the guard sees where a jog leads before it moves the robot, and limits its speed; else it identifies
+        jogs by measured states.
 
     Attributes
     ----------
