@@ -114,12 +114,12 @@ def test_slow_simulation_is_shown_with_its_rate_and_the_time_left(cell: SteppedC
         return texts.all
 
     state = replace(state, progress=0.0)
-    assert "slow" not in shows(1, 0.4, True)
+    assert "slow simulation" not in shows(1, 0.4, True)
     shown = shows(9, 0.4, True)
     assert "slow simulation: 40% of real time" in shown
     assert "about 40 s left" in shown
     shown = shows(10, 1.0, False)
-    assert "slow" not in shown
+    assert "slow simulation" not in shown
     assert "s left" not in shown
 
 

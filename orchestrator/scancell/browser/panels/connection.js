@@ -1,4 +1,4 @@
-// Shows a banner while no news come from the server: what the page shows is old then, and its buttons do nothing.
+// Shows a banner while no news come from the server: what the page shows is old then.
 // The server changes data-pulse once a second. Time in which the page is hidden or too busy to look does not count,
 // because it takes no news in either.
 (() => {
@@ -26,7 +26,7 @@
     banner.hidden = !lost;
     const seconds = Math.floor(silent / 1000);
     banner.textContent =
-      `Connection lost: no news from the server for ${seconds} s. The page shows an old state, and its buttons do nothing.`;
+      `Connection lost, or this computer is too slow: no news from the server for ${seconds} s. The page shows an old state.`;
     const status = document.querySelector("[data-status]");
     if (status) status.style.opacity = lost ? "0.25" : "";
   }, PERIOD_MS);
