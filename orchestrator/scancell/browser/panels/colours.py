@@ -10,6 +10,7 @@ _PRIMARY, _PRIMARY_HOVER, _STOP, _STOP_HOVER = "#1864ab", "#14548f", ALARM, "#a6
 # Colours of the page's theme that are lighter by default, with the background that their text is on, or with its text.
 THEME = {
     "--mantine-color-dimmed": DIMMED,
+    "--mantine-color-gray-6": DIMMED,  # labels of the ends of sliders
     "--mantine-color-blue-6": _PRIMARY,
     "--mantine-color-blue-filled": _PRIMARY,
     "--mantine-color-blue-filled-hover": _PRIMARY_HOVER,
