@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Event, Lock
@@ -149,7 +150,8 @@ class Workspace:
                 stepping = threads.submit(step)
                 pace, updates = Pace(1 / _RATE), 0
                 while not (ended() or stepping.done()):
-                    self.show(with_panels=updates % _PANELS_EVERY == 0)
+                    with _viser_wakes_its_loop():
+                        self.show(with_panels=updates % _PANELS_EVERY == 0)
                     updates += 1
                     pace.wait()
             finally:
@@ -196,3 +198,16 @@ class Workspace:
         self._operators.leave(client.client_id)
         with self._lock:
             self._views.pop(client.client_id, None)
+
+
+@contextmanager
+def _viser_wakes_its_loop() -> Iterator[None]:
+    """Ignore a race of viser: it sets an asyncio event in our thread, after it has kept the message.
+
+    The next message wakes its event loop again.
+    """
+    try:
+        yield
+    except RuntimeError as error:
+        if "mutated during iteration" not in str(error):
+            raise
