@@ -106,7 +106,7 @@ inline constexpr EnumerationItem kControllerErrorItems[] = {
     {"too_fast", "segment exceeds a limit of speed or acceleration"},
     {"guard_timeout", "guard message too old, reset needed"},
     {"invalid_orientation",
-     "command.target.orientation or command.tool.orientation is no unit quaternion: its norm must be from "
+     "command.tool.orientation or command.target.orientation is no unit quaternion: its norm must be from "
      "0.99 to 1.01"},
     {"trigger_interval",
      "trigger mode without interval: command.trigger.period must be at least 1 microsecond, .angle or "
