@@ -243,26 +243,26 @@ def random_value(random: np.random.Generator, variable: Any) -> float | int | st
 def test_random_inputs_in_random_order_are_executed_or_rejected(build: Build, version: int, name: str) -> None:
     """Every call returns OK, all outputs stay finite, and each refusal is in the log."""
     description = DYNAMIC if name == "dynamic" else {**grasp_cell(), "conveyors": [conveyor()]}
-    cell = build(version, description, loggingOn=True)
-    random = np.random.default_rng(version)
-    inputs = [v for v in cell.variables.values() if v.causality == "input"]
-    errors = set()
-    for _ in range(300):
-        for variable in random.choice(inputs, random.integers(0, len(inputs) // 2)):
-            cell.set(variable.name, random_value(random, variable))
-        if random.random() < 0.3:  # what lets the robot move, for a while
-            cell.set("command.emergency_stop", 0)
-            cell.set("command.max_age", 0.0)
-            cell.set("command.guard.max_age", 0.0)
-        known = len(cell.messages)
-        cell.step(int(random.choice([1, 250, 1000, 7300, CYCLE_US, 50_000])))
-        assert np.isfinite(all_reals(cell)).all()
-        error = cell.get_int("controller.error")
-        if error not in (0, *errors):
-            assert any(text.startswith("controller: ") for text in cell.messages[known:]), error
-        errors.add(error)
+    random, errors = np.random.default_rng(version), set()
+    for _ in range(6):  # counters that reached their greatest values let no robot start again
+        cell = build(version, description, loggingOn=True)
+        inputs = [v for v in cell.variables.values() if v.causality == "input"]
+        for _ in range(50):
+            for variable in random.choice(inputs, random.integers(0, len(inputs) // 2)):
+                cell.set(variable.name, random_value(random, variable))
+            if random.random() < 0.3:  # what lets the robot move, for a while
+                cell.set("command.emergency_stop", 0)
+                cell.set("command.max_age", 0.0)
+                cell.set("command.guard.max_age", 0.0)
+            known = len(cell.messages)
+            cell.step(int(random.choice([1, 250, 1000, 7300, CYCLE_US, 50_000])))
+            assert np.isfinite(all_reals(cell)).all()
+            error = cell.get_int("controller.error")
+            if error not in (0, *errors):
+                assert any(text.startswith("controller: ") for text in cell.messages[known:]), error
+            errors.add(error)
+        assert all(status < 3 for status, _ in cell.log)  # no error
     assert len(errors) > 5
-    assert all(status < 3 for status, _ in cell.log)  # no error
 
 
 def test_unknown_references_and_types_are_errors(build: Build) -> None:
