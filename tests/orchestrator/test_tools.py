@@ -134,15 +134,15 @@ def main(robot: Robot) -> None:
     np.testing.assert_allclose(reached, frame(430 * mm) @ expected, atol=1e-9)
 
 
-def test_guard_stops_jog_of_named_tool_before_table(scanner: Scanner) -> None:
+def test_guard_holds_jog_of_named_tool_before_table(scanner: Scanner) -> None:
     """About the axes of a tip beside the sensor, which swings into the table."""
     with scanner.session(guarded=True) as session:
-        session.move_tool(location(450 * mm, 0, 165 * mm, rx=180 * deg))
+        session.move_tool(location(480 * mm, 0, 150 * mm, rx=170 * deg))
         pairs: list[int] = []
         session.cell.on_step(lambda: pairs.append(session.cell.get_integer("truth.collision.pairs")))
         session.set_operation(Operation.MANUAL)
         origin = session.world_from_tool("tip")[:3, 3]
-        with pytest.raises(CommandError, match=r"jog_sensor: stop: sensor - table: \d+ mm"):
+        with pytest.raises(CommandError, match=r"held by the guard: no jog: sensor - table: \d mm"):
             session.jog_sensor([0, 0, 0, 0, -1, 0], 10.0, tool="tip")
         session.wait(1.0)
         turned = session.world_from_tool("tip")
