@@ -130,7 +130,6 @@ def walk(page: Any, host: Host, shoot: Shoot = lambda _: None) -> None:
     choose(page, "axis", "tool z")
     page.get_by_role("button", name="Hold to jog -").hover()
     page.mouse.down()
-    says(page, "guard: slowed")
     says(page, "The guard permits no jog in this direction")
     shoot("stopped")
     page.mouse.up()
