@@ -9,7 +9,8 @@ from pydantic import Field, StringConstraints, model_validator
 from scancell.config.description import Description, Fraction, NonNegative, PoseDescription, Positive
 from scancell.config.material import MaterialDescription
 
-Name = Annotated[str, StringConstraints(min_length=1, pattern=r"^[A-Za-z][A-Za-z0-9_ -]*$")]
+NAME_PATTERN = r"^[A-Za-z][A-Za-z0-9_ -]*$"
+Name = Annotated[str, StringConstraints(min_length=1, pattern=NAME_PATTERN)]
 
 
 class SoftDescription(Description):

@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from typing import Any, Literal, cast
 
 from scancell.cell.controller import Tool
+from scancell.config.devices import NAME_PATTERN
 from scancell.errors import DescriptionError, ScancellError
 from scancell.programs.robot import deg, mm
 from scancell.programs.taught import COMMANDS, WORDS, JointPoint, Point, PosePoint, TaughtProgram, TaughtStep
@@ -18,7 +19,6 @@ from scancell.programs.taught import COMMANDS, WORDS, JointPoint, Point, PosePoi
 MAX_BYTES = 1_000_000
 
 _UNITS = {"mm": mm, "deg": deg}
-_TOOL = re.compile(r"[A-Za-z][A-Za-z0-9_ -]*")  # as in a description
 _DIGITS = {"mm": 3, "deg": 4}  # 1 um, and 1 um at a distance of 0.5 m
 _HEAD = '''"""Robot program taught in the workspace of scancell, which reads such literal commands again."""
 
@@ -148,7 +148,7 @@ class _Reader:
         match command, call.args, call.keywords:
             case "set_speed", [value], []:
                 self._speed = self._quantity(value)
-            case "set_tool", [ast.Constant(value=str() as tool)], [] if _TOOL.fullmatch(tool):
+            case "set_tool", [ast.Constant(value=str() as tool)], [] if re.fullmatch(NAME_PATTERN, tool):
                 self._tool = tool
             case _ if command in COMMANDS:
                 self._steps.append(self._step(command, call))
