@@ -351,12 +351,12 @@ def test_move_waits_in_front_of_what_the_guard_knows(known, post, tmp_path):
 
 
 def test_example_in_real_time_rests_without_contact():
-    """Held by the guard, or stopped by the age of its answers where the machine is busy."""
+    """Held by the guard, or stopped by it where the machine is busy and answers come late or not at all."""
     with served() as (_, port):
         command = [sys.executable, str(EXAMPLE), LOOPBACK, str(port)]
         done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     assert done.returncode == 0, done.stderr
     last = done.stdout.splitlines()[-1]
-    assert last.startswith(("no jog: ", "slowed to ", "Emergency stop: guard message too old"))
+    assert last.startswith(("no jog: ", "slowed to ", "Emergency stop"))
     assert "; 0 contacts; packets: " in last
     assert " accepted" in last
