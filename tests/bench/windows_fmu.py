@@ -2,7 +2,7 @@
 
 Prints the tables of docs/fmu/windows.md. Needs the binaries of ``fmu/windows/build``, its MinGW compiler and Wine. With
 ``--calls`` and ``--cycles`` also random calls and instances in sequence, with the program
-``build/windows/objects/fmu/windows/robotcell-fuzz.exe`` (``ninja -C build/windows/objects robotcell-fuzz``).
+``build/windows/objects/fmu/robotcell-fuzz.exe`` (``ninja -C build/windows/objects robotcell-fuzz``).
 """
 
 from __future__ import annotations
@@ -17,23 +17,27 @@ from pathlib import Path
 import numpy as np
 from played_calls import (
     SCENARIOS,
+    Array,
     Calls,
     Player,
     continued,
     differences,
     make_player,
     missing_for_wine,
+    spin_table,
     wine_environment,
 )
 
 from scancell.cell.fmu_file import FmiVersion, make_temporary_fmu
 
 _ROOT = Path(__file__).parents[2]
-_FUZZER = _ROOT / "build/windows/objects/fmu/windows/robotcell-fuzz.exe"
+_FUZZER = _ROOT / "build/windows/objects/fmu/robotcell-fuzz.exe"
 _CELLS = _ROOT / "tests/fmu/cells"
 _VERSIONS: tuple[FmiVersion, ...] = (2, 3)
 _REPEATS = 20  # of a scenario's steps, for their cost
 _GROWTH_TIMES = (0.25, 0.5, 1.0, 2.0)  # s
+_TIPPING_TIMES = (0.8, 1.12, 1.17, 1.2, 1.28, 1.44)  # s
+_FASTER = (1e-15, 1e-13, 1e-10)
 
 
 def table(heads: Sequence[str], rows: Iterator[Sequence[object]]) -> None:
@@ -50,6 +54,25 @@ def outputs(runs: dict[str, dict[int, Calls]], linux: Player, wine: Player) -> I
             apart, others = differences(calls, expected, found)
             until = [apart[expected[:, 0] <= time + 1e-6].max() for time in _GROWTH_TIMES]
             yield name, version, len(expected), *(f"{value:.1e}" for value in until), len(others)
+
+
+def tipping(folder: Path, linux: Player, wine: Player) -> Iterator[Sequence[object]]:
+    """How differences of rounding grow when a part tips over an edge: of the systems, and of Linux alone."""
+    fmu = make_temporary_fmu(SCENARIOS["part slides"].cell(), folder / "tipping", 2)
+
+    def played(player: Player, scale: float) -> tuple[Calls, Array]:
+        calls = Calls(fmu)
+        spin_table(calls, 90, scale)
+        return calls, player.play(calls)[0]
+
+    calls, expected = played(linux, 1.0)
+    position = [1 + i for i, name in enumerate(calls.names) if name.startswith("truth.part[1].position")]
+    for name, player, scale in (
+        ("Wine", wine, 1.0),
+        *((f"Linux, table faster by {e:.0e}", linux, 1 + e) for e in _FASTER),
+    ):
+        apart = np.abs(played(player, scale)[1] - expected)[:, position].max(axis=1)
+        yield name, *(f"{apart[expected[:, 0] <= time + 1e-6].max():.1e}" for time in _TIPPING_TIMES)
 
 
 def states(runs: dict[str, dict[int, Calls]], linux: Player, wine: Player) -> Iterator[Sequence[object]]:
@@ -112,6 +135,8 @@ def main() -> None:
         }
         heads = [f"until {time} s" for time in _GROWTH_TIMES]
         table(["scenario", "FMI", "steps", *heads, "other events"], outputs(runs, linux, wine))
+        heads = [f"until {time} s" for time in _TIPPING_TIMES]
+        table(["part tips over the edge, m", *heads], tipping(root, linux, wine))
         table(["scenario", "FMI", "Linux to Wine", "Wine to Linux", "Wine to Wine"], states(runs, linux, wine))
         table(["scenario", "Linux, ms", "Wine, ms", "ratio"], costs(runs, linux, wine))
 

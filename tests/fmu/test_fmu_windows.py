@@ -11,7 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cell_fixture import CYCLE_US, cell_description, runtime_folder
-from played_calls import SCENARIOS, Calls, Player, continued, differences, make_player, missing_for_wine
+from played_calls import (
+    SCENARIOS,
+    Calls,
+    Player,
+    continued,
+    differences,
+    make_player,
+    missing_for_wine,
+    normal_forces,
+)
 
 from scancell.cell.fmu_file import FmiVersion, description_text, make_temporary_fmu
 from scancell.cell.fmu_package.contents import FmuOptions, fmu_contents, sequencer_contents, write_archive
@@ -118,6 +127,7 @@ def test_outputs_under_wine_equal_those_on_linux(
     apart, other_events = differences(calls, expected, found)
     assert apart.max() <= chosen.tolerance
     assert other_events.size == 0
+    np.testing.assert_allclose(normal_forces(calls, found), normal_forces(calls, expected), rtol=0, atol=1e-3)
 
 
 @needs_wine
