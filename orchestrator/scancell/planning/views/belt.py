@@ -60,7 +60,7 @@ def belt_run(nominal: NominalCell, options: BeltOptions, cycle: float) -> BeltRu
         )
     last = travel.max() + _MARGIN
     x = pose.transform_points(belt.belt_from_part, nominal.part.vertices)[:, 0]
-    reached = (x.min() + x.max()) / 2 + direction * (last + _stopping(nominal, options, cycle))
+    reached = (x.min() + x.max()) / 2 + direction * (last + _stopping(nominal, options, cycle, last))
     if abs(reached) > belt.length / 2:
         raise PlanningError(
             f"the part leaves the belt: its centre stops {1e3 * abs(reached):.1f} mm from the middle, its end is at"
@@ -73,17 +73,20 @@ def belt_run(nominal: NominalCell, options: BeltOptions, cycle: float) -> BeltRu
     return BeltRun(belt.conveyor, speed, direction * first, direction * last)
 
 
-def _stopping(nominal: NominalCell, options: BeltOptions, cycle: float) -> float:
-    """Travel after the last exposure until the belt is at rest, m."""
-    belt = nominal.required_belt()
-    return abs(options.speed) * 2 * cycle + options.speed**2 / (2 * belt.max_acceleration)
+def _stopping(nominal: NominalCell, options: BeltOptions, cycle: float, last: float) -> float:
+    """Travel until the belt is at rest, m, after the last exposure at a travel of `last`, m."""
+    acceleration = nominal.required_belt().max_acceleration
+    speed = min(abs(options.speed), np.sqrt(2 * acceleration * last))  # reached there from rest
+    return float(2 * cycle * abs(options.speed) + speed**2 / (2 * acceleration))
 
 
 def with_passing_part(nominal: NominalCell, options: BeltOptions, cycle: float) -> NominalCell:
     """The cell for planning: in place of the part, the box that it sweeps on the belt until it is at rest again."""
     belt, run = nominal.required_belt(), belt_run(nominal, options, cycle)
     points = pose.transform_points(belt.belt_from_part, nominal.part.vertices)
-    ends = np.array([0.0, run.trigger_to + np.copysign(_stopping(nominal, options, cycle), run.speed)])
+    ends = np.array(
+        [0.0, run.trigger_to + np.copysign(_stopping(nominal, options, cycle, abs(run.trigger_to)), run.speed)]
+    )
     low, high = points.min(0), points.max(0)
     low[0] += ends.min()
     high[0] += ends.max()
