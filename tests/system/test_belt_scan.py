@@ -6,10 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from numpy.typing import NDArray
 
 import scancell
 from scancell.evaluation.deviation import deviation_from_mesh
+from scancell.views.recorded_run import open_run
 
 Array = NDArray[np.float64]
 
@@ -128,10 +130,18 @@ def test_noise_is_that_of_a_scan_of_the_standing_part() -> None:
 
 
 def test_cloud_states_its_frame(tmp_path: Any) -> None:
-    result = scan({"scan.belt.pitch_mm": 1.0})
+    trimesh.Trimesh(1e3 * ROOF.vertices, ROOF.faces).export(tmp_path / "roof.stl")
+    with make_scanner(**{"scan.belt.pitch_mm": 1.0}) as scanner:
+        result = scanner.scan(tmp_path / "roof.stl", engine="geometric")
     result.save(tmp_path / "run", frame="belt")
     with (tmp_path / "run" / "cloud.ply").open("rb") as file:
-        assert b"comment frame belt, moving with conveyor[1]" in file.read(400)
+        assert b"comment frame belt (moves with conveyor[1])" in file.read(400)
+    shown = open_run(tmp_path / "run")
+    assert shown.cloud is not None
+    np.testing.assert_allclose(slopes(shown.cloud.points_in_part), slopes(result.cloud.points_in_part), atol=2e-6)
+    middle = len(result.recording) // 2
+    time, true = result.recording.measured.time[middle], result.recording.truth_at_middle("part[1]")[middle]
+    np.testing.assert_allclose(shown.motion.frames(time)["part"], true, atol=1e-9)
     on_belt, in_world = result.points_in("belt"), result.points_in("world")
     np.testing.assert_allclose(on_belt, result.cloud.points_in_part + np.array([START, 0, 0]), atol=1e-12)
     world_from_belt = scancell.location(0.37, -0.435, 0.1, rz=np.pi / 2)
@@ -188,6 +198,17 @@ def test_moving_arm_over_a_moving_belt_gives_the_same_shape() -> None:
     np.testing.assert_allclose(slopes(cloud.points_in_part), [-LENGTH / 4, LENGTH / 4], atol=2e-6)
 
 
+def test_part_that_has_passed_is_refused() -> None:
+    def bring(session: scancell.CellSession) -> None:
+        session.run_conveyor(1, 0.05)
+        session.wait(1.0)
+        session.run_conveyor(1, 0.0)
+        session.wait(0.2)
+
+    with pytest.raises(scancell.CommandError, match=r"travelled 4.* mm beyond the first exposure"):
+        scan(hook=bring)
+
+
 def test_belt_may_run_backwards() -> None:
     changes = {"scan.belt.speed_mm_s": -50.0, "scan.belt.pose.x_mm": 1e3 * (2 * START - SENSOR)}
     result = scan(changes)
@@ -214,7 +235,7 @@ def test_impossible_scans_are_refused(changes: dict[str, Any], message: str) -> 
 
 
 def test_part_on_the_table_is_refused() -> None:
-    message = "cell.part.arrival.*scan on a belt.*conveyor"
+    message = r"cell.part.arrival.*scan on a belt.*conveyor"
     with pytest.raises(scancell.DescriptionError, match=message):
         scancell.scan(ROOF, engine="geometric", settings={"scan.belt": SETTINGS["scan.belt"]})
 

@@ -65,7 +65,7 @@ def write_run(
     """
     with watch.measure("write"):
         belt = data.setup.cell.part.arrival if data.setup.scan.belt else None
-        moving = f", moving with {belt.stands_on}" if belt and record.frame in ("part", "belt") else ""
+        moving = f" (moves with {belt.stands_on})" if belt and record.frame in ("part", "belt") else ""
         comments = (f"scancell scan of {data.part}", f"frame {record.frame}{moving}")
         pose = data.frame_from_part(record.frame)
         for suffix in record.formats:
