@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -40,13 +42,29 @@ def roof() -> scancell.Mesh:
 ROOF = roof()
 
 
-def make_scanner(ideal: bool = True, **settings: Any) -> scancell.Scanner:
-    return scancell.Scanner("assets/cells/pick_and_place.toml", settings=SETTINGS | settings, ideal=ideal)
+CELL = "assets/cells/pick_and_place.toml"
+
+
+def make_scanner(**settings: Any) -> scancell.Scanner:
+    return scancell.Scanner(CELL, settings=SETTINGS | settings, ideal=True)
+
+
+@cache
+def shared() -> scancell.Scanner:
+    """One FMU instance for all scans."""
+    return scancell.Scanner()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def closed() -> Iterator[None]:
+    yield
+    shared().close()
+    shared.cache_clear()
 
 
 def scan(changes: dict[str, Any] | None = None, ideal: bool = True, **more: Any) -> scancell.ScanResult:
-    with make_scanner(ideal, **(changes or {})) as scanner:
-        return scanner.scan(ROOF, engine="geometric", normals=False, **more)
+    setup = scancell.load_setup(CELL, settings=SETTINGS | (changes or {}), ideal=ideal)
+    return shared().scan(ROOF, engine="geometric", normals=False, setup=setup, **more)
 
 
 def slopes(points_in_part: Array) -> tuple[float, float]:
