@@ -154,8 +154,8 @@ class Driver:
         passed = direction * (float(cell.get(state)[0]) - belt.trigger_from)
         if passed > 0.0:
             raise CommandError(
-                f"segment {segment.id}: {conveyor} has travelled {1e3 * passed:.1f} mm beyond the first exposure: the part"
-                " has passed the sensor, or is about to"
+                f"segment {segment.id}: {conveyor} has travelled {1e3 * passed:.1f} mm beyond the first exposure: "
+                "the part has passed the sensor, or is about to"
             )
         cell.set(cell.real_group(["command.trigger.travel"]), np.array([direction * segment.trigger.interval]))
         cell.set_integer("command.trigger.conveyor", belt.conveyor)
