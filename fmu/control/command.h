@@ -110,7 +110,7 @@ inline constexpr EnumerationItem kControllerErrorItems[] = {
      "0.99 to 1.01"},
     {"trigger_interval",
      "trigger mode without interval: command.trigger.period must be at least 1 microsecond, .angle or "
-     ".distance above 0"},
+     ".distance above 0, .travel not 0 and .conveyor the number of a conveyor"},
     {"trigger_queue",
      "65536 trigger records are queued, and no more exposures fire: every communication step outputs one "
      "record, use smaller steps"},

@@ -28,6 +28,11 @@ void add_conveyors(TableBuilder& table, CellInputs& in, CellOutputs& out) {
   add_conveyor_commands(table, in);
   for (std::size_t i = 0; i < out.conveyors.size(); ++i) {
     table.add_declared(indexed("conveyor", i) + ".", conveyor_name(i), Causality::kOutput, out.conveyors[i]);
+    table.add_declared(indexed("measured.conveyor", i) + ".", conveyor_name(i), Causality::kOutput,
+                       out.belt_readings[i]);
+    table.add_declared(indexed("trigger.measured.conveyor", i) + ".",
+                       conveyor_name(i) + ", at the middle of the exposure of the current record",
+                       Causality::kOutput, out.trigger.belts[i]);
   }
 }
 

@@ -207,6 +207,9 @@ Dependencies add_parameters(TableBuilder& table, const CellLayout& layout, CellP
     dependencies.bodies.parts.push_back(part.on_table ? dependencies.bodies.table : fixed);
   }
   table.add_declared("as_built.trigger.", "the trigger", Causality::kParameter, parameters.as_built.trigger);
+  if (layout.conveyors > 0) {
+    table.add_declared("as_built.belt.", "all belts", Causality::kParameter, parameters.as_built.belt);
+  }
   return dependencies;
 }
 

@@ -36,8 +36,8 @@ void exchange(A& a, TriggerState& v) {
   const auto pending =
       fmi::special(v.pending, [&] { fmi::exchange_sequence(a, v.pending, PendingRecord(v.current_record)); });
   ROBOTCELL_EXCHANGE(a, v, v.command, v.segment, v.exposure, v.count, v.entered_us, v.fired_since_entry,
-                     v.skipped, v.gated, v.gate, v.run, v.entry_angle, v.path, v.path_reference, pending,
-                     v.incomplete, v.current_record);
+                     v.skipped, v.gated, v.gate, v.run, v.entry_angle, v.entry_travel, v.path,
+                     v.path_reference, pending, v.incomplete, v.current_record);
 }
 template <class A>
 void exchange(A& a, AxesState& v) {

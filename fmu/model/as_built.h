@@ -4,6 +4,7 @@
 #include <array>
 
 #include "fmu/model/axes_state.h"
+#include "fmu/model/devices/belt.h"
 #include "fmu/model/devices/table.h"
 #include "fmu/model/devices/trigger.h"
 #include "fmu/model/vibration.h"
@@ -29,14 +30,16 @@ struct AsBuilt {
   std::array<double, 2> platter{};  // x, y (m) of the platter's centre in the rotating frame
   TableWobble wobble;
   TriggerErrors trigger;
+  BeltErrors belt;
   /// Vibration of the robot base, the flange and the table, each along its own axes.
   VibrationParameters base_vibration, flange_vibration, table_vibration;
 
   template <class Visitor>
   static void declare(Visitor& visit, AsBuilt& b) {
     visit(b, state(b.dh, "dh"), state(b.tool, "tool"), state(b.table, "table"), state(b.platter, "platter"),
-          state(b.wobble, "wobble"), state(b.trigger, "trigger"), state(b.base_vibration, "base_vibration"),
-          state(b.flange_vibration, "flange_vibration"), state(b.table_vibration, "table_vibration"));
+          state(b.wobble, "wobble"), state(b.trigger, "trigger"), state(b.belt, "belt"),
+          state(b.base_vibration, "base_vibration"), state(b.flange_vibration, "flange_vibration"),
+          state(b.table_vibration, "table_vibration"));
   }
 };
 

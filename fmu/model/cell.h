@@ -127,6 +127,7 @@ class Cell : private MotionView {
   SensorInTable sensor_in_table(std::int64_t time_us) const override;
   control::RunningSegment running_segment(std::int64_t time_us) const override;
   Measurement measurement(std::int64_t time_us) const override;
+  BeltReading belt_reading(std::size_t belt, std::int64_t time_us, double lead) const override;
   void write_truth(std::int64_t time_us, Bodies& bodies) const override;
 
   /// Elapsed fraction of the current dynamics step at an instant, and the duration of the step (s); 1 and 0
@@ -159,6 +160,7 @@ class Cell : private MotionView {
   Kinematics true_;
   Encoders encoders_;
   CellVibration vibration_;
+  BeltErrors belt_errors_;
   NominalArm nominal_arm_;
   control::RobotController controller_;
   LoadedProgram program_;

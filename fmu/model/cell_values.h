@@ -51,7 +51,11 @@ struct Readings {
 
 struct CellOutputs {
   explicit CellOutputs(const CellLayout& layout)
-      : truth(layout), trigger(layout), conveyors(layout.conveyors), readings(layout) {}
+      : truth(layout),
+        trigger(layout),
+        conveyors(layout.conveyors),
+        belt_readings(layout.conveyors),
+        readings(layout) {}
 
   Measurement measured;
   Truth truth;
@@ -63,6 +67,7 @@ struct CellOutputs {
   PendantOutputs pendant;
   std::array<double, kMaxJoints> motor_torque{};  // N m, with dynamic drives
   PerDevice<ConveyorOutputs> conveyors;
+  PerDevice<BeltReading> belt_readings;
   GripperOutputs gripper;
   Readings readings;
   std::int32_t solver_fallbacks = 0;    // contact problems that were not solved as intended

@@ -29,6 +29,11 @@ BeltState Cell::belt_at(std::size_t belt, std::int64_t time_us) const {
                   static_cast<double>(time_us - from_.time_us) * kSecondsPerMicrosecond);
 }
 
+BeltReading Cell::belt_reading(std::size_t belt, std::int64_t time_us, double lead) const {
+  return read_encoder(belt_at(belt, time_us), belt_errors_, description_.conveyors[belt].encoder_resolution,
+                      lead);
+}
+
 control::Knot Cell::table(std::int64_t time_us) const {
   const AxesState axes = encoders_at(time_us);
   return {axes.position[kTableAxis], axes.rate[kTableAxis]};
@@ -146,6 +151,7 @@ void Cell::write_outputs(CellOutputs& outputs) const {
     const double length = description_.conveyors[i].length;
     const double laps = std::floor(belt.travel / length);
     outputs.conveyors[i] = {belt.speed, belt.travel, belt.travel - laps * length};
+    outputs.belt_readings[i] = belt_reading(i, time_us_, 0);
   }
   outputs.readings = readings();
   outputs.solver_fallbacks = solver_fallbacks();

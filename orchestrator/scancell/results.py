@@ -22,7 +22,13 @@ from scancell.scanning.scan import ScanData
 from scancell.scanning.single_exposure import ShotData
 from scancell.stopwatch import Stopwatch
 from scancell.values import Result
-from scancell.visibility.measurable import COVERAGE_SAMPLES, MeasurableSurface, cache_folder, measurable_surface
+from scancell.visibility.measurable import (
+    COVERAGE_SAMPLES,
+    MeasurableSurface,
+    cache_folder,
+    measurable_surface,
+    unknown_surface,
+)
 
 if TYPE_CHECKING:
     from scancell.output.run_folder import RunFolder
@@ -99,16 +105,20 @@ class ScanResult(ScanData, Result):
         """
         measured, surface = self.recording.measured, surface or self.measurable
         with Stopwatch(self.timings).measure("evaluate"):
-            poses = self.nominal.part_from_sensor(measured.q, measured.table)
-            spacing = profile_spacing(surface.samples, poses, measured.segment)
+            spacing = profile_spacing(surface.samples, self.part_from_sensor, measured.segment)
             return coverage(self.cloud.points_in_part, surface.thinned(samples), spacing, self.cloud.normals)
 
     @cached_property
     def measurable(self) -> MeasurableSurface:
-        """Surface that the sensor can measure from at least one pose that the arm reaches; cached on disk."""
+        """Surface that the sensor can measure from at least one pose that the arm reaches; cached on disk.
+
+        Of a part on a belt it is unknown: nothing counts as measurable.
+        """
         return self._find_measurable(NullProgress())
 
     def _find_measurable(self, progress: Progress) -> MeasurableSurface:
+        if self.setup.scan.belt is not None:
+            return unknown_surface(self.nominal, self.setup.sensor, COVERAGE_SAMPLES, self.threads)
         with Stopwatch(self.timings).measure("measurable surface"):
             return measurable_surface(
                 self.nominal, self.setup.sensor, COVERAGE_SAMPLES, progress, cache_folder(), self.threads
@@ -164,12 +174,22 @@ class ScanResult(ScanData, Result):
             f"  deviation  mean {figures.mean * um:+.2f} um, RMS {figures.rms * um:.2f} um, "
             f"95 % within {figures.d95 * um:.1f} um, 99.9 % within {figures.d99_9 * um:.1f} um, "
             f"max {figures.max_abs * um:.1f} um{signed}",
-            f"  dropped    {self.dropped.low} points on the table{self._kept_low}",
+            f"  dropped    {self.dropped.low} points on the {self._support}{self._kept_low}",
             *(f"  dropped    {count} points on '{name}'" for name, count in self.dropped.foreign.items()),
-            f"  coverage   {self.coverage.fraction:.1%} of the measurable surface, "
-            f"{self.coverage.surface_fraction:.1%} of the whole",
+            f"  coverage   {self._coverage_text}",
         ]
         return "\n".join(lines)
+
+    @property
+    def _support(self) -> str:
+        return "table" if self.setup.scan.belt is None else "belt"
+
+    @property
+    def _coverage_text(self) -> str:
+        share, of_whole = self.coverage.fraction, self.coverage.surface_fraction
+        if self.setup.scan.belt is not None:
+            return f"{of_whole:.1%} of the whole surface"
+        return f"{share:.1%} of the measurable surface, {of_whole:.1%} of the whole"
 
     @property
     def _kept_low(self) -> str:
@@ -192,7 +212,8 @@ class ScanResult(ScanData, Result):
         formats
             Formats of the cloud: ply, npz, laz, e57, pcd, xyz.
         frame
-            Frame of the points in the cloud files: part, table, base or world (with the table at 0).
+            Frame of the points in the cloud files: part, table, base or world (with the table at 0); in a scan on a
+            belt: part, belt, base or world (with the belt at the start).
         command_line
             Words that the manifest keeps; by default those of this process.
 

@@ -63,7 +63,7 @@ def conveyor(**changes: Any) -> dict[str, Any]:
     """Description of a belt of 1.2 m along the world's x axis; keyword arguments override keys."""
     return {
         "name": "belt", "world_from_belt": pose([0, -1, 0.2]), "length": 1.2, "width": 0.3, "thickness": 0.05,
-        "max_speed": 1.0, "max_acceleration": 2.0, "friction": 0.5, **changes,
+        "max_speed": 1.0, "max_acceleration": 2.0, "friction": 0.5, "encoder_resolution": 0.0, **changes,
     }  # fmt: skip
 
 
@@ -266,7 +266,7 @@ class CellFmu:
         self.set("command.start", self.get_int("command.start") + 1)
 
     def trigger(self, mode: int, interval: float = 0.0, exposure: float = 0.0, segment: int = 1) -> None:
-        names = {1: "period", 2: "angle", 3: "distance"}
+        names = {1: "period", 2: "angle", 3: "distance", 5: "travel"}
         if mode in names:
             self.set(f"command.trigger.{names[mode]}", interval)
         self.set("command.exposure", exposure)

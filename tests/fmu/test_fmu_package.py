@@ -101,10 +101,10 @@ def test_enumerations_name_their_members(build: Build, version: int) -> None:
     assert names["command.mode"].name == names["controller.mode"].name == "ControllerMode"
     assert [item.name for item in names["command.operation"].items] == ["manual", "automatic"]
     cell.set("command.trigger.mode", len(names["command.trigger.mode"].items) - 1)
-    assert cell.get_int("command.trigger.mode") == 4
+    assert cell.get_int("command.trigger.mode") == 5
     with pytest.raises(Exception, match="fmi"):
-        cell.set("command.trigger.mode", 5)
-    assert "command.trigger.mode must be from 0 to 4" in cell.messages[-1]
+        cell.set("command.trigger.mode", 6)
+    assert "command.trigger.mode must be from 0 to 5" in cell.messages[-1]
 
 
 @pytest.mark.parametrize("value", [-1, 7, 2**32 + 1])

@@ -78,6 +78,19 @@ def test_points_are_assigned_to_nearest_body():
     assert (foreign_points(surface(far.mesh), still, neighbours) == 1).all()
 
 
+def test_bodies_beside_a_belt_stand_and_those_on_it_travel():
+    post = PART.transformed(pose.translation((0.08, 0.12, 0.0)))  # which the part passes
+    standing, riding = Neighbour("post", post, on_table=False), beside(-0.08)
+    travel = RNG.uniform(-0.05, 0.3, 3000)
+    neighbours = Neighbours((standing, riding), PART, np.eye(4), on_belt=True)
+    seen = surface(standing.mesh)
+    seen[:, 0] -= travel  # in the frame that moves with the belt
+    assert (foreign_points(seen, travel, neighbours) == 0).all()
+    assert np.mean(foreign_points(surface(standing.mesh), travel, neighbours) == 0) < 0.4  # if it travelled, too
+    assert (foreign_points(surface(riding.mesh), travel, neighbours) == 1).all()
+    assert (foreign_points(surface(PART), travel, neighbours) == -1).all()
+
+
 def test_static_neighbour_is_found_at_all_table_angles():
     standing = beside(0.08, on_table=False)
     angle = RNG.uniform(-7.0, 7.0, 3000)

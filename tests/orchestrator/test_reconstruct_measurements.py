@@ -102,6 +102,12 @@ def test_table_with_joints_gives_the_cloud_of_the_scan(scanned, tmp_path, suffix
     assert found.data.made.dropped.as_json() == scanned.dropped.as_json()
 
 
+def test_scan_on_a_belt_is_refused(scanned, tmp_path) -> None:
+    table = write_table(scanned, tmp_path / "points.csv", joint_columns(scanned))
+    with pytest.raises(DescriptionError, match="no travel of a belt"):
+        scancell.reconstruct(table, part=PART, settings={"scan.belt.pose.z_mm": 100.0})
+
+
 def test_yaml_table_gives_the_same_cloud(scanned, tmp_path) -> None:
     import yaml  # noqa: PLC0415
 

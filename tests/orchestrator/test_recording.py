@@ -71,6 +71,20 @@ def test_accelerations_are_of_one_segment_and_zero_for_a_single_row() -> None:
     assert empty.qdd.shape == (0, 6)
 
 
+def test_travel_of_belts_is_read_by_number(tmp_path) -> None:
+    columns = dict(recording().columns)
+    for belt in (1, 2):
+        columns[f"trigger.measured.conveyor[{belt}].travel"] = belt * np.arange(COUNT, dtype=float)
+        columns[f"trigger.measured.conveyor[{belt}].speed"] = np.full(COUNT, 0.1 * belt)
+    measured = read_recording(Recording(columns).save(tmp_path / "belts.csv")).measured
+    on_second = measured.on_belt(2)
+    assert np.array_equal(on_second.table, 2.0 * np.arange(COUNT))
+    assert np.array_equal(on_second.table_rate, np.full(COUNT, 0.2))
+    with pytest.raises(DescriptionError, match=r"no travel of conveyor\[3\]"):
+        measured.on_belt(3)
+    assert recording().measured.belt.shape == (COUNT, 0)
+
+
 def test_rows_without_trigger_are_skipped(tmp_path) -> None:
     fired = recording()
     twice = {name: np.repeat(values, 2) for name, values in fired.columns.items()}

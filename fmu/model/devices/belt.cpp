@@ -7,9 +7,11 @@
 
 namespace robotcell {
 
+constexpr double kMaxEncoderResolution = 1;  // m
+
 ConveyorDescription parse_conveyor(const JsonReader& json) {
   json.expect_keys({"name", "world_from_belt", "length", "width", "thickness", "max_speed",
-                    "max_acceleration", "friction"});
+                    "max_acceleration", "friction", "encoder_resolution"});
   ConveyorDescription conveyor;
   conveyor.name = json.at("name").text();
   conveyor.world_from_belt = json.at("world_from_belt").pose();
@@ -19,6 +21,7 @@ ConveyorDescription parse_conveyor(const JsonReader& json) {
   conveyor.max_speed = json.at("max_speed").positive();
   conveyor.max_acceleration = json.at("max_acceleration").positive();
   conveyor.friction = json.at("friction").number(0, kMaxFriction);
+  conveyor.encoder_resolution = json.at("encoder_resolution").number(0, kMaxEncoderResolution);
   return conveyor;
 }
 
@@ -32,6 +35,12 @@ BeltState run_belt(const BeltState& from, double acceleration, double duration) 
   }
   return {from.travel + 0.5 * (from.speed + from.target) * ramp + from.target * (duration - ramp),
           from.target, from.target};
+}
+
+BeltReading read_encoder(const BeltState& belt, const BeltErrors& errors, double resolution, double lead) {
+  const double scale = 1 + errors.encoder_scale;
+  const double travel = scale * (belt.travel + lead * belt.speed);
+  return {resolution > 0 ? resolution * std::nearbyint(travel / resolution) : travel, scale * belt.speed};
 }
 
 }  // namespace robotcell

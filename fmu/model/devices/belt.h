@@ -10,12 +10,16 @@ namespace robotcell {
 
 class JsonReader;
 
+// Beyond these an encoder would read nothing, or backwards.
+constexpr double kMinEncoderScale = -0.5, kMaxEncoderScale = 0.5;
+
 struct ConveyorDescription {
   std::string name;
   Eigen::Isometry3d
       world_from_belt;  // origin in the centre of the top face, x along the motion of the belt, z up
   double length = 0, width = 0, thickness = 0;
   double max_speed = 0, max_acceleration = 0, friction = 0;
+  double encoder_resolution = 0;  // m; 0: not quantized
 };
 
 /// Throws DescriptionError.
@@ -56,6 +60,37 @@ struct ConveyorOutputs {
   }
 };
 
+/// Reading of the encoder of a belt.
+struct BeltReading {
+  double travel = 0;  // m since the start
+  double speed = 0;   // m/s
+
+  template <class Visitor>
+  static void declare(Visitor& visit, BeltReading& r) {
+    visit(
+        r,
+        field(r.travel,
+              continuous({"travel", kMetre,
+                          "Measured signed distance travelled by the belt since the start (encoder) of {}"})),
+        field(r.speed, continuous({"speed", kMetrePerSecond, "Measured speed of the belt (encoder) of {}"})));
+  }
+};
+
+/// Deviations as built of all belts.
+struct BeltErrors {
+  double encoder_scale = 0;
+
+  template <class Visitor>
+  static void declare(Visitor& visit, BeltErrors& e) {
+    visit(e,
+          field(e.encoder_scale,
+                bounded({"encoder_scale", kNone,
+                         "Deviation as built from nominal: relative scale error of the encoders of {}. They "
+                         "read the travel times 1 + encoder_scale"},
+                        kMinEncoderScale, kMaxEncoderScale)));
+  }
+};
+
 struct BeltState {
   double travel = 0;  // m, distance travelled since the start
   double speed = 0;   // m/s
@@ -70,5 +105,8 @@ struct BeltState {
 /// State of the belt after `duration` seconds, in closed form: constant acceleration until the commanded
 /// speed is reached.
 BeltState run_belt(const BeltState& from, double acceleration, double duration);
+
+/// Reading of the encoder, `lead` seconds ahead at the present speed.
+BeltReading read_encoder(const BeltState& belt, const BeltErrors& errors, double resolution, double lead);
 
 }  // namespace robotcell

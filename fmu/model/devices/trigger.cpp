@@ -24,6 +24,9 @@ bool is_complete(const PendingRecord& record) { return record.measured && record
 
 bool is_periodic(TriggerMode mode) { return mode != TriggerMode::kOff && mode != TriggerMode::kRequest; }
 
+/// Whether a mode follows the segments of programs.
+bool has_gate(TriggerMode mode) { return is_periodic(mode) && mode != TriggerMode::kBeltTravel; }
+
 /// First instant in (lower, upper] at which a condition holds that holds at `upper`.
 template <class Condition>
 std::int64_t first_instant(std::int64_t lower, std::int64_t upper, const Condition& holds) {
@@ -44,21 +47,11 @@ double interval(const TriggerCommand& command) {
       return command.angle;
     case TriggerMode::kPathDistance:
       return command.distance;
+    case TriggerMode::kBeltTravel:
+      return command.travel;
     default:
       return 0;
   }
-}
-
-/// Whether a periodic mode has an interval.
-bool is_carried_out(const TriggerCommand& command) {
-  const TriggerMode mode = commanded_mode(command);
-  if (mode == TriggerMode::kTime) return microseconds(command.period) >= 1;
-  return !is_periodic(mode) || interval(command) > 0;
-}
-
-/// Mode that is carried out.
-TriggerMode mode_of(const TriggerCommand& command) {
-  return is_carried_out(command) ? commanded_mode(command) : TriggerMode::kOff;
 }
 
 }  // namespace
@@ -66,16 +59,33 @@ TriggerMode mode_of(const TriggerCommand& command) {
 Trigger::Trigger(const CellLayout& layout, const TriggerErrors& errors, std::uint64_t key)
     : layout_(layout), errors_(errors), key_(key), state_(layout) {}
 
+bool Trigger::is_carried_out() const {
+  const TriggerCommand& command = state_.command;
+  const TriggerMode mode = commanded_mode(command);
+  if (mode == TriggerMode::kTime) return microseconds(command.period) >= 1;
+  if (mode == TriggerMode::kBeltTravel) {
+    return command.travel != 0 && command.conveyor >= 1 &&
+           static_cast<std::size_t>(command.conveyor) <= layout_.conveyors;
+  }
+  return !is_periodic(mode) || interval(command) > 0;
+}
+
+TriggerMode Trigger::mode() const {
+  return is_carried_out() ? commanded_mode(state_.command) : TriggerMode::kOff;
+}
+
 void Trigger::command(const CellInputs& inputs, std::int64_t now_us, const MotionView& view) {
   const TriggerCommand before = state_.command;
   state_.command = inputs.trigger;
   state_.segment = inputs.segment;
   state_.exposure = inputs.exposure;
-  const TriggerMode mode = mode_of(inputs.trigger);
-  const bool gated = static_cast<control::Mode>(inputs.motion.mode) == control::Mode::kProgram;
+  const TriggerMode mode = this->mode();
+  const bool gated =
+      has_gate(mode) && static_cast<control::Mode>(inputs.motion.mode) == control::Mode::kProgram;
   const bool gate_changes = gated != state_.gated;
   state_.gated = gated;
-  if (gate_changes || inputs.trigger.mode != before.mode || interval(inputs.trigger) != interval(before)) {
+  if (gate_changes || inputs.trigger.mode != before.mode || interval(inputs.trigger) != interval(before) ||
+      (mode == TriggerMode::kBeltTravel && inputs.trigger.conveyor != before.conveyor)) {
     state_.gate = TriggerGate::kWaiting;
     state_.skipped = false;
     restart(now_us, view);
@@ -90,8 +100,11 @@ void Trigger::command(const CellInputs& inputs, std::int64_t now_us, const Motio
 }
 
 /// Time from firing to the middle of an exposure that is triggered by position, s; else 0.
-double Trigger::lead() const {
-  return mode_of(state_.command) == TriggerMode::kTime ? 0 : state_.exposure / 2;
+double Trigger::lead() const { return mode() == TriggerMode::kTime ? 0 : state_.exposure / 2; }
+
+/// Reading of the belt in the middle of an exposure that fires at an instant.
+BeltReading Trigger::belt(std::int64_t time_us, const MotionView& view) const {
+  return view.belt_reading(static_cast<std::size_t>(state_.command.conveyor) - 1, time_us, lead());
 }
 
 double Trigger::path_clock(std::int64_t time_us, const MotionView& view) const {
@@ -131,6 +144,7 @@ void Trigger::restart(std::int64_t now_us, const MotionView& view) {
   const SensorInTable sensor = view.sensor_in_table(now_us);
   state_.path = -lead() * sensor.speed;
   state_.path_reference = {sensor.position.x(), sensor.position.y(), sensor.position.z()};
+  if (mode() == TriggerMode::kBeltTravel) state_.entry_travel = belt(now_us, view).travel;
 }
 
 double Trigger::path_length(const Eigen::Vector3d& position) const {
@@ -140,7 +154,7 @@ double Trigger::path_length(const Eigen::Vector3d& position) const {
 
 bool Trigger::is_due(std::int64_t time_us, const MotionView& view) const {
   const auto n = static_cast<double>(state_.fired_since_entry);
-  switch (mode_of(state_.command)) {
+  switch (mode()) {
     case TriggerMode::kTime:
       return time_us >= state_.entered_us + microseconds(n * state_.command.period);
     case TriggerMode::kTableAngle: {
@@ -153,6 +167,8 @@ bool Trigger::is_due(std::int64_t time_us, const MotionView& view) const {
       return path_length(sensor.position) + lead() * sensor.speed >=
              (n - kRounding) * state_.command.distance;
     }
+    case TriggerMode::kBeltTravel:
+      return (belt(time_us, view).travel - state_.entry_travel) / state_.command.travel >= n - kRounding;
     default:
       return false;
   }
@@ -160,7 +176,7 @@ bool Trigger::is_due(std::int64_t time_us, const MotionView& view) const {
 
 void Trigger::advance(std::int64_t from_us, std::int64_t to_us, bool step_ends, const MotionView& view) {
   const bool open = fire_due(from_us, to_us, view);
-  if (open && step_ends && mode_of(state_.command) == TriggerMode::kPathDistance) {
+  if (open && step_ends && mode() == TriggerMode::kPathDistance) {
     const Eigen::Vector3d position = view.sensor_in_table(to_us).position;
     state_.path = path_length(position);
     state_.path_reference = {position.x(), position.y(), position.z()};
@@ -171,7 +187,7 @@ void Trigger::advance(std::int64_t from_us, std::int64_t to_us, bool step_ends, 
 /// Fires all exposures due in (from, to]. Returns false where a closed gate keeps a periodic mode from
 /// firing.
 bool Trigger::fire_due(std::int64_t from_us, std::int64_t to_us, const MotionView& view) {
-  const bool gated = state_.gated && is_periodic(mode_of(state_.command));
+  const bool gated = state_.gated;
   if (gated && !enter_gate(from_us, to_us, view)) return false;
   while (is_due(to_us, view)) {
     const std::int64_t due_us =
@@ -197,17 +213,19 @@ std::int64_t Trigger::light_instant(std::int64_t fired_us, std::int64_t middle_u
 bool Trigger::is_full() const { return state_.pending.size() >= kMaxPending; }
 
 control::ControllerError Trigger::error() const {
-  if (!is_carried_out(state_.command)) return control::ControllerError::kTriggerInterval;
+  if (!is_carried_out()) return control::ControllerError::kTriggerInterval;
   return state_.skipped ? control::ControllerError::kTriggerQueue : control::ControllerError::kNone;
 }
 
 /// Leaves out the periodic exposures that are due at or before an instant.
 void Trigger::skip_due(std::int64_t time_us, const MotionView& view) {
   double travelled = 0;  // since the mode was entered, in the unit of the interval
-  if (mode_of(state_.command) == TriggerMode::kTime) {
+  if (mode() == TriggerMode::kTime) {
     travelled = static_cast<double>(time_us - state_.entered_us) / kMicrosecondsPerSecond;
-  } else if (mode_of(state_.command) == TriggerMode::kTableAngle) {
+  } else if (mode() == TriggerMode::kTableAngle) {
     travelled = std::abs(view.table(time_us).position - state_.entry_angle);
+  } else if (mode() == TriggerMode::kBeltTravel) {
+    travelled = belt(time_us, view).travel - state_.entry_travel;
   } else {
     travelled = path_length(view.sensor_in_table(time_us).position);
   }
@@ -239,6 +257,9 @@ void Trigger::latch(std::int64_t to_us, const MotionView& view) {
   for (PendingRecord& pending : state_.pending) {
     if (!pending.measured && pending.middle_us <= to_us) {
       pending.record.measured = view.measurement(pending.middle_us);
+      for (std::size_t i = 0; i < layout_.conveyors; ++i) {
+        pending.record.belts[i] = view.belt_reading(i, pending.middle_us, 0);
+      }
       pending.measured = true;
     }
     if (!pending.illuminated && pending.light_us <= to_us) {

@@ -8,19 +8,21 @@
 
 #include "fmu/control/robot_controller.h"
 #include "fmu/model/bodies.h"
+#include "fmu/model/devices/belt.h"
 #include "fmu/model/devices/encoder.h"
 
 namespace robotcell {
 
 struct CellInputs;
 
-enum class TriggerMode : std::int32_t { kOff, kTime, kTableAngle, kPathDistance, kRequest };
+enum class TriggerMode : std::int32_t { kOff, kTime, kTableAngle, kPathDistance, kRequest, kBeltTravel };
 inline constexpr EnumerationItem kTriggerModeItems[] = {
     {"off", "no exposures"},
     {"time", "periodic in time"},
     {"table_angle", "periodic in the table angle"},
     {"path_distance", "periodic in the distance travelled by the sensor over the table"},
     {"request", "on request only"},
+    {"belt_travel", "periodic in the measured travel of a belt"},
 };
 template <>
 inline constexpr Enumeration enumeration_of<TriggerMode> = make_enumeration("TriggerMode", kTriggerModeItems);
@@ -33,6 +35,8 @@ struct TriggerCommand {
   double period = 0;                    // s
   double angle = 0;                     // rad
   double distance = 0;                  // m
+  std::int32_t conveyor = 1;            // number of the belt, from 1
+  double travel = 0;                    // m, signed
   std::int32_t request = 0;             // every increase fires one exposure
   double from = 0, to = kMaxPathClock;  // s of the path clock of a running segment
 
@@ -42,9 +46,10 @@ struct TriggerCommand {
         c,
         choice_field<TriggerMode>(
             c.mode, {"mode", kNone,
-                     "Trigger mode of the sensor. Modes 1 to 3 fire when the mode is entered or "
-                     "its interval is changed, and at every interval from there; in controller mode 6 "
-                     "instead when the path clock of a segment reaches command.trigger.from"}),
+                     "Trigger mode of the sensor. Modes 1 to 3 and 5 fire when the mode is entered or "
+                     "its interval is changed, and at every interval from there; modes 1 to 3 in "
+                     "controller mode 6 instead when the path clock of a segment reaches "
+                     "command.trigger.from"}),
         field(c.period, bounded({"period", kSecond,
                                  "Time between two exposures in trigger mode 1; at least 1 microsecond"},
                                 0, kMaxDuration)),
@@ -58,6 +63,14 @@ struct TriggerCommand {
                        "Path length of the sensor origin in the rotating frame of the table between two "
                        "exposures in trigger mode 3; above 0"},
                       0)),
+        field(c.conveyor,
+              bounded({"conveyor", kNone, "Number of the conveyor of trigger mode 5, from 1"}, 1)),
+        field(
+            c.travel,
+            {"travel", kMetre,
+             "Measured travel of the belt of command.trigger.conveyor between two exposures in trigger mode "
+             "5; not 0. Its sign is the direction of travel that counts: a belt that runs back and forth "
+             "again triggers only beyond the farthest place that triggered"}),
         field(c.request,
               {"request", kNone, "Counter: every increase fires one exposure, in any trigger mode but 0"}),
         field(c.from, bounded({"from", kSecond,
@@ -96,13 +109,14 @@ struct TriggerErrors {
 
 /// Record of one exposure: encoder readings at its middle, and true poses at the instant of the light.
 struct TriggerRecord {
-  explicit TriggerRecord(const CellLayout& layout) : truth(layout) {}
+  explicit TriggerRecord(const CellLayout& layout) : belts(layout.conveyors), truth(layout) {}
 
   std::int32_t index = 0;  // counted from 1; 0: no record yet
   std::int32_t segment = 0;
   double time = kNoInstant;  // middle of the exposure, s from the start
   double exposure = 0;       // s
   Measurement measured;
+  PerDevice<BeltReading> belts;
   Bodies truth;
 
   template <class Visitor>
@@ -125,7 +139,7 @@ struct TriggerRecord {
                       "first record")),
         field(r.exposure,
               bounded({"exposure", kSecond, "Duration of the exposure of the current record"}, 0)),
-        state(r.measured, "measured"), state(r.truth, "truth"));
+        state(r.measured, "measured"), state(r.belts, "belts"), state(r.truth, "truth"));
   }
 };
 
@@ -143,6 +157,8 @@ class MotionView {
   virtual SensorInTable sensor_in_table(std::int64_t time_us) const = 0;
   virtual control::RunningSegment running_segment(std::int64_t time_us) const = 0;
   virtual Measurement measurement(std::int64_t time_us) const = 0;
+  /// Reading of the encoder of a belt, numbered from 0, `lead` seconds ahead at its present speed.
+  virtual BeltReading belt_reading(std::size_t belt, std::int64_t time_us, double lead) const = 0;
   virtual void write_truth(std::int64_t time_us, Bodies& bodies) const = 0;
 };
 
@@ -157,7 +173,7 @@ struct PendingRecord {
   TriggerRecord record;
 };
 
-/// Range of the path clock of a running segment in which periodic modes fire: not reached, reached, left.
+/// Range of the path clock of a running segment in which modes 1 to 3 fire: not reached, reached, left.
 enum class TriggerGate : std::int32_t { kWaiting, kOpen, kPassed };
 
 /// Complete state of the device.
@@ -171,11 +187,12 @@ struct TriggerState {
   std::int64_t entered_us = 0;
   std::int64_t fired_since_entry = 0;  // without requested exposures
   bool skipped = false;                // the last exposure did not fire: the queue of records was full
-  bool gated = false;  // controller mode 6 is commanded: periodic modes fire within the gate alone
+  bool gated = false;  // controller mode 6 is commanded: modes 1 to 3 fire within the gate alone
   TriggerGate gate = TriggerGate::kWaiting;
   std::int32_t run = 0;  // of the segment to which the gate belongs
   double entry_angle = 0;
-  double path = 0;  // m, path length from the start of the mode to the reference point
+  double entry_travel = 0;  // m, reading of the belt
+  double path = 0;          // m, path length from the start of the mode to the reference point
   std::array<double, 3> path_reference{};
   std::deque<PendingRecord> pending;  // in order of firing
   std::int32_t incomplete = 0;        // number of incomplete records
@@ -185,9 +202,9 @@ struct TriggerState {
 /// Intervals count from the instant at which a mode is entered or its interval changed, or at which a segment
 /// of a program reaches the gate; the first exposure fires at that instant. Later ones fire at the first
 /// whole microsecond at which the interval is complete. Exposures that find the queue of records full do not
-/// fire. Exposures at places (table angle, path distance,
-/// gate) fire early by half their duration at the present speed, so that their middles are at the places at
-/// any speed.
+/// fire. Exposures at places (table angle, path distance, belt travel, gate) fire early by half their
+/// duration at the present speed, so that their middles are at the places at any speed. Belts run
+/// independently of the segments of programs, so that exposures by their travel have no gate.
 class Trigger {
  public:
   Trigger(const CellLayout& layout, const TriggerErrors& errors, std::uint64_t key);
@@ -226,6 +243,11 @@ class Trigger {
   bool enter_gate(std::int64_t& from_us, std::int64_t to_us, const MotionView& view);
   double lead() const;
   void restart(std::int64_t now_us, const MotionView& view);
+  /// Whether the commanded mode can be carried out: a periodic one has an interval, and its belt exists.
+  bool is_carried_out() const;
+  /// Mode that is carried out.
+  TriggerMode mode() const;
+  BeltReading belt(std::int64_t time_us, const MotionView& view) const;
   bool is_full() const;
   void fire(std::int64_t time_us);
   bool fire_due(std::int64_t from_us, std::int64_t to_us, const MotionView& view);

@@ -10,7 +10,7 @@ import numpy as np
 
 from scancell.cell.controller import Mode, refusal
 from scancell.cell.instance import CellInstance
-from scancell.cell.program import Program, Segment, TriggerKind
+from scancell.cell.program import BeltRun, Program, Segment, TriggerKind
 from scancell.cell.program_file import temporary_program_file
 from scancell.cell.recording import Recording
 from scancell.cell.records import PATIENCE_US, RecordBatches, RecordCollector
@@ -18,7 +18,14 @@ from scancell.config.exposure_times import exposure_span
 from scancell.config.loading import Setup
 from scancell.errors import CellError, CommandError
 
-TRIGGER_MODES: dict[TriggerKind, int] = {"off": 0, "time": 1, "table_angle": 2, "path_distance": 3, "request": 4}
+TRIGGER_MODES: dict[TriggerKind, int] = {
+    "off": 0,
+    "time": 1,
+    "table_angle": 2,
+    "path_distance": 3,
+    "request": 4,
+    "belt_travel": 5,
+}
 _TRIGGER_INPUTS: dict[TriggerKind, str] = {
     "time": "command.trigger.period",
     "table_angle": "command.trigger.angle",
@@ -75,6 +82,8 @@ class Driver:
                     self._drive(segment)
                     if segment.trigger.kind == "request":
                         self._expose_at_rest(segment, program.settle)
+                    elif segment.belt is not None:
+                        self._run_belt(segment, segment.belt)
                     if progress:
                         progress(float(segment.times[-1]))
         finally:
@@ -135,6 +144,41 @@ class Driver:
                     f"segment {segment.id}: timed out after {PATIENCE_US / 1e6:g} s waiting for the exposure"
                 )
             self._records.step_to(self._cell.time_us + self._cycle_us // _REQUEST_STEPS)
+
+    def _run_belt(self, segment: Segment, belt: BeltRun) -> None:
+        """Run the belt past its range of exposures, and stop it; the arm holds the end of the segment."""
+        conveyor, cell = f"conveyor[{belt.conveyor}]", self._cell
+        speed = cell.real_group([f"command.{conveyor}.speed"])
+        state = cell.real_group([f"measured.{conveyor}.travel", f"measured.{conveyor}.speed"])
+        direction = np.copysign(1.0, belt.speed)
+        passed = direction * (float(cell.get(state)[0]) - belt.trigger_from)
+        if passed > 0.0:
+            raise CommandError(
+                f"segment {segment.id}: {conveyor} has travelled {1e3 * passed:.1f} mm beyond the first exposure: "
+                "the part has passed the sensor, or is about to"
+            )
+        cell.set(cell.real_group(["command.trigger.travel"]), np.array([direction * segment.trigger.interval]))
+        cell.set_integer("command.trigger.conveyor", belt.conveyor)
+
+        def run_while(condition: Callable[[float, float], bool]) -> None:
+            """Step while `condition` holds for travel along the motion (m) and speed (m/s)."""
+            farthest, patience = -np.inf, cell.time_us + PATIENCE_US
+            while condition(*(now := direction * cell.get(state))):
+                if now[0] > farthest:
+                    farthest, patience = now[0], cell.time_us + PATIENCE_US
+                elif cell.time_us >= patience:
+                    raise CommandError(f"segment {segment.id}: {conveyor} has not moved for {PATIENCE_US / 1e6:g} s")
+                self._cycle()
+
+        try:
+            cell.set(speed, np.array([belt.speed]))
+            run_while(lambda travel, _: travel < direction * belt.trigger_from)
+            cell.set_integer("command.trigger.mode", TRIGGER_MODES["belt_travel"])
+            run_while(lambda travel, _: travel < direction * belt.trigger_to)
+        finally:
+            self._disarm_trigger()
+            cell.set(speed, np.array([0.0]))
+        run_while(lambda _, now: now > 0.0)
 
     def _cycle(self, end: int | None = None) -> None:
         """Step to the end of a controller cycle, or to `end` where that is earlier."""

@@ -10,19 +10,40 @@ from numpy.typing import NDArray
 
 from scancell.values import Value
 
-TriggerKind = Literal["off", "time", "table_angle", "path_distance", "request"]
+TriggerKind = Literal["off", "time", "table_angle", "path_distance", "request", "belt_travel"]
 
 
 @dataclass(frozen=True)
 class TriggerRule:
     """Rule by which the sensor is triggered.
 
-    `interval` is in seconds (``time``), radians (``table_angle``) or metres (``path_distance``);
+    `interval` is in seconds (``time``), radians (``table_angle``) or metres (``path_distance``, ``belt_travel``);
     it is 0 for ``off`` and ``request`` (one exposure on demand, as stop-and-look needs).
     """
 
     kind: TriggerKind = "off"
     interval: float = 0.0
+
+
+@dataclass(frozen=True)
+class BeltRun:
+    """Travel of a belt while the arm is at rest.
+
+    Attributes
+    ----------
+    conveyor
+        Number of the conveyor, from 1.
+    speed
+        m/s, signed; the belt starts from rest and comes to rest again.
+    trigger_from, trigger_to
+        Measured travel since the start of the cell (m) from which and up to which the sensor is triggered. The first
+        exposure fires in the first controller cycle that begins beyond `trigger_from`.
+    """
+
+    conveyor: int
+    speed: float
+    trigger_from: float
+    trigger_to: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,6 +67,8 @@ class Segment(Value):
         run-out stay dark.
     name
         What the segment scans, or where it leads, for messages.
+    belt
+        Travel of a belt after the motion, for the rule ``belt_travel``.
     """
 
     id: int
@@ -56,6 +79,7 @@ class Segment(Value):
     trigger_from: float = 0.0
     trigger_to: float = 0.0
     name: str = ""
+    belt: BeltRun | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)

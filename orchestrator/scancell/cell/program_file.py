@@ -7,6 +7,7 @@ import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ def program_data(program: Program) -> dict[str, Any]:
                 "trigger": {"kind": segment.trigger.kind, "interval": segment.trigger.interval},
                 "trigger_from": segment.trigger_from,
                 "trigger_to": segment.trigger_to,
+                "belt": None if segment.belt is None else asdict(segment.belt),
                 "time": segment.times.tolist(),
                 "q": segment.q.tolist(),
                 "table": segment.table.tolist(),

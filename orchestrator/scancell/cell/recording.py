@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 
 _PARTS_OF_POSE = (("position", 3), ("orientation", 4), ("velocity", 3), ("angular_velocity", 3))
 _TRUTH = "trigger.truth."
+_BELT = "trigger.measured.conveyor[{}]"
 _SPAN = 0.01  # s
 
 
@@ -38,11 +39,12 @@ INTEGER_COLUMNS = ("trigger.index", "trigger.segment")
 
 @dataclass(frozen=True)
 class RecordLayout:
-    """Columns of a record in a cell with n `joints` of the arm, n `parts` and n `fingers` of a gripper."""
+    """Columns of a record in a cell with n `joints` of the arm, n `parts`, n `fingers` of a gripper, n `conveyors`."""
 
     joints: int = 6
     parts: int = 1
     fingers: int = 0
+    conveyors: int = 0
 
     @classmethod
     def of(cls, columns: Iterable[str]) -> RecordLayout:
@@ -56,6 +58,7 @@ class RecordLayout:
             count(4, "trigger.measured.q[{}]"),
             count(1, _TRUTH + "part[{}].position[1]"),
             count(0, _TRUTH + "finger[{}].position[1]"),
+            count(0, _BELT + ".travel"),
         )
 
     @property
@@ -68,6 +71,7 @@ class RecordLayout:
             *_indexed("trigger.measured.qd", self.joints),
             "trigger.measured.table",
             "trigger.measured.table_rate",
+            *(f"{_BELT.format(i)}.{name}" for i in range(1, self.conveyors + 1) for name in ("travel", "speed")),
         )
 
     @property
@@ -97,6 +101,7 @@ class TriggerRecords(Value):
     """Records of a real controller, one row per exposure (n rows).
 
     `q`, `qd` (n, joints) and `table`, `table_rate` (n,) were latched at mid-exposure `time` (n,) s; `exposure` in s.
+    So were travel and speed of the belts, `belt`, `belt_speed` (n, conveyors), m and m/s.
     """
 
     index: NDArray[np.int64]
@@ -107,6 +112,22 @@ class TriggerRecords(Value):
     qd: Array
     table: Array
     table_rate: Array
+    belt: Array = field(default_factory=lambda: np.empty((0, 0)))
+    belt_speed: Array = field(default_factory=lambda: np.empty((0, 0)))
+
+    def on_belt(self, conveyor: int) -> TriggerRecords:
+        """Records for a part on conveyor number `conveyor` (from 1): `table` is the travel of its belt, m, and
+        `table_rate` its speed, m/s.
+
+        Raises `DescriptionError` if the records are of a cell without it.
+        """
+        if self.belt.shape[1] < conveyor:
+            raise DescriptionError(
+                f"states no travel of conveyor[{conveyor}]",
+                key="recording",
+                expected=_BELT.format(conveyor) + ".travel",
+            )
+        return replace(self, table=self.belt[:, conveyor - 1], table_rate=self.belt_speed[:, conveyor - 1])
 
     @property
     def qdd(self) -> Array:
@@ -200,9 +221,10 @@ class Recording(Value):
 
         Arrays of n rows: ``time`` of the middle of each exposure and its duration ``exposure``, s, ``index`` and
         ``segment`` of the program, angles ``q`` (n, joints) and ``table``, rad, and their rates ``qd`` and
-        ``table_rate``, rad/s.
+        ``table_rate``, rad/s, travel and speed of the belts ``belt`` and ``belt_speed`` (n, conveyors), m and m/s.
         """
-        joints = RecordLayout.of(self.columns).joints
+        layout = RecordLayout.of(self.columns)
+        joints, belts = layout.joints, [_BELT.format(i) for i in range(1, layout.conveyors + 1)]
         return TriggerRecords(
             index=self.columns["trigger.index"].astype(np.int64),
             segment=self.columns["trigger.segment"].astype(np.int64),
@@ -212,6 +234,8 @@ class Recording(Value):
             qd=self._stack(_indexed("trigger.measured.qd", joints)),
             table=self._stack(["trigger.measured.table"])[:, 0],
             table_rate=self._stack(["trigger.measured.table_rate"])[:, 0],
+            belt=self._stack([f"{belt}.travel" for belt in belts]),
+            belt_speed=self._stack([f"{belt}.speed" for belt in belts]),
         )
 
     @property
@@ -276,7 +300,8 @@ class Recording(Value):
         return ExposureTruth(duration.ravel(), dict(zip(frames, poses, strict=True)))
 
     def _stack(self, names: list[str]) -> Array:
-        return np.stack([np.asarray(self.columns[name], float) for name in names], -1)
+        values = [np.asarray(self.columns[name], float) for name in names]
+        return np.stack(values, -1) if values else np.empty((len(self), 0))
 
     @checked_arguments
     def save(self, path: str | Path) -> Path:

@@ -186,8 +186,9 @@ class CellSession:
         return self.value("measured.gripper.width")
 
     def conveyor_travel(self, conveyor: int) -> float:
-        """Signed distance that the belt of conveyor number `conveyor` (from 1) has travelled since the start, m."""
-        return self.value(f"conveyor[{conveyor}].travel")
+        """Signed distance that the belt of conveyor number `conveyor` (from 1) has travelled since the start by its
+        encoder, m."""
+        return self.value(f"measured.conveyor[{conveyor}].travel")
 
     def value(self, name: str) -> float:
         """Value of the real variable `name` of the FMU, SI.

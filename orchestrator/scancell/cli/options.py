@@ -109,7 +109,10 @@ class CloudOptions(CellOptions):
     ] = None
     frame: Annotated[
         CloudFrame,
-        typer.Option("--frame", help="frame of the points in the cloud files; table, base and world: table at 0"),
+        typer.Option(
+            "--frame",
+            help="frame of the points in the cloud files; table, base and world: table at 0; belt: of a scan on a belt",
+        ),
     ] = "part"
 
     def run_into(

@@ -100,6 +100,9 @@ class ConveyorDescription(Description):
     friction: NonNegative = Field(
         default=0.6, description="Coulomb friction coefficient of the belt; the smaller one of two bodies applies"
     )
+    encoder_resolution_mm: NonNegative = Field(
+        default=0.0, le=1000.0, description="resolution of the encoder of the belt's travel, mm; 0: exact"
+    )
     reflectance: Fraction = Field(
         default=0.05, description="Lambertian reflectance of the belt at the laser's wavelength, 0..1"
     )

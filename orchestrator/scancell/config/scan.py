@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from scancell.config.choices import CloudFrame, ScanMode
+from scancell.config.choices import OccupiedFrame, ScanMode
 from scancell.config.description import (
     Description,
     FileDescription,
@@ -25,7 +25,7 @@ class OccupiedDescription(Description):
     """Space that planning keeps clear of, from a file: voxels of `scancell survey`, or a point cloud."""
 
     file: str = Field(description="voxels (NPZ) of `scancell survey`, or a point cloud (ply, npz, xyz, pcd, laz, e57)")
-    frame: CloudFrame = Field(
+    frame: OccupiedFrame = Field(
         default="part",
         description="frame of the points of a cloud, as --frame of the scan that made it; points in the frames of part"
         " and table turn with the table",
@@ -71,6 +71,30 @@ class RasterDescription(Description):
     )
     overlap_mm: NonNegative = Field(default=4.0, description="overlap of neighbouring passes along the laser line, mm")
     speed_mm_s: Positive = Field(default=50.0, description="speed of the sensor along the pass, mm/s")
+
+
+class BeltDescription(Description):
+    """A part that its conveyor (`cell.part.arrival`) carries below the sensor, which is at rest.
+
+    Exposures follow the encoder of the belt, so that they are equally far apart on the part at any speed of the belt.
+    """
+
+    pose: PoseDescription = Field(
+        description="belt_from_sensor: where the sensor stands while the part passes; frame of the belt at rest"
+    )
+    pitch_mm: Positive = Field(
+        default=0.5,
+        description="travel of the belt between exposures by its encoder, mm; increased to stay within max_profiles",
+    )
+    speed_mm_s: Finite = Field(
+        default=100.0, description="speed of the belt, mm/s; positive along x of its frame, not 0"
+    )
+
+    @model_validator(mode="after")
+    def _moves(self) -> Self:
+        if self.speed_mm_s == 0.0:
+            raise ValueError("speed_mm_s = 0: the part never passes; expected a speed other than 0")
+        return self
 
 
 class PairClearanceDescription(Description):
@@ -139,7 +163,7 @@ class ScanDescription(FileDescription):
     table_margin_mm: Finite = Field(
         default=0.5,
         description="points less than this above the nominal top face of the table are removed as table points, except "
-        "where a low upper side of the nominal part covers the table, mm",
+        "where a low upper side of the nominal part covers the table, mm; in a scan on a belt, above the belt",
     )
     sweep: SweepDescription = Field(default=SweepDescription(), description="turns of the table under a fixed sensor")
     raster: RasterDescription = Field(default=RasterDescription(), description="straight passes over the part's top")
@@ -150,6 +174,9 @@ class ScanDescription(FileDescription):
         default=(), description="part_from_sensor of single exposures; replaces sweeps and passes"
     )
 
+    belt: BeltDescription | None = Field(
+        default=None, description="scan of a part on a moving belt; replaces sweeps and passes"
+    )
     path: tuple[PathDescription, ...] = Field(
         default=(), description="sensor paths over the part, scanned after sweeps and passes"
     )
@@ -168,7 +195,21 @@ class ScanDescription(FileDescription):
         return self
 
     @model_validator(mode="after")
+    def _belt_is_alone(self) -> Self:
+        if self.belt is None:
+            return self
+        if self.mode != "dynamic":
+            raise ValueError(f'belt: needs mode = "dynamic", not "{self.mode}": the belt moves during exposures')
+        others = {"pose": self.pose, "path": self.path, "coverage.enabled": self.coverage.enabled}
+        given = [key for key, value in others.items() if value]
+        if given:
+            raise ValueError(f"give either belt or {' and '.join(given)}")
+        return self
+
+    @model_validator(mode="after")
     def _has_views(self) -> Self:
+        if self.belt is not None:
+            return self
         if not (self.sweep.enabled or self.raster.enabled or self.pose or self.path):
             raise ValueError("nothing to scan: enable sweep or raster, or give at least one path or pose")
         if self.coverage.enabled and not (self.sweep.enabled or self.raster.enabled):

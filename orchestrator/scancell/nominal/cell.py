@@ -18,7 +18,7 @@ from scancell.config.light import LightDescription
 from scancell.config.material import Material, MaterialDescription
 from scancell.config.robot import RobotDescription
 from scancell.config.units import si_value, to_si
-from scancell.errors import CellError
+from scancell.errors import CellError, DescriptionError
 from scancell.geometry import pose
 from scancell.geometry.arm import Arm, HeldJoint, Joint
 from scancell.geometry.mesh import Mesh, box_mesh, is_stable_pose, load_mesh
@@ -120,6 +120,32 @@ class UserFrame:
     carrier_from_frame: Array
 
 
+@dataclass(frozen=True)
+class Belt:
+    """The belt on which the scanned part arrives.
+
+    Attributes
+    ----------
+    conveyor, name
+        Number of the conveyor, from 1, and its name.
+    world_from_belt, belt_from_part
+        Poses (4, 4) of the belt's frame and of the part on it, both at travel 0.
+    length, width
+        Of the belt, m.
+    max_speed, max_acceleration
+        Limits of the belt, m/s and m/s².
+    """
+
+    conveyor: int
+    name: str
+    world_from_belt: Array
+    belt_from_part: Array
+    length: float
+    width: float
+    max_speed: float
+    max_acceleration: float
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class NominalCell(Value):
     """Nominal geometry of arm, tool, table and part, made by `nominal_cell`.
@@ -163,6 +189,8 @@ class NominalCell(Value):
         Of the table's axis (rx_cos, rx_sin, ry_cos, ry_sin), rad, in an estimated cell.
     trigger_latency
         Time by which exposures are later than the angles that are latched for them, s, in an estimated cell.
+    belt
+        On which the part arrives; None: it does not.
 
     Examples
     --------
@@ -193,6 +221,7 @@ class NominalCell(Value):
     eccentricity: tuple[float, ...] = (0.0, 0.0)
     wobble: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
     trigger_latency: float = 0.0
+    belt: Belt | None = None
 
     @property
     def axis_max_speed(self) -> Array:
@@ -227,6 +256,31 @@ class NominalCell(Value):
     def part_from_sensor(self, q: ArrayLike, table: ArrayLike) -> Array:
         """Pose (..., 4, 4) of the sensor in the frame of the part, for `q` (..., joints) and `table` (...,), rad."""
         return np.asarray(pose.inverse(self.world_from_part(table)) @ self.world_from_sensor(q))
+
+    def world_from_part_on_belt(self, travel: ArrayLike) -> Array:
+        """Pose (..., 4, 4) of the part on its belt, which it moves with, for travels (...,) since the start, m.
+
+        Raises `DescriptionError` if the part does not arrive on a conveyor.
+        """
+        belt = self.required_belt()
+        along = np.zeros((*np.shape(travel), 3))
+        along[..., 0] = travel
+        return np.asarray(belt.world_from_belt @ pose.translation(along) @ belt.belt_from_part)
+
+    def part_on_belt_from_sensor(self, q: ArrayLike, travel: ArrayLike) -> Array:
+        """Pose (..., 4, 4) of the sensor in the frame of the part on its belt, for `q` (..., joints), rad, and travels
+        (...,), m; see `world_from_part_on_belt`."""
+        return np.asarray(pose.inverse(self.world_from_part_on_belt(travel)) @ self.world_from_sensor(q))
+
+    def required_belt(self) -> Belt:
+        """`belt`; `DescriptionError` if the part does not arrive on a conveyor."""
+        if self.belt is None:
+            raise DescriptionError(
+                "a scan on a belt (scan.belt) needs a part that starts on a conveyor",
+                key="cell.part.arrival",
+                expected='stands_on = "conveyor[1]"',
+            )
+        return self.belt
 
     def frame_poses(self, q: ArrayLike, table: ArrayLike) -> dict[str, Array]:
         """Poses ``world_from_frame`` (..., 4, 4) by name of every frame that a body can move with.
@@ -307,6 +361,7 @@ def nominal_cell(cell: CellDescription, part: Mesh | None) -> NominalCell:
         flange_from_tcp={tcp.name: pose_matrix(tcp.flange_from_tcp) for tcp in cell.tcp},
         user_frames={frame.name: UserFrame(frame.moves_with, pose_matrix(frame.pose)) for frame in cell.frame},
         further_parts=further,
+        belt=_belt(cell),
     )
     return without_bodies(nominal, ["part"]) if is_empty else nominal
 
@@ -343,6 +398,20 @@ def _further_part(description: FurtherPartDescription, cell: CellDescription) ->
         return FurtherPart(description, mesh, description.stands_on, support_from_part)
     world_from_belt = pose_matrix(cell.conveyor[description.conveyor - 1].pose)
     return FurtherPart(description, mesh, "world", world_from_belt @ support_from_part)
+
+
+def _belt(cell: CellDescription) -> Belt | None:
+    arrival = cell.part.arrival
+    if arrival is None or arrival.conveyor is None:
+        return None
+    conveyor = cell.conveyor[arrival.conveyor - 1]
+    return Belt(
+        arrival.conveyor,
+        conveyor.name,
+        pose_matrix(conveyor.pose),
+        pose_matrix(arrival.pose),
+        *(si_value(conveyor, key) for key in ("length_mm", "width_mm", "max_speed_mm_s", "max_acceleration_mm_s2")),
+    )
 
 
 def _device_bodies(cell: CellDescription, further: tuple[FurtherPart, ...]) -> tuple[Body, ...]:

@@ -168,6 +168,10 @@ def _motion_warnings(setup: Setup) -> list[str]:
     scan, sensor, table = setup.scan, setup.sensor, setup.cell.table
     if scan.pose:
         return []
+    needed = 1e3 * profile_time(sensor)
+    if scan.belt is not None:
+        period = 1e3 * scan.belt.pitch_mm / abs(scan.belt.speed_mm_s)
+        return _rate_warning("belt", "pitch_mm", "speed_mm_s", period, needed)
     warnings = []
     standoff, near, far = scan.sweep.standoff_mm, sensor.range.near_mm, sensor.range.far_mm
     if not near <= standoff <= far:
@@ -184,12 +188,16 @@ def _motion_warnings(setup: Setup) -> list[str]:
         (sweep.enabled, "sweep", "angle_step_deg", sweep.angle_step_deg, "speed_deg_s", speed),
         (raster.enabled, "raster", "pitch_mm", raster.pitch_mm, "speed_mm_s", raster.speed_mm_s),
     ]
-    needed = 1e3 * profile_time(sensor)
     for enabled, name, step, spacing, key, rate in views:
         if not enabled or spacing == "sensor":
             continue
-        period = 1e3 * spacing / rate
-        if needed > period:
-            asked = f"scan.{name}.{step} and {key} ask for an exposure every {period:.3g} ms"
-            warnings.append(f"{asked}, but one takes {needed:.3g} ms: reduce scan.{name}.{key} or the exposure time")
+        warnings += _rate_warning(name, step, key, 1e3 * spacing / rate, needed)
     return warnings
+
+
+def _rate_warning(name: str, step: str, key: str, period: float, needed: float) -> list[str]:
+    """Warning about exposures of `needed` milliseconds that are wanted every `period` milliseconds."""
+    if needed <= period:
+        return []
+    asked = f"scan.{name}.{step} and {key} ask for an exposure every {period:.3g} ms"
+    return [f"{asked}, but one takes {needed:.3g} ms: reduce scan.{name}.{key} or the exposure time"]

@@ -64,7 +64,9 @@ def write_run(
         If a file cannot be written.
     """
     with watch.measure("write"):
-        comments = (f"scancell scan of {data.part}", f"frame {record.frame}")
+        belt = data.setup.cell.part.arrival if data.setup.scan.belt else None
+        moving = f" (moves with {belt.stands_on})" if belt and record.frame in ("part", "belt") else ""
+        comments = (f"scancell scan of {data.part}", f"frame {record.frame}{moving}")
         pose = data.frame_from_part(record.frame)
         for suffix in record.formats:
             write_cloud(folder.path(f"cloud.{suffix}"), data.cloud, comments, pose)

@@ -71,11 +71,20 @@ class CoverageOptions:
 
 
 @dataclass(frozen=True)
+class BeltOptions:
+    """Scan of a part on a moving belt: pose (4, 4) of the sensor, travel between exposures (m), speed (m/s, signed)."""
+
+    belt_from_sensor: Array
+    pitch: float
+    speed: float
+
+
+@dataclass(frozen=True)
 class ScanOptions:
     """Options of a scan: m, rad, s.
 
     `poses` (n, 4, 4) is ``part_from_sensor`` of single exposures; when not empty, sweeps and passes are ignored.
-    `paths` are scanned after sweeps and passes.
+    `paths` are scanned after sweeps and passes. With `belt` nothing else is scanned.
     """
 
     dynamic: bool
@@ -89,6 +98,7 @@ class ScanOptions:
     paths: tuple[PathDescription, ...] = ()
     coverage: CoverageOptions | None = None
     max_lost_share: float = 0.2
+    belt: BeltOptions | None = None
 
     @property
     def spacing(self) -> Spacing:
@@ -173,4 +183,9 @@ def scan_options(scan: ScanDescription, sensor: SensorDescription) -> ScanOption
         coverage=CoverageOptions(scan.coverage.share, scan.coverage.max_views, scan.coverage.max_time_s)
         if scan.coverage.enabled
         else None,
+        belt=None
+        if scan.belt is None
+        else BeltOptions(
+            pose_matrix(scan.belt.pose), si_value(scan.belt, "pitch_mm"), si_value(scan.belt, "speed_mm_s")
+        ),
     )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from scancell.arguments import checked_arguments
-from scancell.cell.program import Program, Segment, TriggerKind, TriggerRule
+from scancell.cell.program import BeltRun, Program, Segment, TriggerKind, TriggerRule
 from scancell.cell.program_file import program_data
 from scancell.config.description import Description, Finite, NonNegative, validate
 from scancell.errors import DescriptionError
@@ -116,6 +116,7 @@ class Plan(Value):
                 item.trigger_from,
                 item.trigger_to,
                 item.name,
+                None if item.belt is None else BeltRun(**item.belt.model_dump()),
             )
             for item in read.segments
         )
@@ -134,6 +135,13 @@ class Plan(Value):
 class _Trigger(Description):
     kind: TriggerKind
     interval: NonNegative
+
+
+class _BeltRun(Description):
+    conveyor: Annotated[int, Field(ge=1)]
+    speed: Finite
+    trigger_from: Finite
+    trigger_to: Finite
 
 
 class _Points(Description):
@@ -161,7 +169,16 @@ class _Segment(_Points):
     trigger: _Trigger
     trigger_from: NonNegative
     trigger_to: NonNegative
+    belt: _BeltRun | None = None
     time: Annotated[_Row, Field(min_length=2)]
+
+    @model_validator(mode="after")
+    def _belt_runs_where_it_triggers(self) -> Self:
+        if (self.belt is None) == (self.trigger.kind == "belt_travel"):
+            raise ValueError('expected belt where trigger.kind is "belt_travel", and nowhere else')
+        if self.belt is not None and self.belt.speed * (self.belt.trigger_to - self.belt.trigger_from) <= 0.0:
+            raise ValueError("belt: expected a speed that leads from trigger_from to trigger_to")
+        return self
 
 
 class _Exposures(_Points):

@@ -8,14 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.errors import PlanningError
+from scancell.geometry.pose import inverse
 from scancell.planning.model import PlanningCell
 from scancell.planning.motion.assembly import Assembly
 from scancell.planning.motion.verification import check_part, verified
-from scancell.planning.options import ScanOptions
+from scancell.planning.options import BeltOptions, ScanOptions
 from scancell.planning.path_map.configuration_map import QualityFactor
 from scancell.planning.path_map.path_planner import PathPlanner, PlacedPath
 from scancell.planning.plan import Plan
 from scancell.planning.reasons import join_reasons
+from scancell.planning.views.belt import belt_run, range_warnings, spacing_and_count
 from scancell.planning.views.coverage import CHOICE_SHARE, CoveragePlanner
 from scancell.planning.views.default_views import default_views
 from scancell.planning.views.placement import Infeasible, Placed, PlacedSweep, Placer
@@ -36,9 +38,12 @@ def plan(
     Raises `PlanningError` if the part does not fit on the table or poses are infeasible, naming them with the distance
     out of reach, the angle outside the joint limits, or the bodies that collide.
     """
-    check_part(cell)
+    check_part(cell, options.belt is None)
     placer = Placer(cell, options.azimuth, options.clearance)
     assembly = Assembly(cell, options)
+    if options.belt is not None:
+        warnings = _plan_belt(cell, options, options.belt, placer, assembly)
+        return verified(cell, options, Plan(*assembly.finish(), None, tuple(warnings), reduced=_reductions(cell)))
     if len(options.poses):
         _plan_poses(cell, options, placer, assembly)
         return verified(cell, options, Plan(*assembly.finish(), None, (), reduced=_reductions(cell)))
@@ -53,7 +58,7 @@ def plan(
         )
     left = options.max_profiles - needed
     part, report = sample_part(cell.nominal.part, cell.nominal.table_from_part), None
-    warnings: list[str] = []
+    warnings = []
     if options.coverage:
         assert sight is not None
         views, report = CoveragePlanner(cell, sight, options).choose(part, left)
@@ -97,6 +102,22 @@ def _plan_poses(cell: PlanningCell, options: ScanOptions, placer: Placer, assemb
     for item in found:
         if not isinstance(item, Infeasible):
             assembly.add_pose(item)
+
+
+def _plan_belt(
+    cell: PlanningCell, options: ScanOptions, belt: BeltOptions, placer: Placer, assembly: Assembly
+) -> list[str]:
+    """Add the scan on the belt; returns warnings."""
+    nominal = cell.nominal
+    run = belt_run(nominal, belt, cell.cycle)
+    world_from_sensor = nominal.required_belt().world_from_belt @ belt.belt_from_sensor
+    cell.work.doing = "placing the sensor over the belt"
+    placed = placer.still("the pose over the belt", inverse(nominal.world_from_table) @ world_from_sensor)
+    if isinstance(placed, Infeasible):
+        raise PlanningError(placed.reason, key="scan.belt.pose")
+    pitch, count, warnings = spacing_and_count(run, belt, options.max_profiles)
+    assembly.add_belt(placed, run, pitch, count)
+    return [*warnings, *range_warnings(nominal, belt, cell.range)]
 
 
 def _place_paths(

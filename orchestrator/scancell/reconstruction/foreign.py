@@ -28,9 +28,9 @@ _CONTACT = 1.5  # tolerances between surfaces of neighbour and part up to which 
 
 @dataclass(frozen=True)
 class Neighbour:
-    """A body beside the part; `mesh` is in the frame of the table at angle 0, m.
+    """A body beside the part; `mesh` is in the frame of the table at angle 0, or of the belt at travel 0, m.
 
-    `on_table`: whether it turns with the table.
+    `on_table`: whether it turns with the table, or moves with the belt.
     """
 
     name: str
@@ -40,12 +40,23 @@ class Neighbour:
 
 @dataclass(frozen=True)
 class Neighbours:
-    """Nominal bodies around the scanned part, the part itself, and the distance (m) that tells them apart."""
+    """Nominal bodies around the scanned part, the part itself, and the distance (m) that tells them apart.
+
+    `on_belt`: whether a belt carries the part; then `table_from_part` is its pose on the belt, and travels of the belt
+    (m) replace the angles of the table.
+    """
 
     bodies: tuple[Neighbour, ...]
     part: Mesh
     table_from_part: Array
     tolerance: float = TOLERANCE
+    on_belt: bool = False
+
+    def moved(self, points: Array, travel: Array) -> Array:
+        """Points (n, 3) moved by the table about its axis by angles (n,), or by the belt along x by travels (n,)."""
+        if self.on_belt:
+            return np.asarray(points + travel[:, None] * np.array([1.0, 0.0, 0.0]))
+        return _turned(points, travel)
 
     @cached_property
     def part_in_table(self) -> Mesh:
@@ -73,15 +84,38 @@ def neighbours_of(nominal: NominalCell) -> Neighbours:
     return Neighbours(bodies, nominal.part, nominal.table_from_part)
 
 
+def neighbours_on_belt(nominal: NominalCell) -> Neighbours:
+    """Bodies beside the belt of a part and on it, without the arm and the belt itself (which the envelope removes).
+
+    Further parts on the belt move with it; the table is at angle 0.
+    """
+    belt = nominal.required_belt()
+    frames = nominal.frame_poses(nominal.home, np.array(0.0))
+    belt_from_world = pose.inverse(belt.world_from_belt)
+    riding = {
+        f"part[{i}]"
+        for i, further in enumerate(nominal.further_parts, start=2)
+        if further.description.conveyor == belt.conveyor
+    }
+    bodies = tuple(
+        Neighbour(
+            body.name, body.mesh.transformed(belt_from_world @ frames[body.moves_with]), body.moves_with in riding
+        )
+        for body in nominal.bodies
+        if body.name not in ("part", belt.name) and body.moves_with.partition("[")[0] in ("world", "table", "part")
+    )
+    return Neighbours(bodies, nominal.part, belt.belt_from_part, on_belt=True)
+
+
 def foreign_points(points_in_table: Array, table_angle: Array, neighbours: Neighbours) -> NDArray[np.int64]:
     """Number (n,) of the neighbour that each point lies on, -1 for none.
 
     Parameters
     ----------
     points_in_table
-        (n, 3) in the frame that turns with the table, m.
+        (n, 3) in the frame that turns with the table, or moves with the belt, m.
     table_angle
-        (n,) measured angle of the table at each point, rad.
+        (n,) measured angle of the table, rad, or travel of the belt, m, at each point.
     """
     owner = np.full(len(points_in_table), -1, np.int64)
     tolerance = neighbours.tolerance
@@ -92,7 +126,7 @@ def foreign_points(points_in_table: Array, table_angle: Array, neighbours: Neigh
         on_it = np.flatnonzero(inside | (np.abs(signed) <= tolerance))
         place = np.asarray(nearest)[on_it]
         if not body.on_table:
-            place = _turned(place, -table_angle[rows[on_it]])
+            place = neighbours.moved(place, -table_angle[rows[on_it]])
         contact = _nearer(place, neighbours.part_in_table, _CONTACT * tolerance)
         owner[rows[on_it[~contact]]] = number
     return owner
@@ -106,9 +140,9 @@ def _candidates(points: Array, angle: Array, neighbours: Neighbours) -> Iterator
     margin = np.array([[-neighbours.tolerance], [neighbours.tolerance]])
     for number, body in enumerate(neighbours.bodies):
         low, high = body.mesh.bounds + margin
-        from_axis = np.linalg.norm(np.maximum(np.maximum(low, -high), 0.0)[:2])
+        from_axis = 0.0 if neighbours.on_belt else np.linalg.norm(np.maximum(np.maximum(low, -high), 0.0)[:2])
         rows = np.flatnonzero((radius >= from_axis) & (height >= low[2]) & (height <= high[2]))
-        placed = points[rows] if body.on_table else _turned(points[rows], angle[rows])
+        placed = points[rows] if body.on_table else neighbours.moved(points[rows], angle[rows])
         inside = ((placed >= low) & (placed <= high)).all(1)
         if inside.any():
             yield number, rows[inside], placed[inside]

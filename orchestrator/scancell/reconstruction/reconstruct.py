@@ -29,7 +29,10 @@ REFERENCE_SIGMA = 20e-6  # m: standard deviation at which `quality_of` is 1/2
 
 
 class Triggers(Protocol):
-    """Trigger records, one per exposure, with the table angle (n,), rad, and its rate, rad/s."""
+    """Trigger records, one per exposure, with the table angle (n,), rad, and its rate, rad/s.
+
+    Of a part on a belt: with the travel (m) and speed (m/s) of the belt in their place.
+    """
 
     @property
     def index(self) -> NDArray[np.int64]: ...
@@ -126,11 +129,12 @@ class ProfilePoints(Value):
 
 @dataclass(frozen=True)
 class Envelope:
-    """Cylindrical volume above the table in which points are kept, by nominal geometry.
+    """Volume above the table or a belt in which points are kept, by nominal geometry.
 
-    `lowest` and `highest` are heights above the table's top face, `radius` is the distance from its axis, m. Points
-    lower than `lowest` are the table's, except on the `footprint` of the part; without one, all of them. `outline`:
-    lower and upper corner (2, 2) of a rectangle around the part, seen from above.
+    `lowest` and `highest` are heights above the top face, m. `radius` is the distance from the axis of the table,
+    `half_width` that from the middle of the belt, infinite on the other one of them. Points lower than `lowest` are the
+    table's, except on the `footprint` of the part; without one, all of them. `outline`: lower and upper corner (2, 2)
+    of a rectangle around the part, seen from above.
     """
 
     lowest: float
@@ -138,11 +142,21 @@ class Envelope:
     radius: float
     footprint: Footprint | None = None
     outline: Array | None = None
+    half_width: float = np.inf
 
-    def contains(self, points_in_table: Array) -> NDArray[np.bool_]:
-        """Whether points (n, 3) in the table frame, m, lie in the cylinder, (n,)."""
-        height, distance = points_in_table[:, 2], np.hypot(points_in_table[:, 0], points_in_table[:, 1])
-        return np.asarray((height >= self.lowest) & (height <= self.highest) & (distance <= self.radius))
+    @property
+    def support(self) -> str:
+        """What carries the part."""
+        return "belt" if np.isfinite(self.half_width) else "table"
+
+    def contains(self, points: Array) -> NDArray[np.bool_]:
+        """Whether points (n, 3) in the frame of table or belt, m, lie in the volume, (n,)."""
+        return np.asarray((points[:, 2] >= self.lowest) & (points[:, 2] <= self.highest) & self.is_over(points))
+
+    def is_over(self, points: Array) -> NDArray[np.bool_]:
+        """Whether points (n, 3) in the frame of table or belt, m, lie above or below it, (n,)."""
+        distance = np.hypot(points[:, 0], points[:, 1])
+        return np.asarray((distance <= self.radius) & (np.abs(points[:, 1]) <= self.half_width))
 
 
 @dataclass(frozen=True)
@@ -208,18 +222,25 @@ def why_empty(dropped: Dropped, envelope: Envelope) -> list[str]:
     if not dropped.measured:
         return ["the sensor measured no point: no view meets the part within the measuring range"]
     margin_mm, radius_mm, height_mm = (1e3 * v for v in (envelope.lowest, envelope.radius, envelope.highest))
+    support, beside = (
+        envelope.support,
+        (
+            f"lie farther than cell.table.radius_mm = {radius_mm:g} from the axis of the table: move the part with "
+            "cell.part.x_mm and cell.part.y_mm"
+        ),
+    )
+    if support == "belt":
+        beside = (
+            f"lie farther than {1e3 * envelope.half_width:g} mm from the middle of the belt: move cell.part.arrival"
+        )
     reasons = [
         (
             dropped.low,
-            f"lie lower than scan.table_margin_mm = {margin_mm:g} above the table (the highest of them at "
-            f"{1e3 * dropped.highest_low:.2f} mm) and were taken for the table: lower scan.table_margin_mm",
+            f"lie lower than scan.table_margin_mm = {margin_mm:g} above the {support} (the highest of them at "
+            f"{1e3 * dropped.highest_low:.2f} mm) and were taken for the {support}: lower scan.table_margin_mm",
         ),
-        (dropped.high, f"lie higher than {height_mm:g} mm above the table"),
-        (
-            dropped.outside,
-            f"lie farther than cell.table.radius_mm = {radius_mm:g} from the axis of the table: move the part with "
-            "cell.part.x_mm and cell.part.y_mm",
-        ),
+        (dropped.high, f"lie higher than {height_mm:g} mm above the {support}"),
+        (dropped.outside, beside),
         *(
             (count, f"lie on '{name}': move it or the part (further_part.pose, cell.part.x_mm)")
             for name, count in dropped.foreign.items()
@@ -262,7 +283,7 @@ def reconstruct_points(
     poses_after
         By measurements; times other than 0 are used with a rolling shutter or several exposures.
     table_from_part
-        Nominal pose (4, 4) of the part on the table.
+        Nominal pose (4, 4) of the part on the table; of a part on a belt, in the frame that moves with the belt.
     normals
         Whether to estimate normals; without, they are NaN.
     neighbours
@@ -328,8 +349,7 @@ def _sort_out(
     inside = envelope.contains(points_in_table)
     on_part = ambiguous = np.zeros(0, bool)
     if envelope.footprint is not None:
-        radius = np.hypot(points_in_table[:, 0], points_in_table[:, 1])
-        near_table = np.flatnonzero((points_in_table[:, 2] < envelope.lowest) & (radius <= envelope.radius))
+        near_table = np.flatnonzero((points_in_table[:, 2] < envelope.lowest) & envelope.is_over(points_in_table))
         on_part, ambiguous = envelope.footprint.part_points(points_in_table[near_table])
         inside[near_table[on_part]] = True
     kept, beyond = np.flatnonzero(inside), points_in_table[~inside]

@@ -13,7 +13,7 @@ from scancell.calibration.cell.request import start_of
 from scancell.cell.recording import TriggerRecords
 from scancell.config.choices import LatencyWord
 from scancell.config.loading import Setup
-from scancell.errors import CalibrationError, EmptyScanError
+from scancell.errors import CalibrationError, DescriptionError, EmptyScanError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import PartSurface
@@ -145,7 +145,7 @@ def reconstruct_measurements(
     """The cloud of measurements; with a part, points on the table and on its neighbours are removed as in a scan.
 
     Raises `CalibrationError` if the latency cannot be applied or estimated, or the measurements disagree with the part;
-    `EmptyScanError` if no point is left.
+    `EmptyScanError` if no point is left; `DescriptionError` for a scan on a belt.
 
     Parameters
     ----------
@@ -156,6 +156,10 @@ def reconstruct_measurements(
     uncertainty
         Of calibrated values; those of different calibrations are independent.
     """
+    if setup.scan.belt is not None:
+        raise DescriptionError(
+            "measurements state no travel of a belt", key="scan.belt", expected="a part on the table"
+        )
     measured_cell = MeasuredCell.of(setup, part)
     cell = measured_cell.cell
     delay = _latency(found, setup, measured_cell, latency)

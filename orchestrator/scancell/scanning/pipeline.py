@@ -15,12 +15,12 @@ from threading import Lock
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.cell.fmu_file import cell_json
 from scancell.cell.program import Program
-from scancell.cell.recording import Recording
+from scancell.cell.recording import Recording, TriggerRecords
 from scancell.closing import Closing
 from scancell.config.cell import CellDescription
 from scancell.config.choices import Engine
@@ -30,7 +30,7 @@ from scancell.config.units import si_value
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import PartSurface
-from scancell.nominal.cell import Body, Lamp, NominalCell, nominal_cell, with_unknown_obstacles
+from scancell.nominal.cell import Belt, Body, Lamp, NominalCell, nominal_cell, with_unknown_obstacles
 from scancell.nominal.estimated import estimated_cell
 from scancell.planning.model import PlanningCell, SensorRange
 from scancell.planning.motion.assembly import approach
@@ -41,13 +41,14 @@ from scancell.planning.options import pair_clearances, scan_options
 from scancell.planning.path_map.configuration_map import QualityFactor
 from scancell.planning.plan import Plan
 from scancell.planning.planner import plan
+from scancell.planning.views.belt import with_passing_part
 from scancell.planning.views.sight import Sight
 from scancell.planning.work import Work
 from scancell.progress import Progress
 from scancell.proximity.cell_check import check_cell
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.footprint import footprint_of
-from scancell.reconstruction.foreign import neighbours_of
+from scancell.reconstruction.foreign import neighbours_of, neighbours_on_belt
 from scancell.reconstruction.reconstruct import Dropped, Envelope, ProfilePoints, poses_by_joints, reconstruct_points
 from scancell.scanning.drive import DriveRequest, FmuRunner, PreScanHook
 from scancell.scanning.exposure_control import ExposureControl
@@ -185,9 +186,11 @@ class ScanPipeline(Closing):
         """
         work = Work(setup.scan.max_planning_work, progress)
         cell = replace(self._planning_cell(loaded, setup, sensor), work=work)
+        is_dynamic, options = setup.cell.robot.drive == "dynamic", scan_options(setup.scan, setup.sensor)
+        if options.belt is not None:
+            cell = replace(cell, nominal=with_passing_part(cell.nominal, options.belt, cell.cycle))
         nominal = cell.nominal
         sight = Sight(nominal, setup.sensor, partial(self._measurable, work), self.threads, work)
-        is_dynamic, options = setup.cell.robot.drive == "dynamic", scan_options(setup.scan, setup.sensor)
         # Only what this plan depends on: a study of other values plans once.
         described = [setup.scan.model_dump_json(), options.spacing, [path.pitch_mm for path in options.paths]]
         described += [setup.sensor.model_dump_json()] if setup.scan.coverage.enabled else []
@@ -266,15 +269,16 @@ class ScanPipeline(Closing):
 
         `nominal` may be an estimated (calibrated) cell, see `LoadedCell.estimated`.
         """
-        measured = recording.measured.after(nominal.trigger_latency)
+        belt = belt_of(nominal, setup)
+        measured = measured_motion(nominal, recording, setup)
         made = reconstruct_points(
             profiles,
             measured,
-            poses_by_joints(measured, nominal.part_from_sensor),
-            nominal.table_from_part,
+            poses_by_joints(measured, sensor_poses(nominal, setup)),
+            nominal.table_from_part if belt is None else belt.belt_from_part,
             envelope_of(nominal, setup),
             normals,
-            neighbours_of(nominal),
+            neighbours_of(nominal) if belt is None else neighbours_on_belt(nominal),
             self.threads,
         )
         return made.cloud, made.dropped
@@ -290,13 +294,32 @@ def _with_torques(cell: PlanningCell, setup: Setup) -> PlanningCell:
     return replace(cell, torques=TorqueLimits(setup.cell)) if setup.cell.robot.drive == "dynamic" else cell
 
 
+def belt_of(nominal: NominalCell, setup: Setup) -> Belt | None:
+    """The belt that carries the part in the described scan; None: the part is on the table."""
+    return None if setup.scan.belt is None else nominal.required_belt()
+
+
+def measured_motion(nominal: NominalCell, recording: Recording, setup: Setup) -> TriggerRecords:
+    """Measured joints and table angle, or travel of the belt that carries the part, at the light of each exposure."""
+    belt, measured = belt_of(nominal, setup), recording.measured
+    return (measured if belt is None else measured.on_belt(belt.conveyor)).after(nominal.trigger_latency)
+
+
+def sensor_poses(nominal: NominalCell, setup: Setup) -> Callable[[ArrayLike, ArrayLike], NDArray[np.float64]]:
+    """The function of the cell that returns ``part_from_sensor`` for `measured_motion`."""
+    return nominal.part_from_sensor if setup.scan.belt is None else nominal.part_on_belt_from_sensor
+
+
 def envelope_of(nominal: NominalCell, setup: Setup) -> Envelope:
-    """Room above the nominal table in which points are kept."""
-    lowest = si_value(setup.scan, "table_margin_mm")
-    footprint = footprint_of(nominal.part, nominal.table_from_part, lowest)
+    """Room above the nominal table, or the belt that carries the part, in which points are kept."""
+    belt, lowest = belt_of(nominal, setup), si_value(setup.scan, "table_margin_mm")
+    support_from_part = nominal.table_from_part if belt is None else belt.belt_from_part
+    footprint = footprint_of(nominal.part, support_from_part, lowest)
     corners = np.stack(np.meshgrid(*nominal.part.bounds.T), -1).reshape(-1, 3)
-    placed = pose.transform_points(nominal.table_from_part, corners)[:, :2]
+    placed = pose.transform_points(support_from_part, corners)[:, :2]
     outline = np.stack([placed.min(0), placed.max(0)])
+    if belt is not None:
+        return Envelope(lowest, _ENVELOPE_HEIGHT, np.inf, footprint, outline, belt.width / 2)
     return Envelope(lowest, _ENVELOPE_HEIGHT, nominal.table_radius, footprint, outline)
 
 

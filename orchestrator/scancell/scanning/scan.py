@@ -30,7 +30,7 @@ from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.reconstruct import Dropped, ProfilePoints, table_warnings, why_empty
 from scancell.scanning.drive import PreScanHook
 from scancell.scanning.exposure_control import ExposureControl
-from scancell.scanning.pipeline import Job, ScanPipeline, envelope_of
+from scancell.scanning.pipeline import Job, ScanPipeline, belt_of, envelope_of, measured_motion, sensor_poses
 from scancell.scanning.sense import ExposureImages, OnImages, SensingResult, Sensors, sample_rows
 from scancell.stopwatch import Stopwatch
 from scancell.values import Value
@@ -85,18 +85,32 @@ class ScanData(Value):
     def frame_from_part(self, frame: CloudFrame, table_angle: float = 0.0) -> Array:
         """Estimated pose (4, 4) of the part in a frame, with the table at `table_angle` (rad).
 
-        Raises `DescriptionError` if `frame` is not part, table, base or world.
+        In a scan on a belt the part moves with the frame ``belt``, whose origin is that of the belt's frame at the
+        start; world and base are those where the part started.
+
+        Raises `DescriptionError` if `frame` is not part, world, base, or what carries the part: table or belt.
         """
         cell = self.estimated
+        belt = belt_of(cell, self.setup)
+        support, support_from_part = ("table", cell.table_from_part) if belt is None else ("belt", belt.belt_from_part)
+        if frame in ("table", "belt") and frame != support:
+            raise DescriptionError(key="frame", value=frame, expected=f"part, {support}, base or world")
+        world_from_part = cell.world_from_part(table_angle) if belt is None else cell.world_from_part_on_belt(0.0)
         match frame:
             case "part":
                 return np.eye(4)
-            case "table":
-                return cell.table_from_part
+            case "table" | "belt":
+                return support_from_part
             case "world":
-                return cell.world_from_part(table_angle)
+                return world_from_part
             case "base":
-                return np.asarray(pose.inverse(cell.arm.world_from_base) @ cell.world_from_part(table_angle))
+                return np.asarray(pose.inverse(cell.arm.world_from_base) @ world_from_part)
+
+    @property
+    def part_from_sensor(self) -> Array:
+        """Nominal pose (n, 4, 4) of the sensor in the frame of the part at the measurements of each exposure."""
+        measured = measured_motion(self.nominal, self.recording, self.setup)
+        return sensor_poses(self.nominal, self.setup)(measured.q, measured.table)
 
     @checked_arguments
     def points_in(self, frame: CloudFrame, table_angle: float = 0.0) -> Array:

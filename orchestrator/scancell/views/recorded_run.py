@@ -110,7 +110,7 @@ def open_run(folder: str | Path, most_points: int = 200_000) -> RecordedRun:
             )
     cell = with_unknown_obstacles(nominal_cell(setup.cell, _part(folder, made)), setup.cell)
     motion = (_motion_of_program if "program" in made else _motion_of_scan)(folder, cell)
-    cloud, count = _cloud(folder / "cloud.ply", cell, most_points)
+    cloud, count = _cloud(folder / "cloud.ply", cell, most_points, on_belt=setup.scan.belt is not None)
     return RecordedRun(Path(made["part"] or folder).name, setup, cell, motion, cloud, count)
 
 
@@ -148,14 +148,15 @@ def _part(folder: Path, made: dict[str, Any]) -> Mesh | None:
     return load_part(beside if beside.is_file() and not file.is_file() else file, made["unit"])
 
 
-def _cloud(path: Path, cell: NominalCell, most: int) -> tuple[Cloud | None, int]:
+def _cloud(path: Path, cell: NominalCell, most: int, *, on_belt: bool) -> tuple[Cloud | None, int]:
     """The thinned cloud in the part frame, from any frame of the file, and the number of points there."""
     if not path.is_file():
         return None, 0
     frame = next((note.split()[1] for note in read_ply_comments(path) if note.startswith("frame ")), "part")
+    world_from_part = cell.world_from_part_on_belt(0.0) if on_belt else cell.world_from_part(0.0)
     world_from_frame = {
-        "part": cell.world_from_part(0.0),
-        "table": cell.world_from_table,
+        "part": world_from_part,
+        **({"belt": cell.required_belt().world_from_belt} if on_belt else {"table": cell.world_from_table}),
         "base": cell.arm.world_from_base,
         "world": np.eye(4),
     }
@@ -165,7 +166,7 @@ def _cloud(path: Path, cell: NominalCell, most: int) -> tuple[Cloud | None, int]
     cloud = whole[:: max(1, -(-len(whole) // most))]
     cloud = cloud[np.argsort(cloud.time, kind="stable")]
     if frame != "part":
-        cloud = transformed_columns(cloud, pose.inverse(cell.world_from_part(0.0)) @ world_from_frame[frame])
+        cloud = transformed_columns(cloud, pose.inverse(world_from_part) @ world_from_frame[frame])
     return cloud, len(whole)
 
 

@@ -130,6 +130,15 @@ def measurable_surface(
     return MeasurableSurface(search.samples, normals, measurable, float(nominal.part.areas.sum()), digest)
 
 
+def unknown_surface(
+    nominal: NominalCell, sensor: SensorDescription, samples: int = COVERAGE_SAMPLES, threads: int = 0
+) -> MeasurableSurface:
+    """The samples of `measurable_surface` where it is unknown which are measurable: none counts as such."""
+    search = SurfaceSearch(nominal, SensorField.of(sensor), samples, threads)
+    normals = search.normals if nominal.part.is_closed else np.full_like(search.normals, np.nan)
+    return MeasurableSurface(search.samples, normals, np.zeros(samples, bool), float(nominal.part.areas.sum()), "")
+
+
 def _read(file: Path, samples: int) -> Flags | None:
     """Which samples are measurable (n,), from a cache file; None when it is missing, damaged or of another size."""
     try:

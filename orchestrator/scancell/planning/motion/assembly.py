@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.cell.program import Program, Segment, TriggerRule
+from scancell.cell.program import BeltRun, Program, Segment, TriggerRule
 from scancell.planning.model import PlanningCell
 from scancell.planning.motion import trajectory
 from scancell.planning.motion.connection import Connector
@@ -97,6 +97,15 @@ class Assembly:
         point = np.append(placed.q, self._nearest_table(placed.table))
         self._expose_at_rest(point[None], placed.name)
 
+    def add_belt(self, placed: PlacedPose, run: BeltRun, pitch: float, count: int) -> None:
+        """Append the motion to the pose of the sensor, where it rests while the belt runs, with `count` exposures."""
+        point = np.append(placed.q, placed.table)
+        *before, last = self._connector.connect(self._at, point, placed.name) or [self._connector.move(self._at, point)]
+        for setpoints in before:
+            self._append(setpoints, TriggerRule(), 0.0, 0.0, f"to {placed.name}")
+        number = self._append(last, TriggerRule("belt_travel", pitch), 0.0, 0.0, placed.name, run)
+        self._exposures += count * [(number, point[None])]
+
     def finish(self) -> Parts:
         """Append the motion home and return the result.
 
@@ -159,9 +168,11 @@ class Assembly:
     def _approaching(self, name: str) -> None:
         self._cell.work.doing = f"finding the motion to {name}; {len(self._segments)} segments were made"
 
-    def _append(self, setpoints: Array, rule: TriggerRule, start: float, end: float, name: str) -> int:
+    def _append(
+        self, setpoints: Array, rule: TriggerRule, start: float, end: float, name: str, belt: BeltRun | None = None
+    ) -> int:
         number = len(self._segments) + 1
         times = _times(setpoints, self._cell)
-        self._segments.append(Segment(number, times, setpoints[:, :-1], setpoints[:, -1], rule, start, end, name))
+        self._segments.append(Segment(number, times, setpoints[:, :-1], setpoints[:, -1], rule, start, end, name, belt))
         self._at = setpoints[-1]
         return number

@@ -18,14 +18,22 @@ _SAME_PLACE = 1e-6  # rad
 _BLOCK = 1024  # poses that python-fcl checks between two looks at the work
 
 
-def check_part(cell: PlanningCell) -> None:
-    """Check that the part lies on the table and that nothing collides at the home position.
+def check_part(cell: PlanningCell, on_table: bool = True) -> None:
+    """Check that the part lies on the table (if it is to be there) and that nothing collides at the home position.
 
     Raises
     ------
     PlanningError
         Otherwise, with the distance by which the part protrudes or the bodies that collide.
     """
+    if on_table:
+        _check_on_table(cell)
+    hit = cell.contacts(cell.nominal.home[None], np.array([cell.table_start]))
+    if hit:
+        raise PlanningError(f"at the home position: {describe(hit[0])}")
+
+
+def _check_on_table(cell: PlanningCell) -> None:
     nominal = cell.nominal
     used = nominal.part.vertices[np.unique(nominal.part.faces)]
     on_table = used @ nominal.table_from_part[:3, :3].T + nominal.table_from_part[:3, 3]
@@ -41,9 +49,6 @@ def check_part(cell: PlanningCell) -> None:
             f"its lowest point is {-1e3 * on_table[:, 2].min():.3f} mm below the table's top",
             file=nominal.part.source,
         )
-    hit = cell.contacts(nominal.home[None], np.array([cell.table_start]))
-    if hit:
-        raise PlanningError(f"at the home position: {describe(hit[0])}")
 
 
 def recheck(cell: PlanningCell, saved: Plan, options: ScanOptions) -> Plan:
@@ -52,7 +57,7 @@ def recheck(cell: PlanningCell, saved: Plan, options: ScanOptions) -> Plan:
     Raises `PlanningError` if the plan is for another arm or controller, does not start at the home position, does not
     continue, exceeds a limit, or comes too close to something; with the segment.
     """
-    check_part(cell)
+    check_part(cell, options.belt is None)
     nominal, at = cell.nominal, np.append(cell.nominal.home, cell.table_start)
     motions = cell.motion_check(options.clearance)
     lower, upper = nominal.arm.limits

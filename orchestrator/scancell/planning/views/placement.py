@@ -223,6 +223,18 @@ class Placer:
             result.append(self._first_feasible(name, choices, 0 * choices, attempt, targets[i]))
         return result
 
+    def still(self, name: str, table_from_sensor: Array) -> PlacedPose | Infeasible:
+        """The pose (4, 4) of the sensor with the table where it starts, or why it is infeasible."""
+        q, table = self._cell.ik(table_from_sensor[None])[0], self._cell.table_start
+        metric = constraints.arm_metric(self._cell.nominal.arm, q)
+        order = np.argsort(-metric, kind="stable")
+
+        def attempt(choice: int) -> PlacedPose | Infeasible:
+            return self._collision(q[choice][None], np.array([table])) or PlacedPose(name, q[choice], table)
+
+        choices = order[metric[order] > _MIN_METRIC]
+        return self._first_feasible(name, choices, 0 * choices, attempt, table_from_sensor[None])
+
     def _first_feasible(
         self, name: str, choices: Indices, groups: Indices, attempt: Callable[[int], _T | Infeasible], targets: Array
     ) -> _T | Infeasible:
