@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from scancell.browser.panels.colours import CALM
+from scancell.browser.panels.checklist import checklist_html
 from scancell.browser.panels.handles import set_changed, small_html
 from scancell.browser.panels.scans import Scans
 from scancell.cell.controller import Operation
@@ -20,6 +20,8 @@ from scancell.programs.live_program import LiveProgram
 from scancell.programs.taught_file import TaughtFile
 
 TABS = {
+    "Exercise": "Items tick themselves off. They refer to the last program that was run; contacts are counted from the "
+    "opening of the cell on. A figure is compared with the simulated value when it is typed.",
     "Joints": "Drag a slider, or type an angle; the robot moves after the release. The translucent arm is the target.",
     "Pose": "Type a pose of the tool, or drag the handle in the scene. A sensor that looks down has the angles "
     "180, 0, 0. The text below states whether the arm reaches the pose.",
@@ -108,20 +110,10 @@ class HelpPanel:
         by_guard = state.guard_text.startswith(("stop", "no jog"))
         self._held = self._held or (by_guard and state.operation is Operation.MANUAL)
         self._done = [done or step.is_done(state) for done, step in zip(self._done, self._steps, strict=True)]
-        set_changed(self._tour, "content", tour_html([step.text for step in self._steps], self._done))
+        shown = checklist_html("Tour", "steps", [step.text for step in self._steps], self._done)
+        set_changed(self._tour, "content", shown)
 
 
 def _is_run(program: LiveProgram, file: Path) -> bool:
     state = program.state
     return state is not None and state.file == file and state.stage == "done"
-
-
-def tour_html(texts: list[str], done: list[bool]) -> str:
-    """Steps with their marks; the first one that is not done is bold."""
-    following = done.index(False) if False in done else -1
-    lines = [f"<b>Tour</b>, {sum(done)} of {len(done)} steps done"]
-    for number, (text, is_done) in enumerate(zip(texts, done, strict=True)):
-        mark = f'<span style="color:{CALM}">&#9745;</span>' if is_done else "&#9744;"
-        shown = f"<b>{escape(text)}</b>" if number == following else escape(text)
-        lines.append(f"{mark} {shown}")
-    return small_html(lines)

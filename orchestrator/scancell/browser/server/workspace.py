@@ -23,6 +23,8 @@ from scancell.browser.scene.live_cloud import LiveCloud
 from scancell.browser.scene.scene import CellScene
 from scancell.browser.server.operators import Operators
 from scancell.config.choices import Engine
+from scancell.exercises.attempt import Attempt
+from scancell.exercises.declaration import Exercise
 from scancell.geometry import pose
 from scancell.live.camera import CameraFeed
 from scancell.live.cell import LiveCell
@@ -51,11 +53,14 @@ class WorkspaceSettings:
         Initial engine of scans and robot programs.
     program
         File of a robot program.
+    exercise
+        Exercise to do in the cell with its part.
     """
 
     out: Path = Path("out/workspace")
     engine: Engine = "ray-traced"
     program: Path | None = None
+    exercise: Exercise | None = None
 
 
 class Workspace:
@@ -117,6 +122,9 @@ class Workspace:
         program = LiveProgram(self.live, settings.engine, settings.out)
         taught = TaughtFile(settings.out / "taught.py")
         self._help = HelpPanel(server.gui, self.feed, self.scans, taught, program, self.live.state)
+        exercise, attempt = settings.exercise, None
+        if exercise is not None and session.job.part_file == exercise.part_file:
+            attempt = Attempt(exercise, self.live, session, program, taught)
         self._shared = Shared(
             self.scene,
             self.plans,
@@ -128,6 +136,8 @@ class Workspace:
             taught,
             settings.program,
             opener,
+            attempt,
+            settings.out,
         )
 
     def run(self, ended: Callable[[], bool]) -> None:
