@@ -15,6 +15,8 @@ from scancell.exercises.declaration import Question
 from scancell.exercises.sheet import sheet_file, write_sheet
 from scancell.live.state import LiveState
 
+_SLOW = "the browser draws it, which is slow without a graphics card"
+
 
 class ExercisePanel:
     """Shows an attempt at an exercise, takes figures, and saves the result sheet in a folder."""
@@ -31,7 +33,7 @@ class ExercisePanel:
             self._add_figure(gui, question)
         self._student = gui.add_text("your name", "", hint="may be empty")
         self._file = gui.add_text("file", f"exercise_{exercise.number}.html", hint="in the folder of --out")
-        self._picture = gui.add_checkbox("with a picture of the scene", True)
+        self._picture = gui.add_checkbox("with a picture of the scene", False, hint=_SLOW)
         save = gui.add_button("Save result")
         again = gui.add_button("Start again", hint="opens the cell anew, with the part at its first place")
         save.on_click(operator.operator_callback(self._save))
