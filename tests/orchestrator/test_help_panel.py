@@ -43,7 +43,7 @@ class Rig:
         self.taught = SimpleNamespace(path=Path("taught.py"), count=0)
         self.program = SimpleNamespace(state=None)
         workspace: Any = (self.feed, self.scans, self.taught, self.program)
-        self.panel = HelpPanel(self.gui, *workspace, self.state())
+        self.panel = HelpPanel(self.gui, *workspace, self.state(), np.array([0.45, 0.0, 0.25]))
 
     def state(self, **changes: Any) -> Any:
         values = {"joints": np.zeros(6), "controller": "at rest", "guard_text": "", "operation": Operation.MANUAL}

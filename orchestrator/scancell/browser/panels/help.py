@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scancell.browser.panels.checklist import checklist_html
 from scancell.browser.panels.handles import set_changed, small_html
@@ -18,6 +19,8 @@ from scancell.live.camera import CameraFeed
 from scancell.live.state import LiveState
 from scancell.programs.live_program import LiveProgram
 from scancell.programs.taught_file import TaughtFile
+
+Array = NDArray[np.float64]
 
 TABS = {
     "Exercise": "Items tick themselves off. They refer to the last program that was run; contacts are counted from the "
@@ -72,12 +75,22 @@ class HelpPanel:
         Of the workspace.
     start
         State in which the tour begins.
+    over_part
+        Position (3,) in the base at which a sensor that looks down measures the part, m.
     """
 
     def __init__(
-        self, gui: Any, feed: CameraFeed, scans: Scans, taught: TaughtFile, program: LiveProgram, start: LiveState
+        self,
+        gui: Any,
+        feed: CameraFeed,
+        scans: Scans,
+        taught: TaughtFile,
+        program: LiveProgram,
+        start: LiveState,
+        over_part: Array,
     ) -> None:
         nominal = feed.as_built
+        x, y, z = np.round(1e3 * over_part) + 0.0
         self._held = False  # by the guard, in a jog
         self._steps = [
             _Step(
@@ -85,7 +98,8 @@ class HelpPanel:
                 lambda state: bool(np.abs(state.joints - start.joints).max() > _MOVED),
             ),
             _Step(
-                "Move, Pose: bring the sensor over the part, until the cameras show a profile",
+                f"Move, Pose: move over the part, to {x:g}, {y:g}, {z:g} mm with the angles 180, 0, 0°, "
+                "until the cameras show a profile",
                 lambda _: feed.frame is not None and len(feed.frame.points_in_sensor) > 0,
             ),
             _Step("Move, Jog: jog tool z towards the table until the guard holds the robot", lambda _: self._held),
