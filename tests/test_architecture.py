@@ -32,6 +32,7 @@ TIERS = [
     {"api"},
     {"live"},
     {"programs"},
+    {"exercises"},
     {"views"},
     {"browser"},
     {"cli"},
@@ -43,7 +44,7 @@ TIER_OF = {name: level for level, names in enumerate(TIERS) for name in names}
 # All other packages work with measured and nominal values only.
 MAY_USE_TRUTH = {
     *("config", "cell", "scanning", "evaluation", "output", "results", "scanner", "studies", "api"),
-    *("options", "live", "programs", "views", "browser", "cli"),
+    *("options", "live", "programs", "exercises", "views", "browser", "cli"),
 }
 
 # Modules of the other packages that simulate a measurement, or compare what was found with the truth.

@@ -373,7 +373,14 @@ def test_schema_files_are_up_to_date(kind: str) -> None:
 
 
 def test_shipped_files_name_their_schema() -> None:
-    kinds = {"cells": "cell", "robots": "robot", "sensors": "sensor", "scans": "scan", "studies": "study"}
+    kinds = {
+        "cells": "cell",
+        "exercises": "cell",
+        "robots": "robot",
+        "sensors": "sensor",
+        "scans": "scan",
+        "studies": "study",
+    }
     for folder, kind in {**kinds, "batches": "batch", "artefacts": "artefact"}.items():
         files = list((assets_dir() / folder).glob("*.toml"))
         assert files

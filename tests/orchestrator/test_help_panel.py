@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scancell.browser.panels.help import KEYS, HelpPanel, tour_html
+from scancell.browser.panels.checklist import checklist_html
+from scancell.browser.panels.help import KEYS, HelpPanel
 from scancell.cell.controller import Operation
 
 
@@ -42,7 +43,7 @@ class Rig:
         self.taught = SimpleNamespace(path=Path("taught.py"), count=0)
         self.program = SimpleNamespace(state=None)
         workspace: Any = (self.feed, self.scans, self.taught, self.program)
-        self.panel = HelpPanel(self.gui, *workspace, self.state())
+        self.panel = HelpPanel(self.gui, *workspace, self.state(), np.array([0.45, 0.0, 0.25]))
 
     def state(self, **changes: Any) -> Any:
         values = {"joints": np.zeros(6), "controller": "at rest", "guard_text": "", "operation": Operation.MANUAL}
@@ -96,7 +97,7 @@ def test_guard_that_holds_a_jog_is_noticed(rig: Rig, text: str) -> None:
 
 
 def test_next_step_is_bold() -> None:
-    shown = tour_html(["<one>", "two", "three"], [True, False, False])
+    shown = checklist_html("Tour", "steps", ["<one>", "two", "three"], [True, False, False])
     assert "<b>two</b>" in shown
     assert "<b>three</b>" not in shown
     assert "&lt;one&gt;" in shown

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import io
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from scancell.browser.panels.conditions import OTHER_OPERATOR, can_end, can_jog, can_move
 from scancell.browser.panels.operator_commands import OperatorCommands
@@ -28,11 +31,21 @@ class Rig:
         self.operators.join(1)
         self.operators.join(2)
         client: Any = SimpleNamespace(
-            client_id=1, add_notification=lambda _title, text, **_options: self.messages.append(text)
+            client_id=1,
+            add_notification=lambda _title, text, **_options: self.messages.append(text),
+            get_render=lambda height, width, **_options: self.draws(height, width),
         )
         live: Any = SimpleNamespace(state=self.state, submit=self.submitted.append)
         session: Any = SimpleNamespace(nominal=None)
         self.commands = OperatorCommands(client, self.operators, live, session, lambda: self.time)
+
+    def draws(self, height: int, width: int) -> np.ndarray:
+        """The scene as the browser draws it; a second picture is asked for meanwhile."""
+        self.enter_picture()
+        return np.full((height, width, 3), (10, 20, 30), np.uint8)
+
+    def enter_picture(self) -> None:
+        self.commands.callback(self.commands.picture)(SimpleNamespace(client=object()))
 
     def enter(self, command: Command) -> None:
         """As input of the user."""
@@ -130,3 +143,10 @@ def test_jogs_and_ends_of_motions_depend_on_the_state(
     state: Any = SimpleNamespace(controller="at rest", moving=moving, operation=operation, job=job)
     assert (can_jog(state) == "") is jogs
     assert (can_end(state) == "") is ends
+
+
+def test_picture_is_that_of_the_browser_one_at_a_time(rig: Rig) -> None:
+    picture = np.asarray(Image.open(io.BytesIO(rig.commands.picture())))
+    assert (picture == (10, 20, 30)).all()
+    assert rig.messages == ["a picture is being made: wait for it"]
+    rig.commands.picture()

@@ -21,7 +21,7 @@ from scancell.scanning.session import ScanSession
 from scancell.sensor import MeshSurface
 
 PART = assets_dir() / "parts" / "step_block.stl"
-WITH_GRIPPER = Path(__file__).parents[2] / "docs" / "examples" / "exercises" / "gripper.toml"
+WITH_GRIPPER = Path(__file__).parents[2] / "assets" / "exercises" / "gripper.toml"
 ABOVE = location(450 * mm, 0, 300 * mm, rx=180 * deg)
 WORDS = "from scancell import Robot, deg, location, mm\n"
 INTO_TABLE = """

@@ -17,7 +17,7 @@ from scancell.programs.taught import COMMANDS, MAX_STEPS, JointPoint, PosePoint,
 from scancell.programs.taught_file import TaughtFile
 from scancell.programs.taught_text import program_text, read_program
 
-WITH_GRIPPER = Path(__file__).parents[2] / "docs" / "examples" / "exercises" / "gripper.toml"
+WITH_GRIPPER = Path(__file__).parents[2] / "assets" / "exercises" / "gripper.toml"
 START = location(430 * mm, 0, 230 * mm, rx=180 * deg)
 END = START @ location(20 * mm, 0, 0)
 HOME = JointPoint((0.0, -60 * deg, 185 * deg, 0.0, 55 * deg, 0.0))

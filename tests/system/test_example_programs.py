@@ -31,7 +31,7 @@ def exercise(capsys) -> Iterator[Callable[..., Ran]]:
     with ExitStack() as stack:
 
         def solve(name: str, part: str | None = None, cell: str | None = None, *words: str) -> Ran:
-            setup = load_setup(SOLUTIONS / cell if cell else None, settings=words)
+            setup = load_setup(assets_dir() / "exercises" / cell if cell else None, settings=words)
             scanner = stack.enter_context(Scanner(setup=setup, threads=1))
             session = stack.enter_context(scanner.session(PARTS / part if part else None, guarded=True))
             done = run_program(SOLUTIONS / name, session, "geometric", Path(stack.enter_context(TemporaryDirectory())))

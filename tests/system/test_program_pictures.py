@@ -23,6 +23,7 @@ from scancell.views.recorded_run import RecordedRun, open_archive, open_run
 
 PART = PARTS / "free_form.stl"
 EXERCISES = Path(__file__).parents[2] / "docs" / "examples" / "exercises"
+CELLS = PARTS.parent / "exercises"
 PROGRAM = """
 from scancell import Robot, deg, location, mm
 
@@ -236,7 +237,7 @@ def test_run_of_a_program_is_no_scan_to_repeat(folder) -> None:
 
 def test_gripped_part_and_fingers_move(tmp_path) -> None:
     """The part rises with the gripper while the fingers hold it, in true poses."""
-    cell = ("--cell", EXERCISES / "gripper.toml", "--part", PARTS / "step_block.stl", "--engine", "geometric")
+    cell = ("--cell", CELLS / "gripper.toml", "--part", PARTS / "step_block.stl", "--engine", "geometric")
     done = scancell_here("run", EXERCISES / "grasping.py", *cell, "--out", "run", "--json", cwd=tmp_path)
     assert done.code == 0, done.err
     motion = open_run(tmp_path / "run").motion

@@ -118,6 +118,12 @@ def test_name_of_the_loopback_is_not_warned_of(tmp_path: Path) -> None:
         (["--cell", "cell.toml"], "cell.toml: table.wrong_key: unknown key"),
         (["--as-built", "table.nothing=1"], "unknown perturbation 'table.nothing'"),
         (["--program", "none.py"], "none.py: no such file"),
+        (["--exercise", "8"], "--exercise 8: expected a number from 1 to 7, or kinematics, grasping, sensors"),
+        (
+            ["--exercise", "2", "--cell", "cell.toml"],
+            "--cell cell.toml: expected none: exercise 2 has a cell of its own",
+        ),
+        (["--exercise", "2", "out"], "part = 'out': expected none: exercise 2 has a part of its own"),
         (["--host", "192.0.2.1"], "expected an address of this machine"),  # RFC 5737: nobody's
         (["--host", "no such.host"], "--host no such.host: "),
     ],
@@ -134,6 +140,13 @@ def test_wrong_input_is_named_and_nothing_is_served(tmp_path: Path, words: list[
     with socket.socket() as free:
         free.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         free.bind(("127.0.0.1", 18280))
+
+
+def test_exercises_are_listed(tmp_path: Path) -> None:
+    done = scancell_here("workspace", "--exercise", "list", cwd=tmp_path)
+    assert done.code == 0
+    assert re.findall(r"^(\d)  (\w+)", done.out, re.MULTILINE)[1] == ("2", "grasping")
+    assert len(done.out.splitlines()) == 7
 
 
 def test_missing_viser_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -13,9 +14,10 @@ from scancell.cli.common import Outcome, command
 from scancell.cli.interrupts import INTERRUPTS, leaves_when_interrupted
 from scancell.cli.options import CellOptions, NoGuardOption, PathOption, ScanOption, TablePartOption
 from scancell.config.choices import LOOPBACK
-from scancell.errors import ProgramError
+from scancell.errors import DescriptionError, ProgramError
 
 if TYPE_CHECKING:
+    from scancell.exercises.declaration import Exercise
     from scancell.programs.robot import Step
     from scancell.scanning.session import ScanSession
 
@@ -40,7 +42,11 @@ def workspace(
     program: Annotated[
         Path | None, typer.Option("--program", help="robot program to run from the browser (docs/programs.md)")
     ] = None,
-    out: Annotated[Path, typer.Option("--out", help="folder of saved runs and taught programs")] = Path(
+    exercise: Annotated[
+        str | None,
+        typer.Option("--exercise", metavar="N|NAME|list", help="open an exercise (docs/exercises.md), or list them"),
+    ] = None,
+    out: Annotated[Path, typer.Option("--out", help="folder of saved runs, taught programs and result sheets")] = Path(
         "out/workspace"
     ),
     colour: Annotated[_Colour, typer.Option("--colour", help="quantity that the colours of a run's cloud show")] = (
@@ -48,10 +54,14 @@ def workspace(
     ),
 ) -> Outcome:
     """Open the running cell in a browser, or play a recorded run back, until Ctrl-C (docs/workspace.md)."""
+    if exercise == "list":
+        return _exercise_list()
     from scancell.browser.server.quiet import is_loopback  # noqa: PLC0415
     from scancell.browser.server.serve import PartFile, serve_workspace  # noqa: PLC0415
     from scancell.browser.server.workspace import WorkspaceSettings  # noqa: PLC0415
     from scancell.scanner import Scanner  # noqa: PLC0415
+
+    chosen = None if exercise is None else _exercise(exercise, target, options)
 
     def started(address: str) -> None:
         if not is_loopback(host):
@@ -67,9 +77,12 @@ def workspace(
     else:
         if program is not None and not program.is_file():
             raise ProgramError("no such file", file=program)
-        settings = WorkspaceSettings(out, options.engine, program)
+        settings = WorkspaceSettings(out, options.engine, program, chosen)
         as_built, guarded = options.as_built or (), not no_guard
-        with Scanner(setup=options.setup(scan, path), threads=options.threads) as scanner:
+        if chosen is not None:
+            target, options = chosen.part_file, replace(options, cell=chosen.cell_file)
+        changes = [] if chosen is None else chosen.settings(options.seed)
+        with Scanner(setup=options.setup(scan, path, changes), threads=options.threads) as scanner:
 
             def open_session(file: PartFile | None) -> contextlib.AbstractContextManager[ScanSession]:
                 mesh, unit = (None, "mm") if file is None else (file.path, file.unit)
@@ -78,6 +91,25 @@ def workspace(
             first = None if target is None else PartFile(target, options.unit)
             serve_workspace(open_session, first, host=host, port=port, settings=settings, started=started)
     return Outcome()
+
+
+def _exercise_list() -> Outcome:
+    from scancell.exercises.catalogue import EXERCISES  # noqa: PLC0415
+
+    lines = [f"{one.number}  {one.name:<12}{one.title}" for one in EXERCISES]
+    return Outcome(lines, {"exercises": {one.name: one.title for one in EXERCISES}})
+
+
+def _exercise(selected: str, target: Path | None, options: CellOptions) -> Exercise:
+    """The exercise, which has a cell and a part of its own."""
+    from scancell.exercises.catalogue import find_exercise  # noqa: PLC0415
+
+    exercise = find_exercise(selected)
+    for key, value in (("part", target), ("cell", options.cell)):
+        if value is not None:
+            expected = f"none: exercise {exercise.number} has a {key} of its own"
+            raise DescriptionError(key=key, value=str(value), expected=expected)
+    return exercise
 
 
 @command("run", CellOptions)

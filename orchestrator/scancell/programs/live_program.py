@@ -47,6 +47,8 @@ class LiveProgramState:
         Why it failed or was stopped; empty otherwise.
     folder
         Run folder; None while it runs, or without one.
+    record
+        Of a program that ran to its end; else None.
     """
 
     file: Path
@@ -56,6 +58,7 @@ class LiveProgramState:
     output: tuple[str, ...]
     error: str
     folder: Path | None
+    record: ProgramRun | None = None
 
     @property
     def is_active(self) -> bool:
@@ -74,12 +77,18 @@ class LiveProgram:
         How profiles are measured.
     out
         Folder in which each run makes a run folder, the first of ``program_1``, ``program_2``, ... that does not exist.
+
+    Attributes
+    ----------
+    started
+        Number of programs that were started.
     """
 
     def __init__(self, live: LiveCell, engine: Engine, out: Path) -> None:
         self._live, self._engine, self._out = live, engine, out
         self._lock = RLock()
         self._run: _Run | None = None
+        self.started = 0
 
     @property
     def state(self) -> LiveProgramState | None:
@@ -101,6 +110,7 @@ class LiveProgram:
             if self._run is not None and self._run.state.is_active:
                 raise CommandError(f"{self._run.file.name} is running: end it first")
             self._run = run = _Run(file, self._engine, self._out, paused)
+            self.started += 1
             run.future = self._live.perform(run.run, file.name)
 
     def pause(self) -> None:
@@ -176,7 +186,8 @@ class _Run:
                 line = int(place[1])
             ended = stage not in _ACTIVE
             folder = self._folder if ended and self._folder is not None and self._folder.exists() else None
-            return LiveProgramState(self.file, self._source, stage, line, tuple(self._output), error, folder)
+            record = self.future.result() if stage == "done" and self.future is not None else None
+            return LiveProgramState(self.file, self._source, stage, line, tuple(self._output), error, folder, record)
 
     def _end(self) -> tuple[Stage, str]:
         """Stage, and the reason for an end other than that of the program."""
@@ -195,11 +206,11 @@ class _Run:
     def run(self, session: ScanSession) -> ProgramRun:
         with self._lock:
             self._begun, self._folder = True, first_free(self._out, "program_{}")
-        engine, folder, begin = self._engine, self._folder, session.time
+        engine, folder = self._engine, self._folder
         before = lambda line, _command: self._before(session, line)  # noqa: E731
         done = run_program(self.file, session, engine, folder, self._after, self._note, recorded=True, before=before)
         contacts = f"contacts: {', '.join(done.contacts)}" if done.contacts else "no contact"
-        self._note(f"done in {session.time - begin:.2f} s, {contacts}")
+        self._note(f"done in {done.duration:.2f} s, {contacts}")
         return done
 
     def _before(self, session: ScanSession, line: int) -> None:

@@ -107,7 +107,7 @@ def run_program(
     ([(1, 'turn_table', '28.65 deg')], [])
     """
     program = Path(program)
-    file, run = str(program), ProgramRun()
+    file, run, begin = str(program), ProgramRun(), session.time
     written: list[Path] = []
 
     def line() -> int:
@@ -136,7 +136,7 @@ def run_program(
             recorder.end()
             target = Path(folder or ".")
             written = recorder.save(target, program, engine, with_cloud=target / CLOUD not in robot.files)
-    run.duration, run.contacts, run.files = session.time, list(watch.pairs), [*robot.files, *written]
+    run.duration, run.contacts, run.files = session.time - begin, list(watch.pairs), [*robot.files, *written]
     return run
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from scancell.browser.panels.camera_panel import CameraPanel
 from scancell.browser.panels.cell_panel import CellPanel
+from scancell.browser.panels.exercise_panel import ExercisePanel
 from scancell.browser.panels.file_panel import FilePanel, Opener
 from scancell.browser.panels.handles import set_changed
 from scancell.browser.panels.help import add_help
@@ -29,6 +30,7 @@ from scancell.browser.panels.teach_panel import TeachPanel
 from scancell.browser.panels.view_panel import ViewPanel
 from scancell.browser.scene.scene import CellScene
 from scancell.config.sensor import SensorDescription
+from scancell.exercises.attempt import Attempt
 from scancell.live.camera import CameraFeed
 from scancell.live.commands import Reset
 from scancell.live.state import LiveState
@@ -48,7 +50,7 @@ class Panel(Protocol):
 
 @dataclass(frozen=True)
 class Shared:
-    """Objects that all browsers share; `program_file` is None if the workspace was started without one."""
+    """Objects that all browsers share; `program_file` and `attempt` are None if the workspace was started without."""
 
     scene: CellScene
     plans: Plans
@@ -60,6 +62,8 @@ class Shared:
     taught: TaughtFile
     program_file: Path | None
     opener: Opener
+    attempt: Attempt | None
+    out: Path
 
 
 class ClientView:
@@ -87,6 +91,9 @@ class ClientView:
         operator.add_inputs([self._reset])
         tabs = gui.add_tab_group(order=0)
         self._panels: list[Panel] = []
+        if (attempt := shared.attempt) is not None:
+            again = shared.opener.start_again
+            self._add_tab(tabs, "Exercise", lambda: ExercisePanel(gui, operator, attempt, again, shared.out))
         with tabs.add_tab("Move"):
             motions = gui.add_tab_group()
         self._add_tab(motions, "Joints", lambda: JointPanel(gui, operator, state))

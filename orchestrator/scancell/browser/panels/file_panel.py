@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-import io
 from html import escape
 from pathlib import Path, PurePath
-from threading import Lock
 from typing import Any, Protocol
-
-from PIL import Image
 
 from scancell.browser.panels.handles import Follower, set_changed, small_html
 from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.browser.panels.recording import SessionRecording
-from scancell.errors import CommandError, DescriptionError
+from scancell.errors import DescriptionError
 from scancell.live.state import LiveState
 from scancell.nominal.parts import PART_FORMATS
 
 _UNITS = ("mm", "m", "inch")
-_PICTURE = (720, 1280)  # px, height and width
 _LONGEST_NAME = 200  # bytes
 
 
 class Opener(Protocol):
     """Opens another view."""
+
+    def start_again(self) -> None:
+        """Open the cell anew, with the same part."""
 
     def open_part(self, name: str, content: bytes, unit: str) -> None:
         """Show the cell with the file of a part, by its name, content and unit."""
@@ -34,8 +32,6 @@ class Opener(Protocol):
 
 class FilePanel:
     """Opens another part or a run, records the session, and saves pictures."""
-
-    _picture = Lock()  # a browser that does not answer blocks one thread of the server, not all
 
     def __init__(self, gui: Any, operator: OperatorCommands, opener: Opener, recording: SessionRecording) -> None:
         self._operator, self._opener, self._recording = operator, opener, recording
@@ -85,15 +81,7 @@ class FilePanel:
         self._opener.open_part(name, file.content, self._unit.value)
 
     def _take_picture(self) -> None:
-        if not self._picture.acquire(blocking=False):
-            raise CommandError("a picture is being made: wait for it")
-        try:
-            pixels = self._operator.render(*_PICTURE)
-        finally:
-            self._picture.release()
-        file = io.BytesIO()
-        Image.fromarray(pixels).save(file, "PNG")
-        self._operator.send_file("scancell.png", file.getvalue())
+        self._operator.send_file("scancell.png", self._operator.picture())
 
 
 def _checked_name(file: Any) -> str:

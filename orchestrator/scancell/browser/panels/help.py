@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from scancell.browser.panels.colours import CALM
+from scancell.browser.panels.checklist import checklist_html
 from scancell.browser.panels.handles import set_changed, small_html
 from scancell.browser.panels.scans import Scans
 from scancell.cell.controller import Operation
@@ -19,7 +20,11 @@ from scancell.live.state import LiveState
 from scancell.programs.live_program import LiveProgram
 from scancell.programs.taught_file import TaughtFile
 
+Array = NDArray[np.float64]
+
 TABS = {
+    "Exercise": "Items tick themselves off. They refer to the last program that was run; contacts are counted from the "
+    "opening of the cell on. A figure is compared with the simulated value when it is typed.",
     "Joints": "Drag a slider, or type an angle; the robot moves after the release. The translucent arm is the target.",
     "Pose": "Type a pose of the tool, or drag the handle in the scene. A sensor that looks down has the angles "
     "180, 0, 0. The text below states whether the arm reaches the pose.",
@@ -70,12 +75,22 @@ class HelpPanel:
         Of the workspace.
     start
         State in which the tour begins.
+    over_part
+        Position (3,) in the base at which a sensor that looks down measures the part, m.
     """
 
     def __init__(
-        self, gui: Any, feed: CameraFeed, scans: Scans, taught: TaughtFile, program: LiveProgram, start: LiveState
+        self,
+        gui: Any,
+        feed: CameraFeed,
+        scans: Scans,
+        taught: TaughtFile,
+        program: LiveProgram,
+        start: LiveState,
+        over_part: Array,
     ) -> None:
         nominal = feed.as_built
+        x, y, z = np.round(1e3 * over_part) + 0.0
         self._held = False  # by the guard, in a jog
         self._steps = [
             _Step(
@@ -83,7 +98,8 @@ class HelpPanel:
                 lambda state: bool(np.abs(state.joints - start.joints).max() > _MOVED),
             ),
             _Step(
-                "Move, Pose: bring the sensor over the part, until the cameras show a profile",
+                f"Move, Pose: move over the part, to {x:g}, {y:g}, {z:g} mm with the angles 180, 0, 0°, "
+                "until the cameras show a profile",
                 lambda _: feed.frame is not None and len(feed.frame.points_in_sensor) > 0,
             ),
             _Step("Move, Jog: jog tool z towards the table until the guard holds the robot", lambda _: self._held),
@@ -108,20 +124,10 @@ class HelpPanel:
         by_guard = state.guard_text.startswith(("stop", "no jog"))
         self._held = self._held or (by_guard and state.operation is Operation.MANUAL)
         self._done = [done or step.is_done(state) for done, step in zip(self._done, self._steps, strict=True)]
-        set_changed(self._tour, "content", tour_html([step.text for step in self._steps], self._done))
+        shown = checklist_html("Tour", "steps", [step.text for step in self._steps], self._done)
+        set_changed(self._tour, "content", shown)
 
 
 def _is_run(program: LiveProgram, file: Path) -> bool:
     state = program.state
     return state is not None and state.file == file and state.stage == "done"
-
-
-def tour_html(texts: list[str], done: list[bool]) -> str:
-    """Steps with their marks; the first one that is not done is bold."""
-    following = done.index(False) if False in done else -1
-    lines = [f"<b>Tour</b>, {sum(done)} of {len(done)} steps done"]
-    for number, (text, is_done) in enumerate(zip(texts, done, strict=True)):
-        mark = f'<span style="color:{CALM}">&#9745;</span>' if is_done else "&#9744;"
-        shown = f"<b>{escape(text)}</b>" if number == following else escape(text)
-        lines.append(f"{mark} {shown}")
-    return small_html(lines)

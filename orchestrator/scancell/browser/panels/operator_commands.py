@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Iterable
+from threading import Lock
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from scancell.browser.panels.conditions import OTHER_OPERATOR, always
 from scancell.browser.panels.handles import set_changed
@@ -26,6 +29,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Condition = Callable[[LiveState], str]  # reason why an input cannot work now; empty if it can
 
+_PICTURE = (720, 1280)  # px, height and width
 _RENDER_TIMEOUT = 60.0  # s, within which a browser renders a picture
 
 
@@ -48,6 +52,8 @@ class OperatorCommands:
     nominal
         Nominal cell.
     """
+
+    _rendering = Lock()  # a browser that does not answer blocks one thread of the server, not all
 
     def __init__(
         self,
@@ -106,9 +112,23 @@ class OperatorCommands:
         """Let the browser download a file."""
         self._client.send_file_download(name, content, save_immediately=True)
 
-    def render(self, height: int, width: int) -> NDArray[np.uint8]:
-        """Picture (height, width, 3) of the scene as this browser shows it."""
-        return np.asarray(self._client.get_render(height, width, timeout=_RENDER_TIMEOUT), np.uint8)
+    def picture(self) -> bytes:
+        """PNG of the scene as this browser shows it.
+
+        Raises
+        ------
+        CommandError
+            While another picture is made.
+        """
+        if not self._rendering.acquire(blocking=False):
+            raise CommandError("a picture is being made: wait for it")
+        try:
+            pixels = self._client.get_render(*_PICTURE, timeout=_RENDER_TIMEOUT)
+        finally:
+            self._rendering.release()
+        file = io.BytesIO()
+        Image.fromarray(np.asarray(pixels, np.uint8)).save(file, "PNG")
+        return file.getvalue()
 
     def take_control(self) -> None:
         """Become the operator."""

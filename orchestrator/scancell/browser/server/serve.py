@@ -145,7 +145,9 @@ class Host:
         """
         with self._one_file():
             run = open_archive(content, name)
-            self._show_next(_Opened(lambda: Playback(self._server, run, "deviation", back=self._go_back), ExitStack()))
+            self._show_next(
+                _Opened(lambda: Playback(self._server, run, "deviation", back=self.start_again), ExitStack())
+            )
 
     @contextmanager
     def _one_file(self) -> Iterator[None]:
@@ -156,7 +158,7 @@ class Host:
         finally:
             self._opening.release()
 
-    def _go_back(self) -> None:
+    def start_again(self) -> None:
         """Open the cell with its last part again."""
         self._show_next(self._open_cell(self._part))
 

@@ -10,6 +10,9 @@ from pathlib import Path
 from threading import Event, Lock
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from scancell.browser.panels.client_view import ClientView, Shared
 from scancell.browser.panels.file_panel import Opener
 from scancell.browser.panels.help import HelpPanel
@@ -23,10 +26,14 @@ from scancell.browser.scene.live_cloud import LiveCloud
 from scancell.browser.scene.scene import CellScene
 from scancell.browser.server.operators import Operators
 from scancell.config.choices import Engine
+from scancell.config.sensor import SensorDescription
+from scancell.exercises.attempt import Attempt
+from scancell.exercises.declaration import Exercise
 from scancell.geometry import pose
 from scancell.live.camera import CameraFeed
 from scancell.live.cell import LiveCell
 from scancell.live.plan import LivePlan
+from scancell.nominal.cell import NominalCell
 from scancell.programs.live_program import LiveProgram
 from scancell.programs.taught_file import TaughtFile
 from scancell.scanning.session import ScanSession
@@ -51,11 +58,14 @@ class WorkspaceSettings:
         Initial engine of scans and robot programs.
     program
         File of a robot program.
+    exercise
+        Exercise to do in the cell with its part.
     """
 
     out: Path = Path("out/workspace")
     engine: Engine = "ray-traced"
     program: Path | None = None
+    exercise: Exercise | None = None
 
 
 class Workspace:
@@ -116,7 +126,11 @@ class Workspace:
         self.feed.wanted, self._drawn = True, 0
         program = LiveProgram(self.live, settings.engine, settings.out)
         taught = TaughtFile(settings.out / "taught.py")
-        self._help = HelpPanel(server.gui, self.feed, self.scans, taught, program, self.live.state)
+        over_part = _over_part(self.nominal, setup.sensor)
+        self._help = HelpPanel(server.gui, self.feed, self.scans, taught, program, self.live.state, over_part)
+        exercise, attempt = settings.exercise, None
+        if exercise is not None and session.job.part_file == exercise.part_file:
+            attempt = Attempt(exercise, self.live, session, program, taught)
         self._shared = Shared(
             self.scene,
             self.plans,
@@ -128,6 +142,8 @@ class Workspace:
             taught,
             settings.program,
             opener,
+            attempt,
+            settings.out,
         )
 
     def run(self, ended: Callable[[], bool]) -> None:
@@ -198,6 +214,15 @@ class Workspace:
         self._operators.leave(client.client_id)
         with self._lock:
             self._views.pop(client.client_id, None)
+
+
+def _over_part(cell: NominalCell, sensor: SensorDescription) -> NDArray[np.float64]:
+    """Position (3,) in the base from which a sensor that looks down has the part in the middle of its range, m."""
+    corners = pose.transform_points(cell.world_from_part(0.0), cell.part.vertices)
+    middle = (corners.min(0) + corners.max(0)) / 2
+    standoff = 0.5e-3 * (sensor.range.near_mm + sensor.range.far_mm)
+    above = np.array([middle[0], middle[1], corners[:, 2].max() + standoff])
+    return np.asarray(pose.transform_points(pose.inverse(cell.arm.world_from_base), above[None])[0])
 
 
 @contextmanager
