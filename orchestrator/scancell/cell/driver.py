@@ -77,6 +77,9 @@ class Driver:
                         self._expose_at_rest(segment, program.settle)
                     if progress:
                         progress(float(segment.times[-1]))
+        except BaseException:
+            self._records.pass_on()
+            raise
         finally:
             self._disarm_trigger()
         return self._records.finish()
