@@ -40,23 +40,23 @@ _POINT = 15  # bytes of a point's position and colour
 
 def workspace_rows() -> Iterator[Row]:
     """Cycles, updates and pairs of images each second while the arm moves, guarded; a scan; a growing cloud."""
-    with Scanner(setup=load_setup(settings=_LENS)) as scanner, _opened(scanner, "ray-traced") as (workspace, viewer):
+    with Scanner(setup=load_setup(settings=_LENS)) as scanner, opened(scanner, "ray-traced") as (workspace, viewer):
         _sway(workspace)
         yield from _moving_rows(workspace, viewer, "ray-traced cameras", _LONG_S, with_pairs=True)
     with Scanner(setup=load_setup()) as scanner:
-        with _opened(scanner, "geometric") as (workspace, viewer):
+        with opened(scanner, "geometric") as (workspace, viewer):
             _sway(workspace)
             yield from _moving_rows(workspace, viewer, "geometric cameras")
             yield from _cloud_rows(workspace, viewer)
             workspace.live.submit(Cancel())
             yield from _scan_rows(workspace, viewer)
-        with _opened(scanner, "geometric") as (workspace, viewer):
+        with opened(scanner, "geometric") as (workspace, viewer):
             viewer.close()  # the page is the operator
             yield from display_rows(workspace, viewer.url)
 
 
 @contextmanager
-def _opened(scanner: Scanner, engine: Engine) -> Iterator[tuple[Workspace, Viewer]]:
+def opened(scanner: Scanner, engine: Engine) -> Iterator[tuple[Workspace, Viewer]]:
     """The workspace of the default cell with a client that has panels."""
 
     def open_session(file: PartFile | None) -> AbstractContextManager[ScanSession]:

@@ -46,6 +46,9 @@ class Gui:
     def add_vector2(self, name: str, value: tuple[float, float], **_: object) -> Handle:
         return self.named.setdefault(name, Handle(value))
 
+    def add_slider(self, name: str, *_: object, **__: object) -> Handle:
+        return self.named.setdefault(name, Handle())
+
     def add_progress_bar(self, value: float) -> Handle:
         return Handle(value)
 
@@ -72,6 +75,7 @@ def test_engine_of_a_scan_is_at_first_that_of_the_workspace(engine: Engine, tmp_
     scans = Scans(SimpleNamespace(), cloud, None, tmp_path, engine)  # type: ignore[arg-type]
     gui, started = Gui(), []
     scans.start = started.append  # type: ignore[method-assign]
-    ScanPanel(gui, operator(), scans)
+    playback = SimpleNamespace(play_or_pause=None, go_to=None, leave=None)
+    ScanPanel(gui, operator(), scans, playback)  # type: ignore[arg-type]
     gui.named["Scan the part"].click()
     assert started == [engine]

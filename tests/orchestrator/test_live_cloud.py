@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -30,7 +32,8 @@ def chunk(seed: int, n: int = 400) -> LiveChunk:
 @pytest.fixture
 def cloud() -> LiveCloud:
     """A cloud of two chunks, whose scene keeps the colours that it was sent."""
-    scene = SimpleNamespace(sent=[], add_points=lambda _points, colours, _size: scene.sent.append(colours))
+    scene = SimpleNamespace(sent=[], add_points=lambda _points, colours, _size: scene.sent.append(colours), complete=0)
+    scene.show_chunks = partial(setattr, scene, "complete")
     scene.clear_points = scene.sent.clear
     made = LiveCloud(scene)  # type: ignore[arg-type]
     made.scene = scene  # type: ignore[attr-defined]
@@ -88,6 +91,36 @@ def test_only_values_have_a_bar(cloud: LiveCloud) -> None:
     assert cloud.bar is not None
     cloud.clear()
     assert cloud.bar is None
+
+
+def test_too_many_points_are_thinned_evenly_and_memory_stays_bounded(cloud: LiveCloud) -> None:
+    small = LiveCloud(cloud.scene, most=1000)  # type: ignore[attr-defined]
+    for seed in range(40):
+        small.add(chunk(seed), 1e-3)
+        assert small.count <= 1000
+    assert small.step == 16
+    assert small.count == 40 * 400 // 16
+    kept = np.concatenate([one.time for one in small._chunks])
+    np.testing.assert_array_equal(kept, np.tile(np.arange(0.0, 400.0, 16.0), 40))
+    assert all(one.time.base is None for one in small._chunks)  # no view, which would keep all points
+    small.clear()
+    small.add(chunk(1), 1e-3)
+    assert (small.step, small.count) == (1, 400)
+
+
+def test_chunks_are_shown_up_to_a_time_also_after_other_colours(cloud: LiveCloud) -> None:
+    scene = cloud.scene  # type: ignore[attr-defined]
+    later = chunk(3)
+    cloud.add(replace(later, time=later.time + 400), 1e-3)
+    cloud.show_until(398.0)
+    assert scene.complete == 0
+    cloud.show_until(399.0)
+    assert scene.complete == 2
+    cloud.show_until(799.0)
+    assert scene.complete == 3
+    cloud.show_until(0.0)
+    cloud.colour_by("quality")
+    assert scene.complete == 0
 
 
 def test_bar_shows_limits_and_one_column_for_each_interval(cloud: LiveCloud) -> None:

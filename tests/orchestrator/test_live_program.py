@@ -5,15 +5,20 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from threading import Event
 
 import numpy as np
 import pytest
-from live_cells import SteppedCell
+from live_cells import PATIENCE, SteppedCell
 
 from scancell import Scanner
+from scancell.config.loading import assets_dir
 from scancell.errors import CommandError, ProgramError
+from scancell.evaluation.deviation import deviation_from_mesh
 from scancell.live.commands import Cancel
+from scancell.live.scan import LiveChunk
 from scancell.programs.live_program import LiveProgram, LiveProgramState
+from scancell.reconstruction.cloud_files import read_ply
 from scancell.views.recorded_run import open_run
 
 THREE = """from scancell import Robot, deg
@@ -24,6 +29,13 @@ def main(robot: Robot) -> None:
     robot.turn_table(5 * deg)
     robot.turn_table(10 * deg)
     robot.turn_table(15 * deg)
+"""
+SCAN_LINE = """from scancell import Robot, deg, location, mm
+
+
+def main(robot: Robot) -> None:
+    robot.move_tool(location(430 * mm, 0, 230 * mm, rx=180 * deg))
+    robot.scan_line(location(470 * mm, 0, 230 * mm, rx=180 * deg), spacing=0.5 * mm)
 """
 
 
@@ -173,6 +185,38 @@ def test_each_run_has_a_run_folder(rig: Rig) -> None:
     assert run.motion.start == pytest.approx(begins, abs=0.1)
     turned = [run.motion.frames(time)["table"] for time in (run.motion.start, run.motion.duration)]
     assert np.degrees(np.arccos(turned[0][:3, 0] @ turned[1][:3, 0])) == pytest.approx(15.0, abs=1e-3)
+
+
+def test_points_of_a_scan_line_come_while_it_is_measured(ideal_scanner: Scanner, tmp_path: Path) -> None:
+    """In chunks, the first ones while the sensor moves; together they are the recorded cloud."""
+    chunks: list[LiveChunk] = []
+    during: list[int] = []
+    with ideal_scanner.session(assets_dir() / "parts" / "free_form.stl") as session:
+        cell, waited = session.cell, Event()
+
+        def count_chunks() -> None:
+            """While the line is driven; it does not go on before the first chunk has come."""
+            if cell.get_integer("command.trigger.mode") != 0:
+                for _ in range(PATIENCE * 100 if cell.get_integer("trigger.count") > 40 else 0):
+                    if chunks:
+                        break
+                    waited.wait(0.01)
+                during.append(len(chunks))
+
+        made = Rig(SteppedCell(session), tmp_path)
+        made.program = LiveProgram(made.cell.live, "geometric", made.out, lambda: chunks.append)
+        made.file.write_text(SCAN_LINE)
+        cell.on_cycle(16_000, count_chunks)
+        state, surface = made.runs(), session.job.loaded.part_surface
+        assert session.on_points is None
+    assert (state.stage, state.error) == ("done", "")
+    assert len(chunks) > during[-1] > 0
+    saved = read_ply(state.folder / "cloud.ply")
+    points = np.concatenate([chunk.points_in_part for chunk in chunks])
+    np.testing.assert_allclose(points, saved.points_in_part, atol=1e-6)
+    assert np.isfinite(saved.normals).all(axis=1).mean() > 0.9
+    exact = deviation_from_mesh(saved, surface).distance
+    np.testing.assert_allclose(np.concatenate([chunk.deviation for chunk in chunks]), exact, atol=1e-6)
 
 
 def test_long_output_is_cut(rig: Rig) -> None:

@@ -76,6 +76,10 @@ def test_points_handed_over_are_those_of_saved_cloud(session: ScanSession, tmp_p
     np.testing.assert_allclose(joined(rig.chunks, "deviation"), result.deviation.distance, atol=1e-12)
     for name in ("intensity", "quality", "sigma", "camera", "time"):
         np.testing.assert_allclose(joined(rig.chunks, name), getattr(cloud, name), rtol=1e-6)
+    job = session.job
+    whole, dropped = session.pipeline.reconstruct(job.loaded.estimated, result.recording, result.profiles, job.setup)
+    np.testing.assert_allclose(whole.normals, cloud.normals, atol=1e-9)
+    assert dropped.as_json() == result.dropped.as_json()
     state = rig.scan.state
     assert (state.stage, state.behind, state.points) == ("done", 0, len(cloud))
     assert state.taken == state.planned == len(result.recording) == len(result.plan.segment)
@@ -127,7 +131,7 @@ def test_scan_waits_for_slow_sensing(session: ScanSession) -> None:
 
 @pytest.mark.parametrize("stage", ["planning", "scanning"])
 def test_stop_ends_scan_keeps_what_was_measured_and_cell_takes_commands(session: ScanSession, tmp_path, stage) -> None:
-    rig = Rig(session, engine="geometric")
+    rig = Rig(session, engine="geometric", batch=50)  # the last batch is incomplete when the scan is stopped
 
     def stop() -> None:
         state = rig.scan.state
@@ -141,11 +145,13 @@ def test_stop_ends_scan_keeps_what_was_measured_and_cell_takes_commands(session:
     else:
         result = rig.run()
         state = rig.scan.state
-        assert 0 < state.sensed == len(result.recording) < state.planned
+        assert 30 < state.sensed == state.taken == len(result.recording) < state.planned
         assert len(result.cloud) == state.points == sum(len(chunk.time) for chunk in rig.chunks) > 100
         assert f"stopped after {state.sensed} of {state.planned} exposures: stopped" in result.warnings
         result.save(tmp_path / "run")
-        assert len(open_run(tmp_path / "run", len(result.cloud)).cloud) == len(result.cloud)
+        opened = open_run(tmp_path / "run", len(result.cloud))
+        assert len(opened.cloud) == len(result.cloud)
+        assert opened.motion.duration == opened.motion.times[-1]  # not that of the plan
     assert rig.scan.state.stage == "stopped"
     assert rig.scan.state.ended_by == ("" if stage == "planning" else "stopped")
     assert rig.live.state.controller == "emergency stop"
@@ -155,6 +161,54 @@ def test_stop_ends_scan_keeps_what_was_measured_and_cell_takes_commands(session:
     rig.live.submit(MoveLine(raised))
     rig.cycles(250)
     np.testing.assert_allclose(session.world_from_tool(), raised, atol=1e-3)
+
+
+def test_every_exposure_taken_before_a_stop_is_kept_while_sensing_lags(session: ScanSession) -> None:
+    rig, waited = Rig(session, engine="geometric"), threading.Event()
+
+    def lag(_: LiveChunk) -> None:
+        """The first chunk takes until the scan waits for it, and is cancelled."""
+        while rig.scan.state.taken < 12:
+            waited.wait(0.01)
+        if rig.scan.state.sensed <= 4:
+            rig.live.submit(Cancel())
+            while rig.live.state.job is not None:
+                waited.wait(0.01)
+
+    rig.scan = LiveScan("geometric", lag, batch=4, most_behind=1)
+    _require_all_kept(rig, rig.run())
+
+
+def test_exposures_before_a_stop_by_the_controller_are_kept(session: ScanSession) -> None:
+    """As the guard stops it."""
+    rig = Rig(session, engine="geometric", batch=4)
+    session.cell.on_cycle(16_000, lambda: rig.scan.state.taken > 10 and session.press_emergency_stop())
+    _require_all_kept(rig, rig.run())
+    assert rig.live.state.controller == "emergency stop"
+
+
+def _require_all_kept(rig: Rig, result: ScanResult) -> None:
+    state = rig.scan.state
+    assert state.stage == "stopped"
+    assert 10 < len(result.recording) == state.sensed == state.taken < state.planned
+    index = result.recording.measured.index
+    np.testing.assert_array_equal(index, np.arange(len(index)) + index[0])
+    assert index[-1] >= rig.session.cell.get_integer("trigger.count") - 1  # one may be exposed when it stops
+    assert f"stopped after {state.sensed} of {state.planned} exposures: {state.ended_by}" in result.warnings
+
+
+def test_stopped_scan_is_saved_and_evaluated_as_a_finished_one(session: ScanSession, tmp_path) -> None:
+    whole = Rig(session, engine="geometric")
+    finished = whole.run()
+    part = Rig(session, engine="geometric")
+    session.cell.on_cycle(16_000, lambda: part.scan.state.taken > 60 and part.live.submit(Cancel()))
+    stopped = part.run()
+    assert part.scan.state.stage == "stopped"
+    files = [sorted(file.name for file in result.save(tmp_path / name)) for name, result in
+             (("finished", finished), ("stopped", stopped))]  # fmt: skip
+    assert files[0] == files[1]
+    assert stopped.deviation.rms == pytest.approx(finished.deviation.rms, rel=0.2)
+    assert 0 < stopped.coverage.fraction < finished.coverage.fraction
 
 
 def test_error_of_the_receiver_ends_the_scan(session: ScanSession) -> None:

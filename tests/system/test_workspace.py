@@ -448,14 +448,32 @@ def test_scan_of_an_opened_part_runs_to_the_planned_cloud(opened: Opened) -> Non
     result, state = scans.result, scans.state
     assert state is not None
     assert state.sensed == state.planned == len(result.recording)
-    assert scans.cloud.count == len(result.cloud) > 10_000
+    assert scans.cloud.count * scans.cloud.step == pytest.approx(len(result.cloud), rel=0.01)
+    assert len(result.cloud) > 10_000
+    page.get_by_text("compared, mean").wait_for()
+    is_lost = page.get_by_text("discard a scan of")
+    is_lost.wait_for()
     page.get_by_role("button", name="Save the run folder").click()
     page.locator(".mantine-Notification-root", has_text="saved: ").wait_for()
+    is_lost.wait_for(state="detached")
     saved = read_ply(opened.out / "scan_1" / "cloud.ply")
     assert len(saved) == len(result.cloud)
     with page.expect_download() as download:
         page.get_by_role("button", name="Download the cloud").click()
     np.testing.assert_allclose(read_ply(download.value.path()).points_in_part, saved.points_in_part, atol=1e-7)
+    page.get_by_role("button", name="Play the scan back").click()
+    sentence = page.get_by_role("alert").filter(has_text="A recorded scan is played back")
+    back = page.get_by_role("button", name="Back to the running cell")
+    sentence.wait_for()
+    playback = opened.workspace.playback
+    page.get_by_role("button", name="Pause").click()
+    fill(page, "time of the scan, s", 1.5)
+    opened.until(lambda _: playback.time == 1.5, "the time of the slider")
+    assert opened.frame(lambda frame: frame.is_replayed).engine == "geometric"
+    back.click()
+    opened.until(lambda state: state.job is None, "the running cell")
+    sentence.wait_for(state="detached")
+    opened.frame(lambda frame: not frame.is_replayed)
 
 
 def pixel(page: Any, camera: Any, point: np.ndarray) -> tuple[float, float]:

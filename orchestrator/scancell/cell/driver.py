@@ -86,6 +86,9 @@ class Driver:
                         self._run_belt(segment, segment.belt)
                     if progress:
                         progress(float(segment.times[-1]))
+        except BaseException:
+            self._records.pass_on()
+            raise
         finally:
             self._disarm_trigger()
         return self._records.finish()

@@ -69,11 +69,13 @@ class RecordCollector:
                 self._numbers.append((index, segment))
                 self._records.append(self._cell.get(self._group).copy())
         if self._batches is not None and len(self) - self._passed_on >= self._batches.size:
-            self._pass_on(self._batches)
+            self.pass_on()
 
-    def _pass_on(self, batches: RecordBatches) -> None:
-        first, self._passed_on = self._passed_on, len(self)
-        batches.receive(self._recording(first))
+    def pass_on(self) -> None:
+        """Pass on the records of an incomplete batch, such as those before a stop."""
+        if self._batches is not None and len(self) > self._passed_on:
+            first, self._passed_on = self._passed_on, len(self)
+            self._batches.receive(self._recording(first))
 
     def finish(self) -> Recording:
         """Step until no record is queued or pending; returns all records.
@@ -88,8 +90,7 @@ class RecordCollector:
             if self._cell.time_us > limit:
                 raise CellError("trigger records are missing at the end of the program")
             self.step_to(self._cell.time_us + self._cycle_us)
-        if self._batches is not None and len(self) > self._passed_on:
-            self._pass_on(self._batches)
+        self.pass_on()
         return self._recording()
 
     def _recording(self, first: int = 0) -> Recording:

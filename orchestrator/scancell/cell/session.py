@@ -512,6 +512,7 @@ class CellSession:
         *,
         speed: Share = 1.0,
         timeout: float = 60.0,
+        batches: RecordBatches | None = None,
     ) -> Recording:
         """Move the sensor as in `move_line`, with exposures on the way; the first one begins at the start.
 
@@ -525,6 +526,8 @@ class CellSession:
             Duration of each, s.
         speed, timeout
             As of `move_line`.
+        batches
+            As of `run_program`.
 
         Raises
         ------
@@ -533,7 +536,7 @@ class CellSession:
         DescriptionError
             As of `move_line`, and if `spacing` or `exposure` is not a positive number.
         """
-        collector = RecordCollector(self._cell, self._cycle_us, exposure)
+        collector = RecordCollector(self._cell, self._cycle_us, exposure, batches)
         self._set_real("command.trigger.distance", spacing)
         self._cell.set_integer("command.trigger.mode", TRIGGER_MODES["path_distance"])
         self._step_to = collector.step_to

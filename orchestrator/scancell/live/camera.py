@@ -22,6 +22,7 @@ from scancell.errors import ScancellError
 from scancell.live.cell import LiveCell
 from scancell.scanning.exposure_control import ExposureControl
 from scancell.scanning.pipeline import Job
+from scancell.scanning.scan import ScanData
 from scancell.scanning.sense import ExposureImages, Sensors, make_sensors
 from scancell.scanning.session import ScanSession
 from scancell.scanning.single_exposure import Profile, measure_profile
@@ -30,6 +31,7 @@ Array = NDArray[np.float64]
 T = TypeVar("T", bound=np.generic)
 
 _PATIENCE = 0.1  # s, period at which a waiting feed checks whether it was closed
+_REPLAY_PERIOD = 0.02  # s, at which a feed that replays checks whether there is another exposure
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +56,8 @@ class CameraFrame:
         (n,) of the points, digital numbers; index of the camera.
     error
         Reason why there is no frame; empty if there is one.
+    is_replayed
+        Whether it shows an exposure of a recorded scan, in place of the running cell.
     """
 
     number: int
@@ -67,6 +71,7 @@ class CameraFrame:
     intensity: NDArray[np.floating]
     camera: NDArray[np.int32]
     error: str = ""
+    is_replayed: bool = False
 
 
 class CameraFeed(Closing):
@@ -108,6 +113,7 @@ class CameraFeed(Closing):
         self._on_frame = on_frame
         words = tuple(sensor_words(self._job.as_built))
         self._setting = _Setting(engine, words, self._job.sensors, self._job.sensors.control())
+        self._replayed: tuple[_Setting, Recording] | None = None
         self._frame: CameraFrame | None = None
         self._wanted, self._closed = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="cameras", daemon=True)
@@ -166,6 +172,27 @@ class CameraFeed(Closing):
         sensors = replace(made, nominal=self._job.sensors.nominal)
         self._setting = _Setting(self._setting.engine, words, sensors, sensors.control())
 
+    def replay(self, scan: ScanData, row: int) -> None:
+        """Render an exposure of a recorded scan of this cell, with its engine and sensor, until another or `resume`.
+
+        The images are those of the scan, noise included. With automatic exposure, the exposure time is that of
+        consecutive profiles, as they are replayed.
+
+        Parameters
+        ----------
+        row
+            Of the recording, from 0.
+        """
+        setting = None if self._replayed is None else self._replayed[0]
+        if setting is None or setting.sensors is not scan.sensors or setting.engine != scan.engine:
+            words = tuple(sensor_words(scan.as_built))
+            setting = _Setting(scan.engine, words, scan.sensors, scan.sensors.control())
+        self._replayed = setting, scan.recording[row : row + 1]
+
+    def resume(self) -> None:
+        """Render the running cell again."""
+        self._replayed = None
+
     def close(self) -> None:
         """End the thread."""
         self._closed.set()
@@ -182,19 +209,25 @@ class CameraFeed(Closing):
             if not self._wanted.wait(_PATIENCE):
                 request = None  # its poses would be those of the beginning of the pause
                 continue
-            recording = self._look(request or self._ask())
-            if recording is None or not self._wanted.is_set():
+            if (replayed := self._replayed) is not None:
                 request = None
-                continue
-            # Asked now, the next poses are there when this frame is made: rendering does not wait for a cycle.
-            request = self._ask()
-            setting = self._setting
+                setting, recording = replayed
+            else:
+                live = self._look(request or self._ask())
+                if live is None or not self._wanted.is_set():
+                    request = None
+                    continue
+                # Asked now, the next poses are there when this frame is made: rendering does not wait for a cycle.
+                request = self._ask()
+                setting, recording = self._setting, live
             key = (_poses(recording), setting, setting.control.first)
             if key != shown:
                 number += 1
-                self._frame = _made(number, self._job, recording, setting, self._threads)
-                shown = key
+                frame = _made(number, self._job, recording, setting, self._threads)
+                self._frame, shown = replace(frame, is_replayed=replayed is not None), key
                 self._on_frame(self._frame)
+            elif replayed is not None:
+                self._closed.wait(_REPLAY_PERIOD)
         if request is not None:
             request.cancel()
 

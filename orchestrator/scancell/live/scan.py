@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import queue
 import threading
+from collections import Counter, deque
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass, fields, replace
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +26,13 @@ from scancell.nominal.plausibility import setup_warnings
 from scancell.planning.plan import Plan
 from scancell.progress import NullProgress
 from scancell.reconstruction.cloud import Cloud
+from scancell.reconstruction.reconstruct import Dropped, ProfilePoints
 from scancell.results import ScanResult
 from scancell.scanning.exposure_control import ExposureControl
 from scancell.scanning.scan import SAMPLE_IMAGES, Exposed, Scan
 from scancell.scanning.sense import ExposureImages, SensingResult, sample_rows
 from scancell.scanning.session import ScanSession
+from scancell.scanning.stored_columns import StoredColumns
 from scancell.stopwatch import Stopwatch
 
 Stage = Literal["waiting", "planning", "approaching", "scanning", "sensing", "done", "stopped", "failed"]
@@ -60,6 +63,16 @@ class LiveChunk:
     camera: NDArray[np.int32]
     deviation: NDArray[np.float64]
     time: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, cloud: Cloud, deviation: NDArray[np.float64]) -> Self:
+        """From a cloud and the distance (n,) of its points from the mesh, m."""
+        columns = (cloud.intensity, cloud.quality, cloud.sigma, cloud.camera, deviation, cloud.time)
+        return cls(cloud.points_in_part, *columns)
+
+    def __getitem__(self, rows: slice) -> Self:
+        """A copy of some points."""
+        return type(self)(*(getattr(self, field.name)[rows].copy() for field in fields(self)))
 
 
 @dataclass(frozen=True)
@@ -138,10 +151,14 @@ class LiveScan:
     ) -> None:
         self._engine, self._on_points, self._given, self._batch = engine, on_points, plan, batch
         self._chunks: queue.Queue[Recording | None] = queue.Queue(most_behind)
+        self._after_stop: deque[Recording] = deque()  # chunks that a stop left no time to wait with
         self._lock, self._given_up = threading.Lock(), threading.Event()
         self._stage: Stage = "waiting"
         self._planned = self._taken = self._sensed = self._points = 0
-        self._parts: list[tuple[SensingResult, Recording]] = []
+        self._recordings: list[Recording] = []
+        self._profiles, self._cloud = StoredColumns(ProfilePoints), StoredColumns(Cloud)
+        self._dropped: Dropped | None = None
+        self._timings: Counter[str] = Counter()
         self._ended_by = ""
         self._images: list[ExposureImages] = []
         self._begin = 0.0
@@ -214,15 +231,20 @@ class LiveScan:
         self._hand_over(taken.since(self._begin), session)
 
     def _hand_over(self, chunk: Recording | None, session: ScanSession) -> None:
-        """Wait until sensing is near enough; a stop or `Cancel` ends the wait."""
+        """Wait until sensing is near enough; a stop or `Cancel` ends the wait, but keeps the chunk."""
         while True:
-            session.progress.advance(0.0)
             if self._given_up.is_set():
                 self.result.result(0)  # raises
             try:
                 return self._chunks.put(chunk, timeout=_PATIENCE)
             except queue.Full:
-                continue
+                pass
+            try:
+                session.progress.advance(0.0)
+            except JobStopped:
+                if chunk is not None:
+                    self._after_stop.append(chunk)
+                raise
 
     # In the thread that senses
 
@@ -233,7 +255,7 @@ class LiveScan:
         try:
             while (chunk := self._next()) is not None:
                 self._sense(chunk, scan, samples, control)
-            if not self._given_up.is_set() and self._parts:
+            if not self._given_up.is_set() and self._recordings:
                 self._finish(session, plan, scan)
             elif self._ended_by:
                 self._fail(CancelledError(f"the scan was ended: {self._ended_by}"), "stopped")
@@ -247,40 +269,43 @@ class LiveScan:
                 return self._chunks.get(timeout=_PATIENCE)
             except queue.Empty:
                 if self._ended_by:
-                    break
+                    return self._after_stop.popleft() if self._after_stop else None
         return None
 
     def _sense(self, chunk: Recording, scan: Scan, samples: NDArray[np.int64], control: ExposureControl) -> None:
         rows = samples[(samples >= self._sensed) & (samples < self._sensed + len(chunk))] - self._sensed
         with self._watch.measure("sense"):
             sensed, images = scan.sense(chunk, NullProgress(), rows.tolist(), control)
-        self._parts.append((sensed, chunk))
         self._images += images
         with self._watch.measure("reconstruct"):
-            cloud = scan.points_of(chunk, sensed)
-            points = self._chunk(cloud, scan)
+            cloud, dropped = scan.points_of(chunk, sensed)
+            self._store(chunk, sensed, cloud, dropped)
+            loaded = scan.job.loaded
+            points = LiveChunk.of(
+                cloud, deviation_from_mesh(cloud, loaded.part_surface, scan.pipeline.threads).distance
+            )
         self._sensed += len(chunk)
         if len(cloud):
             self._points += len(cloud)
             self._on_points(points)
 
-    def _chunk(self, cloud: Cloud, scan: Scan) -> LiveChunk:
-        loaded = scan.job.loaded
-        found = deviation_from_mesh(cloud, loaded.part_surface, scan.pipeline.threads)
-        return LiveChunk(
-            cloud.points_in_part, cloud.intensity, cloud.quality, cloud.sigma, cloud.camera, found.distance, cloud.time
-        )
+    def _store(self, chunk: Recording, sensed: SensingResult, cloud: Cloud, dropped: Dropped) -> None:
+        frame = (sensed.profiles.frame + self._sensed).astype(np.int32)
+        self._profiles.append(replace(sensed.profiles, frame=frame))
+        self._cloud.append(cloud)
+        self._recordings.append(chunk)
+        self._dropped = dropped if self._dropped is None else self._dropped + dropped
+        self._timings.update(sensed.timings)
 
     def _finish(self, session: ScanSession, plan: Plan, scan: Scan) -> None:
-        parts, self._parts = self._parts, []
-        chunks = [chunk for _, chunk in parts]
-        sensed = SensingResult.joined([part for part, _ in parts], [len(chunk) for chunk in chunks])
+        assert self._dropped is not None
+        sensed = SensingResult(self._profiles.joined(), dict(self._timings))
         if self._ended_by:
             warning = f"stopped after {self._sensed} of {self._planned} exposures: {self._ended_by}"
             scan = replace(scan, setup_warnings=(*scan.setup_warnings, warning))
-        exposed = Exposed(Recording.joined(chunks), sensed, tuple(self._images), session.cell.token)
+        exposed = Exposed(Recording.joined(self._recordings), sensed, tuple(self._images), session.cell.token)
         try:
-            result = scan.of_profiles(exposed, plan, NullProgress(), self._watch)
+            result = scan.of_parts(exposed, self._cloud.joined(), self._dropped, plan, self._watch)
         except EmptyScanError as error:
             self._fail(error, "stopped" if self._ended_by else "failed")
             return

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import re
 from collections import deque
+from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from threading import RLock
 from typing import Literal
 
 from scancell.config.choices import Engine
 from scancell.errors import CommandError, ProgramError
+from scancell.evaluation.deviation import deviation_from_mesh
 from scancell.files import first_free
 from scancell.live.cell import LiveCell
 from scancell.live.jobs import JobStopped
+from scancell.live.scan import LiveChunk
 from scancell.programs.program import ProgramRun, run_program
 from scancell.programs.robot import Step
+from scancell.reconstruction.cloud import Cloud
 from scancell.scanning.session import ScanSession
 
 Stage = Literal["waiting", "running", "paused", "done", "stopped", "failed"]
@@ -77,6 +82,9 @@ class LiveProgram:
         How profiles are measured.
     out
         Folder in which each run makes a run folder, the first of ``program_1``, ``program_2``, ... that does not exist.
+    points_of_run
+        Called when a program starts; the function that it returns receives the points of its scan lines, in the thread
+        that senses.
 
     Attributes
     ----------
@@ -84,8 +92,14 @@ class LiveProgram:
         Number of programs that were started.
     """
 
-    def __init__(self, live: LiveCell, engine: Engine, out: Path) -> None:
-        self._live, self._engine, self._out = live, engine, out
+    def __init__(
+        self,
+        live: LiveCell,
+        engine: Engine,
+        out: Path,
+        points_of_run: Callable[[], Callable[[LiveChunk], object]] = lambda: lambda _chunk: None,
+    ) -> None:
+        self._live, self._engine, self._out, self._points_of_run = live, engine, out, points_of_run
         self._lock = RLock()
         self._run: _Run | None = None
         self.started = 0
@@ -109,7 +123,7 @@ class LiveProgram:
         with self._lock:
             if self._run is not None and self._run.state.is_active:
                 raise CommandError(f"{self._run.file.name} is running: end it first")
-            self._run = run = _Run(file, self._engine, self._out, paused)
+            self._run = run = _Run(file, self._engine, self._out, paused, self._points_of_run())
             self.started += 1
             run.future = self._live.perform(run.run, file.name)
 
@@ -151,12 +165,14 @@ class LiveProgram:
 class _Run:
     """One run of a program."""
 
-    def __init__(self, file: Path, engine: Engine, out: Path, paused: bool) -> None:
+    def __init__(
+        self, file: Path, engine: Engine, out: Path, paused: bool, on_points: Callable[[LiveChunk], object]
+    ) -> None:
         try:
             self._source = tuple(file.read_text(encoding="utf-8", errors="replace").splitlines())
         except OSError as error:
             raise ProgramError(f"cannot be read: {error.strerror}", file=file, expected="a Python file") from error
-        self.file, self._engine, self._out = file, engine, out
+        self.file, self._engine, self._out, self._on_points = file, engine, out, on_points
         self.future: Future[ProgramRun] | None = None
         self._lock = RLock()
         self._paused, self._permitted = paused, 0  # commands that are carried out although it is paused
@@ -208,10 +224,21 @@ class _Run:
             self._begun, self._folder = True, first_free(self._out, "program_{}")
         engine, folder = self._engine, self._folder
         before = lambda line, _command: self._before(session, line)  # noqa: E731
-        done = run_program(self.file, session, engine, folder, self._after, self._note, recorded=True, before=before)
+        session.on_points = partial(self._pass_on, session)
+        try:
+            done = run_program(
+                self.file, session, engine, folder, self._after, self._note, recorded=True, before=before
+            )
+        finally:
+            session.on_points = None
         contacts = f"contacts: {', '.join(done.contacts)}" if done.contacts else "no contact"
         self._note(f"done in {done.duration:.2f} s, {contacts}")
         return done
+
+    def _pass_on(self, session: ScanSession, cloud: Cloud) -> None:
+        if len(cloud):
+            found = deviation_from_mesh(cloud, session.job.loaded.part_surface, session.pipeline.threads)
+            self._on_points(LiveChunk.of(cloud, found.distance))
 
     def _before(self, session: ScanSession, line: int) -> None:
         """Rest in front of a command while the program is paused."""

@@ -6,8 +6,9 @@ the part are removed by nominal geometry.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, Protocol, Self
 
 import numpy as np
@@ -185,6 +186,15 @@ class Dropped:
         """Number of points in the cloud."""
         return self.measured - self.low - self.high - self.outside - sum(self.foreign.values())
 
+    def __add__(self, other: Dropped) -> Dropped:
+        """Of the exposures of both."""
+        names = ("measured", "low", "high", "outside", "kept_low", "ambiguous", "beside")
+        return Dropped(
+            **{name: getattr(self, name) + getattr(other, name) for name in names},
+            foreign=Counter(self.foreign) + Counter(other.foreign),
+            highest_low=float(np.fmax(self.highest_low, other.highest_low)),
+        )
+
     def as_json(self) -> dict[str, Any]:
         """Plain counts for the manifest."""
         return {
@@ -317,9 +327,10 @@ def reconstruct_points(
     camera = np.asarray(profiles.camera, np.int32)[kept]
     segment = np.asarray(triggers.segment, np.int32)
     column = np.asarray(profiles.column, np.int64)[kept]
-    directions = np.full_like(points, np.nan)
     if normals:
         directions = estimate_normals(points, frame, camera, column, poses[:, :3, 3], threads)
+    else:
+        directions = np.full_like(points, np.nan)
     cloud = Cloud(
         points_in_part=points,
         normals=directions,
@@ -334,6 +345,14 @@ def reconstruct_points(
         saturated=is_saturated(np.asarray(profiles.flags)[kept]),
     )
     return Reconstructed(cloud, dropped, kept, poses)
+
+
+def with_normals(cloud: Cloud, triggers: Triggers, poses_after: PosesAfter, threads: int = 0) -> Cloud:
+    """The cloud with its normals, which are those of `reconstruct_points`; parameters as there."""
+    row = np.searchsorted(triggers.index, cloud.profile)
+    column, positions = cloud.column.astype(np.int64), poses_after(0.0)[:, :3, 3]
+    normals = estimate_normals(cloud.points_in_part, row, cloud.camera, column, positions, threads)
+    return replace(cloud, normals=normals)
 
 
 def _sort_out(

@@ -49,7 +49,14 @@ from scancell.proximity.cell_check import check_cell
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.footprint import footprint_of
 from scancell.reconstruction.foreign import neighbours_of, neighbours_on_belt
-from scancell.reconstruction.reconstruct import Dropped, Envelope, ProfilePoints, poses_by_joints, reconstruct_points
+from scancell.reconstruction.reconstruct import (
+    Dropped,
+    Envelope,
+    ProfilePoints,
+    poses_by_joints,
+    reconstruct_points,
+    with_normals,
+)
 from scancell.scanning.drive import DriveRequest, FmuRunner, PreScanHook
 from scancell.scanning.exposure_control import ExposureControl
 from scancell.scanning.exposures import build_scene, visible_bodies
@@ -282,6 +289,11 @@ class ScanPipeline(Closing):
             self.threads,
         )
         return made.cloud, made.dropped
+
+    def with_normals(self, nominal: NominalCell, recording: Recording, cloud: Cloud) -> Cloud:
+        """A cloud that was reconstructed in parts, without normals, with its normals; `nominal` as of `reconstruct`."""
+        measured = recording.measured.after(nominal.trigger_latency)
+        return with_normals(cloud, measured, poses_by_joints(measured, nominal.part_from_sensor), self.threads)
 
     def close(self) -> None:
         """Release the FMU, its files and the cached scenes."""

@@ -190,15 +190,32 @@ class Scan:
 
     def of_profiles(self, exposed: Exposed, plan: Plan | None, progress: Progress, watch: Stopwatch) -> ScanData:
         """Reconstruct exposures that are sensed; see `of_recording`."""
-        job, loaded = self.job, self.job.loaded
-        recording, sensed = exposed.recording, exposed.sensed
-        estimated = loaded.estimated
         with watch.measure("reconstruct"):
             progress.stage("reconstructing", 1, "cloud")
-            if self.estimated is not None:
-                estimated = estimated_cell(loaded.nominal, self.estimated.deviations())
-            cloud, dropped = self.pipeline.reconstruct(estimated, recording, sensed.profiles, job.setup, self.normals)
+            profiles = exposed.sensed.profiles
+            cloud, dropped = self._reconstruct(exposed.recording, profiles, self.normals)
             progress.advance(1)
+        return self._data(exposed, cloud, dropped, plan, watch)
+
+    def of_parts(self, exposed: Exposed, cloud: Cloud, dropped: Dropped, plan: Plan, watch: Stopwatch) -> ScanData:
+        """As `of_profiles`, of exposures of which `points_of` gave the cloud and what was dropped, part by part."""
+        with watch.measure("reconstruct"):
+            cloud = self.pipeline.with_normals(self._reconstructed_by, exposed.recording, cloud)
+        return self._data(exposed, cloud, dropped, plan, watch)
+
+    @property
+    def _reconstructed_by(self) -> NominalCell:
+        """The cell that reconstruction assumes."""
+        loaded = self.job.loaded
+        if self.estimated is None:
+            return loaded.estimated
+        return estimated_cell(loaded.nominal, self.estimated.deviations())
+
+    def _reconstruct(self, recording: Recording, profiles: ProfilePoints, normals: bool) -> tuple[Cloud, Dropped]:
+        return self.pipeline.reconstruct(self._reconstructed_by, recording, profiles, self.job.setup, normals)
+
+    def _data(self, exposed: Exposed, cloud: Cloud, dropped: Dropped, plan: Plan | None, watch: Stopwatch) -> ScanData:
+        job, estimated, sensed = self.job, self._reconstructed_by, exposed.sensed
         if not len(cloud):
             reasons = why_empty(dropped, envelope_of(estimated, job.setup))
             raise EmptyScanError(f"the scan gave no point: {'; '.join(reasons)}", file=job.part)
@@ -208,11 +225,11 @@ class Scan:
             engine=self.engine,
             seed=job.seed,
             as_built=job.as_built,
-            nominal=loaded.nominal,
+            nominal=job.loaded.nominal,
             estimated=estimated,
             sensors=job.sensors,
             plan=plan,
-            recording=recording,
+            recording=exposed.recording,
             profiles=sensed.profiles,
             cloud=cloud,
             sample_images=exposed.images,
@@ -225,14 +242,13 @@ class Scan:
             recording_file=job.recording_file,
             unit=job.unit,
             threads=self.pipeline.threads,
-            part_surface=loaded.part_surface,
+            part_surface=job.loaded.part_surface,
             estimated_sensor=job.estimated_sensor,
         )
 
-    def points_of(self, recording: Recording, sensed: SensingResult) -> Cloud:
-        """The part of the cloud that some of the exposures give, without normals."""
-        job = self.job
-        return self.pipeline.reconstruct(job.loaded.estimated, recording, sensed.profiles, job.setup, normals=False)[0]
+    def points_of(self, recording: Recording, sensed: SensingResult) -> tuple[Cloud, Dropped]:
+        """The part of the cloud that some of the exposures give, without normals, and what was dropped."""
+        return self._reconstruct(recording, sensed.profiles, normals=False)
 
     def sense(
         self, recording: Recording, progress: Progress, rows: Sequence[int], control: ExposureControl | None = None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,6 +12,7 @@ from scancell.arguments import checked_arguments
 from scancell.cell.controller import Operation
 from scancell.cell.instance import CellInstance
 from scancell.cell.recording import Recording
+from scancell.cell.records import RecordBatches
 from scancell.cell.session import CellSession
 from scancell.config.choices import Engine
 from scancell.config.exposure_times import exposure_span
@@ -21,12 +23,16 @@ from scancell.guard.transport import InProcess
 from scancell.nominal.cell import NominalCell
 from scancell.progress import NullProgress, Progress
 from scancell.reconstruction.cloud import Cloud
+from scancell.scanning.exposure_control import ExposureControl
 from scancell.scanning.pipeline import Job, ScanPipeline
+from scancell.scanning.sense import SensingResult
 from scancell.scanning.single_exposure import Profile, measure_profile
 
 Array = NDArray[np.float64]
 
 _ANSWER_TIME = 0.003  # s of simulated time that the guard needs for an answer
+_BATCH = 16  # profiles of a line that are sensed together
+_PATIENCE = 0.02  # s, period at which a wait for them checks whether it has to end
 SEEN = 0.1  # s, in which a guard surely gets a state and answers it
 
 
@@ -50,6 +56,8 @@ class ScanSession(CellSession):
         Receives what is measured, and may end it by raising.
     on_exposures
         Receives the recording of every `scan_line` and `profile`, and the cloud of the former (None of the latter).
+    on_points
+        Receives points of a `scan_line` while it is measured, without normals, in another thread; None: nothing does.
 
     Examples
     --------
@@ -73,6 +81,7 @@ class ScanSession(CellSession):
         self.job, self.pipeline = job, pipeline
         self.progress: Progress = NullProgress()
         self.on_exposures: Callable[[Recording, Cloud | None], object] = lambda _recording, _cloud: None
+        self.on_points: Callable[[Cloud], object] | None = None
         self._guarded: GuardedCell | None = None
         if guard is not None:
             max_age = guard.settings.max_age
@@ -149,11 +158,37 @@ class ScanSession(CellSession):
             If the sensor library reports an error.
         """
         job = self.job
-        recording = self.record_line(world_from_sensor, spacing, self.exposure, speed=speed)
-        sensed = self.pipeline.sense(job.loaded, recording, job.sensors, engine, self.progress)
+        control, taken, sensing = job.sensors.control(), [], ThreadPoolExecutor(1, "sense")
+
+        def take(batch: Recording) -> None:
+            taken.append((len(batch), sensing.submit(self._sense, batch, engine, control)))
+
+        try:
+            batches = RecordBatches(_BATCH, take)
+            recording = self.record_line(world_from_sensor, spacing, self.exposure, speed=speed, batches=batches)
+            self.progress.stage("sensing", len(recording), "profiles")
+            parts = [self._sensed(count, batch) for count, batch in taken]
+        finally:
+            sensing.shutdown(cancel_futures=True)
+        sensed = SensingResult.joined(parts, [count for count, _ in taken])
         cloud = self.pipeline.reconstruct(job.loaded.estimated, recording, sensed.profiles, job.setup)[0]
         self.on_exposures(recording, cloud)
         return cloud
+
+    def _sense(self, batch: Recording, engine: Engine, control: ExposureControl) -> SensingResult:
+        job, pipeline = self.job, self.pipeline
+        sensed = pipeline.sense(job.loaded, batch, job.sensors, engine, NullProgress(), control=control)
+        if self.on_points is not None:
+            profiles = sensed.profiles
+            self.on_points(pipeline.reconstruct(job.loaded.estimated, batch, profiles, job.setup, normals=False)[0])
+        return sensed
+
+    def _sensed(self, count: int, batch: Future[SensingResult]) -> SensingResult:
+        """Wait for a batch of `count` profiles; `progress` may end the wait."""
+        while not wait([batch], _PATIENCE).done:
+            self.progress.advance(0.0)
+        self.progress.advance(count)
+        return batch.result()
 
     @property
     def exposure(self) -> float:

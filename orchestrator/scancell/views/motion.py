@@ -12,6 +12,7 @@ from scancell.cell.recording import Recording, RecordLayout
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
+from scancell.planning.plan import Plan
 
 Array = NDArray[np.float64]
 
@@ -66,6 +67,8 @@ class RunMotion:
         The planned motion; None where the run had none.
     exposures
         (n,) times of the exposures, s; None: those of the recording.
+    is_stopped
+        Whether the run ended with its last exposure, before the end of the program.
 
     Attributes
     ----------
@@ -81,9 +84,14 @@ class RunMotion:
     """
 
     def __init__(
-        self, cell: NominalCell, recording: Recording, program: Program | None, exposures: Array | None = None
+        self,
+        cell: NominalCell,
+        recording: Recording,
+        program: Program | None,
+        exposures: Array | None = None,
+        is_stopped: bool = False,
     ) -> None:
-        self._cell = cell
+        self._cell, self._is_stopped = cell, is_stopped
         measured = recording.measured
         self.times = measured.time
         self.exposures = self.times if exposures is None else exposures
@@ -102,7 +110,9 @@ class RunMotion:
     def duration(self) -> float:
         """Time from the start of the run to its end, s."""
         last = float(self.times[-1])
-        return last if self._plan is None else last + self._plan.duration - float(self._plan.clock[-1])
+        if self._plan is None or self._is_stopped:
+            return last
+        return last + self._plan.duration - float(self._plan.clock[-1])
 
     @property
     def start(self) -> float:
@@ -141,6 +151,13 @@ class RunMotion:
         at = (1 - share) * clock[before] + share * clock[after]
         error = self._axes[[before, after]] - np.stack([plan.axes(clock[before]), plan.axes(clock[after])])
         return np.asarray(plan.axes(float(at)) + (1 - share) * error[0] + share * error[1])
+
+
+def scan_motion(cell: NominalCell, recording: Recording, plan: Plan | None) -> RunMotion:
+    """Motion of a scan; with fewer exposures than planned it was stopped after the last one."""
+    if plan is None:
+        return RunMotion(cell, recording, None)
+    return RunMotion(cell, recording, plan.program, is_stopped=len(recording) < len(plan.segment))
 
 
 class _Plan(ProgramMotion):

@@ -28,7 +28,7 @@ from scancell.nominal.parts import load_part
 from scancell.planning.plan import Plan
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import read_ply, read_ply_comments, transformed_columns
-from scancell.views.motion import RunMotion
+from scancell.views.motion import RunMotion, scan_motion
 
 MOST_BYTES = 1 << 30  # of the files that are unpacked
 MOST_RATIO, _ANY_RATIO = 50, 1 << 20  # of these files to the archive, beyond some bytes
@@ -119,7 +119,7 @@ def _motion_of_scan(folder: Path, cell: NominalCell) -> RunMotion:
     recording = read_any_recording(file)
     plan = Plan.load(folder / "plan.json") if (folder / "plan.json").is_file() else None
     with _naming(file):
-        return RunMotion(cell, recording, None if plan is None else plan.program)
+        return scan_motion(cell, recording, plan)
 
 
 def _motion_of_program(folder: Path, cell: NominalCell) -> RunMotion:

@@ -24,6 +24,7 @@ from scancell.browser.panels.pose_panel import PosePanel
 from scancell.browser.panels.program_panel import ProgramPanel
 from scancell.browser.panels.recording import SessionRecording
 from scancell.browser.panels.scan_panel import ScanPanel
+from scancell.browser.panels.scan_playback import ScanPlayback
 from scancell.browser.panels.scans import Scans
 from scancell.browser.panels.sensor_panel import SensorPanel
 from scancell.browser.panels.teach_panel import TeachPanel
@@ -55,6 +56,7 @@ class Shared:
     scene: CellScene
     plans: Plans
     scans: Scans
+    playback: ScanPlayback
     feed: CameraFeed
     recording: SessionRecording
     sensor: SensorDescription
@@ -101,7 +103,7 @@ class ClientView:
         self._add_tab(motions, "Jog", lambda: JogPanel(gui, operator, state))
         self._add_tab(motions, "Cell", lambda: CellPanel(gui, operator, state))
         self._add_tab(tabs, "Sensor", lambda: SensorPanel(gui, operator, shared.feed, shared.sensor))
-        scan = self._add_tab(tabs, "Scan", lambda: ScanPanel(gui, operator, shared.scans))
+        scan = self._add_tab(tabs, "Scan", lambda: ScanPanel(gui, operator, shared.scans, shared.playback))
         with scan, gui.add_folder("Plan", expand_by_default=False):
             self._panels.append(PlanPanel(gui, operator, shared.plans))
         with tabs.add_tab("Program"):
@@ -110,7 +112,7 @@ class ClientView:
             programs, "Run", lambda: ProgramPanel(gui, operator, shared.program, shared.taught, shared.program_file)
         )
         self._add_tab(programs, "Teach", lambda: TeachPanel(gui, operator, shared.taught))
-        self._add_tab(tabs, "File", lambda: FilePanel(gui, operator, shared.opener, shared.recording))
+        self._add_tab(tabs, "File", lambda: FilePanel(gui, operator, shared.opener, shared.recording, shared.scans))
         self._cameras = CameraPanel(gui, shared.feed, shared.sensor, is_wide)
         self._view = ViewPanel(gui, client.camera, operator, shared.scene)
         self._said: dict[object, str] = {}

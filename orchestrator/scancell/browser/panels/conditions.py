@@ -17,7 +17,12 @@ def can_move(state: LiveState) -> str:
     """Moves need a cell without an emergency stop and without a job."""
     if state.controller == "emergency stop":
         return 'the robot is stopped: press "Reset after a stop" first'
-    return "" if state.job is None else f"{state.job} runs: end it first"
+    return _no_job(state)
+
+
+def can_start(state: LiveState) -> str:
+    """Jobs that do not move the robot need it at rest, stopped or not, and without another job."""
+    return _no_job(state) or ("the robot moves: wait until it is at rest" if state.moving else "")
 
 
 def can_jog(state: LiveState) -> str:
@@ -25,6 +30,10 @@ def can_jog(state: LiveState) -> str:
     if state.moving and state.operation is Operation.AUTOMATIC:
         return "the robot moves in automatic operation: wait until it is at rest"
     return can_move(state)
+
+
+def _no_job(state: LiveState) -> str:
+    return "" if state.job is None else f"{state.job} runs: end it first"
 
 
 def can_end(state: LiveState) -> str:

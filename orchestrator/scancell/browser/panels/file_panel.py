@@ -6,9 +6,11 @@ from html import escape
 from pathlib import Path, PurePath
 from typing import Any, Protocol
 
+from scancell.browser.panels.colours import WARNING
 from scancell.browser.panels.handles import Follower, set_changed, small_html
 from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.browser.panels.recording import SessionRecording
+from scancell.browser.panels.scans import Scans
 from scancell.errors import DescriptionError
 from scancell.live.state import LiveState
 from scancell.nominal.parts import PART_FORMATS
@@ -33,8 +35,11 @@ class Opener(Protocol):
 class FilePanel:
     """Opens another part or a run, records the session, and saves pictures."""
 
-    def __init__(self, gui: Any, operator: OperatorCommands, opener: Opener, recording: SessionRecording) -> None:
-        self._operator, self._opener, self._recording = operator, opener, recording
+    def __init__(
+        self, gui: Any, operator: OperatorCommands, opener: Opener, recording: SessionRecording, scans: Scans
+    ) -> None:
+        self._operator, self._opener, self._recording, self._scans = operator, opener, recording, scans
+        self._lost = gui.add_html("")
         self._unit = gui.add_dropdown("unit of the mesh", _UNITS)
         self._upload = gui.add_upload_button("Open a part (STL, OBJ, PLY, TOML)", mime_type=",".join(PART_FORMATS))
         self._run = gui.add_upload_button("Open a run (zip of a run folder)", mime_type=".zip,application/zip")
@@ -49,7 +54,9 @@ class FilePanel:
         operator.add_inputs([self._unit, self._upload, self._run, self._record])
 
     def show(self, state: LiveState) -> None:
-        """Show the state and the file of the recording."""
+        """Show the state and the file of the recording, and what another part or run discards."""
+        lost = self._scans.unsaved and f"Another part or run discards {self._scans.unsaved}."
+        set_changed(self._lost, "content", small_html([f'<b style="color:{WARNING}">{lost}</b>' if lost else ""]))
         recording = self._recording
         self._shown_record.show(recording.is_on)
         text = recording.error

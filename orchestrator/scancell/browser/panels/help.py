@@ -35,7 +35,8 @@ TABS = {
     "Sensor": "The sliders change the true sensor. Images and profile show the effect, because the profile is computed "
     "with the nominal sensor. Scans have the sensor of the descriptions.",
     "Scan": "Plans the scan of the descriptions, moves to its start on a free path, and scans. The geometric engine is "
-    "faster, the ray-traced one renders every image.",
+    "faster, the ray-traced one renders every image. The last scan can be saved, and played back while the "
+    "robot rests.",
     "Run": "Runs the program file with which the workspace was started, or the taught program. The file is read again "
     "for every run.",
     "Teach": "Add the present pose as a step, repeat, and change steps; then run the program in the tab Run. The list "

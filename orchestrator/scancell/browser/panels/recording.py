@@ -96,7 +96,7 @@ class SessionRecording(Closing):
             while not self._ending.is_set() and self._recorder is not None:
                 self._recorder.state(self._live.state)
                 frame = self._feed.frame
-                if frame is not None and frame.number != number:
+                if frame is not None and frame.number != number and not frame.is_replayed:
                     number = frame.number
                     self._recorder.cameras(frame)
                 pace.wait()

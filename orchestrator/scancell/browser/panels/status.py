@@ -16,6 +16,7 @@ import numpy as np
 from scancell.browser.panels.colours import ALARM, CALM, FIELDS, WARNING, theme_html
 from scancell.browser.panels.handles import run_once, set_changed, small_html
 from scancell.browser.panels.rate import Rate
+from scancell.browser.panels.scan_playback import PLAYBACK
 from scancell.cell.controller import GUARD_TOO_OLD, Operation
 from scancell.live.scan import LiveScanState
 from scancell.live.state import LiveState
@@ -99,6 +100,8 @@ def advice(state: LiveState) -> str:
             cause = "The robot stopped because the guard did not answer in time"
         then = "wait until it is at rest" if state.moving else 'press "Reset after a stop", then move it away'
         return f"{cause}: {then}."
+    if state.job == PLAYBACK:
+        return 'A recorded scan is played back, and the robot cannot be moved: press "Back to the running cell" first.'
     if what == "no jog":
         return f"The guard permits no jog in this direction ({about}): jog in another one."
     if what == "slowed to 0%":

@@ -23,6 +23,7 @@ Colours = NDArray[np.uint8]
 _CAMERAS = np.array([(220, 120, 40), (40, 120, 210), (60, 160, 80), (160, 70, 170)], np.uint8)
 _INTERVALS = 48  # of the histogram
 _SIZE = 1.2  # of a point, in mean distances between points
+MOST_SHOWN = 500_000  # points
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,11 +51,23 @@ class ColourBar:
 class LiveCloud:
     """Adds chunks of a scan to a scene, where each is sent once; other colours or limits send them again.
 
-    The limits of the colours are those of the first chunk until `limit` changes them. Any thread may call.
+    The limits of the colours are those of the first chunk until `limit` changes them. Where there are too many points,
+    every second one is shown, then every fourth, and so on. Any thread may call.
+
+    Parameters
+    ----------
+    most
+        Points that are kept and shown at most.
+
+    Attributes
+    ----------
+    step
+        Every how many points one is shown.
     """
 
-    def __init__(self, scene: CellScene) -> None:
-        self._scene, self._lock = scene, RLock()
+    def __init__(self, scene: CellScene, most: int = MOST_SHOWN) -> None:
+        self._scene, self._most, self._lock = scene, most, RLock()
+        self._until, self.step = np.inf, 1
         self._chunks: list[LiveChunk] = []
         self._colour: LiveColour = "deviation"
         self._limits: dict[LiveColour, tuple[float, float]] = {}
@@ -68,14 +81,14 @@ class LiveCloud:
 
     @property
     def count(self) -> int:
-        """Number of points."""
+        """Number of points that are shown."""
         return sum(len(chunk.time) for chunk in self._chunks)
 
     def clear(self) -> None:
         """Remove what is shown."""
         with self._lock:
             self._scene.clear_points()
-            self._chunks, self._limits = [], {}
+            self._chunks, self._limits, self.step = [], {}, 1
             self._counts[:] = 0
 
     def add(self, chunk: LiveChunk, spacing: float) -> None:
@@ -83,8 +96,18 @@ class LiveCloud:
         with self._lock:
             if not self._chunks:
                 self._limits, self._size = _limits(chunk), _SIZE * spacing
-            self._chunks.append(chunk)
-            self._show(chunk)
+            self._chunks.append(chunk[:: self.step])
+            self._show(self._chunks[-1])
+            while self.count > self._most:
+                self.step *= 2
+                self._chunks = [one[::2] for one in self._chunks]
+                self._show_again()
+
+    def show_until(self, time: float) -> None:
+        """Show only chunks that were complete at a time of the scan, s."""
+        with self._lock:
+            self._until = time
+            self._show_complete()
 
     def colour_by(self, colour: LiveColour) -> None:
         """Show other colours."""
@@ -125,6 +148,10 @@ class LiveCloud:
         self._counts[:] = 0
         for chunk in self._chunks:
             self._show(chunk)
+        self._show_complete()
+
+    def _show_complete(self) -> None:
+        self._scene.show_chunks(sum(bool(chunk.time[-1] <= self._until) for chunk in self._chunks))
 
     def _show(self, chunk: LiveChunk) -> None:
         self._scene.add_points(chunk.points_in_part, self._colours(chunk), self._size)

@@ -55,7 +55,7 @@ class PairView:
 
     def show(self, state: LiveState) -> None:
         """Paint the pairs of a state, and draw the line."""
-        self._paint(state)
+        self._paint(dict.fromkeys(_pair(state)[0], NEAREST) | dict.fromkeys(state.colliding or (), COLLIDING))
         names, reach = _pair(state)
         if not names or state.colliding is not None or not self._shown:
             self._hide()
@@ -63,16 +63,18 @@ class PairView:
             self._drawn, self._computed = names, state.time
             self._draw(np.stack([state.world_from_body[name] for name in names]), reach)
 
+    def clear(self) -> None:
+        """Show no pair, until the next state."""
+        self._paint({})
+        self._hide()
+
     def show_distances(self, shown: bool) -> None:
         """Show the line, from the next state on, or hide it."""
         self._shown = shown
         if not shown:
             self._hide()
 
-    def _paint(self, state: LiveState) -> None:
-        wanted: dict[str, Rgb] = dict.fromkeys(_pair(state)[0], NEAREST) | dict.fromkeys(
-            state.colliding or (), COLLIDING
-        )
+    def _paint(self, wanted: dict[str, Rgb]) -> None:
         if wanted == self._painted:
             return
         for body in self._painted.keys() | wanted.keys():

@@ -116,6 +116,19 @@ class CellScene:
         with self._lock, self._server.atomic():
             self._bodies.move(frames)
 
+    def replay(self, frames: Mapping[str, Array], laser: bool) -> None:
+        """Show recorded poses and whether the laser was on, without targets and distances of the running cell.
+
+        The next `show` returns to the running cell.
+        """
+        with self._lock, self._server.atomic():
+            self._state = None
+            self._bodies.move(frames)
+            self._sensor_view.show_laser(laser)
+            self._pairs.clear()
+            self._show_ghost()
+        self._server.flush()
+
     def show_preview(self, axes: Array | None, forbidden: bool = False) -> None:
         """Show a further ghost at joints and a table angle (joints + 1,), rad, red where that is forbidden; or none.
 

@@ -19,6 +19,7 @@ from scancell.browser.panels.help import HelpPanel
 from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.browser.panels.plans import Plans
 from scancell.browser.panels.recording import SessionRecording
+from scancell.browser.panels.scan_playback import ScanPlayback
 from scancell.browser.panels.scans import Scans
 from scancell.browser.panels.status import Status
 from scancell.browser.panels.view_options import add_view_options
@@ -92,8 +93,8 @@ class Workspace:
         Scene, shared by all browsers.
     plans
         The plan of the scan.
-    scans
-        Scans of the part.
+    scans, playback
+        Scans of the part, and the last one played back.
     feed
         Of the cameras.
     """
@@ -115,6 +116,7 @@ class Workspace:
         self.scans = Scans(
             self.live, LiveCloud(self.scene), mesh, settings.out, settings.engine, self._recording.points
         )
+        self.playback = ScanPlayback(self.live, session.true, self.scans, self.feed, self.scene)
         has_part = mesh is not None
         self.plans = Plans(LivePlan(self.live, session, has_part), self.scene, has_part)
         self._operators, self._lock = Operators(), Lock()
@@ -124,7 +126,7 @@ class Workspace:
         self._status = Status(server.gui, self.live.emergency_stop)
         add_view_options(server.gui, self.scene)
         self.feed.wanted, self._drawn = True, 0
-        program = LiveProgram(self.live, settings.engine, settings.out)
+        program = LiveProgram(self.live, settings.engine, settings.out, self.scans.points_of_program)
         taught = TaughtFile(settings.out / "taught.py")
         over_part = _over_part(self.nominal, setup.sensor)
         self._help = HelpPanel(server.gui, self.feed, self.scans, taught, program, self.live.state, over_part)
@@ -135,6 +137,7 @@ class Workspace:
             self.scene,
             self.plans,
             self.scans,
+            self.playback,
             self.feed,
             self._recording,
             setup.sensor,
@@ -180,7 +183,9 @@ class Workspace:
         """Show the present state, in the scene and in the panels."""
         state = self.live.state
         self.plans.update()
-        self.scene.show(state)
+        self.playback.update()
+        if not self.playback.is_on:
+            self.scene.show(state)
         self._show_stripe()
         with self._lock:
             views = list(self._views.values())
