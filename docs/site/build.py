@@ -69,11 +69,12 @@ def collect(source: Path) -> None:
                 copy.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(linked, copy)
     generated = reference_pages(ROOT)
+    reference = [name.rpartition(".")[0] for name in generated]
     for page, text in texts.items():
         moved = ROOT / "index.md" if page == INDEX else page
         relinked = _relinked(text, page, moved)
         if page == INDEX:
-            relinked += "\n" + navigation(relinked, {"Reference": [name.rpartition(".")[0] for name in generated]})
+            relinked += "\n" + navigation(relinked, {"Reference": reference})
         generated[str(moved.relative_to(ROOT))] = relinked
     for name, text in generated.items():
         (source / name).parent.mkdir(parents=True, exist_ok=True)

@@ -12,7 +12,7 @@ author = "the scancell authors"
 release = version = scancell.__version__
 project_copyright = author
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "mathml"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "mathml", "signatures"]
 exclude_patterns = ["docs/README.md"]
 
 # Markdown as a code host shows it.
@@ -27,6 +27,7 @@ html_title = f"scancell {version}"
 html_copy_source = False
 html_show_sourcelink = False
 html_show_sphinx = False
+html_search_scorer = str(Path(__file__).with_name("scorer.js"))
 html_show_search_summary = False  # pages of a folder cannot read other files
 html_static_path = ["static"]
 html_css_files = ["site.css"]
@@ -37,3 +38,4 @@ autodoc_typehints_format = "short"
 autodoc_class_signature = "mixed"
 napoleon_use_rtype = False
 napoleon_use_ivar = True
+napoleon_attr_annotations = False
