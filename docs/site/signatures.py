@@ -5,8 +5,13 @@ from __future__ import annotations
 import re
 from typing import Any
 
-_CONDITIONS = re.compile(r"Annotated\[((?:[^\[\]]|\[(?:[^\[\]]|\[[^\]]*\])*\])*?), \w+\((?:[^()]|\([^()]*\))*\)\]")
-_ARRAY = re.compile(r"ndarray\[tuple\[Any, \.\.\.\], dtype\[(\w+)\]\]")
+# Sphinx writes `~package.Name` for a name that is shown without its package.
+_CONDITIONS = re.compile(
+    r"~?(?:typing\.)?Annotated\[((?:[^\[\]]|\[(?:[^\[\]]|\[[^\]]*\])*\])*?), ~?[\w.]+\((?:[^()]|\([^()]*\))*\)\]"
+)
+_ARRAY = re.compile(
+    r"~?(?:numpy\.)?ndarray\[tuple\[~?(?:typing\.)?Any, \.\.\.\], ~?(?:numpy\.)?dtype\[~?(?:numpy\.)?(\w+)\]\]"
+)
 
 
 def readable(signature: str | None) -> str | None:
