@@ -14,6 +14,8 @@ from types import ModuleType
 import pytest
 
 import scancell
+from scancell.reconstruction.cloud_files import FORMATS
+from scancell.reconstruction.cloud_files.record import RECORD
 
 ROOT = Path(__file__).resolve().parents[2]
 SCHEMAS = sorted((ROOT / "docs" / "schemas").glob("*.schema.json"))
@@ -60,6 +62,12 @@ def test_row_of_a_key_has_bounds_default_and_meaning(reference: ModuleType) -> N
     schema = json.loads((ROOT / "docs" / "schemas" / "scan.schema.json").read_text(encoding="utf-8"))
     row = "| `elevation_deg` | number ≥ 0 ≤ 90 | `30.0` | angle of the viewing direction above the horizontal"
     assert row in reference.keys("scan", schema)
+
+
+def test_page_of_files_has_every_field_and_format_of_a_cloud() -> None:
+    text = (ROOT / "docs" / "files.md").read_text(encoding="utf-8").partition("## Cloud")[2]
+    named = set(re.findall(r"`(\w+)`", text))
+    assert {*(RECORD.names or ()), *FORMATS} <= named
 
 
 def test_citation_names_the_version() -> None:
