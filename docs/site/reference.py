@@ -228,6 +228,14 @@ def _variables(variables: Iterable[FmuVariable]) -> str:
         first, last = same[0], same[-1]
         name = _code(first.name) if first is last else f"{_code(first.name)} … {_code(last.name)}"
         starts = dict.fromkeys(variable.start for variable in same)
-        start = first.start if len(starts) == 1 else "each its own"
+        start = _short(first.start) if len(starts) == 1 else "each its own"
         cells.append((name, first.type, first.unit, start, first.description))
     return _table(["variable", "type", "unit", "start", "meaning"], cells)
+
+
+def _short(start: str) -> str:
+    """A start value with at most six digits."""
+    try:
+        return f"{float(start):g}"
+    except ValueError:
+        return start

@@ -110,6 +110,20 @@ def test_signatures_show_types_without_conditions(site: Path) -> None:
     assert re.findall(r"Annotated.{40}", text) == []
 
 
+def test_variables_of_every_device_are_listed(site: Path) -> None:
+    text = (site / "docs" / "reference" / "fmu_variables.html").read_text(encoding="utf-8")
+    groups = re.findall(r'<h2>(Parameters|Inputs|Outputs) <code[^>]*><span class="pre">(\w+)</span>', text)
+    devices = {"conveyor", "presence", "distance", "light_curtain"}
+    assert {name for kind, name in groups if kind == "Outputs"} >= devices | {
+        "measured",
+        "truth",
+        "trigger",
+        "controller",
+    }
+    for name in ("as_built.dh[6].theta", "command.gripper.force", "command.conveyor[1].speed", "truth.finger[2].position[1]"):
+        assert f">{name}<" in text
+
+
 def test_index_opens_from_a_folder(site: Path, browser: Any) -> None:
     watched = Watched(browser, 1200, 900)
     watched.page.goto((site / "index.html").as_uri())
