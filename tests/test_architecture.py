@@ -89,6 +89,7 @@ FMU = {
     "proximity": set(),
     "fmi": {"control", "model", "proximity"},
     "sequencer": {"control", "model", "fmi"},
+    "windows": set(),
 }
 FORBIDDEN_TEXT = {
     "sensor_rt/detector": r"embree|[Ss]cene|sensor_rt/(?:scene|tracing|render|optics)",
