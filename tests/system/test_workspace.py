@@ -473,7 +473,7 @@ def test_scan_of_an_opened_part_runs_to_the_planned_cloud(opened: Opened) -> Non
     back.click()
     opened.until(lambda state: state.job is None, "the running cell")
     sentence.wait_for(state="detached")
-    opened.frame(lambda frame: not frame.is_replayed)
+    opened.until(lambda _: not opened.workspace.feed.frame.is_replayed, "images of the running cell")
 
 
 def pixel(page: Any, camera: Any, point: np.ndarray) -> tuple[float, float]:
