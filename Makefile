@@ -33,10 +33,10 @@ SOURCES := $(shell find orchestrator -name '__init__.py') CMakeLists.txt pyproje
   \( -name '*.cpp' -o -name '*.h' -o -name '*.txt' -o -name '*.in' -o -name '*.map' -o -path 'fmu/package/*.py' \)) \
   $(wildcard build/windows/runtime/*)
 
-.PHONY: help setup dev scan test test-fast campaign wheel native-tests check format bench peers sanitize clean
+.PHONY: help setup dev scan test test-fast campaign docs docs-test wheel native-tests check format bench peers sanitize clean
 
 help:
-	@echo "make setup | scan [PART=mesh OUT=folder] | test [SLOWEST=n] | test-fast | campaign [RUNS=n] | wheel | check | format | bench | peers | sanitize [CALLS=n] | clean"
+	@echo "make setup | scan [PART=mesh OUT=folder] | test [SLOWEST=n] | test-fast | campaign [RUNS=n] | docs | docs-test | wheel | check | format | bench | peers | sanitize [CALLS=n] | clean"
 
 setup: $(STAMPS)/installed
 
@@ -89,7 +89,7 @@ test: dev native-tests
 
 # Without the tests marked slow.
 test-fast: dev
-	@$(PYTEST) -m "not slow and not campaign"
+	@$(PYTEST) -m "not slow and not campaign and not docs"
 
 # The build folder that the installation made is used again, so that only the tests themselves are compiled.
 native-tests: dev
@@ -107,6 +107,17 @@ campaign: dev
 	  echo "scancell: bench.$$study"; PYTHONPATH=tests:tests/orchestrator $(BIN)/python -m bench.$$study || exit 1; \
 	done
 
+$(STAMPS)/docs: $(STAMPS)/installed
+	@echo "scancell: installing what the site needs"
+	@$(BIN)/pip install -q --disable-pip-version-check 'scancell[docs]'
+	@touch $@
+
+docs: setup $(STAMPS)/docs
+	@$(BIN)/python docs/site/build.py build/docs
+
+docs-test: dev $(STAMPS)/docs
+	@$(BIN)/pytest -q -m docs tests/docs
+
 # For machines with Python of the same version and pip, but without compiler or libraries: Embree and the engine of the
 # cell travel inside.
 wheel: $(STAMPS)/venv
@@ -119,15 +130,15 @@ wheel: $(STAMPS)/venv
 	@ls -s --block-size=1M dist/scancell-*.whl
 
 check: dev
-	@$(BIN)/ruff format --check orchestrator fmu tests assets
-	@$(BIN)/ruff check --no-cache orchestrator fmu tests assets
+	@$(BIN)/ruff format --check orchestrator fmu tests assets docs/site
+	@$(BIN)/ruff check --no-cache orchestrator fmu tests assets docs/site
 	@$(BIN)/mypy
 	@command -v clang-format >/dev/null || DEBIAN_FRONTEND=noninteractive $(SUDO) apt-get install -y -qq --no-install-recommends clang-format >/dev/null
 	@find fmu sensor_rt tests \( -name '*.cpp' -o -name '*.h' \) -not -path '*/third_party/*' | xargs clang-format --dry-run --Werror
 
 format: dev
-	@$(BIN)/ruff format -q orchestrator fmu tests assets
-	@$(BIN)/ruff check -q --no-cache --fix orchestrator fmu tests assets
+	@$(BIN)/ruff format -q orchestrator fmu tests assets docs/site
+	@$(BIN)/ruff check -q --no-cache --fix orchestrator fmu tests assets docs/site
 	@find fmu sensor_rt tests \( -name '*.cpp' -o -name '*.h' \) -not -path '*/third_party/*' | xargs clang-format -i
 
 bench: dev

@@ -14,7 +14,11 @@ import scancell
 
 ROOT = Path(__file__).resolve().parents[2]
 STUB = ROOT / "orchestrator" / "scancell" / "__init__.pyi"
-USERS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "docs").rglob("*.py"))]
+USERS = [
+    ROOT / "README.md",
+    *sorted((ROOT / "docs").rglob("*.md")),
+    *sorted((ROOT / "docs" / "examples").rglob("*.py")),
+]
 SCRIPT = ROOT / "tests" / "typing" / "user_script.py"
 MARKDOWN = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs" / "fmu").glob("*.md"))]
 FILE_ENDINGS = {"toml", "sif", "tar"}
