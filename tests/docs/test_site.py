@@ -120,7 +120,12 @@ def test_variables_of_every_device_are_listed(site: Path) -> None:
         "trigger",
         "controller",
     }
-    for name in ("as_built.dh[6].theta", "command.gripper.force", "command.conveyor[1].speed", "truth.finger[2].position[1]"):
+    for name in (
+        "as_built.dh[6].theta",
+        "command.gripper.force",
+        "command.conveyor[1].speed",
+        "truth.finger[2].position[1]",
+    ):
         assert f">{name}<" in text
 
 
