@@ -25,6 +25,7 @@ suppress_warnings = ["myst.header", "ref.python"]
 # Pages with cells of code are notebooks: they are executed, and shown with their outputs.
 nb_execution_mode = "force"
 nb_execution_in_temp = True
+nb_merge_streams = True
 nb_execution_raise_on_error = True
 nb_execution_timeout = 900  # s; a busy machine takes long
 nb_execution_excludepatterns = [] if os.environ.get("SCANCELL_RECORDINGS") else ["docs/notebooks/real_recordings.md"]
