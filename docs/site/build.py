@@ -3,11 +3,12 @@
     python docs/site/build.py build/docs
 
 copies the pages to ``build/docs/source``, adds the generated ones, and writes ``build/docs/site``; open ``index.html``
-there. Warnings, among them links that lead nowhere, are errors.
+there. Notebooks are executed. Warnings, among them links that lead nowhere, are errors.
 """
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 import shutil
@@ -81,10 +82,20 @@ def collect(source: Path) -> None:
         (source / name).write_text(text, encoding="utf-8")
 
 
+def quiet_kernels(folder: Path) -> None:
+    """Settings of the kernels that execute notebooks: none of the user's, and no messages but errors."""
+    profile = folder / "profile_default"
+    profile.mkdir(parents=True, exist_ok=True)
+    (profile / "ipython_kernel_config.py").write_text('c.IPKernelApp.log_level = "ERROR"\n', encoding="utf-8")
+    os.environ["IPYTHONDIR"] = str(folder.absolute())
+    logging.getLogger("traitlets").setLevel(logging.WARNING)
+
+
 def main(folder: str) -> int:
     """Build the site into `folder`; returns the exit code."""
     source, site = Path(folder, "source"), Path(folder, "site")
     collect(source)
+    quiet_kernels(Path(folder, "ipython"))
     options = ["-q", "-W", "--keep-going", "-E", "-c", str(Path(__file__).parent), "-d", str(Path(folder, "doctrees"))]
     code = sphinx([*options, "-b", "html", str(source), str(site)])
     if code == 0:

@@ -1,5 +1,6 @@
 """Settings of Sphinx for the site; `build.py` collects the pages."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -12,7 +13,7 @@ author = "the scancell authors"
 release = version = scancell.__version__
 project_copyright = author
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "mathml", "signatures"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "mathml", "signatures"]
 exclude_patterns = ["docs/README.md"]
 
 # Markdown as a code host shows it.
@@ -20,6 +21,14 @@ myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 4
 # Pages that a command writes may skip a level of headings; several classes have attributes of one name.
 suppress_warnings = ["myst.header", "ref.python"]
+
+# Pages with cells of code are notebooks: they are executed, and shown with their outputs.
+nb_execution_mode = "force"
+nb_execution_in_temp = True
+nb_merge_streams = True
+nb_execution_raise_on_error = True
+nb_execution_timeout = 900  # s; a busy machine takes long
+nb_execution_excludepatterns = [] if os.environ.get("SCANCELL_RECORDINGS") else ["docs/notebooks/real_recordings.md"]
 
 html_math_renderer = "mathml"
 html_theme = "furo"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -25,6 +26,7 @@ QUESTIONS = {
     "Simulink Windows": "docs/questions.html",
     "rx_deg turn about": "docs/questions.html",
 }
+NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.md"))
 
 pytestmark = pytest.mark.docs
 
@@ -101,6 +103,18 @@ def test_formulas_are_mathml(site: Path) -> None:
     text = (site / "docs" / "theory.html").read_text(encoding="utf-8")
     assert text.count("<math ") == source.count("$$") // 2 > 15
     assert "$$" not in text
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebooks_show_outputs_and_figures(notebook: Path, site: Path) -> None:
+    if notebook.stem == "real_recordings" and "SCANCELL_RECORDINGS" not in os.environ:
+        pytest.skip("needs a download: docs/notebooks/real_recordings.md")
+    cells = notebook.read_text(encoding="utf-8").count("\n```{code-cell}\n")
+    text = (site / "docs" / "notebooks" / f"{notebook.stem}.html").read_text(encoding="utf-8")
+    assert text.count('<div class="cell_input ') == cells >= 3
+    assert text.count('<div class="cell_output ') > cells / 2
+    assert "<img " in text
+    assert "Traceback" not in text
 
 
 def test_signatures_show_types_without_conditions(site: Path) -> None:
