@@ -1,0 +1,8 @@
+"""Tracks of the benchmark by name."""
+
+from __future__ import annotations
+
+from benchmarks.track import Track
+from benchmarks.tracks import hand_eye, planning, sensor, stripe
+
+TRACKS: dict[str, Track] = {module.TRACK.name: module.TRACK for module in (stripe, hand_eye, sensor, planning)}
