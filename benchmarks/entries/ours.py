@@ -8,11 +8,18 @@ from typing import Any
 import numpy as np
 
 from benchmarks.board_views import read_views
-from benchmarks.planning_cases import path_of, planning_cell
+from benchmarks.planning_cases import path_of, path_poses, planning_cell
 from benchmarks.tracks.hand_eye import NAMES
+from benchmarks.tracks.table import NAMES as TABLE_NAMES
 from scancell.calibration.board.problem import COUNT, BoardView, Rig
 from scancell.calibration.board.solve import BoardCalibration, solve, start_rig
+from scancell.calibration.cell.kinematics import TABLE, TOOL, AxisReadings, CellKinematics, written_unit
+from scancell.calibration.cell.problem import Artefact, CalibrationProblem, MeasuredShapes, Observations
+from scancell.calibration.cell.solve import solve as solve_cell
 from scancell.config.sensor import SensorDescription
+from scancell.geometry import pose
+from scancell.geometry.chain import Chain
+from scancell.geometry.shapes import PlacedShape, ShapeGroup, Sphere
 from scancell.planning.path_map.path_planner import PathPlanner
 from scancell.scanning.sense import make_sensor
 from scancell.sensor import PEAK_REJECTED, extract
@@ -88,3 +95,18 @@ def planning(case: dict[str, Any]) -> dict[str, Any]:
         distance = path.speed * case["path"]["time_s"]
         axes = np.degrees(placed.at(placed.run.trigger_from + distance / placed.run.speed))
     return {**{f"q{joint + 1}_deg": axes[:, joint] for joint in range(6)}, "table_deg": axes[:, 6]}
+
+
+def table(case: dict[str, Any]) -> dict[str, Any]:
+    """Calibration of the cell from poses of the flange, with pose errors of the robot of unknown size."""
+    exposures, points = case["exposures"], case["points"]
+    cell = CellKinematics(Chain((), np.eye(4)), np.array(case["flange_from_sensor"]), np.array(case["base_from_table"]))
+    readings = AxisReadings.of_flange(path_poses(exposures), np.radians(exposures["table_deg"]))
+    in_sensor = 1e-3 * np.column_stack([np.zeros_like(points["y_mm"]), points["y_mm"], points["z_mm"]])
+    sigma = np.full(len(in_sensor), 1e-3 * case["noise_mm"])
+    observed = Observations.along_z(readings, in_sensor, sigma, points["exposure"].astype(int))
+    sphere = ShapeGroup((PlacedShape("sphere", Sphere(1e-3 * case["radius_mm"]), np.eye(4)),))
+    artefact = Artefact(MeasuredShapes(sphere), pose.translation(1e-3 * np.array(case["sphere_on_table_mm"])))
+    found = solve_cell(CalibrationProblem(cell, observed, artefact, (*TOOL, *TABLE)))
+    factor = np.array([written_unit(name)[1] for name in (*TOOL, *TABLE)])
+    return {"name": TABLE_NAMES, "value": found.values / factor, "half_width": found.half_widths() / factor}
