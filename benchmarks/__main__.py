@@ -8,7 +8,7 @@ from pathlib import Path
 
 from benchmarks.files import write_case
 from benchmarks.run import markdown, ranked, standing
-from benchmarks.tracks import TRACKS
+from benchmarks.tracks import NAMES, track_named
 
 ENTRIES = Path(__file__).parent / "entries"
 
@@ -16,7 +16,7 @@ ENTRIES = Path(__file__).parent / "entries"
 def main(arguments: list[str] | None = None) -> None:
     """Export, run, score, print."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
-    parser.add_argument("track", choices=list(TRACKS))
+    parser.add_argument("track", choices=NAMES)
     parser.add_argument(
         "entry",
         nargs="*",
@@ -27,7 +27,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--limit", type=float, help="seconds that an entry may take for a case")
     parser.add_argument("--export", type=Path, metavar="FOLDER", help="write the inputs of all cases to files")
     options = parser.parse_args(arguments)
-    track = TRACKS[options.track]
+    track = track_named(options.track)
     entries = [_entry(parser, text) for text in options.entry]
     if not entries and options.export is None:
         parser.error("name an entry, or --export FOLDER")

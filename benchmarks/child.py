@@ -13,7 +13,7 @@ from typing import Any
 
 from benchmarks.files import STARTED, read_case, write_table, write_text
 from benchmarks.track import ResultError, table_of
-from benchmarks.tracks import TRACKS
+from benchmarks.tracks import track_named
 
 
 def load(file: Path, name: str) -> Callable[[dict[str, Any]], Any]:
@@ -30,19 +30,20 @@ def load(file: Path, name: str) -> Callable[[dict[str, Any]], Any]:
     return function
 
 
-def main(file: str, track: str, inputs: str, results: str, *cases: str) -> None:
+def main(file: str, name: str, inputs: str, results: str, *cases: str) -> None:
     """Run the cases."""
+    track = track_named(name)
     write_text(Path(results) / STARTED, "")
     function, failed = None, ""
     try:
-        function = load(Path(file), track)
+        function = load(Path(file), name)
     except BaseException as error:
         failed = f"{type(error).__name__}: {error}"
     for case in cases:
         reason = failed
         if function is not None:
             try:
-                table = table_of(TRACKS[track], function(read_case(Path(inputs) / case)))
+                table = table_of(track, function(read_case(Path(inputs) / case)))
                 write_table(Path(results) / f"{case}.csv", table)
                 continue
             except ResultError as error:

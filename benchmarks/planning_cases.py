@@ -35,7 +35,7 @@ from scancell.planning.path_map.path_planner import PathPlanner
 from scancell.planning.path_map.ray_shooting import shoot
 from scancell.planning.path_map.table_motion import Lattice
 from scancell.planning.views.sensor_paths import SensorPath, sensor_paths
-from scancell.proximity.judge import first_collision
+from scancell.proximity.judge import Judge
 from scancell.scanning.sense import make_sensors
 
 Array = NDArray[np.float64]
@@ -99,12 +99,17 @@ def dense_poses(axes: Array, step: float) -> Array:
     return np.concatenate(pieces)
 
 
-def first_contact(cell: PlanningCell, axes: Array) -> str:
-    """Bodies that python-fcl finds to hit each other at one of axes (n, joints + 1), rad; "" for none."""
+def judge_of(cell: PlanningCell) -> Judge:
+    """The collision queries of python-fcl for the bodies of a cell."""
     meshes = {body.name: body.mesh for body in cell.nominal.bodies}
+    return Judge(meshes, cell.proximity.pairs, cell.proximity.names)
+
+
+def first_contact(cell: PlanningCell, judge: Judge, axes: Array) -> str:
+    """Bodies that python-fcl finds to hit each other at one of axes (n, joints + 1), rad; "" for none."""
     for at in np.array_split(axes, -(-len(axes) // _CHUNK)):
         bodies = cell.nominal.body_poses(at[:, :-1], at[:, -1])
-        clash = first_collision(meshes, cell.proximity.pairs, cell.proximity.names, bodies)
+        clash = judge.first_collision(bodies)
         if clash is not None:
             return f"{clash.body_a} hits {clash.body_b}"
     return ""

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Table = dict[str, NDArray[Any]]
 
+_LARGEST = 1e9
+
 
 class ResultError(ValueError):
     """A result that cannot be scored."""
@@ -95,8 +97,9 @@ def _column(name: str, values: Any) -> NDArray[Any]:
         raise ResultError(f"{name}: {error}") from None
     if column.ndim != 1:
         raise ResultError(f"{name} has shape {column.shape}, expected one dimension")
-    if not np.isfinite(column).all():
-        raise ResultError(f"{name} has {int((~np.isfinite(column)).sum())} values that are not finite")
+    usable = np.isfinite(column) & (np.abs(column) <= _LARGEST)
+    if not usable.all():
+        raise ResultError(f"{name} has {int((~usable).sum())} values that are not finite, or beyond {_LARGEST:g}")
     return column
 
 

@@ -7,7 +7,16 @@ from functools import cache
 
 import numpy as np
 
-from benchmarks.planning_cases import CLEARANCE, WANTED, dense_poses, first_contact, path_of, planning_cell, read_cases
+from benchmarks.planning_cases import (
+    CLEARANCE,
+    WANTED,
+    dense_poses,
+    first_contact,
+    judge_of,
+    path_of,
+    planning_cell,
+    read_cases,
+)
 from benchmarks.track import Array, Case, Outcome, ResultError, Table, Track
 from scancell.config.loading import load_setup
 from scancell.geometry import pose
@@ -15,6 +24,7 @@ from scancell.geometry import pose
 _STEP = 2e-3  # m, of the path between rows
 _OFF_M, _OFF_RAD = 0.1e-3, np.radians(0.05)  # largest error of a pose
 _CHECKED = np.radians(0.2)  # of an axis between poses that are checked for collision
+_JUMP = np.radians(90.0)  # of an axis between rows
 _COLUMNS = (*(f"q{joint}_deg" for joint in range(1, 7)), "table_deg")
 
 
@@ -50,7 +60,7 @@ def check(case: Case, table: Table) -> None:
 
 
 def fault(case: Case, axes: Array) -> str:
-    """Why axes (n, 7), rad, are no motion along the path: off path, limits or contact; "" if they are one."""
+    """Why axes (n, 7), rad, are no motion along the path: off path, limits, jump or contact; "" if they are one."""
     cell = planning_cell(case.truth["case"])
     nominal = cell.nominal
     q, table = axes[:, :-1], axes[:, -1]
@@ -62,7 +72,9 @@ def fault(case: Case, axes: Array) -> str:
     low, high = (np.array([getattr(joint, end) for joint in nominal.arm.joints]) for end in ("min", "max"))
     if ((q < low - 1e-9) | (q > high + 1e-9)).any():
         return "limits"
-    return "contact" if first_contact(cell, dense_poses(axes, _CHECKED)) else ""
+    if np.abs(np.diff(axes, axis=0)).max() > _JUMP:
+        return "jump"
+    return "contact" if first_contact(cell, judge_of(cell), dense_poses(axes, _CHECKED)) else ""
 
 
 def duration(case: Case, axes: Array) -> float:
@@ -94,9 +106,9 @@ def summary(outcomes: Sequence[Outcome]) -> dict[str, float]:
     return {
         "unsolved %": 100 * (1 - float(np.mean(every))),
         **{f"{kind} %": 100 * float(np.mean(found)) if found else np.nan for kind, found in right.items()},
-        **{f"{why} %": 100 * faults.count(why) / len(faults) for why in ("off path", "limits", "contact")},
+        **{f"{why} %": 100 * faults.count(why) / len(faults) for why in ("off path", "limits", "jump", "contact")},
         "duration": float(np.median(durations)) if durations else np.nan,
     }
 
 
-TRACK = Track("planning", _COLUMNS, (), cases, check, summary, default_cases=50, limit=300.0)
+TRACK = Track("planning", _COLUMNS, (), cases, check, summary, default_cases=30, limit=300.0)

@@ -26,6 +26,7 @@ from benchmarks.planning_cases import (
     WANTED,
     dense_poses,
     first_contact,
+    judge_of,
     make,
     path_of,
     planning_cell,
@@ -150,7 +151,7 @@ def _checked(cell: PlanningCell, made: Plan) -> tuple[int, int, str, float, floa
     """Segments, poses, contact, used limits and torques of a plan, see `Row`."""
     motions = [(s.name, np.column_stack([s.q, s.table])) for s in made.program.segments]
     dense = np.concatenate([dense_poses(points, _BRUTE_STEP) for _, points in motions])
-    contact = first_contact(cell, dense)
+    contact = first_contact(cell, judge_of(cell), dense)
     period = cell.cycle / FINER
     fine = [_resampled(cell, made, name, points) for name, points in motions]
     used = max(float(limit_fractions(points, cell.axis_limits, period).max()) for points in fine)

@@ -19,8 +19,9 @@ from benchmarks.planning_cases import planning_cell
 from benchmarks.run import Standing, ranked, read_results, run_python, standing
 from benchmarks.stripe_images import stripe as stripe_light
 from benchmarks.track import Case, Table, Track, table_of
-from benchmarks.tracks import TRACKS, hand_eye, planning, stripe, table
+from benchmarks.tracks import NAMES, hand_eye, planning, stripe, table, track_named
 
+TRACKS = {name: track_named(name) for name in NAMES}
 BROKEN = """
 import os, sys, time
 def stripe(case):
@@ -111,6 +112,7 @@ def sensor_result(case: Case, error: float = 0.0, half_width: float = 0.01) -> T
 
 
 hand_eye_result = partial(named_result, hand_eye.NAMES)
+TRACK_NAMES = {"hand_eye": hand_eye.NAMES, "table": table.NAMES}
 CALIBRATIONS = {"hand_eye": hand_eye_result, "table": partial(named_result, table.NAMES), "sensor": sensor_result}
 
 
@@ -255,6 +257,34 @@ def test_a_wrong_csv_file_is_reported(tmp_path: Path, text: str) -> None:
     (tmp_path / "0000.csv").write_text(text)
     _, failures = read_results(track, track.cases(1, 1), tmp_path)
     assert set(failures) == {"0000"}
+
+
+@pytest.mark.parametrize("value", [0.0, 1e9, -1e9])
+@pytest.mark.parametrize("name", TRACKS)
+def test_any_finite_result_is_scored(tmp_path: Path, name: str, value: float) -> None:
+    track = TRACKS[name]
+    cases = track.cases(1, 1)
+    truth = cases[0].truth
+    if name == "stripe":
+        result = {"frame": [0, 1], "column": [3, 4], "row": [value] * 2}
+    elif "name" in track.columns:
+        names = TRACK_NAMES[name]
+        result = {"name": names, "value": np.full(len(names), value), "half_width": np.full(len(names), value)}
+    else:
+        rows = len(truth["points" if name == "sensor" else "poses"])
+        result = {column: np.full(rows, value) for column in (*track.columns, *track.optional)}
+    found = by_folder(track, cases, [result], tmp_path)
+    assert found.failures == {}
+    assert next(iter(found.figures.values())) > 0.0
+
+
+def test_planning_full_turns_of_the_table_between_rows_are_no_motion() -> None:
+    """Every row is on the path; the poses between two rows would fill the memory."""
+    case = next(c for c in TRACKS["planning"].cases(1, 8) if c.truth["case"]["kind"] == "ordinary")
+    motion = planning_result(case)
+    motion["table_deg"] = motion["table_deg"] + 360.0 * 1e5 * (np.arange(len(motion["table_deg"])) % 2)
+    axes = np.radians(np.column_stack([motion[name] for name in TRACKS["planning"].columns]))
+    assert planning.fault(case, axes) == "jump"
 
 
 def test_an_unknown_entry_is_named(capsys: pytest.CaptureFixture[str]) -> None:
