@@ -130,15 +130,15 @@ wheel: $(STAMPS)/venv
 	@ls -s --block-size=1M dist/scancell-*.whl
 
 check: dev
-	@$(BIN)/ruff format --check orchestrator fmu tests assets docs/site
-	@$(BIN)/ruff check --no-cache orchestrator fmu tests assets docs/site
+	@$(BIN)/ruff format --check orchestrator fmu tests benchmarks assets docs/site
+	@$(BIN)/ruff check --no-cache orchestrator fmu tests benchmarks assets docs/site
 	@$(BIN)/mypy
 	@command -v clang-format >/dev/null || DEBIAN_FRONTEND=noninteractive $(SUDO) apt-get install -y -qq --no-install-recommends clang-format >/dev/null
 	@find fmu sensor_rt tests \( -name '*.cpp' -o -name '*.h' \) -not -path '*/third_party/*' | xargs clang-format --dry-run --Werror
 
 format: dev
-	@$(BIN)/ruff format -q orchestrator fmu tests assets docs/site
-	@$(BIN)/ruff check -q --no-cache --fix orchestrator fmu tests assets docs/site
+	@$(BIN)/ruff format -q orchestrator fmu tests benchmarks assets docs/site
+	@$(BIN)/ruff check -q --no-cache --fix orchestrator fmu tests benchmarks assets docs/site
 	@find fmu sensor_rt tests \( -name '*.cpp' -o -name '*.h' \) -not -path '*/third_party/*' | xargs clang-format -i
 
 bench: dev

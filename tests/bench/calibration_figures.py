@@ -17,7 +17,7 @@ import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration_data import (
+from benchmarks.sphere_cell import (
     LARGE,
     REALISTIC,
     SMALL,

@@ -14,13 +14,24 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.planning_cases import (
+    CLEARANCE,
+    PARTS,
+    WANTED,
+    dense_poses,
+    first_contact,
+    judge_of,
+    make,
+    path_of,
+    planning_cell,
+    read_cases,
+)
 from scancell.config.cell import CellDescription
 from scancell.config.choices import ScanMode
 from scancell.config.loading import load_setup
@@ -39,15 +50,12 @@ from scancell.planning.path_map.ray_shooting import shoot
 from scancell.planning.plan import Plan
 from scancell.planning.planner import plan
 from scancell.planning.views.placement import LIMIT_FRACTION
-from scancell.proximity.judge import first_collision
 
-from .planning_cases import CLEARANCE, PARTS, WANTED, make, path_of, planning_cell, read_cases
 from .table import cpu_model, replace_paragraphs
 
 Array = NDArray[np.float64]
 
 _BRUTE_STEP = np.radians(0.05)
-_CHUNK = 5000  # poses at a time: their arrays take memory
 
 
 @dataclass(frozen=True)
@@ -141,29 +149,15 @@ def run_scan(part: str, mode: ScanMode) -> Row:
 
 def _checked(cell: PlanningCell, made: Plan) -> tuple[int, int, str, float, float]:
     """Segments, poses, contact, used limits and torques of a plan, see `Row`."""
-    meshes = {body.name: body.mesh for body in cell.nominal.bodies}
     motions = [(s.name, np.column_stack([s.q, s.table])) for s in made.program.segments]
-    dense = np.concatenate([_dense(points) for _, points in motions])
-    contact = ""
-    for at in np.array_split(dense, -(-len(dense) // _CHUNK)):
-        bodies = cell.nominal.body_poses(at[:, :-1], at[:, -1])
-        clash = first_collision(meshes, cell.proximity.pairs, cell.proximity.names, bodies)
-        contact = contact or ("" if clash is None else f"{clash.body_a} hits {clash.body_b}")
+    dense = np.concatenate([dense_poses(points, _BRUTE_STEP) for _, points in motions])
+    contact = first_contact(cell, judge_of(cell), dense)
     period = cell.cycle / FINER
     fine = [_resampled(cell, made, name, points) for name, points in motions]
     used = max(float(limit_fractions(points, cell.axis_limits, period).max()) for points in fine)
     segments = sum(len(points) - 1 for _, points in motions)
     torque = motor_torques(load_setup().cell, [points[:, :-1] for points in fine], period).max()
     return segments, len(dense), contact, used, float(torque)
-
-
-def _dense(points: Array) -> Array:
-    """Straight lines between set-points, with a pose at least every 0.05 degrees of each axis."""
-    pieces = [points[:1]]
-    for a, b in pairwise(points):
-        count = max(1, int(np.ceil(np.abs(b - a).max() / _BRUTE_STEP)))
-        pieces.append(a + np.arange(1, count + 1)[:, None] / count * (b - a))
-    return np.concatenate(pieces)
 
 
 def _resampled(cell: PlanningCell, made: Plan, name: str, points: Array) -> Array:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration_data import (
+from benchmarks.sphere_cell import (
     CENTRE,
     LARGE,
     RADIUS,

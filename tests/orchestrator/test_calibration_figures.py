@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.calibration_figures import ALL, ROBOTS, Trial, at_rest, everything, length
-from calibration_data import LARGE
+from benchmarks.sphere_cell import LARGE
 from scancell.calibration.cell.kinematics import LATENCY, TABLE, TOOL
 
 SEEDS = 24

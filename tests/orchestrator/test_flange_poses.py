@@ -16,7 +16,7 @@ from orientations import ORIENTATIONS
 from scipy.spatial.transform import Rotation
 
 import scancell
-from calibration_data import (
+from benchmarks.sphere_cell import (
     RADIUS,
     REALISTIC,
     SphereCase,

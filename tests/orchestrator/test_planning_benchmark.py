@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.planning import Row, run_case
-from bench.planning_cases import WANTED, read_cases
+from benchmarks.planning_cases import WANTED, read_cases
 
 CASES = read_cases()
 

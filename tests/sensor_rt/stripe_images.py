@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
+from benchmarks.stripe_images import cramer_rao, stripe
 from scancell.sensor import PEAK_REJECTED, Peaks, Sensor, expose
+
+__all__ = ["OPEN", "PEAK_E", "accepted", "cramer_rao", "images_of", "make_sensor", "sensor_description", "stripe"]
 
 Array = NDArray[np.float64]
 
@@ -72,15 +74,6 @@ def make_sensor(width: int = 1280, height: int = 1024, cameras: int = 1, **overr
     return Sensor(json.dumps(sensor_description(width, height, cameras, **overrides)))
 
 
-def stripe(rows: Array, sigma: Array | float, peak: Array | float, height: int) -> Array:
-    """Electrons (height, width) of a Gaussian stripe whose column c is centred at ``rows[c]``, integrated over pixels.
-
-    ``peak`` is the height of the Gaussian before integration.
-    """
-    edges = (np.arange(height + 1)[:, None] - 0.5 - rows) / sigma
-    return peak * sigma * np.sqrt(2.0 * np.pi) * np.diff(ndtr(edges), axis=0)
-
-
 def images_of(sensor: Sensor, electrons: Array, frames: int = 1, first: int = 0) -> NDArray[np.uint16]:
     """Images (frames, 1, height, width) of electrons (height, width), or (frames, height, width)."""
     light = np.broadcast_to(electrons, (frames, *electrons.shape[-2:]))[:, None].astype(np.float32)
@@ -90,23 +83,3 @@ def images_of(sensor: Sensor, electrons: Array, frames: int = 1, first: int = 0)
 def accepted(peaks: Peaks) -> NDArray[np.bool_]:
     """Mask (n,) of the peaks that are triangulated."""
     return np.asarray((peaks.flags & PEAK_REJECTED) == 0)
-
-
-def cramer_rao(sigma: float, peak: float, offset: float, variance_floor: float) -> float:
-    """Cramér-Rao bound (px) of a stripe's row when row, width, area and background are unknown.
-
-    ``offset`` is the sub-pixel position, ``variance_floor`` the variance (electrons²) that is not shot noise.
-    """
-    rows = np.arange(-40.0, 41.0)
-    step = 1e-4
-
-    def model(p: Array) -> Array:
-        return p[3] + p[2] * np.diff(ndtr((np.append(rows - 0.5, rows[-1] + 0.5) - p[0]) / p[1]))
-
-    truth = np.array([offset, sigma, peak * sigma * np.sqrt(2.0 * np.pi), 0.0])
-    scale = np.array([1.0, 1.0, truth[2], peak])
-    jacobian = np.stack(
-        [(model(truth + step * scale * e) - model(truth - step * scale * e)) / (2 * step) for e in np.eye(4)]
-    )
-    information = (jacobian / (model(truth) + variance_floor)) @ jacobian.T
-    return float(np.sqrt(np.linalg.inv(information)[0, 0]))

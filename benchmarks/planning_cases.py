@@ -13,6 +13,7 @@ import tomllib
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ from scancell.planning.path_map.path_planner import PathPlanner
 from scancell.planning.path_map.ray_shooting import shoot
 from scancell.planning.path_map.table_motion import Lattice
 from scancell.planning.views.sensor_paths import SensorPath, sensor_paths
+from scancell.proximity.judge import Judge
 from scancell.scanning.sense import make_sensors
 
 Array = NDArray[np.float64]
@@ -44,6 +46,7 @@ WANTED = {"ordinary": 136, "moving": 40, "blocked": 24}
 CLEARANCE = 0.005  # m
 _MOST_TRIES = 2000
 _STILL_ANGLES = 72
+_CHUNK = 5000  # poses at a time: their arrays take memory
 
 
 def read_cases(file: Path = CASES) -> list[dict[str, Any]]:
@@ -70,10 +73,46 @@ def planning_cell(case: dict[str, Any]) -> PlanningCell:
     return PlanningCell(replace(nominal, bodies=(*nominal.bodies, *boxes)), range_, 0.016, threads=1)
 
 
+def path_poses(table: dict[str, Array]) -> Array:
+    """Poses (n, 4, 4) of the sensor on the table, m, of an input `path`, for entries in Python."""
+    poses = np.zeros((len(table["x_mm"]), 4, 4))
+    poses[:, 3, 3] = 1.0
+    for row in range(3):
+        poses[:, row, 3] = 1e-3 * table[("x_mm", "y_mm", "z_mm")[row]]
+        for column in range(3):
+            poses[:, row, column] = table[f"r{row + 1}{column + 1}"]
+    return poses
+
+
 def path_of(case: dict[str, Any], cell: PlanningCell) -> SensorPath:
     description = PathDescription(name=case["name"], **case["path"])
     (path,) = sensor_paths(description, cell.nominal.part, cell.nominal.table_from_part)
     return path
+
+
+def dense_poses(axes: Array, step: float) -> Array:
+    """Axes on the straight lines between axes (n, joints + 1), rad, with a pose at least every `step` of each."""
+    pieces = [axes[:1]]
+    for a, b in pairwise(axes):
+        count = max(1, int(np.ceil(np.abs(b - a).max() / step)))
+        pieces.append(a + np.arange(1, count + 1)[:, None] / count * (b - a))
+    return np.concatenate(pieces)
+
+
+def judge_of(cell: PlanningCell) -> Judge:
+    """The collision queries of python-fcl for the bodies of a cell."""
+    meshes = {body.name: body.mesh for body in cell.nominal.bodies}
+    return Judge(meshes, cell.proximity.pairs, cell.proximity.names)
+
+
+def first_contact(cell: PlanningCell, judge: Judge, axes: Array) -> str:
+    """Bodies that python-fcl finds to hit each other at one of axes (n, joints + 1), rad; "" for none."""
+    for at in np.array_split(axes, -(-len(axes) // _CHUNK)):
+        bodies = cell.nominal.body_poses(at[:, :-1], at[:, -1])
+        clash = judge.first_collision(bodies)
+        if clash is not None:
+            return f"{clash.body_a} hits {clash.body_b}"
+    return ""
 
 
 def _box(rng: np.random.Generator) -> dict[str, Any]:

@@ -1,0 +1,1 @@
+"""Open benchmark of algorithms for laser profile scanning: ``python -m benchmarks --help``; see docs/benchmarks.md."""
