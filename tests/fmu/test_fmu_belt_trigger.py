@@ -145,7 +145,9 @@ def test_second_belt_triggers(build: Build) -> None:
     assert cell.get_int("trigger.count") > 5
 
 
-@pytest.mark.parametrize(("count", "belt", "interval"), [(1, 1, 0.0), (1, 2, 0.01), (0, 1, 0.01)])
+@pytest.mark.parametrize(
+    ("count", "belt", "interval"), [(1, 1, 0.0), (1, 2, 0.01), (1, 0, 0.01), (1, -(2**31), 0.01), (0, 1, 0.01)]
+)
 def test_missing_interval_or_belt_is_reported(build: Build, count: int, belt: int, interval: float) -> None:
     cell = build(3, belt_cell(count))
     cell.set("command.trigger.conveyor", belt)

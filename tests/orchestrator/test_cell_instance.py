@@ -147,9 +147,8 @@ def test_info_filters_variables_by_prefix(fmu) -> None:
     info = describe_fmu(fmu)
     figures = info.figures("command.trigger.")
     names = [variable["name"] for variable in figures["variables"]]
-    assert names == [
-        f"command.trigger.{name}" for name in ("mode", "period", "angle", "distance", "request", "from", "to")
-    ]
+    inputs = ("mode", "period", "angle", "distance", "conveyor", "travel", "request", "from", "to")
+    assert names == [f"command.trigger.{name}" for name in inputs]
     assert figures["causalities"] == info.causalities
     shown = {line.split()[0] for line in info.lines("command.trigger.") if line.startswith("  command")}
     assert shown == set(names)

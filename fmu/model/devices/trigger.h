@@ -63,8 +63,7 @@ struct TriggerCommand {
                        "Path length of the sensor origin in the rotating frame of the table between two "
                        "exposures in trigger mode 3; above 0"},
                       0)),
-        field(c.conveyor,
-              bounded({"conveyor", kNone, "Number of the conveyor of trigger mode 5, from 1"}, 1)),
+        field(c.conveyor, {"conveyor", kNone, "Number of the conveyor of trigger mode 5, from 1"}),
         field(
             c.travel,
             {"travel", kMetre,
