@@ -258,7 +258,7 @@ class NominalCell(Value):
         return np.asarray(pose.inverse(self.world_from_part(table)) @ self.world_from_sensor(q))
 
     def world_from_part_on_belt(self, travel: ArrayLike) -> Array:
-        """Pose (..., 4, 4) of the part on its belt, which it moves with, for travels (...,) since the start, m.
+        """Pose (..., 4, 4) of the part on its belt, which it moves with, for the `travel` (...,) since the start, m.
 
         Raises `DescriptionError` if the part does not arrive on a conveyor.
         """
@@ -268,7 +268,7 @@ class NominalCell(Value):
         return np.asarray(belt.world_from_belt @ pose.translation(along) @ belt.belt_from_part)
 
     def part_on_belt_from_sensor(self, q: ArrayLike, travel: ArrayLike) -> Array:
-        """Pose (..., 4, 4) of the sensor in the frame of the part on its belt, for `q` (..., joints), rad, and travels
+        """Pose (..., 4, 4) of the sensor in the frame of the part on its belt, for `q` (..., joints), rad, and `travel`
         (...,), m; see `world_from_part_on_belt`."""
         return np.asarray(pose.inverse(self.world_from_part_on_belt(travel)) @ self.world_from_sensor(q))
 
