@@ -1,4 +1,4 @@
-// Included first in files of others that open a window for an error and wait: the text goes to stderr, as on Linux.
+// Included first in files of others that open a window for an error and wait: the text goes to stderr.
 #pragma once
 
 #include <windows.h>
