@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -152,6 +153,7 @@ def test_memory_is_bounded_with_many_samples_in_many_rows() -> None:
     done = subprocess.run(
         [sys.executable, "-c", MEMORY_OF_DENSE_ROWS],
         cwd=Path(__file__).parent,
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},
         check=True,
         capture_output=True,
         text=True,
