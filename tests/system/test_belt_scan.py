@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 import scancell
 from scancell.evaluation.deviation import deviation_from_mesh
+from scancell.scanning.pipeline import ScanPipeline
 from scancell.views.recorded_run import open_run
 
 Array = NDArray[np.float64]
@@ -263,3 +265,14 @@ def test_larger_spacing_is_reported() -> None:
         plan = scanner.plan(ROOF)
     assert len(plan.segment) <= 20
     assert any("scan.belt.pitch_mm is increased" in warning for warning in plan.warnings)
+
+
+def test_normals_of_a_cloud_made_in_parts_are_those_of_the_whole() -> None:
+    """As a live scan makes it: the sensor passes in the frame of the part, not in that of the table."""
+    setup = scancell.load_setup(CELL, settings=SETTINGS | {"scan.belt.pitch_mm": 1.0}, ideal=True)
+    whole = shared().scan(ROOF, engine="geometric", setup=setup)
+    bare = replace(whole.cloud, normals=np.full_like(whole.cloud.normals, np.nan))
+    with ScanPipeline() as pipeline:
+        cloud = pipeline.with_normals(whole.nominal, whole.recording, bare, setup)
+    assert np.isfinite(cloud.normals).mean() > 0.9
+    np.testing.assert_allclose(cloud.normals, whole.cloud.normals, atol=1e-12)

@@ -72,11 +72,6 @@ class Attempt:
             situation = self._situation()
             return tuple(self._result(item, situation) for item in self.exercise.items)
 
-    @property
-    def is_passed(self) -> bool:
-        """Whether all items are reached."""
-        return all(result.is_reached for result in self.results)
-
     def answer(self, question: Question, value: float) -> None:
         """Enter a figure.
 

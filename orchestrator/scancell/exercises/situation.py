@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from scancell.cell.recording import Recording
 from scancell.evaluation.deviation import deviation_from_mesh
+from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.live.state import LiveState
 from scancell.programs.program import ProgramRun
@@ -94,5 +95,4 @@ class Situation:
     @property
     def part_in_world(self) -> Array:
         """True positions (n, 3) of the corners of the part's mesh, m."""
-        world_from_part = self.now.world_from_body["part"]
-        return np.asarray(self.part.vertices @ world_from_part[:3, :3].T + world_from_part[:3, 3])
+        return pose.transform_points(self.now.world_from_body["part"], self.part.vertices)

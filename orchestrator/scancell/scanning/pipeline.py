@@ -52,6 +52,7 @@ from scancell.reconstruction.foreign import neighbours_of, neighbours_on_belt
 from scancell.reconstruction.reconstruct import (
     Dropped,
     Envelope,
+    PosesAfter,
     ProfilePoints,
     poses_by_joints,
     reconstruct_points,
@@ -276,12 +277,11 @@ class ScanPipeline(Closing):
 
         `nominal` may be an estimated (calibrated) cell, see `LoadedCell.estimated`.
         """
-        belt = belt_of(nominal, setup)
-        measured = measured_motion(nominal, recording, setup)
+        belt, (measured, poses_after) = belt_of(nominal, setup), _measured_poses(nominal, recording, setup)
         made = reconstruct_points(
             profiles,
             measured,
-            poses_by_joints(measured, sensor_poses(nominal, setup)),
+            poses_after,
             nominal.table_from_part if belt is None else belt.belt_from_part,
             envelope_of(nominal, setup),
             normals,
@@ -290,10 +290,9 @@ class ScanPipeline(Closing):
         )
         return made.cloud, made.dropped
 
-    def with_normals(self, nominal: NominalCell, recording: Recording, cloud: Cloud) -> Cloud:
+    def with_normals(self, nominal: NominalCell, recording: Recording, cloud: Cloud, setup: Setup) -> Cloud:
         """A cloud that was reconstructed in parts, without normals, with its normals; `nominal` as of `reconstruct`."""
-        measured = recording.measured.after(nominal.trigger_latency)
-        return with_normals(cloud, measured, poses_by_joints(measured, nominal.part_from_sensor), self.threads)
+        return with_normals(cloud, *_measured_poses(nominal, recording, setup), self.threads)
 
     def close(self) -> None:
         """Release the FMU, its files and the cached scenes."""
@@ -320,6 +319,12 @@ def measured_motion(nominal: NominalCell, recording: Recording, setup: Setup) ->
 def sensor_poses(nominal: NominalCell, setup: Setup) -> Callable[[ArrayLike, ArrayLike], NDArray[np.float64]]:
     """The function of the cell that returns ``part_from_sensor`` for `measured_motion`."""
     return nominal.part_from_sensor if setup.scan.belt is None else nominal.part_on_belt_from_sensor
+
+
+def _measured_poses(nominal: NominalCell, recording: Recording, setup: Setup) -> tuple[TriggerRecords, PosesAfter]:
+    """`measured_motion`, and the poses of the sensor in the frame of the part by it."""
+    measured = measured_motion(nominal, recording, setup)
+    return measured, poses_by_joints(measured, sensor_poses(nominal, setup))
 
 
 def envelope_of(nominal: NominalCell, setup: Setup) -> Envelope:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -200,10 +201,10 @@ class Scan:
     def of_parts(self, exposed: Exposed, cloud: Cloud, dropped: Dropped, plan: Plan, watch: Stopwatch) -> ScanData:
         """As `of_profiles`, of exposures of which `points_of` gave the cloud and what was dropped, part by part."""
         with watch.measure("reconstruct"):
-            cloud = self.pipeline.with_normals(self._reconstructed_by, exposed.recording, cloud)
+            cloud = self.pipeline.with_normals(self._reconstructed_by, exposed.recording, cloud, self.job.setup)
         return self._data(exposed, cloud, dropped, plan, watch)
 
-    @property
+    @cached_property
     def _reconstructed_by(self) -> NominalCell:
         """The cell that reconstruction assumes."""
         loaded = self.job.loaded

@@ -27,7 +27,6 @@ def crossings(nominal: NominalCell, belt_from_sensor: Array) -> Array:
 
     Raises `PlanningError` if the sheet is nearly parallel to the travel.
     """
-    belt = nominal.required_belt()
     normal, origin = belt_from_sensor[:3, 0], belt_from_sensor[:3, 3]
     if abs(normal[0]) < _LEAST_CROSSING:
         angle = np.degrees(np.arcsin(abs(normal[0])))
@@ -36,8 +35,13 @@ def crossings(nominal: NominalCell, belt_from_sensor: Array) -> Array:
             key="scan.belt.pose",
             expected=f"at least {np.degrees(np.arcsin(_LEAST_CROSSING)):.1f} deg: the sheet across the belt",
         )
-    points = pose.transform_points(belt.belt_from_part, nominal.part.vertices[np.unique(nominal.part.faces)])
-    return np.asarray((origin - points) @ normal / normal[0])
+    return np.asarray((origin - _vertices(nominal)) @ normal / normal[0])
+
+
+def _vertices(nominal: NominalCell) -> Array:
+    """Positions (n, 3) of the vertices of the part's faces in the frame of the belt at travel 0, m."""
+    used = nominal.part.vertices[np.unique(nominal.part.faces)]
+    return pose.transform_points(nominal.required_belt().belt_from_part, used)
 
 
 def belt_run(nominal: NominalCell, options: BeltOptions, cycle: float) -> BeltRun:
@@ -115,9 +119,7 @@ def spacing_and_count(run: BeltRun, options: BeltOptions, max_profiles: int) -> 
 
 def range_warnings(nominal: NominalCell, options: BeltOptions, range_: SensorRange) -> list[str]:
     """Warning about the share of the part that passes outside the measuring range."""
-    points = pose.transform_points(
-        nominal.required_belt().belt_from_part, nominal.part.vertices[np.unique(nominal.part.faces)]
-    )
+    points = _vertices(nominal)
     points[:, 0] += crossings(nominal, options.belt_from_sensor)
     _, y, z = pose.transform_points(pose.inverse(options.belt_from_sensor), points).T
     outside = ~range_.contains(y, z)
