@@ -35,7 +35,6 @@ from studies_files import GLOSS, HEAD, OFFSET, write_study  # noqa: E402
 from .table import cpu_model, replace_paragraphs  # noqa: E402
 
 TRIALS = 12
-DESIGN = f'[design]\nkind = "monte_carlo"\ntrials = {TRIALS}\n'
 VICTIMS = ("worker", "command", "scheduler")
 PATIENCE_S = 300
 _SCHEDULER = "from distributed.cli.dask_scheduler import main; main()"
@@ -63,9 +62,10 @@ class Attempt:
 class Campaign:
     """The same study again and again in `folder`, each time in a folder of its own."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.study = write_study(folder, HEAD, DESIGN, OFFSET, GLOSS)
+    def __init__(self, folder: Path, trials: int = TRIALS) -> None:
+        self.folder, self.trials = folder, trials
+        design = f'[design]\nkind = "monte_carlo"\ntrials = {trials}\n'
+        self.study = write_study(folder, HEAD, design, OFFSET, GLOSS)
         start = time.monotonic()
         self._finish(self._start("run", "undisturbed"))
         self.length_s = time.monotonic() - start
@@ -92,7 +92,7 @@ class Campaign:
             # Killed before it had claimed its folder, it has to be run anew.
             begun = (self.folder / name / "description.json").exists()
             self._finish(self._start("resume" if begun else "run", name))
-        same = self._rows(name) == self.expected and len(self._finished(name)) == TRIALS
+        same = self._rows(name) == self.expected and len(self._finished(name)) == self.trials
         same = same and not list((self.folder / name / "tasks").glob(".*"))
         shutil.rmtree(self.folder / name)
         return Attempt(victim, moment_s, finished, code, partials, same)
@@ -123,7 +123,7 @@ class Campaign:
         """The results table and the rows of each task, as bytes."""
         rows = [(task / "rows.json").read_bytes() for task in self._finished(name)]
         table = self.folder / name / "results.parquet"
-        assert pyarrow.parquet.read_table(table).num_rows == TRIALS
+        assert pyarrow.parquet.read_table(table).num_rows == self.trials
         return (table.read_bytes(), *rows)
 
     @contextlib.contextmanager

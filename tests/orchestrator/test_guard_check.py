@@ -152,12 +152,12 @@ def collisions_of_proved_stops(assumed: WorstCase, count: int, seed: int) -> tup
 
 def test_proved_stops_are_free_of_contact_in_the_worst_case():
     """With a tenth of the reaction time, motions would be released into walls."""
-    proved, collided, others = collisions_of_proved_stops(WORST, 240, 35)
+    proved, collided, others = collisions_of_proved_stops(WORST, 120, 35)
     assert collided == 0
-    assert proved >= 60
-    assert others >= 15
+    assert proved >= 30
+    assert others >= 8
     hasty = replace(WORST, age=0.0, period=0.0, delay=0.009)
-    assert collisions_of_proved_stops(hasty, 240, 35)[1] >= 3
+    assert collisions_of_proved_stops(hasty, 120, 35)[1] >= 3
 
 
 def test_motion_too_slow_to_measure_needs_room_near_a_wall():

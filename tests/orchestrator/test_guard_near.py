@@ -76,10 +76,10 @@ def test_near_a_wall_only_a_jog_away_from_it_is_permitted(speed):
 
 def test_motions_that_bring_no_near_pair_nearer_are_permitted():
     """Random jogs and moves from poses within the clearance of a wall, against dense samples of the distances."""
-    counts = run(60, 2)
-    assert counts.away >= 120
+    counts = run(30, 2)
+    assert counts.away >= 60
     assert counts.away_refused == 0
-    assert counts.nearer >= 8
+    assert counts.nearer >= 4
     assert counts.nearer_permitted == 0
 
 

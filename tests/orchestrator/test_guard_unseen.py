@@ -77,7 +77,7 @@ def test_unseen_changes_stay_within_the_bound():
     """Random directions, kept or changed at random, of random jogs; and the fastest approach of a wall or of links."""
     rng = np.random.default_rng(51)
     used = 0.0
-    for case, (start, direction, _, cell, scene) in enumerate(square(rng, (0.3, 0.4), 45)):
+    for case, (start, direction, _, cell, scene) in enumerate(square(rng, (0.3, 0.4), 24)):
         twist, rates = random_jogs(cell, start, rng)
         kept = rng.standard_normal(7) * rng.choice([1.0, 0.0], 7, p=[0.7, 0.3]) + 1e-3
         wishes: list[Wish] = [

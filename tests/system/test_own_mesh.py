@@ -31,7 +31,7 @@ def bracket() -> trimesh.Trimesh:
 
 @pytest.mark.parametrize(
     ("suffix", "unit", "engine", "most"),
-    [("stl", "mm", "ray-traced", 80), ("obj", "m", "geometric", 1300), ("ply", "inch", "geometric", 80)],
+    [("stl", "mm", "ray-traced", 80), ("obj", "m", "geometric", 650), ("ply", "inch", "geometric", 80)],
 )
 def test_own_mesh_is_scanned(tmp_path, suffix, unit, engine, most) -> None:
     part = bracket()
@@ -49,7 +49,7 @@ def test_own_mesh_is_scanned(tmp_path, suffix, unit, engine, most) -> None:
     limit_um = 0.1 if engine == "geometric" else 10.0
     assert figures["deviation"]["rms_um"] <= limit_um
     assert figures["deviation"]["d99_9_um"] <= 60.0
-    if most > 1000:
+    if most > 500:
         assert figures["coverage"] >= 0.95
     else:  # profiles lie centimetres apart
         assert 0.05 < figures["coverage"] < 0.5

@@ -6,12 +6,14 @@ import random
 
 import pytest
 
-from bench.study_kills import TRIALS, VICTIMS, Campaign
+from bench.study_kills import VICTIMS, Campaign
+
+TRIALS = 6
 
 
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory):
-    return Campaign(tmp_path_factory.mktemp("kills"))
+    return Campaign(tmp_path_factory.mktemp("kills"), TRIALS)
 
 
 @pytest.mark.parametrize("victim", VICTIMS)
