@@ -18,7 +18,9 @@ Report RobotController::report(std::int64_t time_us) const {
   report.limit = state_.path_limit != 0 ? state_.path_limit : servo_.state().limit;
   report.progress = move_.progress();
   report.path_clock = path_clock(time_us);
-  report.rate = is_jog(state_.mode) ? jog_.share_of_ahead(state_.jog_permit.shown(), sample(time_us))
+  const JogPermit& permit = state_.jog_permit;
+  report.rate = is_jog(state_.mode) ? std::max(jog_.share_of_ahead(permit.shown(), sample(time_us)),
+                                               permit.held(state_.guard))
                                     : report.path_clock.rate;
   report.guard_age = state_.guard.age(time_us);
   report.guard_share = state_.guard.share;

@@ -126,7 +126,7 @@ void exchange(A& a, GuardWatch& v) {
 }
 template <class A>
 void exchange(A& a, JogPermit& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.mode, v.frame, v.direction);
+  ROBOTCELL_EXCHANGE(a, v, v.mode, v.frame, v.direction, v.speed, v.given);
 }
 template <class A>
 void exchange(A& a, ControllerState& v) {

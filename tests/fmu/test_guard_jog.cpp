@@ -144,6 +144,65 @@ TEST_P(GuardedJog, ShowsTheSamePathAtAnyDeflectionAndNoneAfterItsRelease) {
   EXPECT_EQ(ahead().back(), drive_.position());
 }
 
+TEST_P(GuardedJog, PathIsShownAtFourTimesTheDeflectionAtLeastATwentieth) {
+  const double cases[][2] = {{0.001, 0.05}, {0.01, 0.05}, {0.1, 0.4}, {0.3, 1}, {1, 1}};
+  for (const auto& [deflection, shown] : cases) {
+    drive_.command.jog[1] = 0;
+    answered(20);
+    drive_.command.jog[1] = deflection;
+    drive_.command.guard_max_age = 10;
+    answered(2);
+    drive_.run(30);
+    drive_.command.guard_max_age = kMaxAge;
+    EXPECT_NEAR(rate(), deflection / shown, 1e-3 * deflection / shown) << deflection;
+  }
+}
+
+TEST_P(GuardedJog, FasterJogIsShownAnewAndKeepsItsSpeedUntilThatIsAnswered) {
+  drive_.command.jog[1] = 0.1;
+  drive_.command.guard_max_age = 10;
+  answered(2);
+  drive_.run(20);
+  const auto fast = [this] { return GetParam() == Mode::kJointJog ? std::abs(speed()) : tool_speed(); };
+  const auto travel = [this, &fast] { return fast() / rate(); };  // of the path ahead, in a second
+  const double slow = fast(), shown = travel();
+  EXPECT_FALSE(waits());
+  drive_.command.jog[1] = 0.3;  // within what is shown
+  drive_.run(30);
+  EXPECT_NEAR(travel(), shown, 0.05 * shown);
+  EXPECT_NEAR(fast(), 3 * slow, 0.05 * slow);
+  drive_.command.jog[1] = 0.5;
+  for (int k = 0; k < 20; ++k) {
+    drive_.run(1);
+    EXPECT_TRUE(waits());
+    EXPECT_NEAR(travel(), 2.5 * shown, 0.1 * shown);
+    EXPECT_NEAR(fast(), 3 * slow, 0.1 * slow);
+  }
+  answered(1);
+  drive_.run(30);
+  EXPECT_NEAR(fast(), 5 * slow, 0.1 * slow);
+}
+
+TEST_P(GuardedJog, SpeedOfAPathThatIsShownAnewIsReportedBeforeItIsReached) {
+  drive_.command.jog[1] = 0.1;
+  drive_.command.guard_max_age = 10;
+  answered(2);
+  drive_.run(1);
+  drive_.command.jog[1] = 0.4;  // permitted: the robot has hardly begun to accelerate
+  drive_.run(1);
+  drive_.command.jog[1] = 0.9;
+  drive_.run(1);
+  EXPECT_TRUE(waits());
+  const double stated = rate();
+  double reached = 0;
+  for (int k = 0; k < 60; ++k) {
+    drive_.run(1);
+    reached = std::max(reached, rate());
+  }
+  EXPECT_NEAR(stated, 0.4, 1e-9);
+  EXPECT_LE(reached, stated + 1e-9);
+}
+
 TEST_P(GuardedJog, WithoutAGuardItBeginsAtOnce) {
   drive_.command.guard_max_age = 0;
   drive_.command.jog[1] = 0.5;

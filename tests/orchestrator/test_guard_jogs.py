@@ -120,8 +120,8 @@ def test_jog_slows_down_and_rests_in_front_of_a_wall_without_an_emergency_stop(r
         assert SETTINGS.position_error < least(robot, scene).min() < 0.006
         named = [answer.text for answer in answers if answer.text]
         assert all(": " in text and " mm" in text for text in named)
-        assert any(text.startswith("slowed to ") for text in named)
-        assert named[-1].startswith("no jog: ") or named[-1].startswith("slowed to 0%")
+        assert any(text.startswith("slowed: ") for text in named)
+        assert named[-1].startswith(("no jog: ", "slowed: "))
 
 
 def test_robot_stops_without_contact_whenever_the_link_dies() -> None:

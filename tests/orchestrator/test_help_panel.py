@@ -71,7 +71,7 @@ def test_steps_are_ticked_off_when_they_are_done_and_stay_so(rig: Rig) -> None:
     rig.feed.frame = SimpleNamespace(points_in_sensor=np.zeros((5, 3)))
     assert rig.done() == 2
     assert rig.done(controller="emergency stop") == 2  # by the button
-    assert rig.done(guard_text="slowed to 20%: sensor - table: 12 mm") == 2
+    assert rig.done(guard_text="slowed: sensor - table: 12 mm") == 2
     assert rig.done(guard_text="no jog: sensor - table: 3 mm") == 3
     assert rig.done(controller="emergency stop") == 3
     assert rig.done() == 4

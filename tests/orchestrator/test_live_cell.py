@@ -112,7 +112,7 @@ def test_jog_into_table_slows_down_and_rests(operator: SteppedCell) -> None:
     held = operator.until(lambda state: state.guard_text.startswith("no jog: sensor - table: "), down)
     assert held.guarded_pair == ("sensor", "table")
     texts = [state.guard_text for state in operator.states]
-    slowed = next(i for i, text in enumerate(texts) if text.startswith("slowed to "))
+    slowed = next(i for i, text in enumerate(texts) if text.startswith("slowed: "))
     assert texts[slowed].endswith(" mm")
     assert any(state.pendant_beep for state in operator.states)
     assert not any(state.controller == "emergency stop" for state in operator.states)

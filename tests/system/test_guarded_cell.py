@@ -276,7 +276,7 @@ def test_jog_slows_down_and_rests_in_front_of_the_post(post, tmp_path):
         held = run.angles[-1]
     with served(post[0]) as (process, port), rig(post[0], tmp_path / "second", port) as run:
         run.start(Operation.MANUAL)
-        run.until(lambda: run.cell.get_string("pendant.text").startswith("slowed to "))
+        run.until(lambda: run.cell.get_string("pendant.text").startswith("slowed: "))
         process.send_signal(signal.SIGKILL)
         process.wait()
         run.transport.answers = False
@@ -357,6 +357,6 @@ def test_example_in_real_time_rests_without_contact():
         done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     assert done.returncode == 0, done.stderr
     last = done.stdout.splitlines()[-1]
-    assert last.startswith(("no jog: ", "slowed to ", "Emergency stop"))
+    assert last.startswith(("no jog: ", "slowed: ", "Emergency stop"))
     assert "; 0 contacts; packets: " in last
     assert " accepted" in last

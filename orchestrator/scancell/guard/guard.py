@@ -266,7 +266,7 @@ def _stop(verdict: Verdict) -> Decision:
 
 def _jog_decision(verdict: JogVerdict, speed: float, stops: bool, slows: bool) -> Decision:
     """An emergency stop, or the permitted speed of a jog; the bodies that it approaches are named in any case."""
-    word = "stop" if stops else f"slowed to {speed:.0%}" if speed else "no jog"
+    word = "stop" if stops else "slowed" if speed else "no jog"
     clash = verdict.clash
     if clash is None:
         return Decision(stops, speed, "" if speed == 1 else f"{word}: the motion changes too fast", speed < 1)

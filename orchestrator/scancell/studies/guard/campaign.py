@@ -263,7 +263,7 @@ class _Pair:
         """Whether the guard has slowed the robot: a jog at any time, a motion on a path to a tenth at the end."""
         if self.stratum.operation is Operation.AUTOMATIC:
             return self.course.rate <= _HELD and self.course.arrived_at is None
-        return any(decision.monitor_speed < self.twin.scenario.speed for _, decision in self.block.guarded.log)
+        return any(decision.beep for _, decision in self.block.guarded.log)
 
     def _was_near(self, pair: tuple[str, ...]) -> bool:
         """Whether the twin came nearer than the stated distance and 5 mm, with `pair` or a body around the arm.
