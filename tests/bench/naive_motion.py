@@ -71,7 +71,7 @@ def measured(cell: PlanningCell, name: str, motions: Sequence[Array]) -> Motion:
 
 
 def main() -> None:
-    """Plan and draw."""
+    """Plan, draw, and print the smallest distances."""
     cell, naive, planned = example()
     figure, axes = plt.subplots(1, 3, figsize=(12, 4), width_ratios=(1, 1, 1.1), layout="constrained")
     for axis, motion, colour in ((axes[0], naive, "tab:red"), (axes[1], planned, "tab:green")):
@@ -79,6 +79,7 @@ def main() -> None:
     for motion, colour in ((naive, "tab:red"), (planned, "tab:green")):
         times = np.arange(len(motion.points)) * cell.cycle
         axes[2].plot(times, 1e3 * motion.distance, color=colour, label=motion.name)
+        print(f"{motion.name} motion: at least {1e3 * motion.distance.min():.1f} mm from part and table")
     axes[2].axhline(1e3 * CLEARANCE, color="grey", linestyle=":", label="clearance")
     axes[2].set(xlabel="time (s)", ylabel="distance of the arm from part and table (mm)", ylim=(-2, None))
     axes[2].set_title(f"at least {1e3 * naive.distance.min():.0f} mm and {1e3 * planned.distance.min():.1f} mm")

@@ -124,6 +124,8 @@ def test_tool_is_found_without_a_description_of_it(scanner, recording, tmp_path)
     assert np.linalg.norm(error[:3, 3]) < 0.2e-3
     assert np.degrees(np.linalg.norm(pose.log_rotation(error[:3, :3]))) < 0.2
     assert report.result.noise_of_robot[0] == pytest.approx(REALISTIC.position, rel=0.6)
+    x, y, z = 1e3 * report.flange_from_sensor[:3, 3]
+    assert f"sensor on the flange: ({x:.3f}, {y:.3f}, {z:.3f}) mm" in report.summary()
     # The points that it leaves are an input again.
     report.save(tmp_path / "out")
     again = scanner.calibrate("tool", from_points=tmp_path / "out" / "points.parquet")

@@ -125,6 +125,25 @@ def test_repeated_faces_are_removed(tmp_path, repeated):
     assert f"{len(again)} of {12 + len(again)} faces repeat another" in remark
 
 
+@pytest.mark.parametrize("error", [1e-17, 1e-7])
+def test_seams_of_rounding_are_closed_and_wider_gaps_stay(tmp_path, error):
+    """As a CAD program writes them: the corners of each face have their own rounding errors."""
+    cube = trimesh.creation.box(bounds=[[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
+    corners = cube.triangles + np.random.default_rng(1).normal(0.0, error, (12, 3, 3))
+    corners[0] += 1e-4  # far beyond rounding
+    path = tmp_path / "cube.ply"  # STL files have single precision
+    trimesh.Trimesh(corners.reshape(-1, 3), np.arange(36).reshape(-1, 3), process=False).export(path)
+    gap = load_mesh(path, "m")
+    assert not gap.is_closed
+    assert gap.warnings
+    corners[0] -= 1e-4
+    trimesh.Trimesh(corners.reshape(-1, 3), np.arange(36).reshape(-1, 3), process=False).export(path)
+    mesh = load_mesh(path, "m")
+    assert mesh.is_closed
+    assert mesh.warnings == ()
+    assert len(mesh.vertices) == 8
+
+
 def test_both_sides_of_a_sheet_are_kept(tmp_path):
     faces = np.array([[0, 1, 2], [2, 1, 0], [0, 2, 3], [3, 2, 0]])
     corners = np.array([[0, 0, 0], [50, 0, 0], [50, 40, 0], [0, 40, 0]], float)

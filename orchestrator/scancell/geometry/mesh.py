@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scancell.arguments import Shape, checked_arguments, checked_fields
 from scancell.errors import MeshError
 from scancell.geometry import orientation, pose
-from scancell.geometry.mesh_files import FORMATS, Vertices, read_mesh, weld
+from scancell.geometry.mesh_files import FORMATS, Vertices, read_mesh, weld, weld_seams
 from scancell.geometry.orientation import Orientation, Winding
 from scancell.values import Value
 
@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 METRES_PER_UNIT = {"mm": 1e-3, "m": 1.0, "inch": 0.0254}
 
 _USABLE = (0.5e-3, 5.0)  # m: largest extent of meshes that are accepted
-_EXPECTED = (5e-3, 2.0)  # m: largest extent of meshes that are accepted without a remark
+_EXPECTED = (10e-3, 2.0)  # m: the same without a remark; parts in inches that fit on a table are smaller as mm
 _MANY_POINTS = 50_000  # from which on the hull is an approximation
 _HULL_ERROR = 1e-4  # of the largest extent by which points may lie outside an approximated hull
 _BLOCK = 1 << 14  # faces worked on at a time, which stay in the cache
@@ -217,8 +217,9 @@ class MassProperties:
 def load_mesh(path: str | Path, unit: str = "mm") -> Mesh:
     """Read an STL, OBJ or PLY file whose coordinates are in `unit` (mm, m or inch).
 
-    Equal vertices are joined, repeated faces removed and faces that certainly point the wrong way flipped;
-    `Mesh.warnings` reports it. The order of the faces is that of the file.
+    Equal vertices are joined, also those of open edges that differ by rounding only; repeated faces are removed and
+    faces that certainly point the wrong way flipped, which `Mesh.warnings` reports. The order of the
+    faces is that of the file.
 
     Raises `MeshError` with the file and the fault: missing, not a mesh, empty, NaN or infinite vertices, a face index
     out of range, no face with an area, or a size that cannot be meant.
@@ -229,9 +230,12 @@ def load_mesh(path: str | Path, unit: str = "mm") -> Mesh:
     vertices, faces = read_mesh(path)
     _check_mesh(vertices, faces, str(path))
     first, number = weld(vertices)
+    faces = number[faces]
+    if not orientation.is_closed(faces):
+        faces = weld_seams(vertices[first].astype(float), faces)
     used = np.zeros(len(first), bool)
-    used[number[faces]] = True
-    faces = (np.cumsum(used) - 1)[number][faces]
+    used[faces] = True
+    faces = (np.cumsum(used) - 1)[faces]
     metres = vertices[first[used]].astype(float) * METRES_PER_UNIT[unit]
     remarks = _size_remarks(float(np.ptp(metres, axis=0).max()), unit, str(path))
     once = _first_of_equal_faces(faces)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.errors import MeshError
+from scancell.geometry.orientation import connected_components
 
 Vertices = NDArray[np.floating[Any]]
 Faces = NDArray[np.int64]
@@ -19,6 +20,7 @@ FORMATS = (".stl", ".obj", ".ply")
 _STL_HEAD = 84  # bytes: header and number of triangles
 _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _BLOCK = 1 << 16
+_ROUNDING = 1e-6  # of the largest coordinate: a few last digits of single precision
 
 
 def read_mesh(path: Path) -> tuple[Vertices, Faces]:
@@ -67,6 +69,23 @@ def weld(vertices: Vertices) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         pending = pending[~same]
     kept = earliest == np.arange(len(hashes))
     return np.flatnonzero(kept), (np.cumsum(kept) - 1)[earliest]
+
+
+def weld_seams(vertices: Vertices, faces: Faces) -> Faces:
+    """Faces (m, 3) after joining vertices of open edges that differ by rounding only.
+
+    CAD programs write a corner that two faces share as 0 in one of them and as 1e-17 in the other.
+    """
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    edges, count = np.unique(edges, axis=0, return_counts=True)
+    rim = np.unique(edges[count == 1])
+    if not len(rim):
+        return faces
+    cells = vertices[rim] / (_ROUNDING * np.abs(vertices).max())
+    # Two grids, as a pair may lie on both sides of the border of a cell of one of them.
+    joined = [rim[first[number]] for first, number in (weld(np.round(cells)), weld(np.round(cells + 0.5)))]
+    label = connected_components(len(vertices), np.concatenate([rim, rim]), np.concatenate(joined))
+    return np.unique(label, return_index=True)[1][label][faces]
 
 
 def _position_hashes(vertices: Vertices) -> NDArray[np.uint64]:

@@ -20,7 +20,7 @@ from scancell.geometry import pose
 Array = NDArray[np.float64]
 
 INTRINSICS = ("focal_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2")
-_WRITTEN = ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")
+_WRITTEN = ("x_mm", "y_mm", "z_mm", "rotvec_1_deg", "rotvec_2_deg", "rotvec_3_deg")
 _POSE = ("x_mm", "y_mm", "z_mm", "rx_mrad", "ry_mrad", "rz_mrad")
 SHEET = ("sheet_distance_mm", "sheet_turn_1_mrad", "sheet_turn_2_mrad")
 VALUES = (

@@ -181,11 +181,14 @@ class CalibrationReport(SavedCalibration):
             f"  {'deviation':24} {'estimate':>10}   {percent + ' interval':>14}"
             + ("" if self.true is None else f" {'true':>10} {'error':>10}"),
         ]
-        position = ", ".join(f"{1e3 * value:.3f}" for value in result.platter_from_artefact[:3, 3])
-        lines.insert(1, f"  origin of the artefact's coordinates on the table: ({position}) mm")
+        lines.insert(1, f"  origin of the artefact's coordinates on the table: {_mm(result.platter_from_artefact)}")
         for row in self.rows:
             text = f"  {row.name + ' ' + row.unit:24} {row.value:10.5f} +- {row.half_width:12.5f} "
             lines.append(text + comparison_text(row.true, row.value, row.half_width))
+        if set(TOOL) & set(result.names):
+            found = self.flange_from_sensor
+            angles = ", ".join(f"{value:.4f}" for value in np.degrees(pose.euler_xyz_from_rotation(found[:3, :3])))
+            lines.append(f"  sensor on the flange: {_mm(found)}, XYZ' ({angles}) deg")
         return "\n".join(lines)
 
     @property
@@ -200,3 +203,8 @@ class CalibrationReport(SavedCalibration):
         write_points(self.calibration.problem.observations, folder.path("points.parquet"))
         residual_picture(folder.path("residuals.png"), *self._distances)
         folder.path("resolved.toml").write_text(resolved_toml(self.setup, self.run))
+
+
+def _mm(found: NDArray[np.float64]) -> str:
+    """Position of a pose (4, 4) as text."""
+    return "(" + ", ".join(f"{1e3 * value:.3f}" for value in found[:3, 3]) + ") mm"
