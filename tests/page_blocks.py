@@ -29,7 +29,7 @@ KINDS = (
     "needs another program",
     "needs a device",
     "shows a form",  # a pattern to fill in, not code
-    "takes hours",
+    "takes long",
 )
 _FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _LEFT_OUT = re.compile(r"<!-- not run: (.+?) -->\s*\Z")
