@@ -36,3 +36,9 @@ def cramer_rao(sigma: float, peak: float, offset: float, variance_floor: float) 
     )
     information = (jacobian / (model(truth) + variance_floor)) @ jacobian.T
     return float(np.sqrt(np.linalg.inv(information)[0, 0]))
+
+
+def mean_bound(sigma: float, peak: float, variance_floor: float) -> float:
+    """Root mean square of `cramer_rao` over the positions between two pixels, px."""
+    offsets = np.linspace(-0.5, 0.5, 9)
+    return float(np.sqrt(np.mean([cramer_rao(sigma, peak, offset, variance_floor) ** 2 for offset in offsets])))

@@ -9,6 +9,7 @@ import numpy as np
 
 from benchmarks.board_views import read_views
 from benchmarks.planning_cases import path_of, path_poses, planning_cell
+from benchmarks.tracks.acceptance import NAMES as ACCEPTANCE_NAMES
 from benchmarks.tracks.hand_eye import NAMES
 from benchmarks.tracks.table import NAMES as TABLE_NAMES
 from scancell.calibration.board.problem import COUNT, BoardView, Rig
@@ -17,9 +18,10 @@ from scancell.calibration.cell.kinematics import TABLE, TOOL, AxisReadings, Cell
 from scancell.calibration.cell.problem import Artefact, CalibrationProblem, MeasuredShapes, Observations
 from scancell.calibration.cell.solve import solve as solve_cell
 from scancell.config.sensor import SensorDescription
+from scancell.evaluation.artefact import evaluate_against_artefact
 from scancell.geometry import pose
 from scancell.geometry.chain import Chain
-from scancell.geometry.shapes import PlacedShape, ShapeGroup, Sphere
+from scancell.geometry.shapes import Box, Cylinder, PlacedShape, ShapeGroup, Sphere
 from scancell.planning.path_map.path_planner import PathPlanner
 from scancell.scanning.sense import make_sensor
 from scancell.sensor import PEAK_REJECTED, extract
@@ -110,3 +112,23 @@ def table(case: dict[str, Any]) -> dict[str, Any]:
     found = solve_cell(CalibrationProblem(cell, observed, artefact, (*TOOL, *TABLE)))
     factor = np.array([written_unit(name)[1] for name in (*TOOL, *TABLE)])
     return {"name": TABLE_NAMES, "value": found.values / factor, "half_width": found.half_widths() / factor}
+
+
+def acceptance(case: dict[str, Any]) -> dict[str, Any]:
+    """Evaluation against the artefact after a best fit; form of 95 % of the points."""
+    points = 1e-3 * np.column_stack([case["points"][axis] for axis in ("x_mm", "y_mm", "z_mm")])
+    centres, thickness = 1e-3 * np.array(case["centres_mm"]), 0.01
+    stem = Cylinder(1e-3 * case["stem_radius_mm"], centres[0, 2])
+    plate = Box(*(1e-3 * np.array(case["plate_mm"])), thickness)
+    shapes = [PlacedShape("plate", plate, pose.translation((0, 0, -thickness / 2)))]
+    for number, centre in enumerate(centres, 1):
+        shapes.append(PlacedShape(f"ball{number}", Sphere(1e-3 * case["radius_mm"]), pose.translation(centre)))
+        shapes.append(PlacedShape("stem", stem, pose.translation(centre * [1, 1, 0.5]), "support"))
+    found = evaluate_against_artefact(points, ShapeGroup(tuple(shapes)), "best-fit").characteristics
+    figures = {f"{one.of} {one.name}": one for one in found}
+    form = "{} probing form, 95 % of the points"
+    names = ("ball1 probing size", "ball2 probing size", "ball1 - ball2 sphere spacing")
+    chosen = [*names, form.format("ball1"), form.format("ball2"), "plate:+z flatness, 95 % of the points"]
+    rows = [figures[name] for name in chosen]
+    half = 1.96e6 * np.nan_to_num([one.uncertainty for one in rows])  # forms have none
+    return {"name": ACCEPTANCE_NAMES, "value": [1e6 * one.error for one in rows], "half_width": half}

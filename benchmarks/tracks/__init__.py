@@ -6,7 +6,7 @@ from importlib import import_module
 
 from benchmarks.track import Track
 
-NAMES = ("stripe", "hand_eye", "table", "sensor", "planning")
+NAMES = ("stripe", "sensor", "hand_eye", "table", "planning", "acceptance")
 
 
 def track_named(name: str) -> Track:

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.stripe_images import cramer_rao, stripe
+from benchmarks.stripe_images import mean_bound, stripe
 from benchmarks.track import Array, Case, Outcome, ResultError, Table, Track
 
 WIDTH, HEIGHT, FRAMES = 512, 128, 2
 BITS, GAIN, READ_E, FULL_WELL_E, BLACK_DN = 8, 0.0225, 5.0, 11_000.0, 4.0
+FLOOR_E2 = READ_E**2 + 1 / (12 * GAIN**2)  # variance by read noise and quantisation
 PEAK_E = 10_000.0
 _WRONG = 1.0  # px: error of a row that is none of the stripe's; also that of a column which is missing
 _USUAL = 0.6827  # quantile of absolute errors that is the standard deviation of normal ones
@@ -87,9 +88,7 @@ def check(case: Case, table: Table) -> None:
 
 def bound(condition: Condition) -> float:
     """Cramér-Rao bound (px), mean square over the positions between two pixels, of the stripe alone, not saturated."""
-    floor = READ_E**2 + 1 / (12 * GAIN**2)
-    offsets = np.linspace(-0.5, 0.5, 9)
-    return float(np.sqrt(np.mean([cramer_rao(condition.sigma, condition.peak, o, floor) ** 2 for o in offsets])))
+    return mean_bound(condition.sigma, condition.peak, FLOOR_E2)
 
 
 def summary(outcomes: Sequence[Outcome]) -> dict[str, float]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
+from benchmarks.tracks.stripe import FLOOR_E2
 from scancell.sensor import Scene, Sensor, extract
 
 from .table import cpu_model, replace_paragraphs
@@ -24,13 +25,11 @@ import test_accuracy  # noqa: E402
 import test_edges  # noqa: E402
 import test_ghosts  # noqa: E402
 from scenes import pose  # noqa: E402
-from stripe_images import OPEN, PEAK_E, accepted, cramer_rao, images_of, make_sensor, stripe  # noqa: E402
+from stripe_images import OPEN, PEAK_E, accepted, images_of, make_sensor, mean_bound, stripe  # noqa: E402
 
 Array = NDArray[np.float64]
 
 WIDTH, HEIGHT, FRAMES = 1280, 128, 6
-GAIN, READ_E = 0.0225, 5.0
-FLOOR_E2 = READ_E**2 + 1 / (12 * GAIN**2)  # read noise and 8-bit quantisation
 FULL_WELL = {"full_well_e": PEAK_E}
 WEAK_E = 1000.0
 # The detectors are compared without the limits that reject badly shaped stripes.
@@ -79,11 +78,6 @@ def stripe_errors(sensor: Sensor, sigma: float, peak: float, ghost: float = 0.0)
     return Errors((peaks.row - truth[peaks.frame, peaks.column])[accepted(peaks)])
 
 
-def bound(sigma: float, peak: float) -> float:
-    """Cramér-Rao bound over the positions between two pixels, px."""
-    return float(np.sqrt(np.mean([cramer_rao(sigma, peak, o, FLOOR_E2) ** 2 for o in np.linspace(-0.5, 0.5, 9)])))
-
-
 def sensor_with(method: str, **sections: dict[str, object]) -> Sensor:
     """Sensor of the comparison."""
     return make_sensor(WIDTH, HEIGHT, extraction={"detector": method} | LIMITS, **sections)
@@ -101,7 +95,7 @@ def detector_table() -> Iterator[str]:
     heads = ["detector", "σ = 0.8", "σ = 1.5", "σ = 3", "weak", "2.7 × saturated", "25 % ghost at +6 px", "ms/image"]
     yield "| " + " | ".join(heads) + " |"
     yield "|---" * len(heads) + "|"
-    bounds = [bound(s, PEAK_E) for s in (0.8, 1.5, 3.0)] + [bound(1.5, WEAK_E)]
+    bounds = [mean_bound(s, p, FLOOR_E2) for s, p in ((0.8, PEAK_E), (1.5, PEAK_E), (3.0, PEAK_E), (1.5, WEAK_E))]
     yield "| Cramér-Rao bound | " + " | ".join(f"{b:.4f}" for b in bounds) + " | | | |"
     for detector, name in NAMES.items():
         sensor = sensor_with(detector)
@@ -139,7 +133,7 @@ def stripe_requirements() -> Iterator[tuple[str, str, str]]:
     yield "bias without noise, RMS, σ = 0.8 … 3", f"{bias:.4f} px", "≤ 0.003 px"
     noisy = make_sensor(WIDTH, HEIGHT)
     widths, peaks = (0.8, 1.0, 1.5, 2.2, 3.0), (PEAK_E, 2500.0)
-    ratio = max(stripe_errors(noisy, s, p).std / bound(s, p) for s in widths for p in peaks)
+    ratio = max(stripe_errors(noisy, s, p).std / mean_bound(s, p, FLOOR_E2) for s in widths for p in peaks)
     yield "standard deviation over Cramér-Rao bound, σ = 0.8 … 3", f"≤ {ratio:.3f}", "≤ 1.2"
     full = make_sensor(WIDTH, HEIGHT, detector=FULL_WELL)
     saturated = {s: stripe_errors(full, s, 2.7 * PEAK_E).rms for s in widths}

@@ -10,10 +10,11 @@ import re
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from PIL import Image
 
-from page_blocks import blocks, run
+from page_blocks import blocks, enter, run
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "gallery.md"
@@ -56,16 +57,18 @@ def main() -> None:
     for name in LINKS:
         if not (given.folder / name).exists():
             (given.folder / name).symlink_to(ROOT / name)
+    enter(given.folder)
+    names: dict[str, Any] = {"__name__": "__main__"}
     for section in PAGE.read_text(encoding="utf-8").split("\n## ")[1:]:
         heading = section.partition("\n")[0]
         if given.section.lower() not in heading.lower():
             continue
         began = time.monotonic()
         for block in blocks(section):
-            run(block, given.folder)
+            run(block, heading, names)
         for picture in pictures(section):
             picture.shown.parent.mkdir(exist_ok=True)
-            shrink(given.folder / picture.made, picture.shown)
+            shrink(Path(picture.made), picture.shown)
             print(f"{heading}: {picture.shown.name}, {picture.shown.stat().st_size} bytes")
         print(f"  {time.monotonic() - began:.0f} s", flush=True)
 

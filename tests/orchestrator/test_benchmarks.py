@@ -12,6 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.__main__ import main
+from benchmarks.artefact_scan import NOISE, OUTLIERS, ROBOT, Built, measured, trace, truth
 from benchmarks.board_views import VIEWS, draw_truth, moved, observe, pose_of, project, read_views
 from benchmarks.entries import opencv, ours, scipy
 from benchmarks.files import read_case, write_case, write_table
@@ -19,7 +20,7 @@ from benchmarks.planning_cases import planning_cell
 from benchmarks.run import Standing, ranked, read_results, run_python, standing
 from benchmarks.stripe_images import stripe as stripe_light
 from benchmarks.track import Case, Table, Track, table_of
-from benchmarks.tracks import NAMES, hand_eye, planning, stripe, table, track_named
+from benchmarks.tracks import NAMES, acceptance, hand_eye, planning, stripe, table, track_named
 
 TRACKS = {name: track_named(name) for name in NAMES}
 BROKEN = """
@@ -112,12 +113,12 @@ def sensor_result(case: Case, error: float = 0.0, half_width: float = 0.01) -> T
 
 
 hand_eye_result = partial(named_result, hand_eye.NAMES)
-TRACK_NAMES = {"hand_eye": hand_eye.NAMES, "table": table.NAMES}
-CALIBRATIONS = {"hand_eye": hand_eye_result, "table": partial(named_result, table.NAMES), "sensor": sensor_result}
+TRACK_NAMES = {"hand_eye": hand_eye.NAMES, "table": table.NAMES, "acceptance": acceptance.NAMES}
+RESULTS = {**{name: partial(named_result, names) for name, names in TRACK_NAMES.items()}, "sensor": sensor_result}
 
 
-@pytest.mark.parametrize(("name", "result"), CALIBRATIONS.items())
-def test_calibration_perfect_entry_has_no_error_and_a_worse_one_ranks_below(tmp_path: Path, name: str, result) -> None:
+@pytest.mark.parametrize(("name", "result"), RESULTS.items())
+def test_values_perfect_entry_has_no_error_and_a_worse_one_ranks_below(tmp_path: Path, name: str, result) -> None:
     track = TRACKS[name]
     cases = track.cases(2, 3)
     perfect = by_folder(track, cases, [result(case) for case in cases], tmp_path / "perfect")
@@ -157,16 +158,33 @@ def test_board_views_obey_the_camera_the_sheet_and_the_robot() -> None:
 
 
 @pytest.mark.parametrize("entry", [ours, opencv, scipy], ids=lambda entry: entry.__name__)
-def test_shipped_calibrations_are_near_the_truth(entry: ModuleType) -> None:
+def test_shipped_values_are_near_the_truth(entry: ModuleType) -> None:
     """Errors of a tenth of the deviations, and below 3 mm of a camera's pose, which pixels determine badly."""
-    tracks = [TRACKS[name] for name in CALIBRATIONS if hasattr(entry, name)]
+    tracks = [TRACKS[name] for name in RESULTS if hasattr(entry, name)]
     assert tracks
     for track in tracks:
         (case,) = track.cases(1, 1)
         found = table_of(track, getattr(entry, track.name)(dict(case.inputs)))
         track.check(case, found)
         first = next(iter(track.summary([(case, found)]).values()))
-        assert 0.0 < first < {"hand_eye": 3000.0, "table": 250.0, "sensor": 50.0}[track.name]
+        assert 0.0 < first < {"hand_eye": 3000.0, "table": 250.0, "sensor": 50.0, "acceptance": 10.0}[track.name]
+
+
+def test_acceptance_scan_has_the_stated_noise_and_sizes() -> None:
+    """Without form the true values are those of the artefact; displacement aside, points lie on it but for noise."""
+    rng = np.random.default_rng(7)
+    built = Built(np.array([12.51, 12.49]), 0.03, np.zeros(3))
+    scan = trace(built)
+    np.testing.assert_allclose(truth(scan), [20.0, -20.0, 30.0, 0.0, 0.0, 0.0], atol=1e-3)
+    assert {float(number) for number in np.unique(scan.surface)} == {0, 1, 2, 3, 4}
+    points = measured(scan, rng)
+    turn, _ = Rotation.align_vectors(points - points.mean(0), scan.points - scan.points.mean(0))
+    away = points - points.mean(0) - turn.apply(scan.points - scan.points.mean(0))
+    along = (away * turn.apply(scan.towards)).sum(1)
+    inside = np.abs(along) * scan.cosine < 10 * NOISE
+    assert 1 - inside.mean() == pytest.approx(OUTLIERS, abs=5 * np.sqrt(OUTLIERS / len(points)))
+    expected = np.sqrt(np.mean((NOISE / scan.cosine[inside]) ** 2) + ROBOT**2)
+    assert along[inside].std() == pytest.approx(expected, rel=0.05)
 
 
 def planning_result(case: Case) -> Table:

@@ -102,6 +102,15 @@ def test_close_removes_files(fmu, scratch) -> None:
     assert not list(scratch.iterdir())
 
 
+def test_closed_instance_refuses_calls(fmu) -> None:
+    with CellInstance(fmu) as cell:
+        table = cell.real_group(["measured.table"])
+    for call in (lambda: cell.get(table), lambda: cell.step_to(16_000), cell.reset):
+        with pytest.raises(CellError, match="is closed"):
+            call()
+    cell.close()
+
+
 def interrupted(_units):
     raise KeyboardInterrupt
 

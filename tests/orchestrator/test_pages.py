@@ -1,4 +1,4 @@
-"""Pages of the documentation: links lead to files, and the index lists every page."""
+"""Pages of the documentation: links lead to files, the index lists every page, code that is not run has a reason."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
-PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+from page_blocks import KINDS, PAGES, ROOT, blocks
+
 LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
 
 
@@ -22,6 +22,20 @@ def test_index_lists_every_page() -> None:
     index = ROOT / "docs" / "README.md"
     listed = {(index.parent / target).resolve() for target in LINK.findall(index.read_text(encoding="utf-8"))}
     assert set((ROOT / "docs").rglob("*.md")) <= listed | {index}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_code_that_is_not_run_has_a_reason(page: Path) -> None:
+    """`make docs-test` runs all other blocks; output and drawings have no language, or are text."""
+    text = page.read_text(encoding="utf-8")
+    found = blocks(text)
+    assert {block.language for block in found} <= {"", "sh", "python", "toml", "json", "yaml", "text"}
+    reasons = [block.reason for block in found if block.is_code and block.reason]
+    assert len(reasons) == text.count("<!-- not run: ") - text.count("`<!-- not run: ")
+    assert [reason for reason in reasons if not reason.startswith(KINDS)] == []
+    assert [
+        block.code for block in found if not block.language and re.search("^(scancell [a-z]|python)", block.code)
+    ] == []
 
 
 def test_validation_names_every_measurement() -> None:

@@ -8,10 +8,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.stripe_images import cramer_rao, stripe
+from benchmarks.stripe_images import cramer_rao, mean_bound, stripe
 from scancell.sensor import PEAK_REJECTED, Peaks, Sensor, expose
 
-__all__ = ["OPEN", "PEAK_E", "accepted", "cramer_rao", "images_of", "make_sensor", "sensor_description", "stripe"]
+__all__ = [
+    "OPEN",
+    "PEAK_E",
+    "accepted",
+    "cramer_rao",
+    "images_of",
+    "make_sensor",
+    "mean_bound",
+    "sensor_description",
+    "stripe",
+]
 
 Array = NDArray[np.float64]
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from stripe_images import OPEN, PEAK_E, accepted, cramer_rao, images_of, make_sensor, stripe
+from stripe_images import OPEN, PEAK_E, accepted, images_of, make_sensor, mean_bound, stripe
 
+from benchmarks.tracks.stripe import FLOOR_E2
 from scancell.sensor import extract
 
 WIDTH, HEIGHT = 1280, 128
-FLOOR_E2 = 5.0**2 + 1 / (12 * 0.0225**2)
 DETECTORS = [
     *("gaussian", "centre_of_gravity", "parabola", "log_parabola"),
     *("blais_rioux_4", "blais_rioux_8", "derivative_of_gaussian", "steger"),
@@ -31,7 +31,7 @@ def measure(detector, sigma, peak=PEAK_E, noise=True, frames=3, slope=0.0):
 
 
 def bound(sigma, peak=PEAK_E):
-    return np.sqrt(np.mean([cramer_rao(sigma, peak, o, FLOOR_E2) ** 2 for o in np.linspace(-0.5, 0.5, 8)]))
+    return mean_bound(sigma, peak, FLOOR_E2)
 
 
 @pytest.mark.parametrize("detector", DETECTORS)

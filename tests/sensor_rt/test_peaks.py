@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.stats import norm
-from stripe_images import PEAK_E, accepted, cramer_rao, images_of, make_sensor, stripe
+from stripe_images import PEAK_E, accepted, cramer_rao, images_of, make_sensor, mean_bound, stripe
 
+from benchmarks.tracks.stripe import FLOOR_E2, GAIN, READ_E
 from scancell.sensor import PEAK_FLAGS, extract
 
 WIDTH, HEIGHT = 1280, 128
-GAIN, READ = 0.0225, 5.0
 MEASURED = ("row", "amplitude", "width", "row_sigma", "asymmetry", "residual")
-FLOOR_E2 = READ**2 + 1 / (12 * GAIN**2)  # read noise and 8-bit quantisation
 
 
 def slanted_rows(frame=0):
@@ -40,7 +39,7 @@ def test_noise_free_bias(sigma):
 @pytest.mark.parametrize("peak", [PEAK_E, 2500.0])
 def test_scatter_approaches_cramer_rao_bound(sigma, peak):
     error, row_sigma, share = errors(make_sensor(WIDTH, HEIGHT), sigma, peak)
-    bound = np.sqrt(np.mean([cramer_rao(sigma, peak, offset, FLOOR_E2) ** 2 for offset in np.linspace(-0.5, 0.5, 8)]))
+    bound = mean_bound(sigma, peak, FLOOR_E2)
     scatter = error.std()
     assert scatter < 1.2 * bound
     assert scatter > 0.95 * bound  # less would indicate an error of the simulation
@@ -54,7 +53,7 @@ def test_bit_depths_above_eight(bits):
     detector = {"bit_depth": bits, "gain_dn_per_e": 0.0225 * 2 ** (bits - 8)}
     sensor = make_sensor(WIDTH, HEIGHT, detector=detector)
     error, row_sigma, share = errors(sensor, 1.5, PEAK_E)
-    assert error.std() < 1.2 * cramer_rao(1.5, PEAK_E, 0.0, READ**2)
+    assert error.std() < 1.2 * cramer_rao(1.5, PEAK_E, 0.0, READ_E**2)
     assert row_sigma.mean() == pytest.approx(error.std(), rel=0.06)
     assert share > 0.98
 

@@ -97,6 +97,7 @@ class CellInstance(Closing):
         self._integer_getters: dict[tuple[str, ...], tuple[Any, list[int]] | None] = {}
         self._unpacked: Path | None = None
         self._time_us = 0
+        self._is_closed = False
         try:
             file = Path(fmu).absolute()
             self.folder = file if file.is_dir() else self._unpack(file, folder)
@@ -353,13 +354,20 @@ class CellInstance(Closing):
             self._fmu.fmi3SetFloat64(self._fmu.component, group.references, count, group.pointer, count)
 
     def _call(self, function: Any, *arguments: Any) -> Any:
+        if self._is_closed:  # the FMU would read memory that is free
+            raise CellError(
+                "the robot cell is closed: use it, its session or robot inside the `with` statement that opened it"
+            )
         try:
             return function(*arguments)
         except Exception as error:
             raise CellError(self._explain("the robot cell FMU reported an error", error)) from error
 
     def close(self) -> None:
-        """Free the instance and its unpacked files."""
+        """Free the instance and its unpacked files; every later call but this one raises `CellError`."""
+        if self._is_closed:
+            return
+        self._is_closed = True
         try:
             # After an error an FMU may refuse to terminate; what is left is to free it, and the first error counts.
             with suppress(FMICallException):
