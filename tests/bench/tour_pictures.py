@@ -13,6 +13,8 @@ from scancell.browser.server.workspace import WorkspaceSettings
 from tour import PART, hosted, walk
 
 _DRAWS_MS = 8000  # until the processor has drawn what is shown
+_WINDOW = (1280, 800)
+_WINDOWS = ((1280, 720), (1920, 1080), (800, 900))  # in which the sensor over the part is shown, too
 
 
 def main(folder: Path) -> None:
@@ -23,13 +25,17 @@ def main(folder: Path) -> None:
         chromium() as browser,
         hosted(scanner, PART, WorkspaceSettings(Path(out))) as (host, server),
     ):
-        page = Watched(browser, 1280, 800).page
+        page = Watched(browser, *_WINDOW).page
         page.goto(address(server))
         page.locator("#webgl-software-rendering button").click()
 
-        def shoot(name: str) -> None:
+        def shoot(name: str, window: tuple[int, int] = _WINDOW) -> None:
+            page.set_viewport_size({"width": window[0], "height": window[1]})
             page.wait_for_timeout(_DRAWS_MS)
             page.screenshot(path=folder / f"tour_{name}.jpg", type="jpeg", quality=80)
+            if name == "profile":
+                for width, height in _WINDOWS:
+                    shoot(f"{width}x{height}", (width, height))
 
         walk(page, host, shoot)
 
