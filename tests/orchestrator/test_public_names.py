@@ -42,6 +42,10 @@ def test_names_are_those_of_the_stub() -> None:
         _ = scancell.orchestrate  # type: ignore[attr-defined]
 
 
+def test_module_is_found_before_any_other_name() -> None:
+    subprocess.run([sys.executable, "-c", "import scancell; scancell.pose.inverse"], check=True)
+
+
 def test_import_is_light() -> None:
     loaded = "import sys, scancell; print([name for name in ('numpy', 'scipy', 'fmpy', 'cv2') if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", loaded], capture_output=True, text=True, check=True)

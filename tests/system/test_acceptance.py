@@ -23,8 +23,13 @@ from scancell.studies.acceptance.measure import ALL_ROUND, Programme
 from scancell.studies.acceptance.report import AcceptanceReport, AcceptanceRequest, run_acceptance
 
 SENSOR = assets_dir() / "sensors" / "medium_range_50.toml"
-FEW = ("sphere", "ball_bar")
 STRAIGHT = "sensor.laser.straightness_mrad=[]"
+BALLS = {"probing form", "probing size", "sphere spacing", "D95 %"}
+# Artefacts of a report, and the names of their figures.
+REPORTS = {
+    "balls": (("sphere", "ball_bar"), BALLS),
+    "all": (measure.QUICK.artefacts, BALLS | {"flatness", "step height", "form"}),
+}
 SMALL = Programme(("plane",), ("middle",), repeats=1, profiles=60, points=4000, exposures=2, steps=5)
 
 
@@ -108,11 +113,16 @@ def test_positions_out_of_reach_are_named() -> None:
     assert any(text.startswith("plane, far, dynamic:") for text in report.warnings)
 
 
+@pytest.fixture(scope="module", params=REPORTS)
+def kind(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
 @pytest.fixture(scope="module")
-def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of the report of the quick programme with fewer artefacts, profiles and points."""
+def report(kind: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of the report of the quick programme with fewer profiles and points."""
     folder = tmp_path_factory.mktemp("acceptance")
-    quick = replace(measure.QUICK, artefacts=FEW, profiles=30, points=2000, exposures=2)
+    quick = replace(measure.QUICK, artefacts=REPORTS[kind][0], profiles=30, points=2000, exposures=2)
     words = ("--quick", "--repeats", "1", "--out", "report", "--json")
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(measure, "QUICK", quick)
@@ -122,16 +132,17 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "report"
 
 
-def test_json_and_csv_hold_all_stations(report: Path) -> None:
+def test_json_and_csv_hold_all_stations(kind: str, report: Path) -> None:
+    artefacts, figures = REPORTS[kind]
     found = json.loads((report / "acceptance.json").read_text())
     stations = {(row["artefact"], row["position"], row["mode"]) for row in found["figures"]}
     assert not found["not_measured"]
-    for artefact in FEW:
+    for artefact in artefacts:
         for mode in ("dynamic", "stop-and-look"):
             assert {(artefact, "near", mode), (artefact, "far", mode)} <= stations
     assert ("sphere", ALL_ROUND, "dynamic") in stations
     names = {row["name"] for row in found["figures"]}
-    assert {"probing form", "probing size", "sphere spacing", "D95 %"} <= names
+    assert figures <= names
     assert {"max - min", "outlier rate", "missing-point rate"} <= names
     assert all(row["repeats"] == 1 and len(row["errors"]) == 1 for row in found["figures"])
     assert [one["name"] for one in found["sweeps"]] == [
@@ -153,7 +164,8 @@ def test_drawn_factors_take_part_in_the_contributions() -> None:
     assert sum(shares.values()) == pytest.approx(1.0)
 
 
-def test_page_needs_no_network(report: Path) -> None:
+def test_page_needs_no_network(kind: str, report: Path) -> None:
+    number = len(REPORTS[kind][0])
     text = (report / "acceptance.html").read_text()
     without_names = re.sub(r"xmlns(:\w+)?=\"[^\"]*\"|<!DOCTYPE[^>]*>|<rdf:RDF.*?</rdf:RDF>", "", text, flags=re.DOTALL)
     assert "http://" not in without_names
@@ -162,10 +174,10 @@ def test_page_needs_no_network(report: Path) -> None:
         watched = Watched(browser, 1200, 900)
         watched.page.context.set_offline(True)
         watched.page.goto((report / "acceptance.html").as_uri())
-        assert watched.page.locator("h2").count() >= 5 + len(FEW)
+        assert watched.page.locator("h2").count() >= 5 + number
         assert watched.page.locator("svg").count() >= 10
         pictures = watched.page.evaluate("[...document.images].map(image => image.naturalWidth)")
-        assert len(pictures) == len(FEW)
+        assert len(pictures) == number
         assert min(pictures) > 100
         assert watched.page.evaluate("document.documentElement.scrollWidth") <= 1200
         assert watched.errors == []

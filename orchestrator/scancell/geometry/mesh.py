@@ -218,8 +218,8 @@ def load_mesh(path: str | Path, unit: str = "mm") -> Mesh:
     """Read an STL, OBJ or PLY file whose coordinates are in `unit` (mm, m or inch).
 
     Equal vertices are joined, also those of open edges that differ by rounding only; repeated faces are removed and
-    faces that certainly point the wrong way flipped, which `Mesh.warnings` reports. The order of the
-    faces is that of the file.
+    faces that certainly point the wrong way flipped, which `Mesh.warnings` reports. The order of the faces is that of
+    the file.
 
     Raises `MeshError` with the file and the fault: missing, not a mesh, empty, NaN or infinite vertices, a face index
     out of range, no face with an area, or a size that cannot be meant.
