@@ -10,9 +10,12 @@ from __future__ import annotations
 import re
 import tempfile
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from playwright.sync_api import TimeoutError as PageTimeoutError
 
 from chromium import Watched, chromium
 from scancell import Scanner
@@ -23,7 +26,8 @@ from tour import PART, choose, entry, fill, hosted, tab
 
 _FOLDER = "Keys and tour"
 _DONE, _OPEN = "\u2611", "\u2610"
-_PATIENCE_MS, _SCAN_MS = 20_000, 240_000
+_POLL_MS, _PATIENCE_MS, _MOST_MS = 500, 20_000, 240_000
+_BUSY = ("waiting", "planning", "approaching", "scanning", "sensing", "running")  # stages of scans and programs
 _STEP = 10.0  # added to a number
 _MOST = 6  # inputs that are tried for a step
 _TRIPLE = re.compile(r"(-?[\d.]+), (-?[\d.]+),? (?:and )?(-?[\d.]+)\s*(mm|°)?")
@@ -65,6 +69,8 @@ class Newcomer:
             if not done:
                 self.dead_ends.append(text)
             print(f"{'done' if done else 'DEAD END':9} {self.count - before:3} acts: {text}", flush=True)
+            if not done:
+                print(f"The page shows: {self._shown()}", flush=True)
 
     def _tour(self) -> list[tuple[str, bool]]:
         """The steps that the page shows, and whether they are ticked off."""
@@ -84,7 +90,7 @@ class Newcomer:
         for control in self._candidates(instruction):
             for _ in range(times):
                 self._uses(control)
-            if self._is_ticked(number, _SCAN_MS if self._is_busy() else _PATIENCE_MS):
+            if self._is_ticked(number):
                 return True
         return False
 
@@ -97,6 +103,11 @@ class Newcomer:
             tab(self._page, name)
             self.count += 1
         return True
+
+    def _shown(self) -> str:
+        """Text of the open tab, in a line."""
+        panel = self._page.get_by_role("tabpanel").locator("visible=true").last
+        return ", ".join(panel.inner_text().split("\n"))
 
     def _help(self) -> str:
         """Texts of the help of the open tab."""
@@ -131,15 +142,15 @@ class Newcomer:
             fill(self._page, control.name, float(value) + _STEP)
 
     def _chooses(self, instruction: str) -> None:
-        """Choose the options of lists that the step names with all their words."""
+        """Choose the options of lists that the step names; the longest where it names several."""
         for control in self._controls():
             field = entry(self._page, control.name) if control.kind == "label" else None
             if field is None or not field.count() or field.get_attribute("aria-haspopup") != "listbox":
                 continue
             field.click()
             options = self._page.get_by_role("option").all_inner_texts()
-            field.click()  # closes the list; the Escape key would stop the robot
-            named = [option for option in options if words(option) and words(option) <= words(instruction)]
+            field.blur()  # closes the list; the Escape key would stop the robot
+            named = [option for option in options if re.search(rf"\b{re.escape(option)}\b", instruction)]
             if named:
                 choose(self._page, control.name, max(named, key=len))
                 self.count += 1
@@ -161,20 +172,22 @@ class Newcomer:
         self._page.mouse.down()
         self.count += 1
         guard = self._page.get_by_text("The guard permits no jog").first
-        for _ in range(_PATIENCE_MS // 500):
-            self._page.wait_for_timeout(500)
-            if guard.is_visible():
-                break
+        with suppress(PageTimeoutError):
+            guard.wait_for(timeout=_PATIENCE_MS)
         self._page.mouse.up()
 
     def _is_busy(self) -> bool:
-        return any(self._page.get_by_text(word, exact=True).count() for word in ("planning", "approaching", "scanning"))
+        return any(self._page.get_by_text(word, exact=True).count() for word in _BUSY)
 
-    def _is_ticked(self, number: int, patience_ms: int) -> bool:
-        for _ in range(patience_ms // 500):
+    def _is_ticked(self, number: int) -> bool:
+        """Wait until the step is ticked off; end when nothing has gone on for a while."""
+        waited_ms = idle_ms = 0
+        while idle_ms < _PATIENCE_MS and waited_ms < _MOST_MS:
             if self._tour()[number][1]:
                 return True
-            self._page.wait_for_timeout(500)
+            self._page.wait_for_timeout(_POLL_MS)
+            waited_ms += _POLL_MS
+            idle_ms = 0 if self._is_busy() else idle_ms + _POLL_MS
         return False
 
     def _click(self, target: Any) -> None:

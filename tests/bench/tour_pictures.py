@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 from chromium import Watched, chromium
 from scancell import Scanner
@@ -25,18 +26,25 @@ def main(folder: Path) -> None:
         chromium() as browser,
         hosted(scanner, PART, WorkspaceSettings(Path(out))) as (host, server),
     ):
-        page = Watched(browser, *_WINDOW).page
-        page.goto(address(server))
-        page.locator("#webgl-software-rendering button").click()
 
-        def shoot(name: str, window: tuple[int, int] = _WINDOW) -> None:
-            page.set_viewport_size({"width": window[0], "height": window[1]})
+        def opened(width: int, height: int) -> Any:
+            page = Watched(browser, width, height).page
+            page.goto(address(server))
+            page.locator("#webgl-software-rendering button").click()
+            return page
+
+        def write(page: Any, name: str) -> None:
             page.wait_for_timeout(_DRAWS_MS)
             page.screenshot(path=folder / f"tour_{name}.jpg", type="jpeg", quality=80)
-            if name == "profile":
-                for width, height in _WINDOWS:
-                    shoot(f"{width}x{height}", (width, height))
 
+        def shoot(name: str) -> None:
+            write(page, name)
+            for width, height in _WINDOWS if name == "profile" else ():
+                other = opened(width, height)
+                write(other, f"{width}x{height}")
+                other.close()
+
+        page = opened(*_WINDOW)
         walk(page, host, shoot)
 
 

@@ -54,6 +54,12 @@ def test_retreat_points_and_home_do_not_lead_past_the_wall(walled, ends, monkeyp
         Connector(walled, CLEARANCE).connect(*ends, "the other side")
 
 
+def test_start_within_the_clearance_is_named(walled, ends) -> None:
+    start = looking_down(walled, 0.4, 0.0, 0.3)  # in the wall
+    with pytest.raises(PlanningError, match=r"path to the other side: .*wall.* at the start; move away first"):
+        Connector(walled, CLEARANCE).connect(start, ends[1], "the other side")
+
+
 def test_search_is_tried_from_either_end(walled, ends, monkeypatch) -> None:
     """Trees that start at the other end are other trees."""
     start, goal = ends

@@ -92,21 +92,24 @@ class HelpPanel:
     ) -> None:
         nominal = feed.as_built
         x, y, z = np.round(1e3 * over_part) + 0.0
-        self._held = False  # by the guard, in a jog
+        self._held_at: Array | None = None  # joints at which the guard held a jog
         self._steps = [
             _Step(
                 "Move, Joints: move joint 1",
-                lambda state: bool(np.abs(state.joints - start.joints).max() > _MOVED),
+                lambda state: _are_apart(state.joints, start.joints),
             ),
             _Step(
                 f"Move, Pose: move over the part, to {x:g}, {y:g}, {z:g} mm with the angles 180, 0, 0°, "
                 "until the cameras show a profile",
                 lambda _: feed.frame is not None and len(feed.frame.points_in_sensor) > 0,
             ),
-            _Step("Move, Jog: jog tool z towards the table until the guard holds the robot", lambda _: self._held),
             _Step(
-                "Move away, after a stop with Reset after a stop",
-                lambda state: self._held and state.controller != "emergency stop" and not state.guard_text,
+                "Move, Jog: jog tool z towards the table until the guard holds the robot",
+                lambda _: self._held_at is not None,
+            ),
+            _Step(
+                "Move, Joints: move to home position, after a stop with Reset after a stop",
+                lambda state: self._held_at is not None and _are_apart(state.joints, self._held_at),
             ),
             _Step("Sensor: turn the laser about z, and look at the profile", lambda _: feed.as_built != nominal),
             _Step("Scan: scan the part", lambda _: scans.lack == ""),
@@ -123,10 +126,15 @@ class HelpPanel:
     def show(self, state: LiveState) -> None:
         """Tick off what has been done."""
         by_guard = state.guard_text.startswith(("stop", "no jog"))
-        self._held = self._held or (by_guard and state.operation is Operation.MANUAL)
+        if by_guard and state.operation is Operation.MANUAL:
+            self._held_at = state.joints
         self._done = [done or step.is_done(state) for done, step in zip(self._done, self._steps, strict=True)]
         shown = checklist_html("Tour", "steps", [step.text for step in self._steps], self._done)
         set_changed(self._tour, "content", shown)
+
+
+def _are_apart(joints: Array, others: Array) -> bool:
+    return bool(np.abs(joints - others).max() > _MOVED)
 
 
 def _is_run(program: LiveProgram, file: Path) -> bool:

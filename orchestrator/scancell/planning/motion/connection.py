@@ -90,8 +90,11 @@ class Connector:
         found = self._search(start, end)
         if found is not None:
             return [self.move(a, b) for a, b in pairwise(found)]
-        reason = describe(direct)
-        raise PlanningError(f"no collision-free path to {purpose}: {reason} on the direct path")
+        (at_start,) = self._motions.first_clashes(start, start)
+        reason = f"{describe(direct)} on the direct path"
+        if at_start is not None:
+            reason = f"{describe(at_start)} at the start; move away first"
+        raise PlanningError(f"no collision-free path to {purpose}: {reason}")
 
     def _search(self, start: Array, end: Array) -> list[Array] | None:
         """Waypoints (axes,) by RRT-Connect, from either end; the table turns no farther than from start to end."""
