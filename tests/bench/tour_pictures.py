@@ -13,7 +13,7 @@ from scancell.browser.server.quiet import address
 from scancell.browser.server.workspace import WorkspaceSettings
 from tour import PART, hosted, walk
 
-_DRAWS_MS = 8000  # until the processor has drawn what is shown
+_DRAWS_MS, _OPENS_MS = 8000, 40_000  # until the processor has drawn what is shown; all of a new page
 _WINDOW = (1280, 800)
 _WINDOWS = ((1280, 720), (1920, 1080), (800, 900))  # in which the sensor over the part is shown, too
 
@@ -41,6 +41,8 @@ def main(folder: Path) -> None:
             write(page, name)
             for width, height in _WINDOWS if name == "profile" else ():
                 other = opened(width, height)
+                other.wait_for_timeout(_OPENS_MS)
+                other.get_by_text("cell", exact=True).click()
                 write(other, f"{width}x{height}")
                 other.close()
 
