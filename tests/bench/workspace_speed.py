@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import get_args
 
 import numpy as np
 
@@ -39,7 +40,7 @@ _POINT = 15  # bytes of a point's position and colour
 
 
 def workspace_rows() -> Iterator[Row]:
-    """Cycles, updates and pairs of images each second while the arm moves, guarded; a scan; a growing cloud."""
+    """Cycles, updates and pairs of images each second while the arm moves, guarded; scans; a growing cloud."""
     with Scanner(setup=load_setup(settings=_LENS)) as scanner, opened(scanner, "ray-traced") as (workspace, viewer):
         _sway(workspace)
         yield from _moving_rows(workspace, viewer, "ray-traced cameras", _LONG_S, with_pairs=True)
@@ -49,7 +50,8 @@ def workspace_rows() -> Iterator[Row]:
             yield from _moving_rows(workspace, viewer, "geometric cameras")
             yield from _cloud_rows(workspace, viewer)
             workspace.live.submit(Cancel())
-            yield from _scan_rows(workspace, viewer)
+            for engine in get_args(Engine):
+                yield from _scan_rows(workspace, viewer, engine)
         with opened(scanner, "geometric") as (workspace, viewer):
             viewer.close()  # the page is the operator
             yield from display_rows(workspace, viewer.url)
@@ -134,14 +136,14 @@ def _cloud_rows(workspace: Workspace, viewer: Viewer) -> Iterator[Row]:
     workspace.scene.clear_points()
 
 
-def _scan_rows(workspace: Workspace, viewer: Viewer) -> Iterator[Row]:
+def _scan_rows(workspace: Workspace, viewer: Viewer, engine: Engine) -> Iterator[Row]:
     live, scans = workspace.live, workspace.scans
-    while live.state.job is not None:
+    while live.state.job is not None or scans.hindrance:
         time.sleep(0.05)
-    scans.start("geometric")
-    while scans.state is None or scans.state.taken == 0:
+    scans.start(engine)
+    while scans.state is None or scans.state.stage != "scanning" or scans.state.taken == 0:
         time.sleep(0.05)
-    yield from _moving_rows(workspace, viewer, "geometric scan")
+    yield from _moving_rows(workspace, viewer, f"{engine} scan")
     live.submit(Cancel())
 
 
