@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 
@@ -239,3 +241,22 @@ def test_scan_that_never_begins_is_cancelled(session: ScanSession) -> None:
     rig.live.run(ended.is_set)
     with pytest.raises(CancelledError, match="had not begun"):
         rig.scan.result.result(PATIENCE_S)
+
+
+ENDS_WHILE_IT_SENSES = """
+import sys
+from scancell import LiveCell, LiveScan, Scanner
+from scancell.live.commands import Cancel
+
+with Scanner() as scanner, scanner.session(sys.argv[1]) as session:
+    live = LiveCell(session)
+    scan = LiveScan(on_points=lambda chunk: live.submit(Cancel()))
+    scan.start(live)
+    live.run(lambda: scan.state.ended_by, realtime=False)
+"""
+
+
+def test_program_may_end_while_a_stopped_scan_is_sensed() -> None:
+    command = [sys.executable, "-c", ENDS_WHILE_IT_SENSES, str(PART)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    assert (done.returncode, done.stderr) == (0, "")

@@ -209,7 +209,7 @@ class LiveScan:
         self._stage, self._planned = "approaching", len(plan.segment)
         if approach is not None:
             session.run_program(approach, session.exposure)
-        sensing = threading.Thread(target=self._sense_all, args=(session, plan), name="sense", daemon=True)
+        sensing = threading.Thread(target=self._sense_all, args=(session, plan), name="sense")
         sensing.start()
         self._stage, self._begin = "scanning", session.time
         with self._watch.measure("drive"):
