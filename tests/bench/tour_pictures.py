@@ -35,15 +35,15 @@ def main(folder: Path) -> None:
 
         def write(page: Any, name: str) -> None:
             page.wait_for_timeout(_DRAWS_MS)
-            page.screenshot(path=folder / f"tour_{name}.jpg", type="jpeg", quality=80)
+            page.screenshot(path=folder / f"{name}.jpg", type="jpeg", quality=80)
 
         def shoot(name: str) -> None:
-            write(page, name)
+            write(page, f"tour_{name}")
             for width, height in _WINDOWS if name == "profile" else ():
                 other = opened(width, height)
                 other.wait_for_timeout(_OPENS_MS)
                 other.get_by_text("cell", exact=True).click()
-                write(other, f"{width}x{height}")
+                write(other, f"workspace_{width}x{height}")
                 other.close()
 
         page = opened(*_WINDOW)
