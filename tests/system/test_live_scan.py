@@ -243,20 +243,30 @@ def test_scan_that_never_begins_is_cancelled(session: ScanSession) -> None:
         rig.scan.result.result(PATIENCE_S)
 
 
-ENDS_WHILE_IT_SENSES = """
+ENDS_EARLY = """
 import sys
 from scancell import LiveCell, LiveScan, Scanner
 from scancell.live.commands import Cancel
 
-with Scanner() as scanner, scanner.session(sys.argv[1]) as session:
-    live = LiveCell(session)
-    scan = LiveScan(on_points=lambda chunk: live.submit(Cancel()))
+part, stage = sys.argv[1:]
+with Scanner() as scanner, scanner.session(part) as session:
+    live, cycles = LiveCell(session), 0
+    scan = LiveScan()
     scan.start(live)
-    live.run(lambda: scan.state.ended_by, realtime=False)
+
+    def is_stopped():
+        global cycles
+        cycles += scan.state.stage == stage
+        if cycles == 100:
+            live.submit(Cancel())
+        return scan.state.ended_by or scan.result.done()
+
+    live.run(is_stopped, realtime=False)
 """
 
 
-def test_program_may_end_while_a_stopped_scan_is_sensed() -> None:
-    command = [sys.executable, "-c", ENDS_WHILE_IT_SENSES, str(PART)]
+@pytest.mark.parametrize("stage", ["planning", "scanning"])
+def test_program_may_end_while_a_stopped_scan_still_computes(stage: str) -> None:
+    command = [sys.executable, "-c", ENDS_EARLY, str(PART), stage]
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     assert (done.returncode, done.stderr) == (0, "")

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from scancell.cell.controller import Operation
 from scancell.errors import ScancellError
+from scancell.progress import CallbackProgress, Progress
 from scancell.scanning.session import ScanSession
 
 T = TypeVar("T")
@@ -98,20 +99,30 @@ def ready_to_move(session: ScanSession) -> NDArray[np.float64]:
     return session.come_to_rest()
 
 
-def while_stepping(session: ScanSession, work: Callable[[], T]) -> T:
+def while_stepping(session: ScanSession, work: Callable[[Progress], T]) -> T:
     """Step a session in a job while another thread does `work`, and return its result or raise its error.
 
-    If the job is stopped, the other thread continues and its result is dropped.
+    If the job is stopped, or the process ends, the progress that `work` gets cancels it.
     """
     future: Future[T] = Future()
+    stopped = threading.Event()
 
     def do() -> None:
         try:
-            future.set_result(work())
+            future.set_result(work(CallbackProgress(lambda *_: not stopped.is_set() and process_goes_on())))
         except BaseException as error:
             future.set_exception(error)
 
-    threading.Thread(target=do, name="plan", daemon=True).start()
-    while not future.done():
-        session.step()
+    # No daemon: Python ends these when the process ends, which aborts it where they compute in C++.
+    threading.Thread(target=do, name="plan").start()
+    try:
+        while not future.done():
+            session.step()
+    finally:
+        stopped.set()
     return future.result()
+
+
+def process_goes_on(*_: object) -> bool:
+    """Whether the main thread has not ended; a callback of progress that cancels the work of other threads then."""
+    return threading.main_thread().is_alive()

@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 
 from scancell.arguments import Shape, Within, checked_arguments
 from scancell.cell.program import Program
-from scancell.errors import CommandError, DescriptionError
+from scancell.errors import CancelledError, CommandError, DescriptionError
 from scancell.live.cell import LiveCell
-from scancell.live.jobs import ready_to_move, while_stepping
+from scancell.live.jobs import process_goes_on, ready_to_move, while_stepping
 from scancell.planning.path_map.blocked import why_forbidden
 from scancell.planning.path_map.configuration_map import ConfigurationMap
 from scancell.planning.plan import Plan
+from scancell.progress import CallbackProgress
 from scancell.scanning.session import ScanSession
 
 Array = NDArray[np.float64]
@@ -186,7 +187,7 @@ class LivePlan:
     def _go(self, session: ScanSession, axes: Array, purpose: str) -> None:
         start = ready_to_move(session)
         goal = nearest_turn(axes, float(start[-1]))
-        program = while_stepping(session, lambda: self._path(start, goal, purpose))
+        program = while_stepping(session, lambda _: self._path(start, goal, purpose))
         if program is not None:
             session.run_program(program, session.exposure)
 
@@ -210,14 +211,15 @@ class LivePlan:
                 self._error = str(error)
             self._enter("failed" if self._error else "ready")
 
-        threading.Thread(target=do, name="plan", daemon=True).start()
+        threading.Thread(target=do, name="plan").start()  # no daemon, as in `while_stepping`
 
     def _enter(self, stage: Stage) -> None:
         self._stage, self._since, self._share = stage, monotonic(), 0.0
 
     def _make(self) -> None:
         job = self._session.job
-        plan = self._session.pipeline.plan(job.loaded, job.setup, job.sensors.nominal)
+        progress = CallbackProgress(process_goes_on)
+        plan = self._session.pipeline.plan(job.loaded, job.setup, job.sensors.nominal, progress=progress)
         self._enter("evaluating")
         self._maps = {}
         for number, placed in enumerate(plan.paths):
@@ -230,6 +232,8 @@ class LivePlan:
         rows = np.arange(map_.rows)
         for number, columns in enumerate(np.array_split(np.arange(map_.columns), _PIECES)):
             self._share = number / _PIECES
+            if not process_goes_on():
+                raise CancelledError("cancelled while the map was evaluated")
             map_.require(*(cells.ravel() for cells in np.meshgrid(columns, rows)))
         self._maps[path, branch] = map_
 

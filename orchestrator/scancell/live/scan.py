@@ -24,7 +24,7 @@ from scancell.live.cell import LiveCell
 from scancell.live.jobs import CLOSED, JobStopped, ready_to_move, while_stepping
 from scancell.nominal.plausibility import setup_warnings
 from scancell.planning.plan import Plan
-from scancell.progress import NullProgress
+from scancell.progress import NullProgress, Progress
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.reconstruct import Dropped, ProfilePoints
 from scancell.results import ScanResult
@@ -205,7 +205,7 @@ class LiveScan:
     def _drive(self, session: ScanSession) -> None:
         self._stage = "planning"
         start = ready_to_move(session)
-        plan, approach = while_stepping(session, lambda: self._plan(session, start))
+        plan, approach = while_stepping(session, lambda progress: self._plan(session, start, progress))
         self._stage, self._planned = "approaching", len(plan.segment)
         if approach is not None:
             session.run_program(approach, session.exposure)
@@ -219,10 +219,12 @@ class LiveScan:
         self._stage = "sensing"
         self._hand_over(None, session)
 
-    def _plan(self, session: ScanSession, start: NDArray[np.float64]) -> tuple[Plan, Program | None]:
+    def _plan(
+        self, session: ScanSession, start: NDArray[np.float64], progress: Progress
+    ) -> tuple[Plan, Program | None]:
         job, pipeline = session.job, session.pipeline
         with self._watch.measure("plan"):
-            plan = pipeline.plan(job.loaded, job.setup, job.sensors.nominal, self._given)
+            plan = pipeline.plan(job.loaded, job.setup, job.sensors.nominal, self._given, progress=progress)
         goal, purpose = plan.program.start, "the start of the program"
         return plan, pipeline.approach(job.loaded, job.setup, job.sensors.nominal, start, goal, purpose)
 
