@@ -262,6 +262,7 @@ with Scanner() as scanner, scanner.session(part) as session:
         return scan.state.ended_by or scan.result.done()
 
     live.run(is_stopped, realtime=False)
+    assert cycles >= 100
 """
 
 

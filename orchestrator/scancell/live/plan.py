@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from scancell.arguments import Shape, Within, checked_arguments
 from scancell.cell.program import Program
-from scancell.errors import CancelledError, CommandError, DescriptionError
+from scancell.errors import CommandError, DescriptionError
 from scancell.live.cell import LiveCell
 from scancell.live.jobs import process_goes_on, ready_to_move, while_stepping
 from scancell.planning.path_map.blocked import why_forbidden
@@ -96,7 +96,7 @@ class LivePlan:
     @checked_arguments
     def __init__(self, live: LiveCell, session: ScanSession, has_part: bool = True) -> None:
         self._live, self._session, self._has_part = live, session, has_part
-        self._lock = threading.Lock()
+        self._lock, self._progress = threading.Lock(), CallbackProgress(process_goes_on)
         self._stage: Stage = "none"
         self._since, self._share, self._error = monotonic(), 0.0, ""
         self._plan: Plan | None = None
@@ -218,8 +218,7 @@ class LivePlan:
 
     def _make(self) -> None:
         job = self._session.job
-        progress = CallbackProgress(process_goes_on)
-        plan = self._session.pipeline.plan(job.loaded, job.setup, job.sensors.nominal, progress=progress)
+        plan = self._session.pipeline.plan(job.loaded, job.setup, job.sensors.nominal, progress=self._progress)
         self._enter("evaluating")
         self._maps = {}
         for number, placed in enumerate(plan.paths):
@@ -232,8 +231,7 @@ class LivePlan:
         rows = np.arange(map_.rows)
         for number, columns in enumerate(np.array_split(np.arange(map_.columns), _PIECES)):
             self._share = number / _PIECES
-            if not process_goes_on():
-                raise CancelledError("cancelled while the map was evaluated")
+            self._progress.advance(0.0)
             map_.require(*(cells.ravel() for cells in np.meshgrid(columns, rows)))
         self._maps[path, branch] = map_
 
