@@ -380,6 +380,9 @@ def test_pendant_shows_given_text_and_stops(build: Build) -> None:
     cell.set("command.emergency_stop", 1)
     cell.step(CYCLE_US)
     assert cell.get_string("pendant.text") == "Emergency stop"
+    cell.set("command.pendant.text", "stop: sensor - table: 5 mm")
+    cell.step(CYCLE_US)
+    assert cell.get_string("pendant.text") == "Emergency stop: sensor - table: 5 mm"
 
 
 @VERSIONS

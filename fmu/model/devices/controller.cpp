@@ -5,12 +5,14 @@
 #include <limits>
 #include <optional>
 #include <string>
+#include <string_view>
 
 namespace robotcell {
 namespace {
 
-constexpr double kNormRounding = 0.01;  // of a quaternion that was written with few digits
-constexpr double kSameTool = 1e-12;     // rounding of a pose that was converted to a quaternion
+constexpr double kNormRounding = 0.01;          // of a quaternion that was written with few digits
+constexpr double kSameTool = 1e-12;             // rounding of a pose that was converted to a quaternion
+constexpr std::string_view kReason = "stop: ";  // begins the text of a guard that stops the robot
 
 /// None where the orientation is no unit quaternion.
 std::optional<Eigen::Isometry3d> pose_of(const std::array<double, 3>& position,
@@ -18,6 +20,13 @@ std::optional<Eigen::Isometry3d> pose_of(const std::array<double, 3>& position,
   const Eigen::Quaterniond rotation(orientation[0], orientation[1], orientation[2], orientation[3]);
   if (!(std::abs(rotation.norm() - 1) < kNormRounding)) return std::nullopt;
   return Eigen::Translation3d(position[0], position[1], position[2]) * rotation.normalized();
+}
+
+std::string emergency_text(bool guard_stopped, const std::string& commanded) {
+  const std::string stop = "Emergency stop";
+  if (guard_stopped) return stop + ": guard message too old";
+  const bool has_reason = commanded.compare(0, kReason.size(), kReason) == 0;
+  return has_reason ? stop + ": " + commanded.substr(kReason.size()) : stop;
 }
 
 }  // namespace
@@ -113,7 +122,7 @@ PendantOutputs pendant_of(const control::Report& report, const std::string& refu
   const bool running = report.path_clock.rate > 0;
   PendantOutputs pendant{command.text, command.beep || report.guard_stopped};
   if (report.phase == control::Phase::kEmergencyStop) {
-    pendant.text = report.guard_stopped ? "Emergency stop: guard message too old" : "Emergency stop";
+    pendant.text = emergency_text(report.guard_stopped, command.text);
   } else if (report.guard_stopped) {
     pendant.text = "Stopped: guard message too old, reset to go on";
   } else if (!refusal.empty()) {

@@ -159,9 +159,10 @@ struct PendantCommand {
   template <class Visitor>
   static void declare(Visitor& visit, PendantCommand& c) {
     visit(c,
-          field(c.text, {"text", kNone,
-                         "Text for the pendant from the next communication step on, shown while the "
-                         "controller has no message of its own"}),
+          field(c.text,
+                {"text", kNone,
+                 "Text for the pendant from the next communication step on, shown while the "
+                 "controller has no message of its own; after 'stop: ' the reason of an emergency stop"}),
           field(c.beep, {"beep", kNone, "True: the pendant beeps"}));
   }
 };
