@@ -213,7 +213,13 @@ def test_moving_arm_over_a_moving_belt_gives_the_same_shape() -> None:
         session.run_conveyor(1, 0.02)
         cloud = session.scan_line(end, 2 * PITCH, engine="geometric")
         travelled = session.conveyor_travel(1)
+        sensor_on_belt = -0.03 + travelled
+        session.move_tool(world_from_belt @ scancell.location(sensor_on_belt, 0.0, 0.095, rx=np.pi))
+        profile = session.profile("geometric").points_in_part
     assert travelled > 0.005
+    on_roof = profile[profile[:, 2] > 0.1 * HEIGHT]
+    assert len(on_roof) > 100
+    np.testing.assert_allclose(on_roof[:, 2], HEIGHT * (1 - 2 * np.abs(on_roof[:, 0]) / LENGTH), atol=3e-6)
     assert deviation_from_mesh(cloud, ROOF).figures.max_abs < 3e-6
     np.testing.assert_allclose(slopes(cloud.points_in_part), [-LENGTH / 4, LENGTH / 4], atol=2e-6)
 

@@ -264,7 +264,7 @@ def _poses(recording: Recording) -> bytes:
 
 def _made(number: int, job: Job, recording: Recording, setting: _Setting, threads: int) -> CameraFrame:
     try:
-        found = measure_profile(job.loaded, recording, setting.sensors, setting.engine, threads, setting.control)
+        found = measure_profile(job, recording, setting.sensors, setting.engine, threads, setting.control)
     except ScancellError as error:
         nothing = np.zeros((0, 3))
         return CameraFrame(

@@ -206,6 +206,6 @@ class ScanSession(CellSession):
         job = self.job
         self.progress.advance(0.0)
         recording = self.snapshot(self.exposure)
-        profile = measure_profile(job.loaded, recording, job.sensors, engine, self.pipeline.threads)
+        profile = measure_profile(job, recording, job.sensors, engine, self.pipeline.threads)
         self.on_exposures(recording, None)
         return profile

@@ -17,7 +17,7 @@ from scancell.planning.views.placement import PlacedPose, Placer
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.exposure_control import ExposureControl
 from scancell.scanning.exposures import still_exposures
-from scancell.scanning.pipeline import Job, LoadedCell
+from scancell.scanning.pipeline import Job, measured_motion, sensor_poses
 from scancell.scanning.sense import ExposureImages, Sensing, Sensors, profiles_of, take
 from scancell.values import Value
 
@@ -55,7 +55,7 @@ class Profile(Value):
 
 
 def measure_profile(
-    loaded: LoadedCell,
+    job: Job,
     recording: Recording,
     sensors: Sensors,
     engine: Engine,
@@ -64,10 +64,11 @@ def measure_profile(
 ) -> Profile:
     """The profile of a recording of one profile; `control` is that of `scancell.scanning.sense.sense`.
 
-    Raises `SensorError` if the sensor library reports an error.
+    `sensors` may differ from those of the `job`. Raises `SensorError` if the sensor library reports an error.
     """
-    cell = loaded.estimated
-    measured = recording.measured.after(cell.trigger_latency)
+    loaded, cell = job.loaded, job.loaded.estimated
+    measured = measured_motion(cell, recording, job.setup)
+    part_from_sensor = sensor_poses(cell, job.setup)(measured.q[0], measured.table[0])
     control = control or sensors.control()
     task = Sensing(loaded.bodies, loaded.scene, sensors, engine, threads)
     taken = profiles_of(task, recording, control.next(1), images=True)
@@ -80,7 +81,7 @@ def measure_profile(
         replace(profile, frame=np.zeros(len(points), np.int32)),
         np.array(taken.row),
         pose.transform_points(base_from_world @ cell.world_from_sensor(measured.q[0]), points),
-        pose.transform_points(cell.part_from_sensor(measured.q[0], measured.table[0]), points),
+        pose.transform_points(part_from_sensor, points),
         next(taken.images(), None),
     )
 
