@@ -9,6 +9,7 @@ from scipy.stats import chi2
 
 from scancell.errors import FitError
 from scancell.geometry import fits
+from scancell.geometry.fits import elements
 
 FITS = {
     "line": fits.fit_line,
@@ -62,6 +63,18 @@ def test_exact_points_give_the_element_anywhere_in_space(kind: str) -> None:
             apex = rotation.apply([0, 0, -RADIUS / np.tan(HALF_ANGLE)]) + shift
             assert np.abs(found.apex - apex).max() < 1e-9
             assert found.half_angle == pytest.approx(HALF_ANGLE, abs=1e-9)
+
+
+@pytest.mark.parametrize("kind", [elements.CircleInPlane, *(getattr(elements, kind.capitalize()) for kind in FITS)])
+def test_derivatives_of_distances_are_those_of_finite_steps(kind: type[elements.Element]) -> None:
+    rng = np.random.default_rng(3)
+    sizes = np.array([RADIUS, HALF_ANGLE])[: len(kind.lengths)]
+    element = kind(rng.uniform(-0.1, 0.1, 3), Rotation.random(rng=4).as_matrix(), sizes)
+    points = element.origin + rng.uniform(-0.05, 0.05, (30, 3))
+    derivatives = element.linearised(points)[1]
+    for column, step in zip(derivatives.T, 1e-6 * np.eye(derivatives.shape[1]), strict=True):
+        behind, ahead = (element.moved(sign * step).linearised(points)[0] for sign in (-1, 1))
+        np.testing.assert_allclose(column, (ahead - behind) / 2e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize("kind", FITS)
