@@ -27,6 +27,13 @@ def exposures(as_built, target, poses, mounting=None):
     return tuple(exact_exposure(sensor, target, one, SIGMA, 32, mounting) for one in poses)
 
 
+@pytest.mark.parametrize("treads", [1, 3, 4])
+def test_step_block_is_centred_at_the_origin(treads: int) -> None:
+    places = np.array([placed.frame_from_shape[:3, 3] for placed in step_block(treads, 0.01, 0.005).shapes])
+    np.testing.assert_allclose(places.mean(0), 0.0, atol=1e-15)
+    np.testing.assert_allclose(np.diff(places, axis=0), np.tile([0.0, 0.01, 0.005], (treads - 1, 1)), atol=1e-15)
+
+
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_exact_peaks_give_exact_parameters(case: Case) -> None:
     as_built, measured = exact(case)
