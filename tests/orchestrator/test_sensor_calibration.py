@@ -34,6 +34,16 @@ def test_step_block_is_centred_at_the_origin(treads: int) -> None:
     np.testing.assert_allclose(np.diff(places, axis=0), np.tile([0.0, 0.01, 0.005], (treads - 1, 1)), atol=1e-15)
 
 
+@pytest.mark.parametrize("half_angle", [12.0, 60.0])
+def test_ball_stays_within_the_laser_line_that_cameras_see(half_angle: float) -> None:
+    laser = NOMINAL.laser.model_copy(update={"fan_half_angle_deg": half_angle})
+    position = ball_poses(NOMINAL.model_copy(update={"laser": laser}))[:, :3, 3]
+    line = (position[:, 2] - 0.0125 - 1e-3 * laser.source_z_mm) * np.tan(np.radians(half_angle))
+    reached = np.abs(position[:, 1]) + 0.0125
+    assert (reached <= line + 1e-12).all()
+    assert (np.abs(reached - line).min() < 1e-9) == (half_angle == 12.0)  # cameras see less of a wide fan
+
+
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_exact_peaks_give_exact_parameters(case: Case) -> None:
     as_built, measured = exact(case)

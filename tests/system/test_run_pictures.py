@@ -89,6 +89,15 @@ def test_without_a_plan_the_run_is_from_the_first_to_the_last_exposure(run, reco
     assert (motion.start, motion.duration) == (recording.measured.time[0], recording.measured.time[-1])
     for time in (motion.start, motion.duration):
         assert np.isfinite(motion.frames(float(time))["sensor"]).all()
+    measured = recording.measured
+    widest = int(np.argmax(np.diff(measured.time)))
+    for share in (0.25, 0.75):  # the joints move evenly
+        time, q, table = (
+            (1 - share) * v[widest] + share * v[widest + 1] for v in (measured.time, measured.q, measured.table)
+        )
+        frames = motion.frames(float(time))
+        np.testing.assert_allclose(frames["sensor"], run.cell.world_from_sensor(q), atol=1e-9)
+        np.testing.assert_allclose(frames["table"], run.cell.frame_poses(q, table)["table"], atol=1e-9)
 
 
 def test_part_stays_on_the_table(run) -> None:
