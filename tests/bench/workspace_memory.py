@@ -1,7 +1,8 @@
 """Peak memory of the workspace while a part is scanned repeatedly: ``python -m bench.workspace_memory``.
 
 PYTHONPATH=tests. It is the default scan by the geometric engine, evaluated; each one replaces the one before. A client
-in another process receives everything. The figure is the peak resident memory of the process of the workspace.
+in another process receives everything. The figures are the peak resident memory of the process of the workspace, and
+which part of the present one are pages of files, which the system drops where memory is short.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import argparse
 import resource
 import time
+from pathlib import Path
 
 from scancell import Scanner
 
@@ -38,7 +40,10 @@ def main() -> None:
 
 def _report(what: str, points: int) -> None:
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(f"{what:>8}: {points / 1e6:5.2f} million points, peak {peak:4.0f} MB", flush=True)
+    status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
+    present, of_files = (int(status[name].split()[0]) / 1024 for name in ("VmRSS", "RssFile"))
+    now = f"now {present:4.0f} MB, of them {of_files:4.0f} MB pages of files"
+    print(f"{what:>8}: {points / 1e6:5.2f} million points, peak {peak:4.0f} MB, {now}", flush=True)
 
 
 if __name__ == "__main__":
