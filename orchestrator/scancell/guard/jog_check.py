@@ -7,7 +7,7 @@ sets B = v / a at full speed, and the stop takes s² B / 2 of path clock.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -118,7 +118,9 @@ class JogCheck:
         needed = self._needed(jog, share)
         proved = needed <= shown and any(share <= most and needed <= free for most, free in free_at.items())
         if needed <= shown and not proved:
-            proved = self._search(jog, error, share, needed, budget)[0] >= needed
+            # Other than for the permitted share, stops that begin after the reaction time do not matter.
+            soon = replace(jog, braking=np.minimum(jog.braking, jog.longest))
+            proved = self._search(soon, error, share, needed, budget)[0] >= needed
         distance = np.inf if clash is None else self._free_path.distance(begin, (clash.body_a, clash.body_b))
         return JogVerdict(clash, distance, permitted, proved)
 
@@ -129,7 +131,7 @@ class JogCheck:
         until = int(np.ceil(self._reaction / spacing)) + 1  # braking begins no later, at any share
         longest = float(braking[:until].max())
         ramp = max(longest, _RAMP * self._ramp(points[0], rates[0]))
-        return _Jog(points, rates, spacing, np.minimum(braking, longest), longest, ramp, self._deceleration)
+        return _Jog(points, rates, spacing, braking, longest, ramp, self._deceleration)
 
     def _search(
         self, jog: _Jog, error: Array, share: float, clock: float, budget: Budget
