@@ -12,13 +12,18 @@ from commands import PARTS, scancell_here
 
 from bench.guard_search.mutations import MUTATIONS
 from bench.guard_search.outcomes import IGNORED, TABLE, search
+from scancell.cell.controller import JogFrame, Mode, Operation
+from scancell.config.channel import LinkDescription
 from scancell.errors import DescriptionError
 from scancell.geometry.mesh import load_mesh
 from scancell.geometry.reduction import protrusion_bound
+from scancell.guard.tool import Tool
 from scancell.proximity.scene import arm_chain
 from scancell.studies.guard.campaign import Campaign, RunRow, stated_distance
 from scancell.studies.guard.jogs import program_points
 from scancell.studies.guard.run import CampaignOptions, RowFile, run_campaign, summary, tables
+from scancell.studies.guard.scenario import Command, Scenario
+from scancell.studies.guard.simulation import GuardedRuns, Simulation
 from scancell.studies.guard.strata import BLOCK, DECADES, FAULTS, THIRDS, stratum_of
 from scancell.studies.guard.worlds import KnownWorld, described_cells, known_world, standing_parts, true_world
 
@@ -57,6 +62,34 @@ def test_guarded_robots_do_not_collide(campaign: Campaign, block: int) -> None:
         assert (row.twin_clearance < 0.05) == (row.third == THIRDS[1]) or row.third == THIRDS[0]
         # The guard is needed: those whose twins collide are stopped, or wait in front of the contact.
         assert row.stop or row.halted or row.third != THIRDS[0]
+
+
+@pytest.mark.parametrize(
+    ("cell", "start_deg", "jog"),
+    [
+        ("seven_axis", (37, -20.5, 0, -108.9, 24.2, -31.5, 30.5, -90), (0.96, 0.96, -0.96, -0.96, -0.96, -0.96, 0, 0)),
+        (
+            "seven_axis",
+            (-39.6, -15.1, 0, -87.1, -37.7, -40.9, -30.7, -130),
+            (0.16, 0.16, 0.16, 0.16, -0.16, -0.16, 0, 0),
+        ),
+    ],
+)
+def test_jog_into_a_singular_position_is_slowed_and_not_stopped_by_the_guard(
+    cell: str, start_deg: tuple[float, ...], jog: tuple[float, ...]
+) -> None:
+    """The links of the wrist turn fast there, a few millimetres from each other, but never nearer."""
+    known = known_world(described_cells(None)[cell], load_mesh(PARTS / "free_form.stl", "mm"))
+    tool = Command(0.1, Mode.CARTESIAN_JOG, np.array(jog), JogFrame.SENSOR)
+    scenario = Scenario(Operation.MANUAL, np.radians(start_deg), (tool,), 4.0)
+    with Simulation(known.described, known.nominal, known.ignored) as simulation:
+        guarded = GuardedRuns(simulation, known.guard())
+        course = guarded.run(scenario, LinkDescription())
+        axes = course.axes[:, :-1]
+    least = np.linalg.svd(Tool(known.nominal).poses(axes[::20])[1], compute_uv=False)[:, -1]
+    assert least.min() < 0.5 * least[0]
+    assert course.stopped_at is None
+    assert min(decision.monitor_speed for _, decision in guarded.log) < 0.9
 
 
 def test_strata_have_equal_counts() -> None:
