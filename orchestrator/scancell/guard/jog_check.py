@@ -118,7 +118,7 @@ class JogCheck:
         needed = self._needed(jog, share)
         proved = needed <= shown and any(share <= most and needed <= free for most, free in free_at.items())
         if needed <= shown and not proved:
-            # Other than for the permitted share, stops that begin after the reaction time do not matter.
+            # For the proof, unlike the permitted share, stops that begin after the reaction time do not matter.
             soon = replace(jog, braking=np.minimum(jog.braking, jog.longest))
             proved = self._search(soon, error, share, needed, budget)[0] >= needed
         distance = np.inf if clash is None else self._free_path.distance(begin, (clash.body_a, clash.body_b))
