@@ -1,4 +1,4 @@
-"""Jogs the simulated robot to the table until its guard holds it: ``guarded_cell.py HOST PORT`` of a guard over UDP.
+"""Jogs joint 3 of the simulated robot until its guard holds it: ``guarded_cell.py HOST PORT`` of a guard over UDP.
 
 ::
 
@@ -18,7 +18,6 @@ from scancell import (
     CellInstance,
     GuardedCell,
     GuardSettings,
-    JogFrame,
     Link,
     Mode,
     Operation,
@@ -30,7 +29,7 @@ from scancell import (
     nominal_cell,
 )
 
-DOWN = np.array([0.0, 0, -1, 0, 0, 0])  # of the world, full speed
+JOG = np.array([0.0, 0, 1, 0, 0, 0])  # towards the robot, full speed
 
 
 def main(host: str, port: int) -> None:
@@ -46,9 +45,8 @@ def main(host: str, port: int) -> None:
         guarded = GuardedCell(cell, setup.cell.world.controller_cycle_us, link, max_age)
         cell.set_integer("command.operation", Operation.MANUAL)
         guarded.run(0.5, lambda: link.counts.total() > 0)  # until the guard answers
-        cell.set_integer("command.jog_frame", JogFrame.WORLD)
-        cell.set(cell.real_group([f"command.jog[{i + 1}]" for i in range(6)]), DOWN)
-        cell.set_integer("command.mode", Mode.CARTESIAN_JOG)
+        cell.set(cell.real_group([f"command.jog[{i + 1}]" for i in range(6)]), JOG)
+        cell.set_integer("command.mode", Mode.JOINT_JOG)
         said, moved = "", False
 
         def watch() -> bool:

@@ -118,9 +118,17 @@ double Jog::share_of_ahead(const Command& command, const Knots& present) const {
   return std::min(1.0, share);
 }
 
+/// Whether a singularity ends a Cartesian jog that leads from `present` to joints with `columns`; motion away
+/// from it is always allowed.
+bool Jog::enters_singularity(const Axes& present, const Jacobian& columns) const {
+  const double after = smallest_singular_value(columns);
+  if (after >= 2 * kMinSingularValue) return false;
+  return after < (1 - 1e-9) * smallest_singular_value(cartesian_columns(arm_, arm_.tool(present).jacobian));
+}
+
 /// Moves the axes and the pose of the tool on by `time` seconds; false, and nothing moves, where the inverse
-/// kinematics fails. In the frame of the tool the speed turns with it, until the middle by half of its
-/// rotation.
+/// kinematics fails or a singularity ends the jog. In the frame of the tool the speed turns with it, until
+/// the middle by half of its rotation.
 bool Jog::move_on(double time, JogFrame frame, JogSpeed& speed, Eigen::Isometry3d& pose,
                   Axes& position) const {
   Vector6 way = time * speed.head<6>();
@@ -129,7 +137,7 @@ bool Jog::move_on(double time, JogFrame frame, JogSpeed& speed, Eigen::Isometry3
   if (turns) way.head<3>() = half * way.head<3>();
   const Eigen::Isometry3d next = interpolate_pose(pose, way, 1);
   const auto solution = solve_inverse_kinematics(arm_, next, position);
-  if (!solution) return false;
+  if (!solution || enters_singularity(position, solution->columns)) return false;
   pose = next;
   if (turns) speed.head<3>() = half * half * speed.head<3>();
   for (std::size_t i = 0; i < kMaxJoints; ++i) position[i] = solution->position[i];
@@ -320,11 +328,7 @@ std::optional<Jog::Attempt> Jog::within_limits(double cycle, const Command& comm
 
 /// Whether a limit or a singularity ends the jog here; blocks it and records the reason.
 bool Jog::reaches_limit(const Attempt& attempt, double cycle, const Knots& present) {
-  const double before =
-      smallest_singular_value(cartesian_columns(arm_, arm_.tool(positions(present)).jacobian));
-  const double after = smallest_singular_value(attempt.columns);
-  // Motion away from a singularity is always allowed.
-  if (after < 2 * kMinSingularValue && after < before * (1 - 1e-9)) {
+  if (enters_singularity(positions(present), attempt.columns)) {
     block(ControllerError::kSingular, 0);
     return true;
   }

@@ -50,8 +50,8 @@ class Jog {
   static double share_of_full(Mode mode, const Axes& deflection);
 
   /// Positions `step` seconds apart of a jog that holds the deflection of `command`, or the present speed
-  /// where that is higher. Limits and singularities do not end it: where the inverse kinematics fails, and
-  /// where the jog brakes, the axes keep their speeds.
+  /// where that is higher. Limits do not end it: where the inverse kinematics fails, a singularity ends the
+  /// jog, or the jog brakes, the axes keep their speeds.
   PathAhead path_ahead(const Command& command, const Knots& present, double step) const;
 
   /// Present speed as a share of the speed of `path_ahead`, 0 to 1.
@@ -71,6 +71,7 @@ class Jog {
   struct Attempt;
   Axes joint_rates(const Command& command, const Jacobian& jacobian) const;
   double change_ratio(const Axes& change, const Jacobian& jacobian, double cycle) const;
+  bool enters_singularity(const Axes& present, const Jacobian& columns) const;
   bool move_on(double time, JogFrame frame, JogSpeed& speed, Eigen::Isometry3d& pose, Axes& position) const;
   JogSpeed commanded_speed(const Command& command, double later) const;
   JogSpeed ramped(const JogSpeed& wanted, double cycle) const;
