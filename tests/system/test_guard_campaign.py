@@ -67,6 +67,7 @@ def test_guarded_robots_do_not_collide(campaign: Campaign, block: int) -> None:
 @pytest.mark.parametrize(
     ("cell", "start_deg", "jog"),
     [
+        ("default", None, (0, 0, 1, 0, 0, 0, 0)),
         ("seven_axis", (37, -20.5, 0, -108.9, 24.2, -31.5, 30.5, -90), (0.96, 0.96, -0.96, -0.96, -0.96, -0.96, 0, 0)),
         (
             "seven_axis",
@@ -76,12 +77,13 @@ def test_guarded_robots_do_not_collide(campaign: Campaign, block: int) -> None:
     ],
 )
 def test_jog_into_a_singular_position_is_slowed_and_not_stopped_by_the_guard(
-    cell: str, start_deg: tuple[float, ...], jog: tuple[float, ...]
+    cell: str, start_deg: tuple[float, ...] | None, jog: tuple[float, ...]
 ) -> None:
     """The links of the wrist turn fast there, a few millimetres from each other, but never nearer."""
     known = known_world(described_cells(None)[cell], load_mesh(PARTS / "free_form.stl", "mm"))
     tool = Command(0.1, Mode.CARTESIAN_JOG, np.array(jog), JogFrame.SENSOR)
-    scenario = Scenario(Operation.MANUAL, np.radians(start_deg), (tool,), 4.0)
+    start = np.append(known.nominal.home, 0.0) if start_deg is None else np.radians(start_deg)
+    scenario = Scenario(Operation.MANUAL, start, (tool,), 4.0)
     with Simulation(known.described, known.nominal, known.ignored) as simulation:
         guarded = GuardedRuns(simulation, known.guard())
         course = guarded.run(scenario, LinkDescription())
