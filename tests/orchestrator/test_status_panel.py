@@ -16,7 +16,8 @@ from scancell import Scanner
 from scancell.browser.panels.status import Status, advice, pace, share_done, state_html
 from scancell.cell.controller import GUARD_TOO_OLD, Operation
 from scancell.config.loading import load_setup
-from scancell.live.commands import JogSensor, SetOperation
+from scancell.guard.guard import Decision, Guard
+from scancell.live.commands import JogSensor, Reset, SetOperation
 from scancell.live.scan import LiveScanState
 from scancell.programs.robot import deg, location, mm
 
@@ -27,8 +28,8 @@ def cell() -> Iterator[SteppedCell]:
         yield SteppedCell(session)
 
 
-def test_stops_and_held_jogs_are_stated_in_one_sentence(cell: SteppedCell) -> None:
-    """A jog that the guard holds, the same as a stop, one away from the bodies, and the stop button."""
+def test_stops_and_their_reset_are_stated_in_one_sentence(cell: SteppedCell) -> None:
+    """A jog that the guard holds, one that it stops, one away from the bodies, and the stop button."""
     down = JogSensor([0, 0, 0.5, 0, 0, 0])
     cell.at(location(450 * mm, 0, 260 * mm, rx=180 * deg))
     assert advice(cell.live.state) == ""
@@ -40,11 +41,19 @@ def test_stops_and_held_jogs_are_stated_in_one_sentence(cell: SteppedCell) -> No
     assert warned.guarded_pair == pair
     assert pair is not None
     assert "no jog in this direction" in advice(held)
-    text = held.guard_text.replace("no jog", "stop")
-    sentence = advice(replace(held, controller="emergency stop", guard_text=text))
+    stop = Decision(True, 1.0, f"stop: {' - '.join(pair)}: 2 mm", True, pair)
+    with pytest.MonkeyPatch.context() as patch:  # for a body that was not on the path before
+        patch.setattr(Guard, "_by_hand", lambda *_: stop)
+        stopped = cell.until(lambda state: state.controller == "emergency stop" and not state.moving, down)
+    assert stopped.guarded_pair == pair
+    assert stopped.pendant_text == f"Emergency stop: {' - '.join(pair)}: 2 mm"
+    sentence = advice(stopped)
     assert sentence.startswith(f"The guard stopped the robot ({pair[0]} and {pair[1]}, ")
     assert "Reset after a stop" in sentence
     assert sentence.count(".") == 1
+    cell.cycle(20, Reset())
+    assert advice(cell.live.state) == ""
+    assert "no jog in this direction" in advice(cell.cycle(30, down))
     assert advice(cell.cycle(30, JogSensor([0, 0, -0.5, 0, 0, 0]))) == ""
     cell.live.emergency_stop()
     assert advice(cell.cycle(60)).startswith("The Stop button stopped the robot")

@@ -213,8 +213,7 @@ def test_moving_arm_over_a_moving_belt_gives_the_same_shape() -> None:
         session.run_conveyor(1, 0.02)
         cloud = session.scan_line(end, 2 * PITCH, engine="geometric")
         travelled = session.conveyor_travel(1)
-        sensor_on_belt = -0.03 + travelled
-        session.move_tool(world_from_belt @ scancell.location(sensor_on_belt, 0.0, 0.095, rx=np.pi))
+        session.move_tool(world_from_belt @ scancell.location(START + travelled, 0.0, 0.095, rx=np.pi))
         profile = session.profile("geometric").points_in_part
     assert travelled > 0.005
     on_roof = profile[profile[:, 2] > 0.1 * HEIGHT]
