@@ -60,10 +60,21 @@ class _AcceptsStaleAnswers(Link):
 
 
 class _IgnoresPermittedSpeed(Link):
-    """A link to a controller that jogs as fast as the operator wants unless the guard permits no speed at all."""
+    """A link to a controller that reports the permitted speed, but jogs as fast as the operator wants.
+
+    It rests only where the guard permits no speed at all.
+    """
+
+    _permitted = 1.0
+
+    def send(self, state: CellState, time: float) -> None:
+        super().send(replace(state, rate=min(state.rate, self._permitted)), time)
 
     def poll(self, time: float) -> list[GuardMessage]:
-        return [replace(answer, monitor_speed=float(answer.monitor_speed > 0)) for answer in super().poll(time)]
+        answers = super().poll(time)
+        if answers:
+            self._permitted = answers[-1].monitor_speed
+        return [replace(answer, monitor_speed=float(answer.monitor_speed > 0)) for answer in answers]
 
 
 def _without(path: Path) -> Mutation:
@@ -124,11 +135,11 @@ class _BegunIsPermitted(Guard):
         return Decision() if state.moving and np.size(state.ahead) else decision
 
 
-class _HalfAsFast(Guard):
-    """A guard that takes what a jog shows for a motion of half its speed."""
+class _QuarterAsFast(Guard):
+    """A guard that takes what a jog shows for a motion of a quarter of its speed."""
 
     def _by_hand(self, state: CellState) -> Decision:
-        return super()._by_hand(replace(state, spacing=2 * state.spacing))
+        return super()._by_hand(replace(state, spacing=4 * state.spacing))
 
 
 class _ForgetsPermittedSpeeds(Guard):
@@ -160,7 +171,7 @@ MUTATIONS: dict[str, Mutation] = {
     "no-table-rate": Mutation(_NoTable, of_table=True),
     "slow-is-rest": Mutation(_SlowIsRest, strata=lambda stratum: _identified(stratum) and stratum.decade < 2),
     "begun-is-permitted": Mutation(_BegunIsPermitted, strata=_shown),
-    "half-as-fast": Mutation(_HalfAsFast, strata=_shown),
+    "quarter-as-fast": Mutation(_QuarterAsFast, strata=_shown),
     "ignored-speed": Mutation(link=_IgnoresPermittedSpeed, strata=_shown),
     "forgotten-speeds": Mutation(_ForgetsPermittedSpeeds, strata=_shown),
 }
