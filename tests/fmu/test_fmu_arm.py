@@ -84,6 +84,7 @@ def test_rejected_moves_report_error_and_axis(build: Build) -> None:
     cell.start_move(beyond)
     cell.step(CYCLE_US)
     assert [cell.get_int("controller.error"), cell.get_int("controller.limit")] == [5, 3]
+    assert int(cell.variables["controller.limit"].max) == len(TARGET) + 1  # the table
     cell.set("command.mode", JOINT_JOG)
     cell.step(CYCLE_US)
     assert cell.get_int("controller.error") == 2

@@ -1,8 +1,10 @@
-// Geometry and cameras: transforms, random numbers, derivatives and packets of projections.
+// Geometry and cameras: transforms, functions without libm, random numbers, derivatives and packets of
+// projections.
 #include <gtest/gtest.h>
 
 #include <cmath>
 
+#include "sensor_rt/geometry/fast_math.h"
 #include "sensor_rt/geometry/random.h"
 #include "sensor_rt/geometry/rigid3.h"
 #include "sensor_rt/optics/projector.h"
@@ -14,6 +16,20 @@ using Vector = Eigen::Vector3d;
 
 Rigid3 make_pose(const Vector& turn, const Vector& shift) {
   return {Eigen::AngleAxisd(turn.norm(), turn.normalized()).toRotationMatrix(), shift};
+}
+
+TEST(FastMath, ErrorsAreBelowTheStatedOnes) {
+  for (float x = -87.0f; x <= 0.0f; x += 0.0173f) {
+    const double expected = std::exp(static_cast<double>(x));
+    EXPECT_NEAR(exp_negative(x), expected, 3e-7 * expected) << x;
+  }
+  EXPECT_EQ(exp_negative(-1e30f), exp_negative(-87.0f));
+  for (float x = -6.0f; x <= 6.0f; x += 0.0113f) {
+    const float exponential = exp_negative(-0.5f * x * x);
+    const double wide = x;
+    EXPECT_NEAR(normal_cdf(x, exponential), std::erfc(-wide / std::sqrt(2.0)) / 2, 2.5e-7) << x;
+    EXPECT_NEAR(normal_pdf(exponential), std::exp(-wide * wide / 2) / std::sqrt(2 * M_PI), 1e-7) << x;
+  }
 }
 
 TEST(Rigid3, InverseAndProductsAreConsistent) {

@@ -117,6 +117,19 @@ def test_photons_are_spread_evenly_over_the_lens(samples: int) -> None:
     assert rows[1] == pytest.approx(rows[0], abs=2.0)
 
 
+def test_psf_adds_its_variance_to_reflected_light() -> None:
+    """A mirror images the laser line on the other wall, also without depth of field."""
+    _, poses = groove(MIRROR, 0.6)
+    variances = []
+    for sigma in (0.0, 2.0):
+        camera = {"psf_sigma_px": sigma}
+        light = bounced(MIRROR, 0.6, still(*poses), render={"photons": 262_144}, camera=camera)[0, 1, :, 140:180]
+        rows = np.arange(len(light))[:, None]
+        mean = (rows * light).sum(axis=0) / light.sum(axis=0)
+        variances.append(np.mean(((rows - mean) ** 2 * light).sum(axis=0) / light.sum(axis=0)))
+    assert variances[1] - variances[0] == pytest.approx(2.0**2, rel=0.05)
+
+
 def test_first_bounce_in_groove_matches_form_factor() -> None:
     _, poses = groove(0.8, 0.6)
     images = bounced(0.8, 0.6, still(*poses, count=2)).mean(axis=0)
