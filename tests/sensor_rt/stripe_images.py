@@ -90,6 +90,14 @@ def images_of(sensor: Sensor, electrons: Array, frames: int = 1, first: int = 0)
     return expose(light, sensor, np.full(frames, 5e-4), np.arange(first, first + frames))
 
 
+def width2(image: Array, column: int = 640) -> float:
+    """Variance over the rows of the light in a column, px²."""
+    light = image[:, column].astype(float)
+    rows = np.arange(len(light))
+    mean = (light * rows).sum() / light.sum()
+    return float((light * (rows - mean) ** 2).sum() / light.sum())
+
+
 def accepted(peaks: Peaks) -> NDArray[np.bool_]:
     """Mask (n,) of the peaks that are triangulated."""
     return np.asarray((peaks.flags & PEAK_REJECTED) == 0)

@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 import pytest
 from scenes import (
-    Array,
     ball,
     fast_and_paths,
     one_plane,
@@ -18,7 +17,7 @@ from scenes import (
     still,
     stripe_centres,
 )
-from stripe_images import make_sensor
+from stripe_images import make_sensor, width2
 
 from scancell.sensor import Scene, expected_electrons, scan, triangulate_pixels
 
@@ -32,14 +31,6 @@ TILTED = {"scheimpflug_x": -0.2, "scheimpflug_y": 0.08}
 DISTORTED = {"distortion": [-0.12, 0.05, 0.002, -0.001, 0.03]}
 MISPLACED = {"offset_y": 2e-4, "pan": 0.01, "roll": -0.02}
 SHARP = {"noise": False, "samples_per_pixel": 64}
-
-
-def width2(image: Array, column: int = 640) -> float:
-    """Variance over the rows of the light in a column, px²."""
-    light = image[:, column].astype(float)
-    rows = np.arange(len(light))
-    mean = (light * rows).sum() / light.sum()
-    return float((light * (rows - mean) ** 2).sum() / light.sum())
 
 
 def depth_of(z: float) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scenes import Array, ball, moving, pose, probe, still
-from stripe_images import make_sensor
+from stripe_images import make_sensor, width2
 
 from scancell.config.material import PRESETS, Preset
 from scancell.sensor import Camera, Exposures, Material, Scene, Sensor, expected_electrons, scan
@@ -123,10 +123,8 @@ def test_psf_adds_its_variance_to_reflected_light() -> None:
     variances = []
     for sigma in (0.0, 2.0):
         camera = {"psf_sigma_px": sigma}
-        light = bounced(MIRROR, 0.6, still(*poses), render={"photons": 262_144}, camera=camera)[0, 1, :, 140:180]
-        rows = np.arange(len(light))[:, None]
-        mean = (rows * light).sum(axis=0) / light.sum(axis=0)
-        variances.append(np.mean(((rows - mean) ** 2 * light).sum(axis=0) / light.sum(axis=0)))
+        image = bounced(MIRROR, 0.6, still(*poses), render={"photons": 262_144}, camera=camera)[0, 1]
+        variances.append(np.mean([width2(image, column) for column in range(140, 180)]))
     assert variances[1] - variances[0] == pytest.approx(2.0**2, rel=0.05)
 
 
