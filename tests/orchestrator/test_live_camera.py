@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import threading
 from collections.abc import Callable, Iterator
 
@@ -135,3 +136,16 @@ def test_cell_goes_on_while_a_frame_is_made(rig: Rig, monkeypatch) -> None:
     assert rig.feed.frame is None
     go_on.set()
     assert rig.frame().time <= before
+
+
+def test_feed_that_is_not_closed_ends_with_the_program(ideal_scanner: Scanner, monkeypatch) -> None:
+    """Its thread would abort the program if it still rendered when the interpreter ends."""
+    at_exit: list[Callable[[], None]] = []
+    monkeypatch.setattr(atexit, "register", at_exit.append)
+    before = set(threading.enumerate())
+    with ideal_scanner.session(PART, guarded=True) as session:
+        CameraFeed(LiveCell(session), session).wanted = True
+    (thread,) = set(threading.enumerate()) - before
+    for end in at_exit:
+        end()
+    assert not thread.is_alive()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import threading
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
@@ -118,6 +119,7 @@ class CameraFeed(Closing):
         self._wanted, self._closed = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="cameras", daemon=True)
         self._thread.start()
+        atexit.register(self.close)  # a thread that still renders while the interpreter ends aborts the program
 
     @property
     def frame(self) -> CameraFrame | None:
@@ -195,6 +197,7 @@ class CameraFeed(Closing):
 
     def close(self) -> None:
         """End the thread."""
+        atexit.unregister(self.close)
         self._closed.set()
         self._wanted.set()
         self._thread.join()
