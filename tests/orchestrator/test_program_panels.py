@@ -161,6 +161,17 @@ def test_added_steps_hold_the_present_pose(page: Page) -> None:
     assert page.selected == "4 wait, 1 s"
 
 
+def test_step_has_the_first_value_of_its_kind_if_added_before_the_page_offers_the_number(page: Page) -> None:
+    kind = page.gui.named["kind"]
+    kind.value = "wait"  # its callback, of another thread, comes later
+    assert page.press("Add after this step") == ""
+    assert page.selected == "1 wait, 1 s"
+    page.gui.named["number"].enter(2.5)
+    kind.enter("wait")
+    page.press("Add after this step")
+    assert page.selected == "2 wait, 2.5 s"
+
+
 def test_line_after_a_turned_table_turns_it(page: Page) -> None:
     page.add("joints")
     page.cell.live.submit(MoveJoints(page.cell.session.joints, 20 * deg))

@@ -46,6 +46,7 @@ class TeachPanel:
     def __init__(self, gui: Any, operator: OperatorCommands, taught: TaughtFile) -> None:
         self._operator, self._taught = operator, taught
         self._lock = RLock()  # `show` and the callbacks of inputs run in several threads
+        self._offered: Command | None = None  # whose number `_number` is
         tools = tool_names(operator.nominal)
         kinds = [kind for kind in _KINDS if "gripper" in tools or "gripper" not in kind]
         self._list = gui.add_html("")
@@ -167,6 +168,7 @@ class TeachPanel:
     # New steps
 
     def _add(self) -> None:
+        self._show_number()  # the callback of `_kind`, in a thread of its own, may be later than this one
         state, command = self._resting_state(), _KINDS[self._kind.value]
         words, angle = WORDS[command], state.table_angle
         value = angle if words.value == "table_angle" else None
@@ -200,11 +202,15 @@ class TeachPanel:
 
     def _show_number(self) -> None:
         """Offer the number of the kind that is chosen."""
-        command = _KINDS[self._kind.value]
-        self._number.visible = command in _TYPED
-        if command in _TYPED:
-            words = WORDS[command]
-            self._number.value, self._number.label = _TYPED[command][1], f"{words.value}, {words.unit}"
+        with self._lock:
+            command = _KINDS[self._kind.value]
+            if command == self._offered:
+                return
+            self._offered = command
+            self._number.visible = command in _TYPED
+            if command in _TYPED:
+                words = WORDS[command]
+                self._number.value, self._number.label = _TYPED[command][1], f"{words.value}, {words.unit}"
 
     def _unit(self, command: Command) -> float:
         if command not in _TYPED:
