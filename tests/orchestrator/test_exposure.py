@@ -136,6 +136,12 @@ def test_automatic_exposure_reaches_the_target(light, first_ms) -> None:
     )
 
 
+@pytest.mark.parametrize(("change", "kept"), [(0.96, True), (1.04, True), (0.94, False), (1.06, False)])
+def test_automatic_exposure_ignores_changes_below_5_percent(change, kept) -> None:
+    expected = 0.5 if kept else 0.5 / change
+    assert settled(1.2 * change) == pytest.approx(expected, rel=2e-2 if not kept else 1e-12)
+
+
 @pytest.mark.parametrize(("light", "limit"), [(0.001, 4.0), (0.0, 4.0), (1000.0, 0.05)])
 def test_automatic_exposure_stays_within_its_limits(light, limit) -> None:
     assert settled(light) == pytest.approx(limit)
