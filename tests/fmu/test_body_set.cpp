@@ -90,6 +90,21 @@ TEST(BodySet, CavityOfABodyIsOutside) {
   EXPECT_TRUE(bodies.intersects_box(0, Isometry3d::Identity(), {0.19, 0.05, 0.05}));
 }
 
+TEST(BodySet, OnlyAnEqualMeshIsTakenFromAnotherSet) {
+  const Vector3d up = Vector3d::UnitZ();
+  const TriangleMesh cube = box(0.2, 0.2, 0.2);
+  TriangleMesh open = cube;
+  open.faces.erase(open.faces.begin(), open.faces.begin() + 2);  // the bottom
+  const BodySet known({cube});
+  const BodySet bodies({cube, box(0.2, 0.2, 0.1), open}, &known);  // equal, other vertices, other faces
+  const auto distance = [&](std::vector<bool> body) {
+    return bodies.cast_ray({0.03, 0.02, -1}, up, 0, 10, body)->distance;
+  };
+  EXPECT_NEAR(distance({true, false, false}), 0.9, 1e-15);
+  EXPECT_NEAR(distance({false, true, false}), 0.95, 1e-15);
+  EXPECT_NEAR(distance({false, false, true}), 1.1, 1e-15);
+}
+
 TEST(PairMonitor, BoxDistanceIsExactBelowBound) {
   BodySet bodies({box(0.1, 0.1, 0.1), box(0.1, 0.1, 0.1), box(0.1, 0.1, 0.1)});
   PairMonitor watch({{0, 1}, {0, 2}, {1, 2}});

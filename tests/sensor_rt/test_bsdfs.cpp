@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "sensor_rt/geometry/random.h"
+#include "sensor_rt/scene/bsdf/ggx.h"
 #include "sensor_rt/scene/bsdf/model_list.h"
 #include "sensor_rt/scene/material.h"
 
@@ -139,6 +140,21 @@ TEST_P(EveryBsdf, PdfIntegratesToShareOfSamplesInEverySector) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Models, EveryBsdf, testing::ValuesIn(materials()), test_name);
+
+TEST(Fresnel, GlassReflectsAsInClosedFormAtNormalBrewsterAndGrazingIncidence) {
+  const double n = 1.5;
+  const double brewster = 1.0 / std::hypot(1.0, n);  // cosine; only light across the plane is reflected
+  EXPECT_NEAR(dielectric_fresnel(1.0, n), 0.04, 1e-15);
+  EXPECT_NEAR(dielectric_fresnel(brewster, n), 0.5 * std::pow((n * n - 1) / (n * n + 1), 2), 1e-15);
+  EXPECT_NEAR(dielectric_fresnel(0.0, n), 1.0, 1e-15);
+}
+
+TEST(Fresnel, SchlicksApproximationIsNearTheReflectanceOfGlass) {
+  for (int i = 0; i <= 100; ++i) {
+    const double cosine = 0.01 * i;
+    EXPECT_NEAR(schlick_fresnel(cosine, 0.04), dielectric_fresnel(cosine, 1.5), 0.04) << cosine;
+  }
+}
 
 TEST(Materials, UnknownModelAndValuesOutOfRangeAreRejectedByName) {
   EXPECT_THROW(validate_material({"velvet", 0.5, 0.5, 1.5}, "part"), std::invalid_argument);

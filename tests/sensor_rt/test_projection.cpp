@@ -1,12 +1,15 @@
-// Geometry and cameras: transforms, functions without libm, random numbers, derivatives and packets of
-// projections.
+// Geometry and cameras: transforms, functions without libm, random numbers, derivatives, blur, triangulation
+// and packets of projections.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <vector>
 
 #include "sensor_rt/geometry/fast_math.h"
 #include "sensor_rt/geometry/random.h"
 #include "sensor_rt/geometry/rigid3.h"
+#include "sensor_rt/imaging/triangulate.h"
 #include "sensor_rt/optics/projector.h"
 
 namespace sensor_rt {
@@ -86,6 +89,59 @@ TEST_P(Cameras, JacobianIsDerivativeOfRay) {
     const Eigen::Vector2d step = kStep * Eigen::Vector2d::Unit(k);
     const Vector change = (camera.ray(pixel + step) - camera.ray(pixel - step)) / (2.0 * kStep);
     EXPECT_NEAR((slope.col(k) - change.head<2>()).norm(), 0.0, 1e-6 * slope.norm());
+  }
+}
+
+TEST_P(Cameras, PointsOfTheSheetMoveWithThePixelAsTheJacobianStates) {
+  constexpr double kStep = 1e-2;
+  camera.tilt = 0.5;
+  camera.sensor_from_camera = sensor_from_camera(1, 0.06, 0.01, camera.tilt);
+  const Eigen::Vector2d pixel(300.0, 800.0);
+  const SheetSurface sheet;
+  for (const bool is_aligned : {true, false}) {
+    camera.is_aligned = is_aligned;
+    const Vector at = triangulate_exact(camera, sheet, pixel);
+    const Eigen::Matrix<double, 3, 2> slope = triangulation_jacobian(camera, sheet, pixel, at);
+    for (int k = 0; k < 2; ++k) {
+      const Eigen::Vector2d step = kStep * Eigen::Vector2d::Unit(k);
+      const Vector change =
+          triangulate_exact(camera, sheet, pixel + step) - triangulate_exact(camera, sheet, pixel - step);
+      EXPECT_NEAR((slope.col(k) - change / (2.0 * kStep)).norm(), 0.0, 1e-6 * slope.norm());
+    }
+    Lanes3 points;
+    Lanes3 per_row;
+    const std::vector<double> column(kLanes, pixel.x());
+    const std::vector<double> row(kLanes, pixel.y());
+    Triangulator(camera, TriangulationForm::kExact, sheet).locate(column.data(), row.data(), points, per_row);
+    EXPECT_NEAR((lane(points, 3) - at).norm(), 0.0, 1e-12);
+    EXPECT_NEAR((lane(per_row, 3) - slope.col(1)).norm(), 0.0, 1e-9 * slope.norm());
+  }
+}
+
+TEST_P(Cameras, TiltAreaIsThatOfAPixelOnThePlaneAcrossTheAxis) {
+  camera.distortion = {};
+  for (const Eigen::Vector2d& pixel :
+       {Eigen::Vector2d(639.5, 511.5), Eigen::Vector2d(10.0, 20.0), Eigen::Vector2d(1200.0, 900.0)}) {
+    const double area = camera.ray_jacobian(camera.ray(pixel)).determinant();
+    EXPECT_NEAR(camera.tilt_area(pixel), area * camera.focal_px * camera.focal_px, 1e-12);
+  }
+}
+
+TEST_P(Cameras, BlurRadiusBoundsTheImagesThroughTheRimOfTheLens) {
+  camera.focus = 0.2;
+  for (const double depth : {0.15, 0.19, 0.21, 0.4}) {
+    for (const Vector& direction : {Vector(0.0, 0.0, 1.0), Vector(0.15, 0.1, 1.0), Vector(-0.1, 0.12, 1.0)}) {
+      const Vector point = depth * direction;
+      double farthest = 0.0;
+      for (int k = 0; k < 16; ++k) {
+        const double angle = M_PI * k / 8;
+        const Eigen::Vector2d rim =
+            camera.aperture_radius() * Eigen::Vector2d(std::cos(angle), std::sin(angle));
+        farthest = std::max(farthest, (camera.project_through(rim, point) - camera.project(point)).norm());
+      }
+      EXPECT_LE(farthest, camera.blur_radius_px(point));
+      EXPECT_GE(farthest, 0.6 * camera.blur_radius_px(point));
+    }
   }
 }
 
