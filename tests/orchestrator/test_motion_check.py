@@ -228,9 +228,9 @@ def test_clearance_per_pair_and_deviation(cell):
 
 
 def test_clash_names_the_pair_that_lacks_most(cell):
-    """Of pairs with clearances of 10 to 200 mm: several violate theirs where the motion is stopped."""
+    """Of pairs with clearances of 10 to 200 mm, in motions so short that no pair is judged by its spheres alone."""
     scene = scene_of(cell)
-    start, end = random_motions(cell, 100, 0.5, 4)
+    start, end = random_motions(cell, 100, 0.005, 4)
     clearance = np.random.default_rng(5).uniform(0.01, 0.2, len(scene.pairs))
     several = 0
     for clash in MotionCheck(cell, scene, clearance).first_clashes(start, end):
@@ -239,7 +239,7 @@ def test_clash_names_the_pair_that_lacks_most(cell):
         at = start[clash.index] + clash.fraction * (end[clash.index] - start[clash.index])
         lack = scene.distances(cell.body_poses(at[None, :6], at[6:]), 0.25)[0] - clearance
         pair = scene.pairs.index((clash.body_a, clash.body_b))
-        assert lack[pair] <= max(lack.min(), 0.0) + 1e-9
+        assert lack[pair] == pytest.approx(lack.min(), abs=1e-9)
         several += int(np.count_nonzero(lack < -1e-6) > 1)
     assert several > 10
 
