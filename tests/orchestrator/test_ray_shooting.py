@@ -71,6 +71,27 @@ def ridge(columns: int, rows: int, slope: float, width: float) -> NDArray[np.flo
     return np.where(np.abs(off) < width, 0.6 * np.cos(off * np.pi / (2.2 * width)), 0.0)
 
 
+def test_poses_of_a_step_have_constant_acceleration_and_end_at_the_next_state() -> None:
+    on = lattice(np.ones((2 * SAMPLES + 1, 5000)))
+    rng = np.random.default_rng(1)
+    angle = rng.integers(0, on.angles, 200)
+    rate = rng.integers(-on.rates, on.rates + 1, 200)
+    acceleration = rng.integers(-on.accelerations, on.accelerations + 1, 200)
+    column, row, speed = on.cells(1, angle, rate, acceleration)
+    after, rate_after = on.after(angle, rate, acceleration)
+    part = np.arange(1, SAMPLES + 1) / SAMPLES
+    turned = 2 * rate[:, None] * part + acceleration[:, None] * part**2
+    off = row - (angle[:, None] + turned) * on.map.rows / on.angles
+    assert np.abs(np.remainder(off + on.map.rows / 2, on.map.rows) - on.map.rows / 2).max() <= 0.5 + 1e-6
+    np.testing.assert_array_equal(column[0], SAMPLES + np.arange(1, SAMPLES + 1))
+    assert np.isin((row[:, -1] - on.row(after)) % on.map.rows, [0, 1, on.map.rows - 1]).all()
+    mean = turned[:, -1] * (2 * np.pi / on.angles) / (SAMPLES * PERIOD)
+    before = on.cells(0, angle, rate, 0 * rate)[2][:, -1]
+    np.testing.assert_allclose((before + speed[:, -1]) / 2, mean, atol=1e-9)
+    np.testing.assert_allclose(speed[:, -1], on.cells(0, angle, rate_after, 0 * rate)[2][:, -1], atol=1e-9)
+    np.testing.assert_array_equal(on.cells(1, angle, rate, acceleration, only_end=True)[1][:, 0], row[:, -1])
+
+
 @pytest.mark.parametrize("slope", [0.0, 0.5, -0.8])
 def test_a_motion_follows_a_corridor(slope: float) -> None:
     given = ridge(81, 180, slope, 0.5)
