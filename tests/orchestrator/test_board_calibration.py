@@ -80,7 +80,7 @@ def test_sizes_of_errors_are_found(report) -> None:
     assert orientation == pytest.approx(1.0, rel=0.4)
     figures = report.figures
     assert figures["standard_deviation_of_positions_mm"] == pytest.approx(0.2, rel=0.4)
-    assert figures["standard_deviation_of_orientations_deg"] == pytest.approx(np.degrees(1e-3), rel=0.4)
+    assert figures["standard_deviation_of_orientations_deg"] == pytest.approx(np.degrees(1e-3 * orientation))
     worst = max(figures["errors_of_images"], key=lambda image: float(image["position_mm"]))
     assert 0.2 < worst["position_mm"] < 1.0
     turned = [float(image["orientation_deg"]) for image in figures["errors_of_images"]]
