@@ -145,7 +145,7 @@ def test_feed_that_is_not_closed_ends_with_the_program(ideal_scanner: Scanner, m
     before = set(threading.enumerate())
     with ideal_scanner.session(PART, guarded=True) as session:
         CameraFeed(LiveCell(session), session).wanted = True
-    (thread,) = set(threading.enumerate()) - before
+    (thread,) = (one for one in set(threading.enumerate()) - before if one.name == "cameras")
     for end in at_exit:
         end()
     assert not thread.is_alive()

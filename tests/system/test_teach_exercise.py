@@ -53,8 +53,6 @@ class Student:
     def adds(self, kind: str, name: str, label: str) -> None:
         self.browser.enter("kind", kind)
         self.browser.enter("name", name)
-        if kind == "scan line":
-            self.browser.enter("spacing, mm", 0.5)  # once the field is there
         self.browser.press("Add after this step")
         self.browser.shows(label)
 
