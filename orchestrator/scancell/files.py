@@ -1,9 +1,11 @@
-"""Atomic writing of files, tables for them, and names for files."""
+"""Reading of files of unknown content, atomic writing, tables for files, and names for files."""
 
 from __future__ import annotations
 
+import json
 import os
 import re
+import stat
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from itertools import count
@@ -11,11 +13,79 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from scancell.errors import OutputError
+from scancell.errors import DescriptionError, OutputError, ScancellError
 
 if TYPE_CHECKING:
     import pyarrow as pa
     from numpy.typing import NDArray
+
+MAX_FILE_BYTES = 4 << 30  # of a file that a library reads by its name
+MAX_TEXT_BYTES = 256 << 20  # of a text that is read at once
+
+
+def require_file(
+    path: str | Path, raises: type[ScancellError] = DescriptionError, most_bytes: int = MAX_FILE_BYTES
+) -> Path:
+    """The path of a regular file that is neither empty nor larger than `most_bytes`.
+
+    A device or a named pipe may never end, and a file of the kernel, whose size is 0, may never begin.
+
+    Raises `raises` naming the file.
+    """
+    path = Path(path)
+    if _regular_size(path, raises, most_bytes) == 0:
+        raise raises("the file is empty", file=path)
+    return path
+
+
+def read_file(
+    path: str | Path, raises: type[ScancellError] = DescriptionError, most_bytes: int = MAX_TEXT_BYTES
+) -> bytes:
+    """Content of a regular file of at most `most_bytes`; raises `raises` naming the file."""
+    path = Path(path)
+    size = _regular_size(path, raises, most_bytes)
+    if size == 0:
+        return b""
+    try:
+        with path.open("rb") as stream:
+            return stream.read(size)
+    except OSError as error:
+        raise raises(f"cannot be read: {error.strerror}", file=path) from None
+
+
+def read_text(path: str | Path, raises: type[ScancellError] = DescriptionError) -> str:
+    """Text of a regular file in UTF-8 of limited size; raises `raises` naming the file."""
+    try:
+        return read_file(path, raises).decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise raises(f"is not text in UTF-8: {error}", file=path) from None
+
+
+def read_json(path: str | Path, raises: type[ScancellError] = DescriptionError) -> Any:
+    """Content of a regular JSON file of limited size and depth; raises `raises` naming the file."""
+    text = read_text(path, raises)
+    try:
+        return json.loads(text)
+    except ValueError as error:
+        raise raises(f"cannot be read as JSON: {error}", file=path) from None
+    except (RecursionError, MemoryError):
+        raise raises("cannot be read as JSON: it is nested too deeply, or too large", file=path) from None
+
+
+def _regular_size(path: Path, raises: type[ScancellError], most_bytes: int) -> int:
+    try:
+        status = path.stat()
+    except (FileNotFoundError, NotADirectoryError, ValueError):  # the last one: a zero byte in the name
+        raise raises("no such file", file=path) from None
+    except OSError as error:
+        raise raises(f"cannot be read: {error.strerror}", file=path) from None
+    if not stat.S_ISREG(status.st_mode):
+        kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device, a pipe or a socket"
+        raise raises(f"is {kind}", file=path, expected="a regular file")
+    if status.st_size > most_bytes:
+        size, most = (f"{number / 1e6:.0f} MB" for number in (status.st_size, most_bytes))
+        raise raises(f"the file has {size}", file=path, expected=f"at most {most}")
+    return status.st_size
 
 
 @contextmanager

@@ -153,7 +153,7 @@ def test_invalid_file_error(tmp_path: Path) -> None:
         load_setup(sensor=wrong)
     with pytest.raises(DescriptionError, match=r"missing\.toml: no such file"):
         load_setup(cell=tmp_path / "missing.toml")
-    with pytest.raises(DescriptionError, match="cannot be read"):
+    with pytest.raises(DescriptionError, match="is a folder; expected a regular file"):
         load_setup(cell=tmp_path)
     wrong.write_bytes(b"\xff\xfe")
     with pytest.raises(DescriptionError, match="not valid TOML"):

@@ -1,15 +1,31 @@
-"""Tables of columns for files."""
+"""Tables of columns for files, and files that cannot be read."""
 
 from __future__ import annotations
 
+import os
+import re
 import subprocess
 import sys
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pytest
 
-from scancell.files import arrow_table
+import scancell
+from scancell.calibration.measured_table import MeasuredTable
+from scancell.cell.fmu_info import describe_fmu
+from scancell.cell.recording import read_table
+from scancell.config.files import read_toml
+from scancell.config.urdf import read_urdf
+from scancell.files import arrow_table, read_json
+from scancell.output.image_files import read_index
+from scancell.planning.views.sensor_paths import recorded_poses
+from scancell.programs.taught_file import TaughtFile
+from scancell.reconstruction.cloud_files.plain import read_npz
+from scancell.reconstruction.sources import read_points
+from scancell.recorded.calibrated import read_calibration
 
 
 @pytest.mark.parametrize("dtype", ["u1", "u4", "i4", "i8", "f4", "f8"])
@@ -32,3 +48,58 @@ def test_pandas_is_not_imported() -> None:
         " sys.exit('pandas' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
+
+
+def named(path: Path, suffix: str) -> Path:
+    """A link to the path, with a name that ends with the suffix."""
+    link = path.with_name(f"link{suffix}")
+    link.symlink_to(path)
+    return link
+
+
+# What may hang a reader, or end it with an error that names no file. To read /proc/kmsg is to wait for the kernel.
+UNREADABLE = ["pipe", "/dev/zero", "folder", "/proc/kmsg", "deep", "digits", "latin", "zero bytes"]
+READERS: dict[str, Callable[[Path], object]] = {
+    "toml": read_toml,
+    "json": read_json,
+    "plan": scancell.Plan.load,
+    "calibration": read_calibration,
+    "yaml": lambda path: MeasuredTable(named(path, ".yaml")),
+    "urdf": lambda path: read_urdf(path, "tip"),
+    "recording": lambda path: read_table(named(path, ".parquet")),
+    "table": lambda path: read_table(named(path, ".csv")),
+    "poses": recorded_poses,
+    "mesh": lambda path: scancell.load_part(named(path, ".stl")),
+    "obj": lambda path: scancell.load_part(named(path, ".obj")),
+    "points": lambda path: read_points(named(path, ".xyz")),
+    "npz": lambda path: read_points(named(path, ".npz")),
+    "index": read_index,
+    "archive": read_npz,
+    "taught program": lambda path: TaughtFile(path).program.steps,
+    "fmu": describe_fmu,
+}
+
+
+@pytest.mark.parametrize("content", UNREADABLE)
+@pytest.mark.parametrize("reader", READERS)
+def test_readers_refuse_what_is_no_file_of_theirs_by_name(tmp_path: Path, reader: str, content: str) -> None:
+    path = tmp_path / "file"
+    match content:
+        case "pipe":
+            os.mkfifo(path)
+        case "folder":
+            path.mkdir()
+        case "deep":
+            path.write_text("a = " * (reader == "toml") + "[" * 200_000)
+        case "digits":
+            path.write_text(f"a = {'9' * 5000}" if reader == "toml" else f"[{'9' * 5000}]")
+        case "latin":
+            path.write_bytes("name = 'Prüfkörper'".encode("latin-1"))
+        case "zero bytes":
+            path.write_bytes(bytes(100))
+        case device:
+            path.symlink_to(device)
+    try:
+        assert not READERS[reader](path)  # a file of size 0 is read as empty
+    except scancell.ScancellError as error:
+        assert re.search(r"\b(file|link)\b", str(error))

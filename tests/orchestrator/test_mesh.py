@@ -58,7 +58,7 @@ def test_obj_polygons_texture_indices_and_negative_indices(tmp_path):
     [
         ("a.stl", b"", "empty"),
         ("a.ply", b"", "empty"),
-        ("a.obj", b"", "not an OBJ mesh"),
+        ("a.obj", b"", "the file is empty"),
         ("a.stl", b"hello world\n", "holds no STL mesh"),
         ("a.stl", b"solid x\nendsolid x\n", "no triangles"),
         ("a.stl", bytes(84), "no triangles"),
@@ -98,7 +98,7 @@ def test_broken_files_get_one_clear_message(tmp_path, name, content, message):
 def test_missing_files_folders_and_units(tmp_path):
     with pytest.raises(MeshError, match="no such file"):
         load_mesh(tmp_path / "absent.stl")
-    with pytest.raises(MeshError, match="not a file"):
+    with pytest.raises(MeshError, match="is a folder; expected a regular file"):
         load_mesh(tmp_path)
     (tmp_path / "a.stl").write_bytes(b"")
     with pytest.raises(MeshError, match="unit = 'cm': expected one of mm, m, inch"):

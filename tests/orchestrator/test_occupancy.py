@@ -166,7 +166,7 @@ def test_wrong_voxel_file_is_refused_by_name_and_array(tmp_path, changes, messag
     [
         ("cloud.xyz", "1 2 nan\n", "point 1 is not finite"),
         ("cloud.xyz", "one two three\n", "not a point cloud that can be read"),
-        ("cloud.xyz", "", "holds no points"),
+        ("cloud.xyz", "", "the file is empty"),
         ("cloud.npz", "no archive", "not a file of voxels or points"),
         ("cloud.ply", "ply\nformat ascii 1.0\nend_header\n", "holds no points"),
         ("cloud.pcd", "VERSION 0.7\n", "expected binary PCD"),

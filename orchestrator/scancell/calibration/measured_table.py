@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scancell.cell.recording import read_table
 from scancell.errors import DescriptionError
 from scancell.extras import require
-from scancell.files import atomic_write
+from scancell.files import atomic_write, read_text
 
 Array = NDArray[np.float64]
 
@@ -98,12 +98,13 @@ class MeasuredTable:
 def _read_yaml(path: Path) -> pa.Table:
     """Table of a YAML list of mappings from columns to values; a list of values makes as many rows of its entry."""
     yaml = require("yaml", "studies")
-    if not path.is_file():
-        raise DescriptionError("no such file", file=path)
+    text = read_text(path)
     try:
-        entries = yaml.load(path.read_text(encoding="utf-8"), getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-    except (yaml.YAMLError, UnicodeDecodeError, OSError) as error:
+        entries = yaml.load(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    except (yaml.YAMLError, ValueError) as error:
         raise DescriptionError(" ".join(str(error).split()), file=path, expected="YAML") from None
+    except (RecursionError, MemoryError):
+        raise DescriptionError("is nested too deeply, or too large", file=path, expected="YAML") from None
     if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
         raise DescriptionError(
             "is not a list of entries", file=path, expected="a list of mappings from columns to values"

@@ -12,6 +12,7 @@ from typing import Any
 import fmpy
 
 from scancell.errors import CellError
+from scancell.files import require_file
 
 
 @dataclass(frozen=True)
@@ -141,8 +142,8 @@ def describe_fmu(path: Path) -> FmuInfo:
     CellError
         If the file is missing or no FMU.
     """
-    if not path.exists():
-        raise CellError("no such file", file=path)
+    if not path.is_dir():
+        require_file(path, CellError)
     try:
         description = fmpy.read_model_description(str(path), validate=False)
         platforms = fmpy.supported_platforms(str(path))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from scancell.arguments import checked_arguments
 from scancell.errors import DescriptionError
-from scancell.files import arrow_table, atomic_write
+from scancell.files import arrow_table, atomic_write, require_file
 from scancell.geometry import pose
 from scancell.values import Value
 
@@ -427,8 +427,7 @@ def read_table(path: Path, convert: pyarrow.csv.ConvertOptions | None = None) ->
     DescriptionError
         If the file is missing or no such table.
     """
-    if not path.is_file():
-        raise DescriptionError("no such file", file=path)
+    require_file(path)
     try:
         is_csv = path.suffix.lower() == ".csv"
         table = pyarrow.csv.read_csv(path, convert_options=convert) if is_csv else pyarrow.parquet.read_table(path)

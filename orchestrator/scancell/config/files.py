@@ -13,6 +13,7 @@ from pydantic import BaseModel
 
 from scancell.config.keys import KeyPath, Origin, join_path
 from scancell.errors import DescriptionError
+from scancell.files import read_file
 
 # Keys whose values are paths of files: meshes, the material numbers of a part's faces, recorded poses, points.
 FILE_KEYS = (
@@ -47,17 +48,16 @@ def assets_dir() -> Path:
 def read_toml(path: Path) -> dict[str, Any]:
     """Parse one TOML file.
 
-    Raises `DescriptionError` if the file is missing, unreadable, not UTF-8 or not TOML (with line and column).
+    Raises `DescriptionError` if the file is missing, unreadable, too large, not UTF-8 or not TOML (with line and
+    column).
     """
+    content = read_file(path)
     try:
-        with path.open("rb") as stream:
-            return tomllib.load(stream)
-    except FileNotFoundError:
-        raise DescriptionError("no such file", file=path) from None
-    except OSError as error:
-        raise DescriptionError(f"cannot be read: {error.strerror}", file=path) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        return tomllib.loads(content.decode("utf-8"))
+    except ValueError as error:  # not only of TOML: a number may have too many digits
         raise DescriptionError(f"not valid TOML: {error}", file=path) from None
+    except (RecursionError, MemoryError):
+        raise DescriptionError("not valid TOML: it is nested too deeply, or too large", file=path) from None
 
 
 def read_description(kind: str, path: Path) -> tuple[dict[str, Any], str, list[Origin]]:
@@ -127,6 +127,8 @@ def _existing(name: str, folders: Sequence[Path], source: str, key: str) -> Path
     places = list(dict.fromkeys((folder / name).resolve() for folder in folders))
     for place in places:
         if place.exists():
+            if not place.is_file():
+                raise DescriptionError(file=source, key=key, value=name, expected="a regular file")
             return place
     raise DescriptionError(f"no such file; tried {' and '.join(map(str, places))}", file=source, key=key, value=name)
 

@@ -69,7 +69,7 @@ def parse_assignment(word: str) -> tuple[str, Any]:
         raise DescriptionError(f"'{word}'", expected="key=value, for example cell.part.x_mm=20")
     try:
         value = tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):  # a number of too many digits, or lists nested too deeply, are no TOML, too
         value = text
     return key.strip(), value
 

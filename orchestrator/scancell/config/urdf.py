@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scancell.config.description import validate
 from scancell.config.robot import MAX_JOINTS, RobotDescription
 from scancell.errors import DescriptionError
-from scancell.files import atomic_write
+from scancell.files import atomic_write, read_file
 from scancell.geometry import pose
 from scancell.geometry.chain import Chain, dh_from_axes
 from scancell.geometry.mesh_files import FORMATS, read_mesh, write_stl
@@ -89,10 +89,8 @@ class _Reader:
     def __init__(self, path: Path) -> None:
         self._path = path
         try:
-            root = ET.parse(path).getroot()
-        except FileNotFoundError:
-            raise DescriptionError("no such file", file=path) from None
-        except (OSError, ET.ParseError) as error:
+            root = ET.fromstring(read_file(path))
+        except (ET.ParseError, ValueError, LookupError) as error:  # the last two: an encoding that is not known
             raise DescriptionError(f"not readable as URDF: {error}", file=path) from None
         if root.tag != "robot":
             raise DescriptionError(f"<{root.tag}>", file=path, expected="<robot>, as in a URDF file")

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.errors import MeshError
+from scancell.files import require_file
 from scancell.geometry.orientation import connected_components
 
 Vertices = NDArray[np.floating[Any]]
@@ -28,8 +29,7 @@ def read_mesh(path: Path) -> tuple[Vertices, Faces]:
 
     Raises `MeshError` if the file is missing, empty, of an unknown format, or broken.
     """
-    if not path.is_file():
-        raise MeshError("is not a file" if path.exists() else "no such file", file=path)
+    require_file(path, MeshError)
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
         raise MeshError(f"{suffix or 'no suffix'} is not a mesh format", file=path, expected=", ".join(FORMATS))
@@ -126,8 +126,6 @@ def _read_binary_stl(path: Path) -> Vertices | None:
 
 def _read_with_trimesh(path: Path, suffix: str) -> tuple[Vertices, Faces]:
     """Vertices and faces of a PLY or text STL file; any exception of the reader becomes a `MeshError`."""
-    if path.stat().st_size == 0:
-        raise MeshError("the file is empty", file=path)
     import trimesh  # noqa: PLC0415  (half a second, which binary STL files need not pay)
 
     try:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scancell.config.cell import MaterialRegionDescription, PartDescription
 from scancell.config.material import Material
 from scancell.errors import CellError
+from scancell.files import require_file
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import ShapeMesh
 
@@ -55,8 +56,9 @@ def _inside(middle_mm: NDArray[np.float64], region: MaterialRegionDescription) -
 
 def _read_numbers(path: Path, faces: int, regions: int) -> NDArray[np.int64]:
     try:
+        require_file(path, CellError)
         values = np.load(path) if path.suffix == ".npy" else np.loadtxt(path, delimiter=",", ndmin=1)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, EOFError, MemoryError) as error:
         raise CellError(f"cannot be read as numbers: {error}", file=path, key="part.face_materials") from None
     if values.shape != (faces,):
         raise CellError(f"{values.size} numbers for a mesh of {faces} faces", file=path, key="part.face_materials")

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.errors import ImageError, OutputError
+from scancell.files import require_file
 from scancell.output.run_folder import RunFolder
 from scancell.output.stripe_picture import stripe_picture
 from scancell.scanning.sense import ExposureImages
@@ -53,6 +54,7 @@ def read_index(path: Path) -> list[ImageEntry]:
         If the file cannot be read or is invalid, naming line and value.
     """
     columns = [column.name for column in fields(ImageEntry)]
+    require_file(path, ImageError)
     try:
         with path.open(newline="", encoding="utf-8") as stream:
             rows = list(csv.DictReader(stream))
@@ -171,6 +173,7 @@ def read_images(
 
 
 def _read(path: Path, size: tuple[int, int], camera: str, bit_depth: int) -> NDArray[np.uint16]:
+    require_file(path, ImageError)
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if image is None:
         raise ImageError("cannot be read as an image", file=path)

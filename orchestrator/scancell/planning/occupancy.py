@@ -14,7 +14,7 @@ from scancell.config.material import Material
 from scancell.config.scan import OccupiedDescription
 from scancell.config.units import si_value
 from scancell.errors import DescriptionError
-from scancell.files import atomic_write
+from scancell.files import atomic_write, require_file
 from scancell.geometry.pose import transform_points
 from scancell.geometry.voxels import VoxelGrid
 from scancell.nominal.cell import OCCUPIED, Body, NominalCell
@@ -90,12 +90,11 @@ def write_voxels(path: Path, grids: Mapping[str, VoxelGrid], **more: NDArray[np.
 
 
 def _holds_voxels(path: Path) -> bool:
+    require_file(path)
     try:
         with np.load(path) as arrays:
             return "kind" in arrays
-    except FileNotFoundError:
-        raise DescriptionError("no such file", file=path) from None
-    except (OSError, ValueError, BadZipFile) as error:
+    except (OSError, ValueError, EOFError, MemoryError, BadZipFile) as error:
         raise DescriptionError(f"not a file of voxels or points (NPZ): {error}", file=path) from None
 
 

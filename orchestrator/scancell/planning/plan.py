@@ -15,8 +15,7 @@ from scancell.arguments import checked_arguments
 from scancell.cell.program import BeltRun, Program, Segment, TriggerKind, TriggerRule
 from scancell.cell.program_file import program_data
 from scancell.config.description import Description, Finite, NonNegative, validate
-from scancell.errors import DescriptionError
-from scancell.files import atomic_write
+from scancell.files import atomic_write, read_json
 from scancell.planning.path_map.path_planner import PlacedPath
 from scancell.planning.views.coverage import CoverageReport
 from scancell.values import Value
@@ -99,13 +98,7 @@ class Plan(Value):
             If the file cannot be read or holds no plan, naming key, value and what was expected.
         """
         file = Path(path)
-        if not file.is_file():
-            raise DescriptionError("no such file", file=file)
-        try:
-            data = json.loads(file.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise DescriptionError(f"cannot be read as JSON: {error}", file=file) from None
-        read = validate(_PlanFile, data, str(file))
+        read = validate(_PlanFile, read_json(file), str(file))
         segments = tuple(
             Segment(
                 item.id,

@@ -15,7 +15,7 @@ from typing import Literal
 from scancell.config.choices import Engine
 from scancell.errors import CommandError, ProgramError
 from scancell.evaluation.deviation import deviation_from_mesh
-from scancell.files import first_free
+from scancell.files import first_free, read_file
 from scancell.live.cell import LiveCell
 from scancell.live.jobs import JobStopped
 from scancell.live.scan import LiveChunk
@@ -168,10 +168,7 @@ class _Run:
     def __init__(
         self, file: Path, engine: Engine, out: Path, paused: bool, on_points: Callable[[LiveChunk], object]
     ) -> None:
-        try:
-            self._source = tuple(file.read_text(encoding="utf-8", errors="replace").splitlines())
-        except OSError as error:
-            raise ProgramError(f"cannot be read: {error.strerror}", file=file, expected="a Python file") from error
+        self._source = tuple(read_file(file, ProgramError).decode("utf-8", errors="replace").splitlines())
         self.file, self._engine, self._out, self._on_points = file, engine, out, on_points
         self.future: Future[ProgramRun] | None = None
         self._lock = RLock()

@@ -16,6 +16,7 @@ from typing import Any
 from scancell.arguments import checked_arguments
 from scancell.config.choices import Engine
 from scancell.errors import ProgramError, ScancellError
+from scancell.files import read_file
 from scancell.live.contacts import ContactWatch
 from scancell.live.jobs import JobStopped
 from scancell.programs.recorder import CLOUD, ProgramRecorder
@@ -157,10 +158,7 @@ def _require_main(module: ModuleType, program: Path) -> None:
 @contextmanager
 def _loaded(program: Path, printed: Callable[[str], None] | None) -> Iterator[ModuleType]:
     """The program as a module; it may import modules from its folder."""
-    try:
-        source = program.read_bytes()
-    except OSError as error:
-        raise ProgramError(f"cannot be read: {error.strerror}", file=program, expected="a Python file") from error
+    source = read_file(program, ProgramError)
     module = ModuleType(_MODULE)
     module.__file__ = str(program)
     if printed is not None:

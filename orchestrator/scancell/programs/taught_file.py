@@ -7,7 +7,7 @@ from pathlib import Path
 from threading import RLock
 
 from scancell.errors import OutputError, ScancellError
-from scancell.files import atomic_write, first_free
+from scancell.files import atomic_write, first_free, read_text
 from scancell.programs.taught import TaughtProgram
 from scancell.programs.taught_text import program_text, read_program
 
@@ -36,12 +36,9 @@ class TaughtFile:
         OutputError
             If it cannot be read.
         """
-        try:
-            return self.path.read_text(encoding="utf-8")
-        except FileNotFoundError:
+        if not self.path.exists():
             return program_text(TaughtProgram())
-        except (OSError, UnicodeDecodeError) as error:
-            raise OutputError(f"cannot be read: {error}", file=self.path) from error
+        return read_text(self.path, OutputError)
 
     @property
     def program(self) -> TaughtProgram:

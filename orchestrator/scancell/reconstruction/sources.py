@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from scancell.errors import DescriptionError
 from scancell.extras import require
+from scancell.files import require_file
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import read_cloud
 from scancell.reconstruction.cloud_files.record import MM
@@ -68,11 +69,10 @@ def read_points(path: Path) -> Array:
     kind = path.suffix.lower()
     if kind not in _READERS:
         raise DescriptionError(file=path, expected=f"a point cloud: {', '.join(_READERS)}")
-    if not path.is_file():
-        raise DescriptionError("no such file", file=path)
+    require_file(path)
     try:
         points = np.asarray(_READERS[kind](path), float)
-    except (OSError, ValueError, KeyError, IndexError, RuntimeError) as error:
+    except (OSError, ValueError, KeyError, IndexError, RuntimeError, EOFError, MemoryError) as error:
         raise DescriptionError(f"not a point cloud that can be read: {error}", file=path) from None
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
         raise DescriptionError("holds no points", file=path)

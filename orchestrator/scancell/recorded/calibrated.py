@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from scancell.config.cell import CellDescription
 from scancell.config.estimated import EstimatedDescription, EstimatedToolDescription
 from scancell.config.robot import MAX_JOINTS
 from scancell.errors import DescriptionError
+from scancell.files import read_json
 from scancell.geometry import pose
 from scancell.recorded.uncertainty import ValueCovariance
 
@@ -42,12 +42,9 @@ def read_calibration(folder: Path) -> FoundByCalibration:
     Raises `DescriptionError` naming the file, key and what was expected.
     """
     file = folder / "calibration.json" if folder.is_dir() else folder
-    try:
-        found = json.loads(file.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise DescriptionError("no such file", file=file, expected="results of `scancell calibrate`") from None
-    except (OSError, ValueError) as error:
-        raise DescriptionError(str(error), file=file, expected="the JSON of a calibration") from None
+    if not file.exists():
+        raise DescriptionError("no such file", file=file, expected="results of `scancell calibrate`")
+    found = read_json(file)
     if not isinstance(found, dict):
         raise DescriptionError("is not a JSON object", file=file, expected="the JSON of a calibration")
     cell, sensor = (file.parent / name for name in ("calibrated.toml", "calibrated_sensor.toml"))

@@ -8,7 +8,6 @@ OUT/index.parquet      a row per scan: part, variant, seed, values of the factor
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,7 +17,7 @@ from typing import Any
 from scancell.config.batch import BatchDescription
 from scancell.errors import DescriptionError
 from scancell.extras import require
-from scancell.files import name_for_file
+from scancell.files import name_for_file, read_json
 from scancell.geometry.mesh import FORMATS, box_mesh
 from scancell.output.manifest import sha256
 from scancell.reconstruction.cloud_files import parse_formats
@@ -220,7 +219,7 @@ def write_index(batch: Batch, out: Path, failed: Mapping[str, str]) -> BatchResu
     missing: list[str] = []
     for task, folder in batch.results(out):
         if folder is not None:
-            row = json.loads((folder / ROW).read_text())
+            row = read_json(folder / ROW)
             rows.append({**row, "scan": task.name, "mesh": task.payload["mesh"]})
         elif task.name in failed:
             outcome = {"status": "failed", "message": failed[task.name], "as_built": [], "figures": {}, "files": []}

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from scancell.errors import OutputError
-from scancell.files import atomic_write
+from scancell.files import atomic_write, read_json
 from scancell.output.manifest import versions
 from scancell.progress import NullProgress
 from scancell.studies.analysis import analyse
@@ -59,7 +59,7 @@ def factors_without_effect(
         if task is None
         or (
             job.store.holds(task.name, job.digest_of_task(task))
-            and _same_figures(base, *json.loads((job.store.path(task.name) / ROWS).read_text()))
+            and _same_figures(base, *read_json(job.store.path(task.name) / ROWS))
         )
     ]
 

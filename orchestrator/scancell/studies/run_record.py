@@ -19,7 +19,7 @@ from pydantic_core import to_jsonable_python
 
 from scancell.config.description import Description
 from scancell.errors import DescriptionError
-from scancell.files import atomic_write
+from scancell.files import atomic_write, read_json
 from scancell.output.manifest import build_version, sha256, versions
 
 DESCRIPTION = "description.json"
@@ -139,12 +139,9 @@ def compare_with_record(request: Mapping[str, Any], ignored_keys: Set[str], out:
 
 
 def _read(record: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(record.read_text())
-    except FileNotFoundError:
-        raise
-    except (OSError, ValueError) as error:
-        raise DescriptionError(f"cannot be read: {error}", file=record) from None
+    if not record.exists():
+        raise FileNotFoundError(record)
+    content = read_json(record)
     if not isinstance(content, dict):
         raise DescriptionError("cannot be read", file=record, expected="a table")
     return content

@@ -9,7 +9,6 @@ OUT/study.json, report.html
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
@@ -20,6 +19,7 @@ from typing import Any
 from scancell.config.study import StudyDescription, load_study
 from scancell.errors import DescriptionError, OutputError
 from scancell.extras import require
+from scancell.files import read_json
 from scancell.stopwatch import Stopwatch
 from scancell.studies.designs import trial_seed
 from scancell.studies.engine import OpenWorker, Task, chunks
@@ -156,8 +156,8 @@ def collect(study: Study, out: Path, failed: Mapping[str, str] | None = None) ->
     missing: list[Trial] = []
     for task, folder in study.results(out):
         if folder is not None:
-            rows.extend(json.loads((folder / ROWS).read_text()))
-            timings.extend(json.loads((folder / TIMINGS).read_text()))
+            rows.extend(read_json(folder / ROWS))
+            timings.extend(read_json(folder / TIMINGS))
         elif failed and task.name in failed:
             outcome = {"status": "failed", "message": failed[task.name], "figures": {}}
             rows.extend({**plain, **outcome} for plain in task.payload)

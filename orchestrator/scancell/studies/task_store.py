@@ -18,7 +18,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from scancell.errors import OutputError
+from scancell.errors import DescriptionError, OutputError
+from scancell.files import read_json
 from scancell.output.manifest import sha256
 
 DONE = "done.json"
@@ -57,12 +58,12 @@ class TaskStore:
         """Whether the task `name` is finished for the request `digest`, with every file as it was written."""
         folder = self.path(name)
         try:
-            done = json.loads((folder / DONE).read_text())
+            done = read_json(folder / DONE)
             return bool(
                 done["digest"] == digest
                 and all(sha256(folder / file) == checksum for file, checksum in done["files"].items())
             )
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        except (OSError, DescriptionError, KeyError, TypeError, AttributeError):
             return False
 
     @contextmanager

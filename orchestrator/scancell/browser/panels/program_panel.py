@@ -8,6 +8,8 @@ from typing import Any
 
 from scancell.browser.panels.handles import pressed, run_once, set_changed, small_html
 from scancell.browser.panels.operator_commands import OperatorCommands
+from scancell.errors import DescriptionError
+from scancell.files import read_file
 from scancell.live.commands import Cancel
 from scancell.live.state import LiveState
 from scancell.programs.live_program import LiveProgram, LiveProgramState
@@ -55,9 +57,9 @@ class ProgramPanel:
         if file == self._taught.path:
             return tuple(self._taught.text.splitlines())
         try:
-            return tuple(file.read_text(encoding="utf-8", errors="replace").splitlines())
-        except OSError as error:
-            return (f"{file}: {error.strerror}",)
+            return tuple(read_file(file).decode("utf-8", errors="replace").splitlines())
+        except DescriptionError as error:
+            return (str(error),)
 
     def _file(self) -> Path:
         """The chosen file; the taught one only while it is a list of steps."""

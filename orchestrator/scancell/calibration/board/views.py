@@ -16,6 +16,7 @@ from scancell.calibration.flange_poses import read_flange
 from scancell.calibration.measured_table import MeasuredTable
 from scancell.config.sensor import SensorDescription
 from scancell.errors import CalibrationError, DescriptionError, ImageError
+from scancell.files import require_file
 from scancell.geometry.pose_conventions import StatedPoses
 from scancell.output.image_files import SUFFIXES
 from scancell.progress import Progress
@@ -189,6 +190,7 @@ def _require_all(folder: Path, files: Sequence[Path], table: MeasuredTable) -> N
 
 
 def _read(file: Path, size: tuple[int, int] | None) -> Grey:
+    require_file(file, ImageError)
     image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
     if image is None:
         raise ImageError("cannot be read as an image", file=file)

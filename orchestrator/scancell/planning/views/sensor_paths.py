@@ -25,6 +25,7 @@ from scancell.config.path import (
 )
 from scancell.config.units import si_value
 from scancell.errors import DescriptionError, PlanningError
+from scancell.files import require_file
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.poses import pose_matrix
@@ -263,6 +264,7 @@ def recorded_poses(file: Path) -> Array:
     Raises `DescriptionError` if the file is missing, lacks a column or holds fewer than two poses, or a value is not a
     finite number.
     """
+    require_file(file)
     try:
         with file.open(newline="", encoding="utf-8") as stream:
             rows = list(csv.DictReader(stream))

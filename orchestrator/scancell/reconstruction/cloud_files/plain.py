@@ -9,6 +9,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from scancell.errors import DescriptionError, MeshError
+from scancell.files import require_file
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files.record import MM, RECORD, UNITS, record_of
 
@@ -38,6 +39,7 @@ def read_npz(path: Path) -> Cloud:
 
     Raises `MeshError` if the file is missing or no such archive.
     """
+    require_file(path, MeshError)
     try:
         with np.load(path) as archive:
             return Cloud(
@@ -47,9 +49,17 @@ def read_npz(path: Path) -> Cloud:
                 saturated=archive["saturated"] if "saturated" in archive else np.zeros(len(archive["time_s"]), bool),
                 **{name: archive[name] for name in _SAME},
             )
-    except FileNotFoundError:
-        raise MeshError(f"{path}: no such file") from None
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, BadZipFile, DescriptionError) as error:
+    except (
+        OSError,
+        ValueError,
+        KeyError,
+        TypeError,
+        AttributeError,
+        EOFError,
+        MemoryError,
+        BadZipFile,
+        DescriptionError,
+    ) as error:
         raise MeshError(f"{path}: not a cloud of scancell: {error}") from None
 
 
