@@ -137,6 +137,20 @@ def test_psf_adds_variance_in_rows_and_columns(sigma: float) -> None:
     assert variance == pytest.approx(sigma**2 + 2 / 12, rel=0.05)  # a pixel's width, and that of the difference
 
 
+@pytest.mark.parametrize("sigma", [0.5, 0.505, 0.54, 0.5773, 0.6, 0.7, 0.799, 0.8, 0.83, 1.1, 1.7, 3.3, 7.1])
+def test_point_spread_keeps_the_light_and_adds_its_variance(sigma: float) -> None:
+    """Kernels of convolution: no negative weight, sum one, variance sigma²."""
+    lens = {"width_px": 64, "cx_px": 31.5, "height_px": 192, "cy_px": 95.5}
+    thin = {"power": 1.0, "sheet_sigma": 5e-6, "divergence": 0.0}  # its flanks do not hide those of the kernel
+    sharp, spread = (
+        one_plane(probe(camera=lens | {"psf_sigma_px": s}, render=SHARP, laser=thin), pose((0, 0, 0.107)))[0]
+        for s in (0.0, sigma)
+    )
+    light, blurred = (float(image[:, 32].astype(float).sum()) for image in (sharp, spread))
+    assert blurred == pytest.approx(light, rel=1e-4)
+    assert width2(spread, 32) - width2(sharp, 32) == pytest.approx(sigma**2, rel=2e-3)
+
+
 LENSES = {
     "tilted": TILTED,
     "defocus": {"focus": 0.11},

@@ -22,13 +22,15 @@ double area_below(double x) {
   return within * std::sqrt(1.0 - within * within) + std::asin(within) + 0.5 * M_PI;
 }
 
-/// Returns half of a symmetric kernel that has the moments of a Gaussian, from the centre outwards.
+/// Returns half of a symmetric kernel that has the variance of a Gaussian, from the centre outwards. No
+/// weight is negative, and their sum is one.
 std::vector<float> gaussian_kernel(double sigma) {
   if (sigma == 0.0) return {1.0f};
   constexpr double kWellSampled = 0.8;
   const double variance = sigma * sigma;
-  if (sigma < kWellSampled) {  // second and fourth moments
-    const double outer = (3.0 * variance * variance - variance) / 24.0;
+  if (sigma < kWellSampled) {
+    // Second and fourth moments; below sqrt(1/3) px no kernel without negative weights has both.
+    const double outer = std::max(0.0, (3.0 * variance * variance - variance) / 24.0);
     const double inner = 0.5 * variance - 4.0 * outer;
     return {static_cast<float>(1.0 - 2.0 * (inner + outer)), static_cast<float>(inner),
             static_cast<float>(outer)};
