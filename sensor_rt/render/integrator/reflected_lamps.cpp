@@ -61,8 +61,8 @@ double ReflectedLamps::smoothed(int i, int j) const {
 
 double ReflectedLamps::at(int column, int row, const LampView& seen) const {
   if (seen.shape < 0) return 0.0;
-  const double x = static_cast<double>(column) / kBlock;
-  const double y = static_cast<double>(row) / kBlock;
+  const double x = nodes_.place_of_column(column);
+  const double y = nodes_.place_of_row(row);
   // The four nearest nodes, then the twelve around them.
   for (const int reach : {1, 2}) {
     double sum = 0.0;

@@ -14,7 +14,8 @@ class SplatImage {
   /// Makes the image empty.
   void reset(int width, int height);
 
-  /// Adds `amount` at (column, row), spread over about `size` pixels; below 1.5 to a single pixel.
+  /// Adds `amount` at (column, row), a point of the image, spread over about `size` pixels; below 1.5 to a
+  /// single pixel. The coordinates are at least -0.5 and at most the number of columns or rows less 0.5.
   void add(double column, double row, double amount, double size);
 
   /// Returns the sum of all splats per pixel.
