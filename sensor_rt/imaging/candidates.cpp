@@ -66,11 +66,11 @@ RowWindow flat_top(ImageRows image, float saturation, const Candidate& c) {
 /// A bright stripe, and one on a translucent surface, has a halo over tens of rows, uneven and rarely
 /// symmetric, which would govern the moments. A Gaussian that is saturated over 2 w rows and exceeds half of
 /// the saturation over 2 h rows has the variance (h² - w²) / (2 ln 2).
-void estimate_from_flanks(ImageRows image, float background, const RowWindow& flat, Candidate& c) {
+void estimate_from_flanks(ImageRows image, const RowWindow& flat, Candidate& c) {
   constexpr float kTwoLogTwo = 1.38629436f;
   constexpr float kLeastVariance = 0.1f;  // of h²: a stripe exp(5) times as bright as the saturation
   const float half = 0.5f * c.amplitude;
-  const auto signal = [&](int y) { return static_cast<float>(image.at(y, c.column)) - background; };
+  const auto signal = [&](int y) { return static_cast<float>(image.at(y, c.column)) - c.background_at(y); };
   const auto edge = [&](int row, int step, int limit) {
     while (row != limit && signal(row + step) > half) row += step;
     const auto at = static_cast<float>(row);
@@ -199,6 +199,8 @@ void set_limits(std::vector<Candidate>& candidates, int height) {
 }
 
 void estimate_shape(ImageRows image, const PixelNoise& noise, float max_sigma, Candidate& c) {
+  c.flat_top = 0.0f;
+  c.has_halo = false;
   const int first = std::max(c.lower_limit, c.first_row - 1);
   const int last = std::min(c.upper_limit, c.last_row + 1);
   float sum = 0.0f;
@@ -207,7 +209,7 @@ void estimate_shape(ImageRows image, const PixelNoise& noise, float max_sigma, C
   float highest = 0.0f;
   int brightest = first;
   for (int y = first; y <= last; ++y) {
-    const float signal = std::max(0.0f, static_cast<float>(image.at(y, c.column)) - noise.background);
+    const float signal = std::max(0.0f, static_cast<float>(image.at(y, c.column)) - c.background_at(y));
     const auto offset = static_cast<float>(y - first);
     sum += signal;
     moment += signal * offset;
@@ -222,14 +224,14 @@ void estimate_shape(ImageRows image, const PixelNoise& noise, float max_sigma, C
   c.width = std::sqrt(std::max(0.09f, moment2 / sum - centre * centre - 1.0f / 12.0f));
   c.amplitude = std::max(highest, 1.0f);
   if (static_cast<float>(image.at(brightest, c.column)) < noise.saturation) {
-    if (c.width > max_sigma) estimate_from_flanks(image, noise.background, {brightest, brightest}, c);
+    if (c.width > max_sigma) estimate_from_flanks(image, {brightest, brightest}, c);
     return;
   }
   const RowWindow flat = flat_top(image, noise.saturation, c);
   const bool above_half =
-      noise.saturation - noise.background > 0.5f * c.amplitude;  // not in saturated ambient light
+      noise.saturation - c.background_at(brightest) > 0.5f * c.amplitude;  // not in saturated ambient light
   if (above_half && flat.last - flat.first + 1 >= kLongFlatTop) {
-    estimate_from_flanks(image, noise.background, flat, c);
+    estimate_from_flanks(image, flat, c);
   }
 }
 

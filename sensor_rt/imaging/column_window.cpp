@@ -27,7 +27,7 @@ ColumnWindow gather(ImageRows image, const PixelNoise& noise, const Candidate& c
   w.count = std::max(0, rows.last - rows.first + 1);
   for (int i = 0; i < w.count; ++i) {
     const auto value = static_cast<float>(image.at(rows.first + i, candidate.column));
-    w.signal[i] = static_cast<double>(value - noise.background);
+    w.signal[i] = static_cast<double>(value - candidate.background_at(rows.first + i));
     const double light = std::max(0.0, w.signal[i]);
     w.variance[i] = static_cast<double>(noise.variance_floor + candidate.light_variance) +
                     static_cast<double>(noise.gain) * light + relative * light * light;

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "sensor_rt/imaging/agreement.h"
+#include "sensor_rt/imaging/background_light.h"
 #include "sensor_rt/imaging/background_subtraction.h"
 #include "sensor_rt/imaging/choose.h"
 #include "sensor_rt/imaging/stripe.h"
@@ -62,25 +63,6 @@ float saturation_level(const ImageNoise& n) {
   return static_cast<float>(std::min(clipped, full) - 0.25);
 }
 
-/// Returns the background level of the image: the black level, or the median of a sample of pixels if that
-/// shows ambient light.
-float background_level(ImageRows image, double black, std::vector<std::uint16_t>& sample) {
-  constexpr int kRows = 64;
-  constexpr int kColumns = 64;
-  sample.clear();
-  for (int i = 0; i < kRows; ++i) {
-    const int y = static_cast<int>((static_cast<long>(2 * i + 1) * image.height) / (2 * kRows));
-    for (int j = 0; j < kColumns; ++j) {
-      const int x = static_cast<int>((static_cast<long>(2 * j + 1) * image.width) / (2 * kColumns));
-      sample.push_back(image.at(y, x));
-    }
-  }
-  const auto middle = sample.begin() + static_cast<std::ptrdiff_t>(sample.size() / 2);
-  std::nth_element(sample.begin(), middle, sample.end());
-  const auto median = static_cast<double>(*middle);
-  return static_cast<float>(std::fabs(median - black) <= 1.0 ? black : median);
-}
-
 /// In the order of PeakDetector.
 constexpr LocateFunction* kLocators[] = {locate_gaussian,
                                          locate_centre_of_gravity,
@@ -115,10 +97,11 @@ class Extractor::Impl {
 
   void measure(ImageView<const std::uint16_t> image, int camera) {
     PixelNoise noise = noise_;
-    noise.background = background_level(image, image_noise_.black_level_dn, sample_);
-    // Uniform background light adds shot noise, and is modulated by the pixel sensitivities as the stripe is.
     const auto black = static_cast<float>(image_noise_.black_level_dn);
-    const float light = std::max(0.0f, noise.background - black);
+    light_.measure(image, black, noise);
+    noise.background = light_.level();
+    // Background light adds shot noise, and is modulated by the pixel sensitivities as the stripe is.
+    const float light = noise.background - black;
     noise.variance_floor += (noise.gain + noise.pattern * light) * light;
     noise.gain += 2.0f * noise.pattern * light;
     measure_stripe(image, noise, nullptr, 1.0f, camera);
@@ -152,8 +135,8 @@ class Extractor::Impl {
     const auto black = static_cast<float>(image_noise_.black_level_dn);
     PixelNoise lit_noise = noise;
     if (background != nullptr) {
-      const float light = background_level(*background, image_noise_.black_level_dn, sample_) - black;
-      lit_noise.variance_floor += 2.0f * noise.gain * std::max(0.0f, light) / dn_per_count;
+      light_.measure(*background, black, noise_);
+      lit_noise.variance_floor += 2.0f * noise.gain * std::max(0.0f, light_.level() - black) / dn_per_count;
     }
     const double noise_of_sum = std::sqrt(3.0 * static_cast<double>(lit_noise.variance_floor));
     // A stripe of the minimum amplitude has a sum over three rows of at least about its amplitude.
@@ -161,15 +144,25 @@ class Extractor::Impl {
     const auto threshold = static_cast<float>(std::max(options_.threshold_sigma * noise_of_sum, least));
     CameraPeaks& peaks = next();
     peaks.camera = camera;
-    std::vector<Candidate>& found = finder_.find(image, lit_noise, threshold, image_noise_.bit_depth);
+    const bool varies = background == nullptr && !light_.is_uniform();
+    std::vector<Candidate>& found = varies
+                                        ? find_above_light(image, lit_noise, threshold)
+                                        : finder_.find(image, lit_noise, threshold, image_noise_.bit_depth);
     if (background != nullptr)
       add_background_noise(*background, black, dn_per_count, noise, options_.threshold_sigma, found);
     set_limits(found, image.height);
     peaks.candidates = found;
     // Candidates that cannot be chosen are not measured.
     if (chosen_by_rank(options_.peak) && !all_peaks_) keep_by_rank(options_.peak, peaks.candidates);
+    const auto max_sigma = static_cast<float>(options_.max_sigma_px);
     for (Candidate& candidate : peaks.candidates) {
-      estimate_shape(image, noise, static_cast<float>(options_.max_sigma_px), candidate);
+      if (!varies) candidate.background = noise.background;
+      estimate_shape(image, noise, max_sigma, candidate);
+      // Width and background depend on each other.
+      for (int pass = 0; varies && pass < 2; ++pass) {
+        measure_background(image, noise, threshold, candidate);
+        estimate_shape(image, noise, max_sigma, candidate);
+      }
     }
     peaks.fits.resize(peaks.candidates.size());
     LocateFunction* const locate = kLocators[static_cast<std::size_t>(options_.detector)];
@@ -178,6 +171,31 @@ class Extractor::Impl {
       fit.amplitude *= dn_per_count;
       flag_shape(options_, fit);
     }
+  }
+
+  /// Finds candidates in the image less its smooth background, which their `background` follows.
+  std::vector<Candidate>& find_above_light(ImageRows image, PixelNoise noise, float threshold) {
+    const int full = (1 << image_noise_.bit_depth) - 1;
+    const int pedestal = full / 8;  // exceeds any noise
+    const int largest = std::min(full + pedestal, 0xFFFF);
+    const auto variance = [&](float level) {
+      const float light = std::max(0.0f, level - static_cast<float>(image_noise_.black_level_dn));
+      return (noise_.gain + noise_.pattern * light) * light;
+    };
+    noise.background = static_cast<float>(pedestal);
+    std::vector<Candidate>& found =
+        finder_.find(light_.subtract(image, pedestal, largest), noise, threshold, image_noise_.bit_depth + 1);
+    std::size_t kept = 0;
+    for (Candidate& c : found) {
+      light_.place(c);
+      c.light_variance = variance(c.background_at((c.first_row + c.last_row) / 2)) - variance(light_.level());
+      const float deviation = std::sqrt(3.0f * (noise.variance_floor + c.light_variance));
+      if (c.strength - 3.0f * noise.background > static_cast<float>(options_.threshold_sigma) * deviation) {
+        found[kept++] = c;
+      }
+    }
+    found.resize(kept);
+    return found;
   }
 
   CameraPeaks& next() {
@@ -236,7 +254,7 @@ class Extractor::Impl {
   std::unique_ptr<BackgroundSubtraction> difference_;
   std::vector<SpeckleNoise> speckle_;  // per camera
   CandidateFinder finder_;
-  std::vector<std::uint16_t> sample_;
+  BackgroundLight light_;
   std::vector<CameraPeaks> cameras_;
   std::size_t measured_ = 0;  // number of entries of cameras_ of this exposure
   std::vector<Candidate> candidates_;

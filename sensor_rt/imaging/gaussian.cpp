@@ -35,7 +35,7 @@ void load(ImageRows image, const PixelNoise& noise, const Candidate& c, Gaussian
   bool saturated = false;
   for (int y = rows.first; y <= rows.last; ++y) {
     const auto value = static_cast<float>(image.at(y, c.column));
-    b.data[y - rows.first].v[l] = value * scale - noise.background * scale;
+    b.data[y - rows.first].v[l] = value * scale - c.background_at(y) * scale;
     b.mask[y - rows.first].v[l] = value < noise.saturation ? 1.0f : 0.0f;
     saturated = saturated || !(value < noise.saturation);
   }

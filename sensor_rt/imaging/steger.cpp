@@ -97,7 +97,8 @@ class Ridge {
       double d2 = 0.0;
       for (int j = 0; j < down.count; ++j) {
         if (!is_own(down, j)) continue;
-        const double value = image_.at(row(down, j), column(i)) - static_cast<double>(noise_.background);
+        const double value =
+            image_.at(row(down, j), column(i)) - static_cast<double>(c_.background_at(down.first + j));
         g += value * down.g[j];
         d1 += value * down.d1[j];
         d2 += value * down.d2[j];
@@ -117,7 +118,8 @@ class Ridge {
     for (int i = 0; i < across_.count; ++i) {
       for (int j = 0; j < down.count; ++j) {
         if (!is_own(down, j)) continue;
-        const double value = image_.at(row(down, j), column(i)) - static_cast<double>(noise_.background);
+        const double value =
+            image_.at(row(down, j), column(i)) - static_cast<double>(c_.background_at(down.first + j));
         const double light = std::max(0.0, value);
         const double influence =
             (across_.d1[i] * down.g[j] * nx + across_.g[i] * down.d1[j] * ny) / (bend * ny);

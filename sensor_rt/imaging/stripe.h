@@ -14,7 +14,7 @@ namespace sensor_rt {
 /// Noise of a pixel: variance = floor + gain * (signal above the background) + (pattern + speckle) * signal²,
 /// all in DN.
 struct PixelNoise {
-  float background = 0.0f;      ///< level of the background image
+  float background = 0.0f;      ///< level of the image in which stripes are searched
   float variance_floor = 0.0f;  ///< read noise and quantisation, DN²
   float gain = 0.0f;            ///< DN per electron: shot noise has variance gain * signal
   float pattern = 0.0f;         ///< variance of the relative pixel sensitivities
@@ -33,14 +33,18 @@ struct Candidate {
   int last_row = 0;
   int lower_limit = 0;  ///< limits of the rows that belong to no other candidate
   int upper_limit = 0;
-  float strength = 0.0f;        ///< largest sum over three neighbouring rows
-  float row = 0.0f;             ///< first guess of the centre
-  float width = 0.0f;           ///< first guess of the standard deviation of the recorded signal, px
-  float flat_top = 0.0f;        ///< half length of the saturated rows if these are many, px
-  bool has_halo = false;        ///< the signal beside the stripe would govern its moments
-  float amplitude = 0.0f;       ///< first guess of the height, DN
-  float light_variance = 0.0f;  ///< variance per pixel due to background light, DN²
+  float strength = 0.0f;          ///< largest sum over three neighbouring rows
+  float row = 0.0f;               ///< first guess of the centre
+  float width = 0.0f;             ///< first guess of the standard deviation of the recorded signal, px
+  float flat_top = 0.0f;          ///< half length of the saturated rows if these are many, px
+  bool has_halo = false;          ///< the signal beside the stripe would govern its moments
+  float amplitude = 0.0f;         ///< first guess of the height, DN
+  float light_variance = 0.0f;    ///< variance per pixel due to background light, DN²
+  float background = 0.0f;        ///< level of the background, continued to row 0, DN
+  float background_slope = 0.0f;  ///< DN per row
   std::uint32_t flags = 0;
+
+  float background_at(int row) const { return background + background_slope * static_cast<float>(row); }
 };
 
 /// Centre and shape of a stripe in one column.

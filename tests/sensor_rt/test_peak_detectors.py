@@ -40,6 +40,39 @@ def test_mean_bias_is_zero(detector):
     assert abs(error.mean()) < 4 * error.std() / np.sqrt(error.size) + 0.001
 
 
+def in_room_light(detector, background, sigma=1.5, peak=4000.0, frames=4):
+    """Errors of row (px) on `background` (electrons, (height, width)), and the share of columns with a peak."""
+    height = len(background)
+    sensor = make_sensor(WIDTH, height, extraction={"detector": detector} | OPEN)
+    truth = np.stack([0.5 * height + 0.0137 * np.arange(WIDTH) + 0.29 * f for f in range(frames)])
+    light = np.stack([stripe(r, sigma, peak, height) + background for r in truth])
+    peaks = extract(images_of(sensor, light, frames), sensor)
+    keep = accepted(peaks)
+    return (peaks.row - truth[peaks.frame, peaks.column])[keep], keep.sum() / (frames * WIDTH)
+
+
+@pytest.mark.parametrize("detector", DETECTORS)
+@pytest.mark.parametrize("slope_dn", [-0.4, 0.05])
+def test_room_light_with_a_slope_shifts_nothing(detector, slope_dn):
+    rows, columns = np.mgrid[:320, :WIDTH]
+    per_dn = 1 / 0.0225
+    background = per_dn * (75.0 + slope_dn * (rows - 160.0) + 0.01 * (columns - 640.0))
+    error, share = in_room_light(detector, background)
+    assert share > 0.97
+    assert abs(error.mean()) < 0.005
+    assert abs(np.median(error)) < 0.005
+
+
+@pytest.mark.parametrize("detector", DETECTORS)
+def test_curved_room_light_shifts_nothing(detector):
+    """The brightness varies by a quarter of full scale over 100 rows and over 400 columns."""
+    rows, columns = np.mgrid[:400, :WIDTH]
+    background = 1.0 / 0.0225 * (70.0 + 32.0 * np.sin(rows / 64.0) + 16.0 * np.cos(columns / 250.0))
+    error, share = in_room_light(detector, background)
+    assert share > 0.97
+    assert abs(error.mean()) < 0.005
+
+
 @pytest.mark.parametrize(
     ("detector", "factor"),
     [
