@@ -172,6 +172,7 @@ namespace robotcell::fmi {
 namespace {
 
 constexpr std::size_t kChecksumSize = sizeof(std::uint64_t);
+constexpr const char* kRemedy = "; restore it in the FMU that saved it, or save a new state with this one";
 
 template <class Archive>
 void exchange_snapshot(Archive& archive, Snapshot& snapshot, const CellLayout& layout) {
@@ -243,13 +244,13 @@ Snapshot deserialize(const std::uint8_t* bytes, std::size_t size, const CellLayo
   exchange(reader, token);
   if (token != own_token) {
     throw std::invalid_argument("the serialized state belongs to another FMU: its token is '" + token +
-                                "', expected '" + own_token + "'");
+                                "', expected '" + own_token + "'" + kRemedy);
   }
   std::uint64_t state_version = 0;
   exchange(reader, state_version);
   if (state_version != state_layout()) {
     throw std::invalid_argument(
-        "the serialized state has another layout: it was written by another version of this FMU");
+        std::string("the serialized state has another layout, of another version of this FMU") + kRemedy);
   }
   Snapshot snapshot(layout);
   exchange_snapshot(reader, snapshot, layout);
