@@ -169,7 +169,7 @@ BALL = '[[shape]]\nname = "ball"\nkind = "sphere"\ndiameter_mm = 20.0\n'
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (BALL.replace("20.0", "-20.0"), r"shape\[1\]\.diameter_mm = -20\.0: must be greater than 0"),
+        (BALL.replace("20.0", "-20.0"), r"shape\[1\]\.diameter_mm = -20\.0: must be greater than or equal to 0\.001"),
         (BALL.replace("20.0", "1e6"), r"shape\[1\]\.diameter_mm = 1000000\.0: must be less than or equal to 2000"),
         (BALL.replace("diameter_mm", "diameter"), r"shape\[1\]\.diameter: unknown key; did you mean 'diameter_mm'\?"),
         (BALL.replace("sphere", "torus"), r"shape\[1\].*'torus'.*'sphere'"),

@@ -14,6 +14,7 @@ from cells import GRIPPER
 
 from scancell.config.artefact import ArtefactDescription
 from scancell.config.cell import CellDescription
+from scancell.config.channel import LinkDescription
 from scancell.config.description import FileDescription, PoseDescription
 from scancell.config.keys import join_path
 from scancell.config.loading import assets_dir, load_resolved, load_setup, parse_assignment, split_path
@@ -26,6 +27,7 @@ from scancell.config.units import si_value, split_unit, to_si
 from scancell.errors import DescriptionError, OutputError
 from scancell.output.manifest import resolved_toml
 
+_ENDS = (("minimum", "exclusiveMinimum"), ("maximum", "exclusiveMaximum"))
 FILES: list[type[FileDescription]] = [
     ArtefactDescription,
     CellDescription,
@@ -63,7 +65,7 @@ def test_all_sensor_keys_with_units_are_converted() -> None:
     ("word", "expected"),
     [
         ("cell.table.raduis_mm=3", "table.raduis_mm: unknown key; did you mean 'radius_mm'?"),
-        ("cell.table.radius_mm=-3", "table.radius_mm = -3: must be greater than 0"),
+        ("cell.table.radius_mm=-3", "table.radius_mm = -3: must be greater than or equal to 0.001"),
         ("cell.table.radius_mm=nan", "table.radius_mm = nan: must be a finite number"),
         ("cell.table.radius_mm=wide", "table.radius_mm = 'wide': must be a valid number"),
         ("sensor.detector.bit_depth=99", "detector.bit_depth = 99: must be less than or equal to 16"),
@@ -167,7 +169,9 @@ def test_invalid_robot_value_names_robot_file(tmp_path: Path) -> None:
     (tmp_path / "arm.toml").write_text(robot)
     cell = (assets_dir() / "cells/default.toml").read_text().replace("../robots/six_axis.toml", "arm.toml")
     (tmp_path / "cell.toml").write_text(cell)
-    with pytest.raises(DescriptionError, match=r"arm\.toml: joint\[6\]\.max_speed_deg_s = 0: must be greater than 0"):
+    with pytest.raises(
+        DescriptionError, match=r"arm\.toml: joint\[6\]\.max_speed_deg_s = 0: must be greater than or equal to 0\.001"
+    ):
         CellDescription.from_toml(tmp_path / "cell.toml")
 
 
@@ -364,6 +368,27 @@ def test_schema_properties_have_descriptions(kind: str) -> None:
     found = properties(json_schemas()[kind], kind)
     assert len(found) > 15
     assert [path for path, value in found if len(value.get("description", "")) < 8] == []
+
+
+def numbers(node: Any, path: str) -> list[tuple[str, dict[str, Any]]]:
+    """All schemas of numbers below a node of a schema, with their paths."""
+    if isinstance(node, list):
+        return [found for item in node for found in numbers(item, path)]
+    if not isinstance(node, dict):
+        return []
+    is_free = node.get("type") in ("number", "integer") and not {"enum", "const"} & node.keys()
+    own = [(path, node)] if is_free else []
+    return own + [found for key, value in node.items() for found in numbers(value, f"{path}.{key}")]
+
+
+@pytest.mark.parametrize("kind", [*sorted(json_schemas()), "link"])
+def test_every_number_has_finite_bounds(kind: str) -> None:
+    schema = LinkDescription.model_json_schema() if kind == "link" else json_schemas()[kind]
+    found = numbers(schema, kind)
+    assert len(found) > 10
+    ends = {path: [[value.get(key) for key in pair] for pair in _ENDS] for path, value in found}
+    assert [path for path, pairs in ends.items() if any(pair == [None, None] for pair in pairs)] == []
+    assert max(abs(end) for pairs in ends.values() for pair in pairs for end in pair if end is not None) <= 1e15
 
 
 @pytest.mark.parametrize("kind", sorted(json_schemas()))

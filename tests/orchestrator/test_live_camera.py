@@ -111,6 +111,8 @@ def test_perturbation_shows_at_once_in_the_profile(rig: Rig) -> None:
         ({"sensor.laser.nothing": 0.1}, "nothing"),
         ({"tool.x_mm": 0.1}, "tool.x_mm"),
         ({"sensor.laser.turn_y_deg": "much"}, "turn_y_deg"),
+        ({"sensor.laser.waist_z_mm": 1e300}, "waist_z_mm.*less than or equal to 100000"),  # ended the process
+        ({"sensor.laser.divergence_mrad": 1e30}, "divergence_mrad.*less than or equal to 1000"),
     ):
         with pytest.raises(DescriptionError, match=message):
             rig.feed.perturb(words)

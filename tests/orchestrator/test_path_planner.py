@@ -256,7 +256,7 @@ def test_quality_that_does_not_fit_the_cell_is_named(cell: PlanningCell, quality
         ("singularity=[0.1, 0.1]", r"expected the first value below the second"),
         ("singularity=[-0.1, 0.1]", r"singularity\S* = -0\.1: .*greater than or equal to 0"),
         ("singularity=0.1", r"singularity = 0\.1"),
-        ("full_clearance_mm=0", r"full_clearance_mm = 0: .*greater than 0"),
+        ("full_clearance_mm=0", r"full_clearance_mm = 0: .*greater than or equal to 0\.001"),
         ("joint_range_power=[1, 0]", r"joint_range_power"),
         ('pair=[{bodies=["part", "sensor"]}]', r"give full_clearance_mm, clearance_power or both"),
         ('pair=[{bodies=["part"], clearance_power=1}]', r"bodies"),

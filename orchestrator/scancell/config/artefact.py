@@ -6,11 +6,11 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from scancell.config.description import Description, FileDescription, NonNegative, PoseDescription, Positive
+from scancell.config.description import Description, FileDescription, PoseDescription
 from scancell.config.devices import Name
 
 _MOST_MM = 2000.0  # like the largest meshes that are accepted without a remark
-_Size = Annotated[Positive, Field(le=_MOST_MM)]
+_Size = Annotated[float, Field(ge=0.001, le=_MOST_MM)]
 
 
 class _PlacedDescription(Description):
@@ -55,7 +55,7 @@ class ConeDescription(_PlacedDescription):
 
     kind: Literal["cone"] = Field(description="kind of shape")
     bottom_diameter_mm: _Size = Field(description="diameter at z = -height/2, mm")
-    top_diameter_mm: Annotated[NonNegative, Field(le=_MOST_MM)] = Field(
+    top_diameter_mm: Annotated[float, Field(ge=0.0, le=_MOST_MM)] = Field(
         description="diameter at z = height/2, mm; 0: pointed"
     )
     height_mm: _Size = Field(description="height, mm")

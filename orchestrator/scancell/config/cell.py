@@ -8,13 +8,19 @@ from pydantic import Field, model_validator
 
 from scancell.config.contact import ContactDescription
 from scancell.config.description import (
+    Angle,
+    AngularAcceleration,
+    AngularJerk,
+    AngularSpeed,
+    Coordinate,
     Description,
     FileDescription,
-    Finite,
     Fraction,
-    NonNegative,
+    Friction,
+    Length,
+    Point,
     PoseDescription,
-    Positive,
+    Size,
 )
 from scancell.config.devices import (
     ArrivalDescription,
@@ -50,11 +56,11 @@ class FixtureDescription(Description):
     length `reach` along the flange axis, displaced sideways by `offset`, the sensor tilted about its own Y axis.
     """
 
-    plate_mm: NonNegative = Field(description="thickness of the plate on the flange, along flange z, mm")
-    reach_mm: NonNegative = Field(description="distance from the plate to the sensor's origin along flange z, mm")
-    offset_mm: Finite = Field(default=0.0, description="sideways offset of the sensor, along the rotated x, mm")
-    tilt_deg: Finite = Field(default=0.0, description="tilt of the sensor about its own Y axis, deg")
-    rotation_deg: Finite = Field(default=0.0, description="rotation of the whole fixture about flange z, deg")
+    plate_mm: Length = Field(description="thickness of the plate on the flange, along flange z, mm")
+    reach_mm: Length = Field(description="distance from the plate to the sensor's origin along flange z, mm")
+    offset_mm: Coordinate = Field(default=0.0, description="sideways offset of the sensor, along the rotated x, mm")
+    tilt_deg: Angle = Field(default=0.0, description="tilt of the sensor about its own Y axis, deg")
+    rotation_deg: Angle = Field(default=0.0, description="rotation of the whole fixture about flange z, deg")
 
 
 class ToolDescription(Description):
@@ -83,14 +89,14 @@ class TableDescription(Description):
     """Rotary table. The origin of its frame is where the axis meets the top face, z along the axis."""
 
     pose: PoseDescription = Field(description="world_from_table at table angle 0")
-    radius_mm: Positive = Field(description="radius of the platter, mm")
-    thickness_mm: Positive = Field(description="thickness of the platter below its top face, mm")
-    max_speed_deg_s: Positive = Field(description="speed limit of the table, deg/s")
-    max_acceleration_deg_s2: Positive = Field(description="acceleration limit of the table, deg/s²")
-    max_jerk_deg_s3: Positive = Field(
+    radius_mm: Size = Field(description="radius of the platter, mm")
+    thickness_mm: Size = Field(description="thickness of the platter below its top face, mm")
+    max_speed_deg_s: AngularSpeed = Field(description="speed limit of the table, deg/s")
+    max_acceleration_deg_s2: AngularAcceleration = Field(description="acceleration limit of the table, deg/s²")
+    max_jerk_deg_s3: AngularJerk = Field(
         default=7200.0, description="jerk limit of programmed motion at monitor speed 1, deg/s³"
     )
-    friction: NonNegative = Field(
+    friction: Friction = Field(
         default=0.6, description="Coulomb friction coefficient of the platter; the smaller one of two bodies applies"
     )
     encoder_resolution_deg: EncoderResolution = 0.0
@@ -110,17 +116,14 @@ class TableDescription(Description):
     )
 
 
-_Corner = Annotated[tuple[Finite, ...], Field(min_length=3, max_length=3)]
-
-
 class MaterialRegionDescription(Description):
     """A region of the part with a material of its own: faces with their centre in a box, or listed in a file."""
 
     material: MaterialDescription = Field(description="material of the faces in this region")
-    min_mm: _Corner | None = Field(
+    min_mm: Point | None = Field(
         default=None, description="lower corner of the box, mesh coordinates, mm; default: unbounded below"
     )
-    max_mm: _Corner | None = Field(
+    max_mm: Point | None = Field(
         default=None, description="upper corner of the box, mesh coordinates, mm; default: unbounded above"
     )
 
@@ -135,14 +138,14 @@ class PartDescription(Description):
     fixture: Literal["clamped", "free"] = Field(
         default="clamped", description="clamped: rigid on the platter; free: held by gravity and friction"
     )
-    x_mm: Finite = Field(default=0.0, description="bounding-box centre along x of the table frame, mm")
-    y_mm: Finite = Field(default=0.0, description="bounding-box centre along y of the table frame, mm")
-    z_mm: Finite = Field(default=0.0, description="height of the lowest point above the table's top face, mm")
-    rx_deg: Finite = Field(
+    x_mm: Coordinate = Field(default=0.0, description="bounding-box centre along x of the table frame, mm")
+    y_mm: Coordinate = Field(default=0.0, description="bounding-box centre along y of the table frame, mm")
+    z_mm: Coordinate = Field(default=0.0, description="height of the lowest point above the table's top face, mm")
+    rx_deg: Angle = Field(
         default=0.0, description="rotation of the mesh before it is placed: first angle of XYZ', about x, deg"
     )
-    ry_deg: Finite = Field(default=0.0, description="second angle of XYZ', about the rotated y, deg")
-    rz_deg: Finite = Field(default=0.0, description="third angle of XYZ', about the twice rotated z, deg")
+    ry_deg: Angle = Field(default=0.0, description="second angle of XYZ', about the rotated y, deg")
+    rz_deg: Angle = Field(default=0.0, description="third angle of XYZ', about the twice rotated z, deg")
     arrival: ArrivalDescription | None = Field(
         default=None, description="start position of a part that is brought to the table; default: on the table"
     )
@@ -180,8 +183,12 @@ class WorldDescription(Description):
     controller_cycle_us: Annotated[int, Field(ge=1000, le=100_000)] = Field(
         default=16_000, description="cycle of the robot controller's set-points, µs; a multiple of time_step_us"
     )
-    gravity_m_s2: NonNegative = Field(default=9.80665, description="gravity along world -z, m/s²")
-    floor_z_mm: Finite = Field(default=0.0, description="height of the floor, on which falling parts come to rest, mm")
+    gravity_m_s2: Annotated[float, Field(ge=0.0, le=1000.0)] = Field(
+        default=9.80665, description="gravity along world -z, m/s²"
+    )
+    floor_z_mm: Coordinate = Field(
+        default=0.0, description="height of the floor, on which falling parts come to rest, mm"
+    )
 
     @property
     def controller_cycle(self) -> float:

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from scancell.config.description import Description, NonNegative
+from scancell.config.description import Description, Friction
 
 Points = Annotated[int, Field(ge=1, le=100)]
 
@@ -50,7 +50,7 @@ class ContactDescription(Description):
         description="whether arm, sensor, gripper housing, table base and floor have contact shapes (convex hulls);"
         " they act on free parts, and on an arm with dynamic drives",
     )
-    friction: NonNegative = Field(
+    friction: Friction = Field(
         default=0.3, description="friction coefficient of these bodies; the smaller one of two bodies applies"
     )
     pair: tuple[ContactPairDescription, ...] = Field(default=(), description="pairs of bodies with other values")

@@ -15,17 +15,34 @@ from scancell.config.keys import KeyPath, Origin, join_path, set_value, split_pa
 from scancell.errors import DescriptionError
 from scancell.files import atomic_write
 
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-Vector = Annotated[tuple[Finite, ...], Field(min_length=3, max_length=3)]
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+
+# Physical quantities in the units of their keys. Their bounds are beyond every real cell, sensor and part, and within
+# what the engines for rays, collisions and dynamics calculate: on larger numbers these end the process.
+Coordinate = Annotated[float, Field(ge=-100_000.0, le=100_000.0)]  # mm
+Length = Annotated[float, Field(ge=0.0, le=100_000.0)]  # mm
+Size = Annotated[float, Field(ge=0.001, le=100_000.0)]  # mm
+Speed = Annotated[float, Field(ge=0.001, le=100_000.0)]  # mm/s
+Acceleration = Annotated[float, Field(ge=0.01, le=1e7)]  # mm/s²
+Angle = Annotated[float, Field(ge=-36_000.0, le=36_000.0)]  # deg
+AngularSpeed = Annotated[float, Field(ge=0.001, le=100_000.0)]  # deg/s
+AngularAcceleration = Annotated[float, Field(ge=0.01, le=1e7)]  # deg/s²
+AngularJerk = Annotated[float, Field(ge=0.1, le=1e9)]  # deg/s³
+Mass = Annotated[float, Field(ge=1e-6, le=100_000.0)]  # kg
+Density = Annotated[float, Field(ge=0.1, le=100_000.0)]  # kg/m³
+Stiffness = Annotated[float, Field(ge=1e-6, le=1e6)]  # N/mm
+Friction = Annotated[float, Field(ge=0.0, le=100.0)]  # coefficient of Coulomb friction
+Bandwidth = Annotated[float, Field(ge=0.01, le=10_000.0)]  # nm
+Point = Annotated[tuple[Coordinate, ...], Field(min_length=3, max_length=3)]  # mm
+Number = Annotated[float, Field(ge=-1e15, le=1e15)]  # in any unit
 
 
 class Description(BaseModel):
     """A typed table of a TOML file, in the units that its keys name."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=False, validate_default=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=False, validate_default=True, allow_inf_nan=False)
 
     if not TYPE_CHECKING:  # type checkers know the keys
 
@@ -101,17 +118,17 @@ class FileDescription(Description):
 class PoseDescription(Description):
     """Pose `target_from_source`: translation, then rotation XYZ' (intrinsic) or Adept's yaw-pitch-roll ZYZ'."""
 
-    x_mm: Finite = Field(default=0.0, description="translation along x of the target frame, mm")
-    y_mm: Finite = Field(default=0.0, description="translation along y of the target frame, mm")
-    z_mm: Finite = Field(default=0.0, description="translation along z of the target frame, mm")
-    rx_deg: Finite = Field(default=0.0, description="first angle of the intrinsic XYZ' rotation, about x, deg")
-    ry_deg: Finite = Field(default=0.0, description="second angle of XYZ', about the rotated y, deg")
-    rz_deg: Finite = Field(default=0.0, description="third angle of XYZ', about the twice rotated z, deg")
-    yaw_deg: Finite | None = Field(
+    x_mm: Coordinate = Field(default=0.0, description="translation along x of the target frame, mm")
+    y_mm: Coordinate = Field(default=0.0, description="translation along y of the target frame, mm")
+    z_mm: Coordinate = Field(default=0.0, description="translation along z of the target frame, mm")
+    rx_deg: Angle = Field(default=0.0, description="first angle of the intrinsic XYZ' rotation, about x, deg")
+    ry_deg: Angle = Field(default=0.0, description="second angle of XYZ', about the rotated y, deg")
+    rz_deg: Angle = Field(default=0.0, description="third angle of XYZ', about the twice rotated z, deg")
+    yaw_deg: Angle | None = Field(
         default=None, description="first angle of ZYZ', about z, deg; with pitch_deg and roll_deg instead of XYZ'"
     )
-    pitch_deg: Finite | None = Field(default=None, description="second angle of ZYZ', about the rotated y, deg")
-    roll_deg: Finite | None = Field(default=None, description="third angle of ZYZ', about the twice rotated z, deg")
+    pitch_deg: Angle | None = Field(default=None, description="second angle of ZYZ', about the rotated y, deg")
+    roll_deg: Angle | None = Field(default=None, description="third angle of ZYZ', about the twice rotated z, deg")
 
     @model_validator(mode="after")
     def _one_convention(self) -> Self:

@@ -6,7 +6,18 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, StringConstraints, model_validator
 
-from scancell.config.description import Description, Fraction, NonNegative, PoseDescription, Positive
+from scancell.config.description import (
+    Acceleration,
+    Density,
+    Description,
+    Fraction,
+    Friction,
+    Length,
+    PoseDescription,
+    Size,
+    Speed,
+    Stiffness,
+)
 from scancell.config.material import MaterialDescription
 
 NAME_PATTERN = r"^[A-Za-z][A-Za-z0-9_ -]*$"
@@ -20,12 +31,14 @@ class SoftDescription(Description):
     damper connect each of its points to its rest position.
     """
 
-    stiffness_n_mm: Positive = Field(
+    stiffness_n_mm: Stiffness = Field(
         description="isotropic stiffness of each point's spring, N/mm; stable up to about 0.2 mass / (number of points"
         " * time step²), the cell reports this limit when it is exceeded"
     )
-    damping_ratio: NonNegative = Field(default=1.0, description="damping ratio of the points' oscillation; 1: critical")
-    longest_edge_mm: Positive = Field(default=15.0, description="largest distance between neighbouring points, mm")
+    damping_ratio: Annotated[float, Field(ge=0.0, le=1000.0)] = Field(
+        default=1.0, description="damping ratio of the points' oscillation; 1: critical"
+    )
+    longest_edge_mm: Size = Field(default=15.0, description="largest distance between neighbouring points, mm")
 
 
 def check_soft(soft: SoftDescription | None, fixture: str) -> None:
@@ -35,9 +48,9 @@ def check_soft(soft: SoftDescription | None, fixture: str) -> None:
 
 
 # Keys of every part, the scanned one and further ones.
-PartDensity = Annotated[Positive, Field(description="density of the part, for mass and inertia")]
+PartDensity = Annotated[Density, Field(description="density of the part, for mass and inertia")]
 PartFriction = Annotated[
-    NonNegative, Field(description="Coulomb friction coefficient of the part; the smaller one of two bodies applies")
+    Friction, Field(description="Coulomb friction coefficient of the part; the smaller one of two bodies applies")
 ]
 PartSprings = Annotated[SoftDescription | None, Field(description="springs of a soft part; default: rigid")]
 PartReflectance = Annotated[
@@ -92,16 +105,16 @@ class ConveyorDescription(Description):
 
     name: Name = Field(description="unique name of the conveyor")
     pose: PoseDescription = Field(description="world_from_belt: pose of the belt frame")
-    length_mm: Positive = Field(description="length of the belt along its travel, mm")
-    width_mm: Positive = Field(description="width of the belt, mm")
-    thickness_mm: Positive = Field(default=50.0, description="thickness of the belt below its top face, mm")
-    max_speed_mm_s: Positive = Field(default=500.0, description="speed limit of the belt, mm/s")
-    max_acceleration_mm_s2: Positive = Field(default=1000.0, description="acceleration limit of the belt, mm/s²")
-    friction: NonNegative = Field(
+    length_mm: Size = Field(description="length of the belt along its travel, mm")
+    width_mm: Size = Field(description="width of the belt, mm")
+    thickness_mm: Size = Field(default=50.0, description="thickness of the belt below its top face, mm")
+    max_speed_mm_s: Speed = Field(default=500.0, description="speed limit of the belt, mm/s")
+    max_acceleration_mm_s2: Acceleration = Field(default=1000.0, description="acceleration limit of the belt, mm/s²")
+    friction: Friction = Field(
         default=0.6, description="Coulomb friction coefficient of the belt; the smaller one of two bodies applies"
     )
-    encoder_resolution_mm: NonNegative = Field(
-        default=0.0, le=1000.0, description="resolution of the encoder of the belt's travel, mm; 0: exact"
+    encoder_resolution_mm: Annotated[float, Field(ge=0.0, le=1000.0)] = Field(
+        default=0.0, description="resolution of the encoder of the belt's travel, mm; 0: exact"
     )
     reflectance: Fraction = Field(
         default=0.05, description="Lambertian reflectance of the belt at the laser's wavelength, 0..1"
@@ -131,7 +144,7 @@ class ObstacleDescription(Description):
         default=True,
         description="false: only in the simulated cell, unknown to planning and reconstruction",
     )
-    clearance_mm: NonNegative | None = Field(
+    clearance_mm: Length | None = Field(
         default=None, description="smallest distance of arm and sensor from it, mm; default: scan.clearance_mm"
     )
     reflectance: Fraction = Field(

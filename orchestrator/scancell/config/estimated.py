@@ -7,7 +7,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field
 
-from scancell.config.description import Description, Finite, validate
+from scancell.config.description import Angle, Coordinate, Description, validate
 from scancell.config.robot import MAX_JOINTS
 from scancell.config.units import split_unit, to_si
 from scancell.errors import DescriptionError
@@ -21,12 +21,12 @@ _Angle = Field(default=0.0, description="estimated deviation, deg; as as_built o
 class EstimatedToolDescription(Description):
     """Deviation of the sensor from its nominal pose on the flange: translation, then rotation XYZ', nominal frame."""
 
-    x_mm: Finite = _Length
-    y_mm: Finite = _Length
-    z_mm: Finite = _Length
-    rx_deg: Finite = _Angle
-    ry_deg: Finite = _Angle
-    rz_deg: Finite = _Angle
+    x_mm: Coordinate = _Length
+    y_mm: Coordinate = _Length
+    z_mm: Coordinate = _Length
+    rx_deg: Angle = _Angle
+    ry_deg: Angle = _Angle
+    rz_deg: Angle = _Angle
 
 
 _Wobble = Field(
@@ -39,22 +39,22 @@ _Wobble = Field(
 class EstimatedTableDescription(Description):
     """Deviation of the table axis from its nominal pose, and its wobble."""
 
-    x_mm: Finite = _Length
-    y_mm: Finite = _Length
-    z_mm: Finite = _Length
-    rx_deg: Finite = _Angle
-    ry_deg: Finite = _Angle
-    wobble_rx_cos_deg: Finite = _Wobble
-    wobble_rx_sin_deg: Finite = _Wobble
-    wobble_ry_cos_deg: Finite = _Wobble
-    wobble_ry_sin_deg: Finite = _Wobble
+    x_mm: Coordinate = _Length
+    y_mm: Coordinate = _Length
+    z_mm: Coordinate = _Length
+    rx_deg: Angle = _Angle
+    ry_deg: Angle = _Angle
+    wobble_rx_cos_deg: Angle = _Wobble
+    wobble_rx_sin_deg: Angle = _Wobble
+    wobble_ry_cos_deg: Angle = _Wobble
+    wobble_ry_sin_deg: Angle = _Wobble
 
 
 class EstimatedPlatterDescription(Description):
     """Eccentricity: position of the platter's centre from the axis, in the rotating frame."""
 
-    x_mm: Finite = _Length
-    y_mm: Finite = _Length
+    x_mm: Coordinate = _Length
+    y_mm: Coordinate = _Length
 
 
 class EstimatedTriggerDescription(Description):
@@ -68,11 +68,11 @@ class EstimatedTriggerDescription(Description):
 class EstimatedJointDescription(Description):
     """Denavit-Hartenberg row of a joint; `beta_deg` is Hayati's rotation about y after alpha."""
 
-    theta_deg: Finite = _Angle
-    d_mm: Finite = _Length
-    a_mm: Finite = _Length
-    alpha_deg: Finite = _Angle
-    beta_deg: Finite = _Angle
+    theta_deg: Angle = _Angle
+    d_mm: Coordinate = _Length
+    a_mm: Coordinate = _Length
+    alpha_deg: Angle = _Angle
+    beta_deg: Angle = _Angle
 
 
 class EstimatedDescription(Description):

@@ -6,7 +6,17 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from scancell.config.description import Description, Fraction, NonNegative, PoseDescription, Positive
+from scancell.config.description import (
+    Description,
+    Fraction,
+    Friction,
+    Length,
+    Mass,
+    PoseDescription,
+    Size,
+    Speed,
+    Stiffness,
+)
 from scancell.config.material import MaterialDescription
 
 
@@ -19,23 +29,25 @@ class GripperDescription(Description):
     """
 
     pose: PoseDescription = Field(description="flange_from_gripper: pose of the gripper frame on the flange")
-    stroke_mm: Positive = Field(description="largest distance between the pads, mm")
-    start_mm: NonNegative | None = Field(
+    stroke_mm: Size = Field(description="largest distance between the pads, mm")
+    start_mm: Length | None = Field(
         default=None, description="distance between the pads at the start, mm; default: stroke_mm"
     )
-    finger_length_mm: Positive = Field(description="length of a finger along gripper z, mm")
-    finger_width_mm: Positive = Field(description="width of a finger along gripper y, mm")
-    finger_thickness_mm: Positive = Field(default=10.0, description="thickness of a finger along gripper x, mm")
-    finger_mass_kg: Positive = Field(default=0.1, description="moving mass of each finger, kg")
-    max_force_n: Positive = Field(default=60.0, description="force limit of each finger, N")
-    max_speed_mm_s: Positive = Field(default=100.0, description="speed limit of each finger, mm/s")
-    friction: NonNegative = Field(
+    finger_length_mm: Size = Field(description="length of a finger along gripper z, mm")
+    finger_width_mm: Size = Field(description="width of a finger along gripper y, mm")
+    finger_thickness_mm: Size = Field(default=10.0, description="thickness of a finger along gripper x, mm")
+    finger_mass_kg: Mass = Field(default=0.1, description="moving mass of each finger, kg")
+    max_force_n: Annotated[float, Field(ge=0.001, le=1e6)] = Field(
+        default=60.0, description="force limit of each finger, N"
+    )
+    max_speed_mm_s: Speed = Field(default=100.0, description="speed limit of each finger, mm/s")
+    friction: Friction = Field(
         default=0.8, description="Coulomb friction coefficient of the pads; the smaller one of two bodies applies"
     )
-    centring_stiffness_n_mm: Positive = Field(
+    centring_stiffness_n_mm: Stiffness = Field(
         default=20.0, description="stiffness of the coupling that keeps both fingers symmetric to the centre, N/mm"
     )
-    housing_mm: Annotated[tuple[Positive, ...], Field(min_length=3, max_length=3)] | None = Field(
+    housing_mm: Annotated[tuple[Size, ...], Field(min_length=3, max_length=3)] | None = Field(
         default=None,
         description="size (x, y, z) of the housing's box from the gripper's origin towards the flange, mm;"
         " default: none",

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from scancell.config.description import Description, Fraction, Vector
+from scancell.config.description import Description, Fraction, Point
 
 Model = Literal[
     "lambert", "oren_nayar", "rough_dielectric", "rough_conductor", "grooved_conductor", "mirror", "retro_reflective"
@@ -16,8 +16,11 @@ Model = Literal[
 _WITH_LOBE: tuple[Model, ...] = ("rough_dielectric", "rough_conductor", "grooved_conductor", "retro_reflective")
 Preset = Literal["matt_white", "machined_aluminium", "polished_steel", "black_rubber", "painted_plastic", "marble"]
 
+_Direction = Annotated[tuple[Annotated[float, Field(ge=-1e6, le=1e6)], ...], Field(min_length=3, max_length=3)]
+
 _SMOOTHEST_GGX = 0.01
 _MOST_TRANSLUCENT = 0.9
+_SHORTEST_AXIS = 1e-6
 
 
 @dataclass(frozen=True)
@@ -29,8 +32,8 @@ class Material:
     roughness: float = 1.0
     refractive_index: float = 1.5
     roughness_along: float | None = None
-    groove_axis: Vector | None = None
-    groove_centre_mm: Vector | None = None
+    groove_axis: _Direction | None = None
+    groove_centre_mm: Point | None = None
     scattering_per_mm: float | None = None
 
 
@@ -71,12 +74,12 @@ class MaterialDescription(Description):
     roughness_along: Annotated[float, Field(ge=_SMOOTHEST_GGX, le=1.0)] | None = Field(
         default=None, description="grooved_conductor: GGX alpha along the grooves, 0.01..1"
     )
-    groove_axis: Vector | None = Field(
+    groove_axis: _Direction | None = Field(
         default=None,
         description="grooved_conductor: direction of the grooves in the frame of the body (of a part: of its mesh), as"
         " far as it lies in the surface; with groove_centre_mm the axis around which they run",
     )
-    groove_centre_mm: Vector | None = Field(
+    groove_centre_mm: Point | None = Field(
         default=None,
         description="grooved_conductor: the grooves are circles around groove_axis through this point of the body's"
         " frame, as turning leaves them, mm; default: straight grooves",
@@ -101,7 +104,7 @@ class MaterialDescription(Description):
         if material.model == "grooved_conductor":
             if material.roughness_along is None or material.groove_axis is None:
                 raise ValueError("grooved_conductor needs roughness_along and groove_axis")
-            if not any(material.groove_axis):
+            if max(map(abs, material.groove_axis)) < _SHORTEST_AXIS:
                 raise ValueError(f"groove_axis must not be zero: {list(material.groove_axis)}")
         elif material.roughness_along is not None or material.groove_axis or material.groove_centre_mm:
             raise ValueError(

@@ -6,20 +6,23 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from scancell.config.description import Description, FileDescription, Finite, NonNegative, Positive
+from scancell.config.description import Angle, Coordinate, Description, FileDescription, Length, Size, Speed
 
+_Power = Annotated[float, Field(ge=0.001, le=1000.0)]
+_Weight = Annotated[float, Field(ge=0.0, le=1e6)]
+_Singularity = Annotated[float, Field(ge=0.0, le=100.0)]
 _Elevation = Annotated[float, Field(ge=0.0, le=90.0)]
 
 
 class WaypointDescription(Description):
     """Pose of the sensor in the part frame: point where its laser line meets the surface, and viewing direction."""
 
-    x_mm: Finite = Field(description="point that the sensor looks at, part frame, mm")
-    y_mm: Finite = Field(description="point that the sensor looks at, part frame, mm")
-    z_mm: Finite = Field(description="point that the sensor looks at, part frame, mm")
-    azimuth_deg: Finite = Field(default=0.0, description="direction from the point to the sensor, from +x about z, deg")
+    x_mm: Coordinate = Field(description="point that the sensor looks at, part frame, mm")
+    y_mm: Coordinate = Field(description="point that the sensor looks at, part frame, mm")
+    z_mm: Coordinate = Field(description="point that the sensor looks at, part frame, mm")
+    azimuth_deg: Angle = Field(default=0.0, description="direction from the point to the sensor, from +x about z, deg")
     elevation_deg: _Elevation = Field(default=90.0, description="that direction above the horizontal, deg")
-    roll_deg: Finite = Field(
+    roll_deg: Angle = Field(
         default=0.0, description="rotation of the sensor about its Z axis; at 0 its laser line is vertical, deg"
     )
 
@@ -30,16 +33,16 @@ class SpiralDescription(Description):
     turns: Annotated[float, Field(ge=-100.0, le=100.0)] = Field(
         default=1.0, description="turns around z of the part, counterclockwise if positive"
     )
-    start_deg: Finite = Field(default=0.0, description="azimuth at the start, from +x of the part about z, deg")
+    start_deg: Angle = Field(default=0.0, description="azimuth at the start, from +x of the part about z, deg")
     elevation_deg: tuple[_Elevation, _Elevation] = Field(
         default=(30.0, 60.0), description="angle of the viewing direction above the horizontal, start and end, deg"
     )
-    radius_mm: tuple[Annotated[float, Field(ge=0.0)], Annotated[float, Field(ge=0.0)]] | None = Field(
+    radius_mm: tuple[Length, Length] | None = Field(
         default=None,
         description="distance from z of the point that the sensor looks at, start and end, mm; default: that at which"
         " the sensor is at its stand-off from the part",
     )
-    height_mm: tuple[Finite, Finite] | None = Field(
+    height_mm: tuple[Coordinate, Coordinate] | None = Field(
         default=None, description="height of that point in the part frame, start and end, mm; default: half the part's"
     )
 
@@ -47,14 +50,14 @@ class SpiralDescription(Description):
 class ContourDescription(Description):
     """Once around the part's outermost contour at one height; the laser line is upright."""
 
-    height_mm: Finite = Field(description="height of the contour in the part frame, mm")
+    height_mm: Coordinate = Field(description="height of the contour in the part frame, mm")
     elevation_deg: _Elevation = Field(
         default=30.0,
         description="angle of the viewing direction above the horizontal, towards the contour's normal, deg",
     )
     turns: Literal[-1, 1] = Field(default=1, description="1: counterclockwise; -1: clockwise")
-    start_deg: Finite = Field(default=0.0, description="azimuth of the normal at the start, from +x about z, deg")
-    smoothing_mm: Positive = Field(
+    start_deg: Angle = Field(default=0.0, description="azimuth of the normal at the start, from +x about z, deg")
+    smoothing_mm: Size = Field(
         default=10.0, description="length along the contour on either side over which its direction is averaged, mm"
     )
 
@@ -62,11 +65,11 @@ class ContourDescription(Description):
 class WeightsDescription(Description):
     """Weights of the cost of a motion, which is the mean over time of ``1 / f - 1`` and of these terms."""
 
-    table_speed: NonNegative = Field(default=0.1, description="k_ω, of the square of the table's speed over its limit")
-    table_acceleration: NonNegative = Field(
+    table_speed: _Weight = Field(default=0.1, description="k_ω, of the square of the table's speed over its limit")
+    table_acceleration: _Weight = Field(
         default=0.1, description="k_a, of the square of the table's acceleration over its limit"
     )
-    scanning_time: NonNegative | None = Field(
+    scanning_time: _Weight | None = Field(
         default=None,
         description="k_t, of the duration over that at the path's speed; half and a quarter of the speed are then"
         " tried, too, and the motion of the lowest cost is taken; default: the fastest motion that exists",
@@ -77,10 +80,10 @@ class PairQualityDescription(Description):
     """Clearance factor of one pair of bodies, which overrides the values of all pairs; what is not given stays."""
 
     bodies: tuple[str, str] = Field(description="names of the bodies: sensor, link4, table, part, an obstacle's …")
-    full_clearance_mm: Positive | None = Field(
+    full_clearance_mm: Size | None = Field(
         default=None, description="distance d_high from which the factor is 1, at least twice the clearance, mm"
     )
-    clearance_power: Positive | None = Field(default=None, description="exponent of the clearance, Eq. 8")
+    clearance_power: _Power | None = Field(default=None, description="exponent of the clearance, Eq. 8")
 
     @model_validator(mode="after")
     def _says_something(self) -> Self:
@@ -96,19 +99,19 @@ class QualityDescription(Description):
         default="corrected",
         description="printed: Eq. 8 with π, with which the factor returns to 0 where the clearance is full",
     )
-    joint_range_power: Positive | tuple[Positive, ...] = Field(
+    joint_range_power: _Power | tuple[_Power, ...] = Field(
         default=1.0, description="exponent of the joint range, Eq. 7; one, or one for each joint"
     )
-    clearance_power: Positive = Field(default=1.0, description="exponent of the clearance, Eq. 8")
-    full_clearance_mm: Positive = Field(
+    clearance_power: _Power = Field(default=1.0, description="exponent of the clearance, Eq. 8")
+    full_clearance_mm: Size = Field(
         default=50.0,
         description="distance d_high of Eq. 8 from which the factor of a pair of bodies is 1, mm; at least twice the"
         " clearance of the pair",
     )
-    arm_full_clearance_mm: Positive = Field(
+    arm_full_clearance_mm: Size = Field(
         default=10.0, description="the same between links of the arm, which are close to each other by design, mm"
     )
-    singularity: tuple[NonNegative, Positive] = Field(
+    singularity: tuple[_Singularity, _Singularity] = Field(
         default=(0.01, 0.1),
         description="distances from a singular configuration up to which its factor is 0, and from which it is 1: of a"
         " lower bound of the Jacobian's smallest singular value, translations in units of 0.3 m",
@@ -132,13 +135,13 @@ class PathDescription(FileDescription):
     shipped: ClassVar[str] = "paths/spiral.toml"
 
     name: str = Field(default="path", description="name of the path")
-    speed_mm_s: Positive = Field(default=50.0, description="speed of the sensor relative to the part, mm/s")
-    pitch_mm: Positive | Literal["sensor"] = Field(
+    speed_mm_s: Speed = Field(default=50.0, description="speed of the sensor relative to the part, mm/s")
+    pitch_mm: Size | Literal["sensor"] = Field(
         default=0.5,
         description="distance of the sensor between exposures, mm; sensor: the smallest at speed_mm_s, by the sensor's"
         " highest profile rate",
     )
-    standoff_mm: Positive = Field(default=80.0, description="distance along sensor Z to the point it looks at, mm")
+    standoff_mm: Size = Field(default=80.0, description="distance along sensor Z to the point it looks at, mm")
     spiral: SpiralDescription | None = Field(default=None, description="a spiral around the part")
     contour: ContourDescription | None = Field(default=None, description="the contour of the part at one height")
     waypoint: tuple[WaypointDescription, ...] = Field(

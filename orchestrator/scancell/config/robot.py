@@ -7,35 +7,46 @@ from typing import Annotated, ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from scancell.config.description import (
+    Acceleration,
+    Angle,
+    AngularAcceleration,
+    AngularJerk,
+    AngularSpeed,
+    Coordinate,
+    Density,
     Description,
     FileDescription,
-    Finite,
     Fraction,
-    NonNegative,
+    Mass,
+    Point,
     PoseDescription,
-    Positive,
-    Vector,
+    Speed,
 )
 
 MAX_JOINTS = 8  # of an arm
 
+_Deviation = Annotated[float, Field(ge=0.0, le=360.0)]  # deg
+_Torque = Annotated[float, Field(ge=0.0, le=1e6)]  # N m
+_Damping = Annotated[float, Field(ge=0.0, le=1e6)]  # N m s/rad
+_InertiaVector = Annotated[tuple[Annotated[float, Field(ge=-1e6, le=1e6)], ...], Field(min_length=3, max_length=3)]
+
 # Keys of every encoder, of the joints and of the table.
 EncoderResolution = Annotated[
-    NonNegative, Field(description="quantisation step of the measured angle, deg; 0: continuous")
+    _Deviation, Field(description="quantisation step of the measured angle, deg; 0: continuous")
 ]
-EncoderNoise = Annotated[NonNegative, Field(description="standard deviation of the measured angle's noise, deg")]
+EncoderNoise = Annotated[_Deviation, Field(description="standard deviation of the measured angle's noise, deg")]
 EncoderLatency = Annotated[float, Field(ge=0.0, le=100.0, description="age of the measured angle when it is read, ms")]
 
 
 class InertiaDescription(Description):
     """Mass properties of a rigid body, in the body's own frame."""
 
-    mass_kg: Positive = Field(description="mass of the body, kg")
-    centre_of_mass_mm: Vector = Field(description="centre of mass (x, y, z), body frame, mm")
-    inertia_kg_m2: Vector = Field(
+    mass_kg: Mass = Field(description="mass of the body, kg")
+    centre_of_mass_mm: Point = Field(description="centre of mass (x, y, z), body frame, mm")
+    inertia_kg_m2: _InertiaVector = Field(
         description="moments of inertia (xx, yy, zz) about the centre of mass, along the axes of the body frame, kg m²"
     )
-    products_kg_m2: Vector = Field(
+    products_kg_m2: _InertiaVector = Field(
         default=(0.0, 0.0, 0.0), description="elements (xy, xz, yz) of the same inertia tensor, kg m²"
     )
 
@@ -43,38 +54,44 @@ class InertiaDescription(Description):
 class DriveDescription(Description):
     """Motor and gear of one joint; all values refer to the output side of the gear."""
 
-    motor_inertia_kg_m2: Positive = Field(description="rotor inertia, reflected to the joint, kg m²")
-    max_torque_n_m: NonNegative = Field(description="torque limit of the motor, N m; 0: no power")
-    gear_stiffness_n_m_rad: Positive = Field(description="torsional stiffness of the gear, N m/rad")
-    gear_damping_n_m_s_rad: NonNegative = Field(description="torsional damping of the gear, N m s/rad")
-    backlash_deg: NonNegative = Field(default=0.0, description="full width of the play between motor and link, deg")
-    coulomb_friction_n_m: NonNegative = Field(default=0.0, description="Coulomb friction torque of the joint, N m")
-    viscous_friction_n_m_s_rad: NonNegative = Field(default=0.0, description="viscous friction of the joint, N m s/rad")
+    motor_inertia_kg_m2: Annotated[float, Field(ge=1e-9, le=1e6)] = Field(
+        description="rotor inertia, reflected to the joint, kg m²"
+    )
+    max_torque_n_m: _Torque = Field(description="torque limit of the motor, N m; 0: no power")
+    gear_stiffness_n_m_rad: Annotated[float, Field(ge=0.001, le=1e12)] = Field(
+        description="torsional stiffness of the gear, N m/rad"
+    )
+    gear_damping_n_m_s_rad: _Damping = Field(description="torsional damping of the gear, N m s/rad")
+    backlash_deg: _Deviation = Field(default=0.0, description="full width of the play between motor and link, deg")
+    coulomb_friction_n_m: _Torque = Field(default=0.0, description="Coulomb friction torque of the joint, N m")
+    viscous_friction_n_m_s_rad: _Damping = Field(default=0.0, description="viscous friction of the joint, N m s/rad")
 
 
 class MotionDescription(Description):
     """Limits of the tool (the sensor's origin) in straight lines and when jogging."""
 
-    line_speed_mm_s: Positive = Field(
+    line_speed_mm_s: Speed = Field(
         default=1000.0, description="speed of the tool in a straight line at command.speed = 1, mm/s"
     )
-    line_acceleration_mm_s2: Positive = Field(
+    line_acceleration_mm_s2: Acceleration = Field(
         default=5000.0, description="acceleration of the tool in a straight line, mm/s²"
     )
-    turn_speed_deg_s: Positive = Field(
+    turn_speed_deg_s: AngularSpeed = Field(
         default=180.0, description="angular speed of the tool in a straight line at command.speed = 1, deg/s"
     )
-    turn_acceleration_deg_s2: Positive = Field(
+    turn_acceleration_deg_s2: AngularAcceleration = Field(
         default=900.0, description="angular acceleration of the tool in a straight line, deg/s²"
     )
     jog_speed_mm_s: Annotated[float, Field(gt=0.0, le=250.0)] = Field(
         default=250.0, description="Cartesian jog speed of the tool at full deflection, mm/s; ISO 10218-1 allows 250"
     )
-    jog_acceleration_mm_s2: Positive = Field(default=800.0, description="acceleration of the tool when jogging, mm/s²")
-    jog_turn_speed_deg_s: Positive = Field(
+    jog_acceleration_mm_s2: Acceleration = Field(
+        default=800.0, description="acceleration of the tool when jogging, mm/s²"
+    )
+    jog_turn_speed_deg_s: AngularSpeed = Field(
         default=45.0, description="angular jog speed of the tool at full deflection, deg/s"
     )
-    jog_turn_acceleration_deg_s2: Positive = Field(
+    jog_turn_acceleration_deg_s2: AngularAcceleration = Field(
         default=180.0, description="angular acceleration of the tool when jogging, deg/s²"
     )
     jog_joint_share: Fraction = Field(
@@ -88,17 +105,19 @@ class JointDescription(Description):
     ``T = Rz(q + theta) T(a, 0, d) Rx(alpha)``; the frame of a link lies at its far end, with z along the next axis.
     """
 
-    a_mm: Finite = Field(description="Denavit-Hartenberg a: distance from this joint's axis to the next along x, mm")
-    d_mm: Finite = Field(description="Denavit-Hartenberg d: offset along this joint's axis, mm")
-    alpha_deg: Finite = Field(
+    a_mm: Coordinate = Field(
+        description="Denavit-Hartenberg a: distance from this joint's axis to the next along x, mm"
+    )
+    d_mm: Coordinate = Field(description="Denavit-Hartenberg d: offset along this joint's axis, mm")
+    alpha_deg: Angle = Field(
         description="Denavit-Hartenberg alpha: angle from this joint's axis to the next about x, deg"
     )
-    theta_deg: Finite = Field(default=0.0, description="offset added to the joint angle, deg")
-    min_deg: Finite = Field(description="lower limit of the joint angle, deg")
-    max_deg: Finite = Field(description="upper limit of the joint angle, deg")
-    max_speed_deg_s: Positive = Field(description="speed limit of the joint, deg/s")
-    max_acceleration_deg_s2: Positive = Field(description="acceleration limit of the joint, deg/s²")
-    max_jerk_deg_s3: Positive = Field(
+    theta_deg: Angle = Field(default=0.0, description="offset added to the joint angle, deg")
+    min_deg: Angle = Field(description="lower limit of the joint angle, deg")
+    max_deg: Angle = Field(description="upper limit of the joint angle, deg")
+    max_speed_deg_s: AngularSpeed = Field(description="speed limit of the joint, deg/s")
+    max_acceleration_deg_s2: AngularAcceleration = Field(description="acceleration limit of the joint, deg/s²")
+    max_jerk_deg_s3: AngularJerk = Field(
         default=20_000.0, description="jerk limit of programmed motion at monitor speed 1, deg/s³"
     )
     encoder_resolution_deg: EncoderResolution = 0.0
@@ -124,7 +143,7 @@ class HeldJointDescription(Description):
     """A joint of an arm of more than six that inverse kinematics holds at given angles while it solves the others."""
 
     joint: Annotated[int, Field(ge=1, le=MAX_JOINTS)] = Field(description="number of the joint, from 1 at the base")
-    values_deg: Annotated[tuple[Finite, ...], Field(max_length=32)] = Field(
+    values_deg: Annotated[tuple[Angle, ...], Field(max_length=32)] = Field(
         default=(), description="held joint angles, deg; each has its own branches; default: the home angle"
     )
 
@@ -153,11 +172,11 @@ class RobotDescription(FileDescription):
         default="kinematic",
         description="kinematic: joints follow their set-points exactly; dynamic: motors, gears and inertia act",
     )
-    link_density_kg_m3: Positive = Field(
+    link_density_kg_m3: Density = Field(
         default=2000.0, description="mean density of the volume inside a link's mesh, motors and cavities included"
     )
     motion: MotionDescription = Field(default=MotionDescription(), description="limits of straight lines and jogging")
-    home_deg: Annotated[tuple[Finite, ...], Field(min_length=4, max_length=MAX_JOINTS)] = Field(
+    home_deg: Annotated[tuple[Angle, ...], Field(min_length=4, max_length=MAX_JOINTS)] = Field(
         description="joint angles at the start and end of every program, one per joint, deg"
     )
 

@@ -8,13 +8,16 @@ from pydantic import Field, model_validator
 
 from scancell.config.choices import OccupiedFrame, ScanMode
 from scancell.config.description import (
+    Angle,
+    AngularSpeed,
+    Coordinate,
     Description,
     FileDescription,
-    Finite,
     Fraction,
-    NonNegative,
+    Length,
     PoseDescription,
-    Positive,
+    Size,
+    Speed,
 )
 from scancell.config.path import PathDescription
 
@@ -30,8 +33,8 @@ class OccupiedDescription(Description):
         description="frame of the points of a cloud, as --frame of the scan that made it; points in the frames of part"
         " and table turn with the table",
     )
-    voxel_mm: Positive = Field(default=5.0, description="edge length of the voxels of a cloud, mm")
-    inflate_mm: NonNegative = Field(
+    voxel_mm: Size = Field(default=5.0, description="edge length of the voxels of a cloud, mm")
+    inflate_mm: Length = Field(
         default=0.0, description="space within this distance of points or voxels counts as occupied, mm"
     )
 
@@ -43,13 +46,13 @@ class SweepDescription(Description):
     elevations_deg: tuple[_Elevation, ...] = Field(
         default=(30.0, 60.0), description="angles of the viewing direction above the horizontal, deg; sweeps at each"
     )
-    azimuth_deg: Finite = Field(
+    azimuth_deg: Angle = Field(
         default=105.0, description="direction from the table axis to the sensor, from world +x about z, deg"
     )
-    standoff_mm: Positive = Field(
+    standoff_mm: Size = Field(
         default=80.0, description="distance along sensor Z to the nearest surface of the part, also in passes, mm"
     )
-    height_step_mm: Positive = Field(
+    height_step_mm: Size = Field(
         default=30.0, description="distance between neighbouring sweeps along the laser line, mm"
     )
     angle_step_deg: Annotated[float, Field(ge=0.01, le=30.0)] | Literal["sensor"] = Field(
@@ -57,20 +60,20 @@ class SweepDescription(Description):
         description="table angle between exposures, deg; sensor: the smallest at speed_deg_s, by the sensor's highest"
         " profile rate; increased to stay within max_profiles",
     )
-    speed_deg_s: Positive = Field(default=40.0, description="table speed during exposures, deg/s")
+    speed_deg_s: AngularSpeed = Field(default=40.0, description="table speed during exposures, deg/s")
 
 
 class RasterDescription(Description):
     """Straight passes over the top of the part, sensor pointing down."""
 
     enabled: bool = Field(default=True, description="whether the scan contains passes")
-    pitch_mm: Positive | Literal["sensor"] = Field(
+    pitch_mm: Size | Literal["sensor"] = Field(
         default=0.5,
         description="distance between exposures along the pass, mm; sensor: the smallest at speed_mm_s, by the sensor's"
         " highest profile rate; increased to stay within max_profiles",
     )
-    overlap_mm: NonNegative = Field(default=4.0, description="overlap of neighbouring passes along the laser line, mm")
-    speed_mm_s: Positive = Field(default=50.0, description="speed of the sensor along the pass, mm/s")
+    overlap_mm: Length = Field(default=4.0, description="overlap of neighbouring passes along the laser line, mm")
+    speed_mm_s: Speed = Field(default=50.0, description="speed of the sensor along the pass, mm/s")
 
 
 class BeltDescription(Description):
@@ -82,11 +85,11 @@ class BeltDescription(Description):
     pose: PoseDescription = Field(
         description="belt_from_sensor: where the sensor stands while the part passes; frame of the belt at rest"
     )
-    pitch_mm: Positive = Field(
+    pitch_mm: Size = Field(
         default=0.5,
         description="travel of the belt between exposures by its encoder, mm; increased to stay within max_profiles",
     )
-    speed_mm_s: Finite = Field(
+    speed_mm_s: Annotated[float, Field(ge=-100_000.0, le=100_000.0)] = Field(
         default=100.0, description="speed of the belt, mm/s; positive along x of its frame, not 0"
     )
 
@@ -101,7 +104,7 @@ class PairClearanceDescription(Description):
     """Clearance of one pair of bodies, which overrides all other values for it."""
 
     bodies: tuple[str, str] = Field(description="names of the bodies: sensor, link4, table, part, an obstacle's …")
-    clearance_mm: NonNegative = Field(description="minimum distance between the two bodies, mm")
+    clearance_mm: Length = Field(description="minimum distance between the two bodies, mm")
 
 
 class CoverageDescription(Description):
@@ -116,7 +119,9 @@ class CoverageDescription(Description):
         default=0.99, description="share of the measurable surface to see, 0..1"
     )
     max_views: Annotated[int, Field(ge=1, le=1000)] = Field(default=100, description="largest number of views")
-    max_time_s: Positive = Field(default=600.0, description="largest estimated duration of all views, s")
+    max_time_s: Annotated[float, Field(ge=0.001, le=1e7)] = Field(
+        default=600.0, description="largest estimated duration of all views, s"
+    )
 
 
 class ScanDescription(FileDescription):
@@ -138,14 +143,14 @@ class ScanDescription(FileDescription):
     max_profiles: Annotated[int, Field(ge=1, le=1_000_000)] = Field(
         default=1300, description="largest number of exposures; spacing is increased to stay within it"
     )
-    settle_ms: NonNegative = Field(
+    settle_ms: Annotated[float, Field(ge=0.0, le=1e6)] = Field(
         default=100.0, description="waiting time at rest before each exposure in stop-and-look mode, ms"
     )
-    clearance_mm: NonNegative = Field(default=5.0, description="minimum distance between bodies, mm")
+    clearance_mm: Length = Field(default=5.0, description="minimum distance between bodies, mm")
     pair_clearance: tuple[PairClearanceDescription, ...] = Field(
         default=(), description="pairs of bodies with another clearance"
     )
-    max_planning_work: Positive = Field(
+    max_planning_work: Annotated[float, Field(ge=0.001, le=1e6)] = Field(
         default=300.0,
         description="limit of the work of planning, counted and not timed: a unit is about a second of one core",
     )
@@ -160,7 +165,7 @@ class ScanDescription(FileDescription):
     occupied: tuple[OccupiedDescription, ...] = Field(
         default=(), description="measured space that planning avoids in addition to the bodies of the cell"
     )
-    table_margin_mm: Finite = Field(
+    table_margin_mm: Coordinate = Field(
         default=0.5,
         description="points less than this above the nominal top face of the table are removed as table points, except "
         "where a low upper side of the nominal part covers the table, mm; in a scan on a belt, above the belt",

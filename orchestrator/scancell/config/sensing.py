@@ -6,14 +6,14 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from scancell.config.description import Description, NonNegative, PoseDescription, Positive
+from scancell.config.description import Description, Length, PoseDescription, Size
 
 DeviceFrame = Annotated[str, Field(pattern=r"^(world|sensor|table|link\[[1-8]\]|part\[[1-9][0-9]*\]|finger\[[12]\])$")]
 FramedPose = Field(
     default=PoseDescription(), description="frame_from_sensor: pose of the sensor in the frame that it moves with"
 )
 MovesWith = Field(default="world", description="frame that the sensor moves with")
-Period = Annotated[float, Field(gt=0.0, le=1000.0, allow_inf_nan=False)]
+Period = Annotated[float, Field(gt=0.0, le=1000.0)]
 
 
 class CellSensorDescription(Description):
@@ -28,9 +28,9 @@ class CellSensorDescription(Description):
 class PresenceSensorDescription(CellSensorDescription):
     """A box that detects whether any body intersects it. The origin of its frame is the box's centre."""
 
-    x_size_mm: Positive = Field(description="size of the box along its x, mm")
-    y_size_mm: Positive = Field(description="size of the box along its y, mm")
-    z_size_mm: Positive = Field(description="size of the box along its z, mm")
+    x_size_mm: Size = Field(description="size of the box along its x, mm")
+    y_size_mm: Size = Field(description="size of the box along its y, mm")
+    z_size_mm: Size = Field(description="size of the box along its z, mm")
 
 
 class DistanceSensorDescription(CellSensorDescription):
@@ -39,11 +39,11 @@ class DistanceSensorDescription(CellSensorDescription):
     A reading is invalid when the path from spot to lens is occluded or the spot is out of range.
     """
 
-    nearest_mm: NonNegative = Field(default=0.0, description="start of the measuring range along z, mm")
-    farthest_mm: Positive = Field(description="end of the measuring range along z, mm")
-    lens_x_mm: Positive = Field(default=20.0, description="position of the lens on the sensor's x axis, mm")
-    noise_mm: NonNegative = Field(default=0.0, description="standard deviation of a reading's noise, mm")
-    resolution_mm: NonNegative = Field(default=0.0, description="quantisation step of a reading, mm; 0: continuous")
+    nearest_mm: Length = Field(default=0.0, description="start of the measuring range along z, mm")
+    farthest_mm: Size = Field(description="end of the measuring range along z, mm")
+    lens_x_mm: Size = Field(default=20.0, description="position of the lens on the sensor's x axis, mm")
+    noise_mm: Length = Field(default=0.0, description="standard deviation of a reading's noise, mm")
+    resolution_mm: Length = Field(default=0.0, description="quantisation step of a reading, mm; 0: continuous")
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -55,9 +55,9 @@ class DistanceSensorDescription(CellSensorDescription):
 class LightCurtainDescription(CellSensorDescription):
     """Parallel beams between two posts. The first beam runs along z from the origin, the others beside it along x."""
 
-    width_mm: Positive = Field(description="distance between the posts along z, mm")
-    height_mm: Positive = Field(description="extent of the beams along x from the first beam, mm")
-    beam_spacing_mm: Positive = Field(description="distance between two beams, mm; at most 1000 beams")
+    width_mm: Size = Field(description="distance between the posts along z, mm")
+    height_mm: Size = Field(description="extent of the beams along x from the first beam, mm")
+    beam_spacing_mm: Size = Field(description="distance between two beams, mm; at most 1000 beams")
 
     @model_validator(mode="after")
     def _number_of_beams(self) -> Self:
@@ -82,9 +82,7 @@ class CollisionDescription(Description):
         description="whether collisions between two controller cycles are found, too; false: poses are sampled once "
         "per cycle, which costs less",
     )
-    range_mm: Positive = Field(
-        default=20.0, description="largest clearance that is computed, mm; larger values cost time"
-    )
-    max_faces: Annotated[int, Field(ge=4)] = Field(
+    range_mm: Size = Field(default=20.0, description="largest clearance that is computed, mm; larger values cost time")
+    max_faces: Annotated[int, Field(ge=4, le=10_000_000)] = Field(
         default=5000, description="meshes with more triangles are decimated to about this number"
     )

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from scancell.config.description import Description, FileDescription, Finite, Fraction, NonNegative, Positive
+from scancell.config.description import Bandwidth, Coordinate, Description, FileDescription, Fraction, Size
 from scancell.config.units import si_value, to_si
 
 Array = NDArray[np.float64]
@@ -23,7 +23,13 @@ _ExposureTime = Annotated[float, Field(gt=0.0, le=1000.0)]
 _Lean = Annotated[float, Field(ge=-40.0, le=40.0)]
 _Coefficient = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 _Small = Annotated[float, Field(ge=-10.0, le=10.0)]
-_Region = tuple[Annotated[int, Field(ge=0)], _Pixels]
+_Region = tuple[Annotated[int, Field(ge=0, le=16_384)], _Pixels]
+_PrincipalPoint = Annotated[float, Field(ge=-16_384.0, le=32_768.0)]  # px
+_Distance = Annotated[float, Field(ge=0.001, le=16_384.0)]  # px
+_Electrons = Annotated[float, Field(ge=0.0, le=1e6)]
+_DarkCurrent = Annotated[float, Field(ge=0.0, le=1e9)]  # electrons/s
+_DigitalNumber = Annotated[float, Field(ge=0.0, le=65_535.0)]
+_Limit = Annotated[float, Field(ge=1e-6, le=1e6)]
 
 _FORMAT = 1
 _STRAIGHTNESS = 6  # number of coefficients that the library expects
@@ -40,18 +46,18 @@ class LaserDescription(Description):
     """
 
     wavelength_nm: Annotated[float, Field(ge=200.0, le=2000.0)] = Field(description="wavelength of the laser, nm")
-    power_mw: NonNegative = Field(description="optical power of the whole line, mW")
+    power_mw: Annotated[float, Field(ge=0.0, le=1e6)] = Field(description="optical power of the whole line, mW")
     fan_half_angle_deg: Annotated[float, Field(gt=0.0, lt=80.0)] = Field(
         description="half of the fan angle: the line covers -angle..angle from sensor Z in the YZ plane, deg"
     )
-    source_z_mm: Finite = Field(
+    source_z_mm: Coordinate = Field(
         default=0.0, description="Z of the source, which lies at (0, 0, source_z) in the sensor frame, mm"
     )
-    sheet_sigma_mm: Positive = Field(
+    sheet_sigma_mm: Annotated[float, Field(ge=0.001, le=100.0)] = Field(
         description="standard deviation of the irradiance across the sheet at its waist, mm"
     )
-    waist_z_mm: Finite = Field(description="sensor Z where the sheet is thinnest, mm")
-    divergence_mrad: NonNegative = Field(
+    waist_z_mm: Coordinate = Field(description="sensor Z where the sheet is thinnest, mm")
+    divergence_mrad: Annotated[float, Field(ge=0.0, le=1000.0)] = Field(
         default=0.0, description="increase of the sheet's standard deviation per distance, far from the waist, mrad"
     )
     source_length_mm: Annotated[float, Field(ge=0.0, le=20.0)] = Field(
@@ -63,10 +69,10 @@ class LaserDescription(Description):
     profile_half_width_deg: Annotated[float, Field(gt=0.0, lt=180.0)] | None = Field(
         default=None, description="gaussian: angle from the centre where power per angle is 1/e² of its maximum, deg"
     )
-    profile_angle_deg: Annotated[tuple[Finite, ...], Field(max_length=1000)] = Field(
-        default=(), description="table: angles from sensor Z in ascending order, deg"
+    profile_angle_deg: Annotated[tuple[Annotated[float, Field(ge=-180.0, le=180.0)], ...], Field(max_length=1000)] = (
+        Field(default=(), description="table: angles from sensor Z in ascending order, deg")
     )
-    profile_power: Annotated[tuple[NonNegative, ...], Field(max_length=1000)] = Field(
+    profile_power: Annotated[tuple[Annotated[float, Field(ge=0.0, le=1e9)], ...], Field(max_length=1000)] = Field(
         default=(), description="table: relative power per angle at these angles; linear between them, 0 outside"
     )
     straightness_mrad: Annotated[tuple[Annotated[float, Field(ge=-100.0, le=100.0)], ...], Field(max_length=6)] = Field(
@@ -98,7 +104,7 @@ class LaserDescription(Description):
 class RangeDescription(Description):
     """Measuring range along sensor Z; points outside it are discarded."""
 
-    near_mm: Positive = Field(description="start of the measuring range, sensor Z, mm")
+    near_mm: Size = Field(description="start of the measuring range, sensor Z, mm")
     far_mm: Annotated[float, Field(gt=0.0, le=10_000.0)] = Field(description="end of the measuring range, sensor Z, mm")
 
     @model_validator(mode="after")
@@ -118,8 +124,8 @@ class CameraDescription(Description):
 
     name: str = Field(description="unique name of the camera, used in results")
     side: Literal[1, -1] = Field(description="1: at sensor X = +baseline; -1: its mirror image")
-    baseline_mm: Positive = Field(description="distance of the optical centre from the laser sheet (a), mm")
-    height_mm: Finite = Field(default=0.0, description="sensor Z of the optical centre (b), mm")
+    baseline_mm: Size = Field(description="distance of the optical centre from the laser sheet (a), mm")
+    height_mm: Coordinate = Field(default=0.0, description="sensor Z of the optical centre (b), mm")
     tilt_deg: Annotated[float, Field(gt=0.0, lt=90.0)] = Field(
         description="angle of the optical axis from sensor Z towards the sheet (phi), deg"
     )
@@ -128,10 +134,10 @@ class CameraDescription(Description):
     )
     width_px: _Pixels = Field(description="width of the image sensor: columns along the laser line, px")
     height_px: _Pixels = Field(description="height of the image sensor: rows along the range, px")
-    cx_px: Finite | None = Field(
+    cx_px: _PrincipalPoint | None = Field(
         default=None, description="column of the principal point, px; default: image centre (width_px - 1) / 2"
     )
-    cy_px: Finite | None = Field(
+    cy_px: _PrincipalPoint | None = Field(
         default=None, description="row of the principal point, px; default: image centre (height_px - 1) / 2"
     )
     region_columns_px: _Region | None = Field(
@@ -149,10 +155,10 @@ class CameraDescription(Description):
         description="Brown-Conrady coefficients k1, k2, p1, p2, k3 (OpenCV order); the distortion must be invertible in"
         " the whole image",
     )
-    f_number: Positive = Field(
+    f_number: Annotated[float, Field(ge=0.1, le=1000.0)] = Field(
         description="working f-number: image distance over aperture diameter; sets light, defocus and speckle size"
     )
-    pixel_pitch_um: Positive = Field(description="distance between pixel centres, µm")
+    pixel_pitch_um: Annotated[float, Field(ge=0.1, le=1000.0)] = Field(description="distance between pixel centres, µm")
     transmission: Fraction = Field(description="transmittance of lens and band-pass filter at the laser, 0..1")
     scheimpflug_x_deg: _Lean = Field(
         default=0.0,
@@ -162,7 +168,7 @@ class CameraDescription(Description):
     scheimpflug_y_deg: _Lean = Field(
         default=0.0, description="tilt of the image sensor about camera y, after scheimpflug_x_deg, deg"
     )
-    focus_mm: Annotated[float, Field(ge=10.0, allow_inf_nan=False)] | None = Field(
+    focus_mm: Annotated[float, Field(ge=10.0, le=1e6)] | None = Field(
         default=None, description="distance from the lens along its axis that is in focus, mm; default: no defocus"
     )
     psf_sigma_px: Annotated[float, Field(ge=0.0, le=20.0)] | Literal["diffraction"] = Field(
@@ -213,21 +219,25 @@ class DetectorDescription(Description):
     quantum_efficiency: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
         description="electrons per photon at the laser's wavelength, 0..1"
     )
-    full_well_e: Positive = Field(description="saturation capacity of a pixel, electrons")
-    read_noise_e: NonNegative = Field(description="standard deviation of the temporal dark noise, electrons")
-    dark_current_e_per_s: NonNegative = Field(default=0.0, description="dark current of a pixel, electrons/s")
-    gain_dn_per_e: Positive = Field(description="system gain, digital numbers per electron")
+    full_well_e: Annotated[float, Field(ge=1.0, le=1e9)] = Field(
+        description="saturation capacity of a pixel, electrons"
+    )
+    read_noise_e: _Electrons = Field(description="standard deviation of the temporal dark noise, electrons")
+    dark_current_e_per_s: _DarkCurrent = Field(default=0.0, description="dark current of a pixel, electrons/s")
+    gain_dn_per_e: Annotated[float, Field(ge=1e-6, le=1e4)] = Field(
+        description="system gain, digital numbers per electron"
+    )
     bit_depth: Annotated[int, Field(ge=8, le=16)] = Field(description="bits per pixel of the digital image")
-    black_level_dn: NonNegative = Field(description="digital number without light")
+    black_level_dn: _DigitalNumber = Field(description="digital number without light")
     prnu: Annotated[float, Field(ge=0.0, lt=0.5)] = Field(
         default=0.0,
         description="photo response non-uniformity: relative standard deviation of gain between pixels; part of the"
         " stated standard deviation of every point",
     )
-    dsnu_e: NonNegative = Field(
+    dsnu_e: _Electrons = Field(
         default=0.0, description="dark signal non-uniformity: standard deviation of offset between pixels, electrons"
     )
-    row_noise_e: NonNegative = Field(
+    row_noise_e: _Electrons = Field(
         default=0.0,
         description="standard deviation of an offset that all pixels of an image row share, new in every image,"
         " electrons; part of the stated standard deviation of every point",
@@ -235,7 +245,7 @@ class DetectorDescription(Description):
     hot_pixels_ppm: Annotated[float, Field(ge=0.0, le=10_000.0)] = Field(
         default=0.0, description="hot pixels in a million, the same ones in every image"
     )
-    hot_pixel_e_per_s: NonNegative = Field(
+    hot_pixel_e_per_s: _DarkCurrent = Field(
         default=0.0,
         description="mean of the additional dark current of hot pixels, distributed exponentially, electrons/s",
     )
@@ -318,7 +328,7 @@ class ExposureDescription(Description):
 class AmbientDescription(Description):
     """Uniform external light within the band of the filter."""
 
-    irradiance_w_m2: NonNegative = Field(
+    irradiance_w_m2: Annotated[float, Field(ge=0.0, le=1e6)] = Field(
         default=0.0, description="irradiance from all directions that passes the band-pass filter, W/m²"
     )
 
@@ -329,7 +339,7 @@ class BandPassDescription(Description):
     centre_nm: Annotated[float, Field(ge=200.0, le=2000.0)] | None = Field(
         default=None, description="centre wavelength, nm; default: the laser's wavelength"
     )
-    width_nm: Positive = Field(default=20.0, description="full width at half maximum, nm")
+    width_nm: Bandwidth = Field(default=20.0, description="full width at half maximum, nm")
 
 
 class SpeckleDescription(Description):
@@ -385,10 +395,10 @@ class ExtractionDescription(Description):
         description="which of several peaks in a column is used; continuity: nearest to the neighbouring columns;"
         " agreement: confirmed by two cameras or more",
     )
-    continuity_px: Positive = Field(
+    continuity_px: _Distance = Field(
         default=4.0, description="peak = continuity: row difference between columns that counts as a jump, px"
     )
-    agreement_px: Positive = Field(
+    agreement_px: _Distance = Field(
         default=0.5, description="peak = agreement: largest row difference between cameras beyond noise, px"
     )
     triangulation: Literal["exact", "sheet", "eq4_as_printed", "eq5_as_printed"] = Field(
@@ -400,29 +410,29 @@ class ExtractionDescription(Description):
     fusion: Literal["none", "weighted"] = Field(
         default="none", description="weighted: points seen by two cameras become one, weighted by their variances"
     )
-    threshold_sigma: Positive = Field(
+    threshold_sigma: _Limit = Field(
         default=6.0, description="detection threshold above the background, in standard deviations of its noise"
     )
-    min_amplitude_dn: NonNegative = Field(
+    min_amplitude_dn: _DigitalNumber = Field(
         default=4.0, description="smallest height of a peak above the background, digital numbers"
     )
-    min_sigma_px: Positive = Field(default=0.4, description="smallest standard deviation of a stripe, px")
+    min_sigma_px: _Distance = Field(default=0.4, description="smallest standard deviation of a stripe, px")
     max_sigma_px: Annotated[float, Field(gt=0.0, le=8.0)] = Field(
         default=6.0, description="largest standard deviation of a stripe, px"
     )
-    max_asymmetry: Positive = Field(
+    max_asymmetry: _Limit = Field(
         default=0.05, description="largest asymmetry (skewness / 6) of a stripe beyond noise; more is rejected"
     )
-    max_residual: Positive = Field(
+    max_residual: _Limit = Field(
         default=0.05, description="largest RMS misfit of the stripe model beyond noise, relative to the amplitude"
     )
-    max_row_jump_px: Positive = Field(
+    max_row_jump_px: _Distance = Field(
         default=0.1, description="largest deviation of a row from the extrapolated neighbours within a run, px"
     )
-    max_amplitude_jump: Positive = Field(
+    max_amplitude_jump: _Limit = Field(
         default=0.3, description="largest relative change of amplitude between columns; more rejects both peaks"
     )
-    max_width_jump: Positive = Field(
+    max_width_jump: _Limit = Field(
         default=0.15, description="largest relative change of width between columns; more rejects both peaks"
     )
     end_columns: Annotated[int, Field(ge=0, le=100)] = Field(

@@ -9,7 +9,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from scancell.config.choices import CalibrationTarget, Engine
-from scancell.config.description import Description, Finite, Positive, validate
+from scancell.config.description import Coordinate, Description, Size, validate
 from scancell.config.loading import override, read_toml
 from scancell.config.variation import VaryingScansDescription, refuse_twins
 from scancell.errors import DescriptionError
@@ -19,10 +19,10 @@ class FittedSphereDescription(Description):
     """A sphere of the part whose fitted position, size and form are figures; in the coordinates of the mesh file."""
 
     name: str = Field(default="sphere", description="prefix of the figures")
-    centre_mm: tuple[Finite, Finite, Finite] = Field(description="nominal centre")
-    radius_mm: Positive = Field(description="nominal radius")
-    reach_mm: Positive = Field(default=1.0, description="largest distance of used points from the nominal surface")
-    above_mm: Finite | None = Field(default=None, description="smallest z of used points; all unless given")
+    centre_mm: tuple[Coordinate, Coordinate, Coordinate] = Field(description="nominal centre")
+    radius_mm: Size = Field(description="nominal radius")
+    reach_mm: Size = Field(default=1.0, description="largest distance of used points from the nominal surface")
+    above_mm: Coordinate | None = Field(default=None, description="smallest z of used points; all unless given")
 
 
 class CalibrateDescription(Description):
@@ -54,7 +54,7 @@ class StudyDescription(VaryingScansDescription):
     engine: Engine = Field(
         default="geometric", description="ray-traced: rendered camera images; geometric: ray intersections"
     )
-    ray_traced_trials: Annotated[int, Field(ge=0)] = Field(
+    ray_traced_trials: Annotated[int, Field(ge=0, le=10_000_000)] = Field(
         default=0, description="number of first trials of a geometric study to repeat with rendered images"
     )
     noise: Literal["per_trial", "common"] = Field(

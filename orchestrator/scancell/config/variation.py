@@ -9,10 +9,12 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from scancell.config.description import Description, Finite, NonNegative, Positive
+from scancell.config.description import Description, Fraction, Number
 
 VariationMode = Literal["additive", "relative", "absolute"]
 _Count = Annotated[int, Field(ge=1, le=10_000_000)]
+_Deviation = Annotated[float, Field(gt=0.0, le=1e15)]
+_WholeNumber = Annotated[int, Field(ge=-(10**15), le=10**15)]
 _Levels = Annotated[int, Field(ge=2, le=1000)]
 _MODE: Any = Field(
     default="additive",
@@ -24,16 +26,16 @@ class NormalDescription(Description):
     """Normal distribution, in the unit of the factor's path."""
 
     kind: Literal["normal"] = Field(description="type of distribution")
-    mean: Finite = Field(default=0.0, description="mean, in the unit of the path")
-    std: Positive = Field(description="standard deviation")
+    mean: Number = Field(default=0.0, description="mean, in the unit of the path")
+    std: _Deviation = Field(description="standard deviation")
 
 
 class UniformDescription(Description):
     """Uniform distribution between two bounds, in the unit of the factor's path."""
 
     kind: Literal["uniform"] = Field(description="type of distribution")
-    low: Finite = Field(description="lower bound")
-    high: Finite = Field(description="upper bound")
+    low: Number = Field(description="lower bound")
+    high: Number = Field(description="upper bound")
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -46,16 +48,20 @@ class TruncatedNormalDescription(UniformDescription):
     """Normal distribution truncated at low and high; mean and std are those before truncation."""
 
     kind: Literal["truncated_normal"] = Field(description="type of distribution")  # type: ignore[assignment]
-    mean: Finite = Field(default=0.0, description="mean before truncation")
-    std: Positive = Field(description="standard deviation before truncation")
+    mean: Number = Field(default=0.0, description="mean before truncation")
+    std: _Deviation = Field(description="standard deviation before truncation")
 
 
 class DiscreteDescription(Description):
     """One of several values; equally likely unless weights are given."""
 
     kind: Literal["discrete"] = Field(description="type of distribution")
-    values: Annotated[tuple[bool | int | float | str, ...], Field(min_length=1, description="possible values")]
-    weights: tuple[NonNegative, ...] | None = Field(default=None, description="relative probabilities of the values")
+    values: Annotated[
+        tuple[bool | _WholeNumber | Number | str, ...], Field(min_length=1, description="possible values")
+    ]
+    weights: tuple[Annotated[float, Field(ge=0.0, le=1e15)], ...] | None = Field(
+        default=None, description="relative probabilities of the values"
+    )
 
     @model_validator(mode="after")
     def _matching(self) -> Self:
@@ -97,10 +103,10 @@ class BlockDescription(Description):
 
     paths: Annotated[tuple[str, ...], Field(min_length=2, description="paths as in [[factor]]")]
     mode: VariationMode = _MODE
-    mean: tuple[Finite, ...] | None = Field(default=None, description="means; 0 unless given")
-    covariance: tuple[tuple[Finite, ...], ...] | None = Field(default=None, description="covariance matrix, row by row")
-    std: tuple[Positive, ...] | None = Field(default=None, description="standard deviations")
-    correlation: tuple[tuple[Finite, ...], ...] | None = Field(
+    mean: tuple[Number, ...] | None = Field(default=None, description="means; 0 unless given")
+    covariance: tuple[tuple[Number, ...], ...] | None = Field(default=None, description="covariance matrix, row by row")
+    std: tuple[_Deviation, ...] | None = Field(default=None, description="standard deviations")
+    correlation: tuple[tuple[Number, ...], ...] | None = Field(
         default=None, description="correlation matrix, row by row"
     )
 
@@ -151,7 +157,7 @@ class DesignDescription(Description):
     )
     trials: _Count = Field(default=100, description="number of draws, base samples or trajectories")
     levels: _Levels = Field(default=4, description="levels of each factor")
-    quantiles: tuple[float, float] = Field(
+    quantiles: tuple[Fraction, Fraction] = Field(
         default=(0.025, 0.975), description="probabilities of the lowest and the highest level"
     )
 
