@@ -90,6 +90,7 @@ enum class ControllerError : std::int32_t {
   kInvalidOrientation,
   kTriggerInterval,  // a periodic trigger mode without interval
   kTriggerQueue,     // exposures do not fire: too many records are queued
+  kGuardedServo,     // servo mode with a guard, which cannot know where set-points lead
 };
 
 inline constexpr EnumerationItem kControllerErrorItems[] = {
@@ -114,6 +115,8 @@ inline constexpr EnumerationItem kControllerErrorItems[] = {
     {"trigger_queue",
      "65536 trigger records are queued, and no more exposures fire: every communication step outputs one "
      "record, use smaller steps"},
+    {"guarded_servo",
+     "servo mode with a guard: the path of streamed set-points is not known before they move"},
 };
 
 /// Path clock against time: clock in s, rate of the clock against real time, 0 to 1.

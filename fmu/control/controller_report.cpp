@@ -64,9 +64,9 @@ PathAhead RobotController::path_ahead(std::int64_t time_us) const {
   if (is_jog(state_.mode)) return jog_.path_ahead(state_.jog_permit.shown(), now, cycle_);
   if (!motion_runs()) return ahead;
   double clock = path_clock(time_us).clock;
-  for (Axes& point : ahead) {
+  for (std::size_t k = 1; k < kAheadPoints; ++k) {
     clock += cycle_;
-    position = point = move_.position_at(clock, position);
+    position = ahead[k] = move_.position_at(clock, position);
   }
   return ahead;
 }

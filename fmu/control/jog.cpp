@@ -156,7 +156,8 @@ PathAhead Jog::path_ahead(const Command& command, const Knots& present, double s
   bool straight = !joints && !state_.brakes_first && !state_.blocked;
   Eigen::Isometry3d pose = arm_.tool(position).pose;
   PathAhead ahead;
-  for (Axes& point : ahead) {
+  ahead[0] = position;
+  for (std::size_t k = 1; k < kAheadPoints; ++k) {
     Axes end = position;
     if (joints) {
       const Axes rates = joint_rates(command, arm_.tool(position).jacobian);
@@ -175,7 +176,7 @@ PathAhead Jog::path_ahead(const Command& command, const Knots& present, double s
       if (straight) change[i] = end[i] - position[i];
       position[i] += change[i];
     }
-    point = position;
+    ahead[k] = position;
   }
   return ahead;
 }

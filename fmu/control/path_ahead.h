@@ -8,8 +8,8 @@
 
 namespace robotcell::control {
 
-/// Positions on the path ahead of the present instant, a controller cycle apart, as the set-points of
-/// programs are: of path clock in programmed motion, of time in a jog.
+/// Positions on the path ahead, a controller cycle apart: of path clock in programmed motion, of time in a
+/// jog. The first one is the present set-point, so that a motion shorter than a cycle shows, too.
 constexpr std::size_t kAheadPoints = 64;
 using PathAhead = std::array<Axes, kAheadPoints>;
 

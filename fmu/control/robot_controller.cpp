@@ -130,6 +130,7 @@ ControllerError RobotController::check_preconditions(std::int64_t now_us, const 
   const bool manual = command.operation == Operation::kManual;
   if (manual && !is_jog(command.mode)) return ControllerError::kManualOperation;
   if (!manual && is_jog(command.mode)) return ControllerError::kAutomaticOperation;
+  if (command.mode == Mode::kServo && command.guard_max_age > 0) return ControllerError::kGuardedServo;
   if (is_jog(command.mode) && !command.flange_from_tool) return ControllerError::kInvalidOrientation;
   const auto age = static_cast<double>(now_us - state_.heartbeat_us) * kSecondsPerMicrosecond;
   const bool watched = command.max_age > 0 && streams_commands(command.mode);

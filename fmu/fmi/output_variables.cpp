@@ -53,7 +53,7 @@ void add_record(TableBuilder& table, CellOutputs& out) {
 void add_path_ahead(TableBuilder& table, control::PathAhead& ahead, const Dependencies& dependencies) {
   for (std::size_t k = 0; k < ahead.size(); ++k) {
     const std::string prefix = indexed("controller.ahead", k) + ".";
-    const std::string text = " on the path of the running move or segment, " + std::to_string(k + 1) +
+    const std::string text = " on the path of the running move or segment, " + std::to_string(k) +
                              " controller cycles of path clock ahead, at most at its end, or of the jog at "
                              "full speed, held so long; "
                              "at present where nothing runs";

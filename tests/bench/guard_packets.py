@@ -30,7 +30,7 @@ from guard_answers import HANGS, guard_process
 from scancell.cell.controller import Mode, Operation
 from scancell.config.loading import load_setup
 from scancell.guard.endpoints import FAILED, LEAST_PERIOD, SILENCE, CellEndpoint, GuardEndpoint, Outcome
-from scancell.guard.messages import CellState, GuardMessage, decode
+from scancell.guard.messages import CellState, GuardMessage, PlacedPart, decode
 
 MUTANTS = 16  # of a packet
 SESSION_LENGTH = 200  # exchanges
@@ -42,8 +42,8 @@ PART = Path(__file__).resolve().parents[2] / "assets" / "parts" / "step_block.st
 
 _HEADER, _CRC = 28, 4  # bytes
 _BAD = struct.pack("<d", np.nan), struct.pack("<d", np.inf), struct.pack("<d", -1e300)
-_DOUBLES = {1: (28, 36, 44, 52, 66), 2: (32, 40)}  # offsets by kind
-_BYTES = {1: (60, 61, 62, 63, 65), 2: (48, 49, 50)}
+_DOUBLES = {1: (28, 36, 44, 52, 76), 2: (32, 40)}  # offsets by kind
+_BYTES = {1: (60, 61, 62, 63, 65, 74, 75), 2: (48, 49, 50)}
 
 
 def random_state(rng: np.random.Generator, sequence: int, joints: int | None = None) -> CellState:
@@ -61,7 +61,17 @@ def random_state(rng: np.random.Generator, sequence: int, joints: int | None = N
         rng.uniform(-7, 7, (rows, axes)),
         0.016 if rows else 0.0,
         float(rng.uniform(-1, sequence * PERIOD)) if rows else 0.0,
+        widths=rng.uniform(0, 0.1, int(rng.integers(3))),
+        parts=tuple(_random_part(rng, number) for number in range(1, int(rng.integers(1, 4)))),
+        prismatic=int(rng.integers(2**axes)),
+        digest=int(rng.integers(2**32)),
     )
+
+
+def _random_part(rng: np.random.Generator, number: int) -> PlacedPart:
+    quaternion = rng.normal(size=4)
+    place = (*rng.uniform(-1, 1, 3), *(quaternion / np.linalg.norm(quaternion)))
+    return PlacedPart(number, int(rng.integers(3)), tuple(float(value) for value in place))
 
 
 def extreme_states(rng: np.random.Generator, joints: int) -> Iterator[CellState]:

@@ -25,7 +25,7 @@ from scancell.nominal.cell import NominalCell
 
 SETTINGS = GuardSettings(noise=NOISE, angle_error=5 * NOISE)
 CYCLE, ROWS = 0.016, 64
-_CLEARANCE = SETTINGS.position_error  # the meshes of the boxes are exact
+_CLEARANCE = 2 * SETTINGS.position_error  # the meshes of the boxes are exact
 _ROOM = 0.004  # m: pairs with more than their clearance and this have room for every stop at these speeds
 _FASTEST = 0.02  # m/s
 _NEARER = 1e-7  # m
@@ -97,7 +97,7 @@ def _ahead(
     path = list(Path)[rng.integers(3)]
     state = MeasuredState(0.0, axes[:-1], float(axes[-1]))
     hypothesis = Hypothesis(path, state, rng.choice([1.0, 1.0, -1.0]) * rates, np.zeros(len(rates)), 0.0)
-    return predictor.axes([hypothesis], CYCLE * np.arange(1.0, ROWS + 1)[None])[0]
+    return predictor.axes([hypothesis], CYCLE * np.arange(ROWS)[None])[0]
 
 
 def _tangents(axes: np.ndarray, ahead: np.ndarray) -> np.ndarray:

@@ -396,7 +396,7 @@ def test_path_ahead_matches_later_positions(build: Build, tmp_path: Path, versio
     cell.step(CYCLE_US, 20)
     ahead = [cell.get(*names) for names in points]
     for point in ahead:
-        cell.step(CYCLE_US)
         np.testing.assert_allclose(
             np.append(cell.vector("measured.q", 6), cell.get("measured.table")), point, atol=1e-10
         )
+        cell.step(CYCLE_US)

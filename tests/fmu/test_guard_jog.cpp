@@ -211,9 +211,8 @@ TEST_P(GuardedJog, WithoutAGuardItBeginsAtOnce) {
   EXPECT_FALSE(waits());
 }
 
-/// Largest difference of an axis from the way through `begin` and the points of a path, as far as `reach`
-/// pieces.
-double off_path(const Axes& begin, const PathAhead& path, double reach, const Axes& position) {
+/// Largest difference of an axis from the way through the points of a path, as far as `reach` pieces.
+double off_path(const PathAhead& path, double reach, const Axes& position) {
   const auto off = [&position](const Axes& from, const Axes& to, double share) {
     double largest = 0;
     for (std::size_t i = 0; i < kAxes; ++i) {
@@ -221,10 +220,9 @@ double off_path(const Axes& begin, const PathAhead& path, double reach, const Ax
     }
     return largest;
   };
-  double least = off(begin, begin, 0);
+  double least = off(path[0], path[0], 0);
   for (int k = 0; k < reach; ++k) {
-    const Axes &from = k == 0 ? begin : path[static_cast<std::size_t>(k - 1)],
-               &to = path[static_cast<std::size_t>(k)];
+    const Axes &from = path[static_cast<std::size_t>(k)], &to = path[static_cast<std::size_t>(k + 1)];
     double squared = 0, along = 0;
     for (std::size_t i = 0; i < kAxes; ++i) {
       squared += (to[i] - from[i]) * (to[i] - from[i]);
@@ -238,12 +236,11 @@ double off_path(const Axes& begin, const PathAhead& path, double reach, const Ax
 
 /// Bound on how far a motion through the points of a path leaves the straight lines between them, as the
 /// guard assumes it.
-double bend(const Axes& begin, const PathAhead& path) {
+double bend(const PathAhead& path) {
   double largest = 0;
-  for (std::size_t k = 0; k + 1 < path.size(); ++k) {
-    const Axes& before = k == 0 ? begin : path[k - 1];
+  for (std::size_t k = 1; k + 1 < path.size(); ++k) {
     for (std::size_t i = 0; i < kAxes; ++i) {
-      largest = std::max(largest, std::abs(before[i] - 2 * path[k][i] + path[k + 1][i]));
+      largest = std::max(largest, std::abs(path[k - 1][i] - 2 * path[k][i] + path[k + 1][i]));
     }
   }
   return largest / 4;
@@ -257,7 +254,6 @@ TEST(GuardedJogs, RobotStaysOnTheShownPath) {
   std::uniform_real_distribution<double> uniform;
   struct Shown {
     std::int64_t time = 0;
-    Axes begin{};
     PathAhead ahead{};
     double rate = 0, monitor_speed = 0;
   };
@@ -267,7 +263,7 @@ TEST(GuardedJogs, RobotStaysOnTheShownPath) {
     drive.command.operation = Operation::kManual;
     drive.command.guard_max_age = kMaxAge;
     std::deque<std::pair<std::int64_t, Shown>> answers;  // with their arrival
-    Shown newest{0, home(), drive.controller.path_ahead(0)};
+    Shown newest{0, drive.controller.path_ahead(0)};
     std::vector<double> in_force;  // monitor speed of each cycle
     for (int k = 0; k < 300; ++k) {
       if (uniform(random) < 0.05) {
@@ -287,10 +283,10 @@ TEST(GuardedJogs, RobotStaysOnTheShownPath) {
       }
       if (drive.controller.report(drive.now).phase == Phase::kEmergencyStop) break;
       if (k % 2 == 0 && uniform(random) < 0.9) {
-        answers.emplace_back(drive.now + static_cast<std::int64_t>(80'000 * uniform(random)),
-                             Shown{drive.now, drive.position(), drive.controller.path_ahead(drive.now),
-                                   drive.controller.report(drive.now).rate,
-                                   uniform(random) < 0.1 ? 0 : std::pow(10, -2 * uniform(random))});
+        answers.emplace_back(
+            drive.now + static_cast<std::int64_t>(80'000 * uniform(random)),
+            Shown{drive.now, drive.controller.path_ahead(drive.now), drive.controller.report(drive.now).rate,
+                  uniform(random) < 0.1 ? 0 : std::pow(10, -2 * uniform(random))});
       }
       for (auto answer = answers.begin(); answer != answers.end();) {
         const bool arrives = answer->first <= drive.now;
@@ -309,8 +305,8 @@ TEST(GuardedJogs, RobotStaysOnTheShownPath) {
           std::max(newest.rate, *std::max_element(in_force.end() - cycles, in_force.end()));
       moved += drive.position() != before;
       refused += drive.controller.report(drive.now).guard_waits;
-      ASSERT_LT(off_path(newest.begin, newest.ahead, fastest * static_cast<double>(cycles), drive.position()),
-                1e-6 + kOnTangent * bend(newest.begin, newest.ahead))
+      ASSERT_LT(off_path(newest.ahead, fastest * static_cast<double>(cycles), drive.position()),
+                1e-6 + kOnTangent * bend(newest.ahead))
           << run << ' ' << k;
     }
   }
@@ -330,12 +326,11 @@ TEST(GuardedJogs, ShowTheirPathUpToTheEndOfTheReach) {
     ControllerError error = ControllerError::kNone;
     for (int k = 0; k < 10'000 && error == ControllerError::kNone; ++k) {
       drive.command.guard_us = drive.now;
-      const Axes begin = drive.position();
       const PathAhead ahead = drive.controller.path_ahead(drive.now);
       const double fastest = std::max(share, drive.controller.report(drive.now).rate);
       drive.run(1);
       error = drive.controller.report(drive.now).error;
-      ASSERT_LT(off_path(begin, ahead, 1.1 * fastest, drive.position()), 5e-4) << share << ' ' << k;
+      ASSERT_LT(off_path(ahead, 1.1 * fastest, drive.position()), 5e-4) << share << ' ' << k;
     }
     EXPECT_EQ(error, ControllerError::kSingular);
   }

@@ -67,6 +67,7 @@ TEST_P(GuardedStart, WaitsInViewUntilAStateThatShowsThePathIsAnswered) {
   EXPECT_EQ(report().path_clock.rate, 0);
   EXPECT_EQ(drive_.controller.running_segment(drive_.now).run, 0);
   const PathAhead ahead = drive_.controller.path_ahead(drive_.now);
+  EXPECT_EQ(ahead.front(), home());
   EXPECT_NE(ahead.back(), home());
 
   drive_.command.guard_us = taken_up + 1;
@@ -75,10 +76,38 @@ TEST_P(GuardedStart, WaitsInViewUntilAStateThatShowsThePathIsAnswered) {
   EXPECT_FALSE(report().guard_waits);
   EXPECT_EQ(report().path_us, taken_up);
   EXPECT_EQ(drive_.controller.running_segment(drive_.now).run, GetParam() == Mode::kProgram ? 1 : 0);
-  for (const Axes& point : ahead) {  // it is where the waiting path said
-    for (std::size_t i = 0; i < kAxes; ++i) EXPECT_NEAR(drive_.position()[i], point[i], 1e-10);
+  for (std::size_t k = 1; k < ahead.size(); ++k) {  // it is where the waiting path said
+    for (std::size_t i = 0; i < kAxes; ++i) EXPECT_NEAR(drive_.position()[i], ahead[k][i], 1e-10);
     answered(1);
   }
+}
+
+/// A move of 1e-5 rad, shorter than a cycle, differs from its start in what is shown.
+TEST(GuardedMove, ShowsAMoveThatIsShorterThanACycle) {
+  Drive drive;
+  drive.command.guard_max_age = kMaxAge;
+  Axes target = home();
+  target[1] += 1e-5;
+  drive.start_joints(target);
+  drive.run(1);
+  const PathAhead ahead = drive.controller.path_ahead(drive.now);
+  EXPECT_TRUE(drive.controller.report(drive.now).guard_waits);
+  EXPECT_EQ(ahead.front(), home());
+  EXPECT_EQ(ahead[1], target);
+}
+
+TEST(GuardedServo, IsRejected) {
+  Drive drive;
+  drive.command.guard_max_age = kMaxAge;
+  drive.command.mode = Mode::kServo;
+  drive.command.position = home();
+  drive.command.position[1] += 0.1;
+  drive.run(10);
+  EXPECT_EQ(drive.position(), home());
+  EXPECT_EQ(drive.controller.report(drive.now).error, ControllerError::kGuardedServo);
+  drive.command.guard_max_age = 0;
+  drive.run(10);
+  EXPECT_NE(drive.position(), home());
 }
 
 TEST_P(GuardedStart, GoesOnAsWithoutAGuardAfterTheWait) {

@@ -175,9 +175,9 @@ TEST(PathAhead, IsWhereProgramMoveAndLineWillBe) {
     }
     drive.run(10);
     const PathAhead ahead = drive.controller.path_ahead(drive.now);
-    for (const Axes& point : ahead) {
+    for (std::size_t k = 0; k < ahead.size(); ++k) {
+      for (std::size_t i = 0; i < kAxes; ++i) EXPECT_NEAR(drive.position()[i], ahead[k][i], 1e-10);
       drive.run(1);
-      for (std::size_t i = 0; i < kAxes; ++i) EXPECT_NEAR(drive.position()[i], point[i], 1e-10);
     }
     drive.run_to_rest();
     drive.run(1);

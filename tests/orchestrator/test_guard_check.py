@@ -12,15 +12,22 @@ from guard_motions import KINDS, NOISE, POLLS, Motion, random_motion, unit
 from scancell.guard.check import ManualCheck
 from scancell.guard.identify import Identifier
 from scancell.guard.motion import Hypothesis, MeasuredState, Path
+from scancell.guard.near import NearPairs
 from scancell.guard.stopping import WorstCase, stopping_motion
 from scancell.guard.tool import Tool
 from scancell.guard.unseen import JogLimits
+from scancell.nominal.cell import NominalCell
+from scancell.proximity.scene import ProximityScene
 
 DECELERATION = np.radians([800.0, 800.0, 800.0, 900.0, 900.0, 1600.0, 340.0])
 WORST = WorstCase(age=0.02, period=0.032, delay=0.04, deceleration=DECELERATION, angle_error=5 * NOISE)
 CONTACT = 0.5e-3  # m
 HORIZON = 0.5  # s
 TICK = 0.004  # s
+
+
+def manual_check(cell: NominalCell, scene: ProximityScene, worst: WorstCase) -> ManualCheck:
+    return ManualCheck(cell, scene, NearPairs(cell, scene.pairs, CONTACT, worst.angle_error), worst, HORIZON)
 
 
 def hypothesis_of(axes: np.ndarray, rates: np.ndarray) -> Hypothesis:
@@ -50,9 +57,7 @@ def test_contact_ahead_is_at_the_time_and_distance_of_the_wall():
     for axes, direction, gap, cell, scene in square(rng, (0.005, 0.06), 20):
         speed = float(rng.uniform(0.03, 0.25))
         time = (gap - CONTACT) / speed
-        verdict = ManualCheck(cell, scene, CONTACT, WORST, HORIZON).check(
-            [hypothesis_of(axes, straight(axes, speed * direction))]
-        )
+        verdict = manual_check(cell, scene, WORST).check([hypothesis_of(axes, straight(axes, speed * direction))])
         if time > HORIZON - 0.01:
             continue
         (contact,) = verdict.contacts
@@ -96,7 +101,7 @@ def test_time_of_contact_matches_dense_sampling_of_random_motions():
 
 def judged(cell, scene, motion: Motion, rng: np.random.Generator, worst: WorstCase = WORST):
     hypotheses = Identifier(cell, NOISE).identify(motion.states(rng)).hypotheses
-    return ManualCheck(cell, scene, CONTACT, worst, HORIZON).check(hypotheses)
+    return manual_check(cell, scene, worst).check(hypotheses)
 
 
 def test_warned_pairs_approach():
@@ -118,7 +123,7 @@ def test_moving_away_from_a_wall_is_allowed_and_towards_it_is_not(gap):
     """Square to a wall that is nearer than the stopping distance, from noisy states."""
     rng = np.random.default_rng(34)
     for axes, direction, _, cell, scene in square(rng, (gap, gap), 8):
-        check = ManualCheck(cell, scene, CONTACT, WORST, HORIZON)
+        check = manual_check(cell, scene, WORST)
         for sign in (-1.0, 1.0):
             rates = straight(axes, sign * 0.2 * direction)
             motion = Motion("translation", Path.BASE, POLLS, axes + (POLLS - POLLS[-1])[:, None] * rates)
@@ -173,7 +178,7 @@ def test_motion_too_slow_to_measure_needs_room_near_a_wall():
 def test_no_hypothesis_is_no_proof():
     axes, _, _, cell, scene = next(iter(square(np.random.default_rng(37), (0.05, 0.05), 1)))
     assert axes is not None
-    assert not ManualCheck(cell, scene, CONTACT, WORST, HORIZON).check([]).stop_is_proved
+    assert not manual_check(cell, scene, WORST).check([]).stop_is_proved
 
 
 def test_unseen_changes_take_room():
@@ -183,7 +188,7 @@ def test_unseen_changes_take_room():
     for motion, cell, scene in walled(rng, KINDS[2:], POLLS, (0.02, 0.06), 40):
         hypotheses = Identifier(cell, NOISE).identify(motion.states(rng)).hypotheses
         one, other = (
-            ManualCheck(cell, scene, CONTACT, worst, HORIZON).check(hypotheses).stop_is_proved
+            manual_check(cell, scene, worst).check(hypotheses).stop_is_proved
             for worst in (WORST, replace(WORST, unseen=JogLimits(np.full(7, 1.5), 0.8, 3.0)))
         )
         assert one or not other

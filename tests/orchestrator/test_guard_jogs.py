@@ -48,7 +48,7 @@ class Jogging:
     def state(self, rng: np.random.Generator) -> CellState:
         self.number += 1
         measured = self.axes + NOISE * rng.standard_normal(len(self.axes))
-        ahead = self.axes + CYCLE * np.arange(1.0, ROWS + 1)[:, None] * self.rates
+        ahead = self.axes + CYCLE * np.arange(ROWS)[:, None] * self.rates
         moving = self.share > 0
         return CellState(
             self.number, self.time, Operation.MANUAL, Mode.CARTESIAN_JOG, moving, measured, self.share, ahead, CYCLE,
@@ -117,7 +117,7 @@ def test_jog_slows_down_and_rests_in_front_of_a_wall_without_an_emergency_stop(r
         assert not any(answer.emergency_stop for answer in answers)
         assert answers[-1].monitor_speed == 0
         assert robot.share == 0
-        assert SETTINGS.position_error < least(robot, scene).min() < 0.006
+        assert 2 * SETTINGS.position_error < least(robot, scene).min() < 0.006
         named = [answer.text for answer in answers if answer.text]
         assert all(": " in text and " mm" in text for text in named)
         assert any(text.startswith("slowed: ") for text in named)
@@ -132,7 +132,7 @@ def test_robot_stops_without_contact_whenever_the_link_dies() -> None:
             run = replace(robot, course=[])
             drive(run, Guard(run.cell, ROBOT, SETTINGS), rng, 0.03, dies_at, 130)
             assert run.share == 0
-            assert least(run, scene).min() > SETTINGS.position_error
+            assert least(run, scene).min() > 2 * SETTINGS.position_error
 
 
 def test_speed_that_earlier_answers_permit_counts_until_they_are_too_old() -> None:
@@ -173,7 +173,7 @@ def test_controller_that_does_not_limit_jogs_is_permitted_the_speed_that_it_show
         assert moving.emergency_stop == (resting.monitor_speed == 0)
 
 
-@pytest.mark.parametrize("gap", [0.0008, 0.0016])
+@pytest.mark.parametrize("gap", [0.0008, 0.0018, 0.0026])
 def test_jog_away_from_a_near_wall_is_permitted_at_full_speed(gap: float) -> None:
     """From within the clearance, and from where the errors of the angles leave no room for a stop."""
     rng = np.random.default_rng(86)

@@ -16,7 +16,7 @@ from guard_answers import JointLimitGuard, state_at
 from scancell.cell.controller import Mode, Operation
 from scancell.errors import MessageError
 from scancell.guard.endpoints import REJECTED, SILENCE, SUPERSEDED, CellEndpoint, GuardEndpoint, Outcome
-from scancell.guard.messages import MAX_PACKET, CellState, GuardMessage, decode
+from scancell.guard.messages import MAX_PACKET, CellState, GuardMessage, PlacedPart, axes_digest, decode
 from scancell.guard.transport import PacketStream
 
 SESSION, GUARD = 0x0123456789ABCDEF, 2**64 - 1
@@ -41,9 +41,40 @@ def test_messages_survive_the_round_trip():
                 np.testing.assert_array_equal(getattr(found.message, name), getattr(message, name))
 
 
+def largest_state() -> CellState:
+    axes = np.full(16, -1e4)
+    return CellState(
+        2**32 - 1, 1e9, Operation.AUTOMATIC, Mode.SERVO, True, axes, 0.0, np.tile(axes, (64, 1)), 10.0,
+        widths=np.full(4, 0.1), parts=tuple(PlacedPart(k, 16, (1, 2, 3, 0, 0, 1, 0)) for k in range(1, 9)),
+        prismatic=2**16 - 1, digest=2**32 - 1,
+    )  # fmt: skip
+
+
+def test_states_of_version_1_are_read_and_answered_in_version_1():
+    """Bytes as documented: joints and a table, no kinds, grippers or parts."""
+    state = replace(state_at(5, 0.3), version=1)
+    body = struct.pack("<ddddBBBBH7d", state.time, 1.0, 0.0, 0.0, 0, 4, 1, 6, 0, *state.axes)
+    packet = struct.pack("<4sBBHQQI", b"SCGD", 1, 1, 126, SESSION, 0, 5) + body
+    assert state.encode(SESSION, 0) == packet + struct.pack("<I", zlib.crc32(packet))
+    end, cell = GuardEndpoint(JointLimitGuard()), CellEndpoint(age_limit=0.1)
+    assert end.receive(cell.packet(state), state.time)
+    answer = end.answer()
+    assert answer is not None
+    assert decode(answer).version == 1
+    assert cell.receive(answer, state.time) is not None
+    assert not end.receive(replace(state_at(6), sequence=6).encode(decode(answer).session, 0), state.time)
+    with pytest.raises(MessageError, match="version = 1"):
+        replace(state, digest=7)
+
+
+def test_digest_states_names_and_kinds_of_the_axes():
+    names = ["q[1]", "q[2]", "table"]
+    assert axes_digest(names) == zlib.crc32(b"q[1] revolute\nq[2] revolute\ntable revolute\n")
+    assert len({axes_digest(names), axes_digest(names[::-1]), axes_digest(names, 4), axes_digest(names[:2])}) == 4
+
+
 def test_largest_and_smallest_state():
-    axes = np.full(9, -1e4)
-    large = CellState(2**32 - 1, 1e9, Operation.AUTOMATIC, Mode.SERVO, True, axes, 0.0, np.tile(axes, (64, 1)), 10.0)
+    large = largest_state()
     packet = large.encode(SESSION, 0)
     assert len(packet) == MAX_PACKET
     np.testing.assert_array_equal(decode(packet).message.ahead, large.ahead)
@@ -72,7 +103,8 @@ STATE, REPLY = state_at(5, 0.3).encode(SESSION, 0), ANSWER.encode(SESSION, GUARD
 @pytest.mark.parametrize(
     ("packet", "at", "new"),
     [
-        (STATE, 4, b"\2"),  # version
+        (STATE, 4, b"\3"),  # version
+        (STATE, 4, b"\1"),  # a state of version 2 is none of version 1
         (STATE, 5, b"\3"),  # kind
         (STATE, 5, b"\2"),  # a state is no answer
         (STATE, 8, bytes(8)),  # session 0
@@ -85,13 +117,16 @@ STATE, REPLY = state_at(5, 0.3).encode(SESSION, 0), ANSWER.encode(SESSION, GUARD
         (STATE, 60, b"\2"),  # operation
         (STATE, 61, b"\7"),  # mode
         (STATE, 62, b"\4"),  # flags
-        (STATE, 63, b"\0"),  # joints
-        (STATE, 63, b"\7"),
-        (STATE, 63, b"\x09"),
+        (STATE, 63, b"\1"),  # axes
+        (STATE, 63, b"\6"),
+        (STATE, 63, b"\x11"),
         (STATE, 64, b"\1\0"),  # rows of the path ahead
         (STATE, 64, b"\xff\xff"),
-        (STATE, 66, struct.pack("<d", np.inf)),  # an axis
-        (STATE, 66, struct.pack("<d", 1e5)),
+        (STATE, 71, b"\1"),  # kind of an axis that there is not
+        (STATE, 74, b"\5"),  # grippers
+        (STATE, 75, b"\x09"),  # parts
+        (STATE, 76, struct.pack("<d", np.inf)),  # an axis
+        (STATE, 76, struct.pack("<d", 1e5)),
         (REPLY, 5, b"\1"),  # an answer is no state
         (REPLY, 32, struct.pack("<d", -np.inf)),  # time of the state
         (REPLY, 40, struct.pack("<d", 1.01)),  # monitor speed
@@ -113,7 +148,14 @@ def test_wrong_values_are_refused_though_the_crc_is_right(packet, at, new):
     "changes",
     [
         {"axes": [0.0]},
-        {"axes": np.zeros(10)},
+        {"axes": np.zeros(17)},
+        {"widths": np.zeros(5)},
+        {"widths": [np.nan]},
+        {"prismatic": 2**7},
+        {"digest": -1},
+        {"parts": (PlacedPart(1, 8, (0, 0, 0, 1, 0, 0, 0)),)},  # of an axis that there is not
+        {"parts": (PlacedPart(1, 0, (0, 0, 0, 1, 0, 0, 0)),) * 2},
+        {"version": 3},
         {"axes": np.zeros((2, 3))},
         {"ahead": np.zeros((65, 7)), "spacing": 0.1},
         {"ahead": np.zeros((2, 6)), "spacing": 0.1},

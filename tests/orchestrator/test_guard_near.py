@@ -19,7 +19,7 @@ from scancell.guard.stopping import braking_time
 from scancell.scanning.guard import settings_of
 
 ROBOT = load_setup().cell.robot
-CLEARANCE = SETTINGS.position_error
+CLEARANCE = 2 * SETTINGS.position_error
 SPEEDS = (0.25e-3, 2.5e-3, 0.025, 0.25)  # m/s: 0.1 to 100 % of the jog speed
 
 
@@ -39,7 +39,7 @@ def gap_of(cell, scene, axes: np.ndarray) -> float:
 
 
 def shown(number: int, axes: np.ndarray, rates: np.ndarray, moving: bool, operation=Operation.MANUAL) -> CellState:
-    ahead = axes + CYCLE * np.arange(1.0, ROWS + 1)[:, None] * rates
+    ahead = axes + CYCLE * np.arange(ROWS)[:, None] * rates
     mode = Mode.CARTESIAN_JOG if operation is Operation.MANUAL else Mode.JOINT_MOVE
     return CellState(number, POLL * number, operation, mode, moving, axes, 0.0, ahead, CYCLE, POLL * (number - 1))
 
@@ -90,7 +90,7 @@ def test_short_motions_repeated_do_not_add_up(operation):
     guard = Guard(cell, ROBOT, SETTINGS)
     rng, first = np.random.default_rng(5), gap_of(cell, scene, axes)
     rates = straight(axes, 1e-3 * direction)
-    travel = np.minimum(CYCLE * np.arange(1.0, ROWS + 1), 0.1)
+    travel = np.minimum(CYCLE * np.arange(ROWS), 0.1)
     for number in range(1, 101):
         measured = axes + NOISE * rng.standard_normal(axes.shape)
         ahead = axes + travel[:, None] * rates
@@ -103,16 +103,35 @@ def test_short_motions_repeated_do_not_add_up(operation):
     assert first - gap_of(cell, scene, axes) < 0.0005
 
 
-def test_distance_to_be_kept_is_remembered_until_there_is_room():
+@pytest.mark.parametrize("exact", [True, False])
+def test_distance_to_be_kept_is_remembered_until_there_is_room(exact):
     cell = boxes()
-    pairs = [("sensor", "table")]
-    near = NearPairs(cell, pairs, 0.003, 1e-4)
+    near = NearPairs(cell, [("sensor", "table")], 0.003, 1e-4)
     axes = np.append(cell.home, 0.0)
-    _, kept = near.update(axes, np.array([0.002]))
-    assert kept[0] == pytest.approx(0.002, abs=2e-4)
-    assert near.update(axes, np.array([0.0019]))[1] == pytest.approx(kept)
-    assert not near.update(axes, np.array([0.01]))[0].any()
-    assert near.update(axes, np.array([0.0019]))[1] < kept
+
+    def kept_at(distance: float) -> float:
+        return float(near.update(axes, np.array([distance]), exact)[1][0])
+
+    kept = kept_at(0.002)
+    assert kept == pytest.approx(0.002, abs=1e-5 if exact else 2e-4)
+    assert kept_at(0.0019) == kept
+    near.begin_session()
+    assert kept_at(0.001993) == kept if exact else kept_at(0.0019) == kept
+    assert not near.update(axes, np.array([0.01]), exact)[0].any()
+    assert kept_at(0.0019) < kept
+
+
+def test_session_begins_where_something_else_has_moved_the_robot():
+    """Below the stored distance by more than the errors of the angles: a motion away would be refused for ever."""
+    cell = boxes()
+    near = NearPairs(cell, [("sensor", "table")], 0.003, 1e-4)
+    axes = np.append(cell.home, 0.0)
+    near.update(axes, np.array([0.002]), exact=True)
+    near.begin_session()
+    _, kept = near.update(axes, np.array([0.001]), exact=True)
+    assert kept[0] == pytest.approx(0.001, abs=1e-5)
+    _, later = near.update(axes, np.array([0.0005]), exact=True)
+    assert later == kept
 
 
 def test_crawling_path_is_proved_like_any_other():

@@ -13,6 +13,7 @@ from guard_walls import boxes, distances, square, straight
 
 from guard_motions import POLL, unit
 from scancell.guard.free_path import FreePath
+from scancell.guard.near import NearPairs
 from scancell.guard.path_check import RATE_SLOPE, PathCheck
 from scancell.nominal.cell import NominalCell
 from scancell.proximity.scene import ProximityScene, cell_scene
@@ -56,7 +57,16 @@ class Line:
         return float(clock[np.argmax(touching)]) if touching.any() else np.inf
 
     def check(self, reaction: float = REACTION) -> PathCheck:
-        return PathCheck(FreePath(self.cell, self.scene, CONTACT, 0.0), reaction, deceleration())
+        return PathCheck(free_path(self.cell, self.scene), reaction, deceleration())
+
+
+def free_path(cell: NominalCell, scene: ProximityScene) -> FreePath:
+    return FreePath(cell, scene, NearPairs(cell, scene.pairs, CONTACT, 0.0))
+
+
+def on_path(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Measured axes without an error, and the path."""
+    return points[0], points
 
 
 def lines(rng: np.random.Generator, count: int, gaps: tuple[float, float] = (0.05, 0.2)) -> Iterator[Line]:
@@ -79,7 +89,7 @@ def test_free_path_ends_where_dense_sampling_finds_the_first_contact():
     ended = 0
     dense = np.linspace(0, AHEAD * POLL, 4000)
     for line in lines(rng, 25):
-        verdict = line.check().check(line.ahead(0.0), POLL, 1.0, 1.0)
+        verdict = line.check().check(*on_path(line.ahead(0.0)), POLL, 1.0, 1.0)
         touching = line.nearest(dense) < CONTACT
         if not touching.any():
             assert verdict.clash is None
@@ -98,7 +108,7 @@ def test_bends_between_points_take_room():
     line = next(iter(lines(rng, 1)))
     bent = line.ahead(0.0)
     bent[1::2] += 0.01
-    plain, wavy = (line.check().check(points, POLL, 1.0, 1.0).free for points in (line.ahead(0.0), bent))
+    plain, wavy = (line.check().check(*on_path(points), POLL, 1.0, 1.0).free for points in (line.ahead(0.0), bent))
     assert wavy < plain
 
 
@@ -113,7 +123,7 @@ def drive(line: Line, check: PathCheck, delay: float, duration: float) -> tuple[
         time = k * TICK
         if k % round(POLL / TICK) == 0:
             in_force = max([monitor, *(speed for _, speed in answers)])
-            verdict = check.check(line.ahead(clock), POLL, rate, in_force)
+            verdict = check.check(*on_path(line.ahead(clock)), POLL, rate, in_force)
             rows.append((clock, verdict.monitor_speed, verdict.stop_is_proved))
             answers.append((time + delay, verdict.monitor_speed))
         while answers and answers[0][0] <= time:
@@ -143,17 +153,21 @@ def test_speed_rises_again_when_the_path_is_clear():
     rng = np.random.default_rng(64)
     cell = boxes()
     free_scene = cell_scene(cell, {body.name: body.mesh for body in cell.bodies})
-    without = PathCheck(FreePath(cell, free_scene, CONTACT, 0.0), REACTION, deceleration())
+    without = PathCheck(free_path(cell, free_scene), REACTION, deceleration())
     # Lines on which no link is in the way behind the wall.
-    through = (line for line in blocked(rng, 100) if without.check(line.ahead(line.contact), POLL, 0, 0).clash is None)
+    through = (
+        line
+        for line in blocked(rng, 100)
+        if without.check(*on_path(line.ahead(line.contact)), POLL, 0, 0).clash is None
+    )
     for line in itertools.islice(through, 4):
         check = line.check()
         clock, speed, _ = drive(line, check, 0.0, line.contact + 2.0)
         assert speed[-1] == 0.0
         back = line.at(clock[-1] - POLL * np.arange(AHEAD))
         for verdict in (
-            check.check(back, POLL, 0.0, 0.0),
-            without.check(line.ahead(clock[-1]), POLL, 0.0, 0.0),
+            check.check(*on_path(back), POLL, 0.0, 0.0),
+            without.check(*on_path(line.ahead(clock[-1])), POLL, 0.0, 0.0),
         ):
             assert (verdict.clash, verdict.monitor_speed, verdict.stop_is_proved) == (None, 1.0, True)
 
@@ -162,7 +176,7 @@ def test_speed_is_zero_below_the_minimum_free_path():
     """At rest with 10 ms of path clock to the wall: it waits, and a stop is proved."""
     rng = np.random.default_rng(67)
     for line in blocked(rng, 4):
-        verdict = line.check().check(line.ahead(line.contact - 0.01), POLL, 0.0, 0.0)
+        verdict = line.check().check(*on_path(line.ahead(line.contact - 0.01)), POLL, 0.0, 0.0)
         assert 0 <= verdict.free < 0.02
         assert (verdict.monitor_speed, verdict.stop_is_proved) == (0.0, True)
 
@@ -177,9 +191,9 @@ def test_end_of_a_motion_needs_no_free_space_beyond_it():
             continue
         time = np.minimum(POLL * np.arange(AHEAD + 1), end + braking / 2)
         points = line.at(time - np.maximum(time - end + braking / 2, 0) ** 2 / (2 * braking))
-        ending = line.check().check(points, POLL, 1.0, 1.0)
+        ending = line.check().check(*on_path(points), POLL, 1.0, 1.0)
         assert (ending.clash, ending.free, ending.monitor_speed, ending.stop_is_proved) == (None, np.inf, 1.0, True)
-        going_on = line.check().check(points[:4], POLL, 1.0, 1.0)
+        going_on = line.check().check(*on_path(points[:4]), POLL, 1.0, 1.0)
         assert going_on.free == pytest.approx(3 * POLL)
         assert not going_on.stop_is_proved
         ended += 1
@@ -208,7 +222,7 @@ def collisions(reaction: float, seed: int) -> tuple[int, int, int]:
             rate = float(rng.choice([0.0, 1.0, rng.random()]))
             allowed = float(rng.uniform(rate, 1.0))
             clock = float(rng.uniform(0.0, 0.5) * line.gap / line.speed)
-            verdict = check.check(line.ahead(clock), POLL, rate, allowed)
+            verdict = check.check(*on_path(line.ahead(clock)), POLL, rate, allowed)
             hit = bool((line.nearest(clock + worst_stop(line, rate, allowed)) <= 0).any())
             proved += verdict.stop_is_proved
             collided += hit and verdict.stop_is_proved

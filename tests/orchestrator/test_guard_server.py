@@ -19,7 +19,7 @@ from scancell.config.choices import LOOPBACK
 from scancell.errors import LinkError
 from scancell.guard.endpoints import FAILED, REJECTED, SUPERSEDED, Outcome
 from scancell.guard.link import Link, faulty_link
-from scancell.guard.messages import MAX_PACKET, CellState, GuardMessage
+from scancell.guard.messages import MAX_PACKET, CellState, GuardMessage, PlacedPart
 from scancell.guard.server import serve_guard
 from scancell.guard.transport import TcpTransport, UdpTransport
 
@@ -135,9 +135,12 @@ def test_states_that_cannot_be_judged_get_no_answer_and_do_not_end_the_server(pr
 
 @both_protocols
 def test_state_of_the_largest_size_is_received_whole(protocol):
-    """64 points ahead of an arm of eight joints, which the guard of this test does not know."""
-    axes = np.zeros(9)
-    large = replace(state_at(0), axes=axes, ahead=np.tile(axes, (64, 1)), spacing=0.016)
+    """64 points ahead of a cell of 16 axes, which the guard of this test does not know."""
+    axes = np.zeros(16)
+    parts = tuple(PlacedPart(number, 0, (0, 0, 0, 1, 0, 0, 0)) for number in range(1, 9))
+    large = replace(
+        state_at(0), axes=axes, ahead=np.tile(axes, (64, 1)), spacing=0.016, widths=np.zeros(4), parts=parts
+    )
     assert len(large.encode(1, 0)) == MAX_PACKET
     with guard_process(protocol) as server:
         link = link_to(protocol, server.port)
@@ -173,7 +176,7 @@ def test_connection_with_anything_but_packets_is_closed():
         link = link_to("tcp", server.port)
         answered(link, state_at(0))
         packet = state_at(0).encode(1, 1)
-        for text in (b"GET / HTTP/1.1\r\n\r\n", packet[:4] + b"\2" + packet[5:], packet[:6] + b"\xff\xff", bytes(9999)):
+        for text in (b"GET / HTTP/1.1\r\n\r\n", packet[:4] + b"\3" + packet[5:], packet[:6] + b"\xff\xff", bytes(9999)):
             with socket.create_connection((LOOPBACK, server.port), HANGS) as other:
                 other.sendall(text)
                 assert closed(other)

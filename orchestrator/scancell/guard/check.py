@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from scancell.guard.motion import Hypothesis, Path
 from scancell.guard.near import STILL, NearPairs, almost
@@ -104,8 +104,8 @@ class ManualCheck:
         Kinematics and bodies.
     scene
         Pairs of these bodies.
-    clearance
-        Distance that counts as contact, one for all pairs or (pairs,), m: at least the error of the meshes.
+    near
+        Distances that count as contact, at least the errors of the meshes, and the pairs within them.
     worst
         Worst case for which a stop must be proved.
     horizon
@@ -116,24 +116,18 @@ class ManualCheck:
         self,
         nominal: NominalCell,
         scene: ProximityScene,
-        clearance: ArrayLike,
+        near: NearPairs,
         worst: WorstCase,
         horizon: float = 0.5,
     ) -> None:
-        self._scene = scene
-        self._clearance = np.broadcast_to(np.asarray(clearance, float), (len(scene.pairs),))
+        self._scene, self._near, self._clearance = scene, near, near.clearance
         self._motions = MotionCheck(nominal, scene, self._clearance, 1, _FINEST)
         self._number = {pair: i for i, pair in enumerate(scene.pairs)}
         self._predictor, self._tool = Predictor(nominal), Tool(nominal)
         self._unseen = None if worst.unseen is None else UnseenApproach(nominal, scene.pairs, worst.unseen)
         self._bounds = MotionBounds(nominal, scene.pairs)
-        self._near = NearPairs(nominal, scene.pairs, self._clearance, worst.angle_error)
         self._worst, self._horizon = worst, horizon
         self._known: tuple[bytes, dict[int, Approach]] = b"", {}
-
-    def reset(self) -> None:
-        """Forget the pairs within their clearance."""
-        self._near.reset()
 
     def check(self, hypotheses: Sequence[Hypothesis], only_stop: bool = False, begins: bool = False) -> Verdict:
         """Contacts ahead of each hypothesis of a robot that moves, and whether its stop is proved.
@@ -201,7 +195,7 @@ class ManualCheck:
             clearance = clearance + self._unseen.bound(motion.now, motion.stop.unseen)
         violated = self._motions.violations(*way.near, motion.stop.deviation + way.bend, clearance, budget)
         if not violated.any():
-            self._near.reset()
+            self._near.release()
             return None
         if budget.left <= 0:  # one of them is enough to name
             violated &= np.cumsum(violated) == 1
@@ -211,7 +205,7 @@ class ManualCheck:
         for one in found:
             number = self._number[one.body_a, one.body_b]
             distance[number], rate[number] = one.distance, one.rate
-        near, kept = self._near.update(motion.now, distance)
+        near, kept = self._near.update(motion.now, distance, exact=False)
         of_axes = self._bounds.pairs(motion.now[None], np.diag(motion.rate_error)[:, None])[:, 0]
         surely = np.sqrt((of_axes**2).sum(0))  # the errors of the axes are independent
         approaching = ~near & violated & (rate < surely - STILL / _SOON)

@@ -112,14 +112,14 @@ class CellEndpoint:
     def reset(self) -> None:
         """Open a new session; answers to earlier packets are rejected."""
         self._session = _random_number()
-        self._guard = 0
+        self._guard = self._version = 0
         self._order = Order()
         self._sent: dict[int, float] = {}
         self._last: GuardMessage | None = None
 
     def packet(self, state: CellState) -> bytes:
         """The packet to send."""
-        self._sent[state.sequence] = state.time
+        self._sent[state.sequence], self._version = state.time, state.version
         if len(self._sent) > _REMEMBERED_STATES:
             del self._sent[next(iter(self._sent))]
         return state.encode(self._session, self._guard)
@@ -143,7 +143,7 @@ class CellEndpoint:
         return now - self._last.state_time if self._last else float("inf")
 
     def _check(self, received: Packet, answer: GuardMessage, now: float) -> Outcome:
-        ours = received.session == self._session and received.guard != 0
+        ours = (received.version, received.session) == (self._version, self._session) and received.guard != 0
         if not ours or self._guard not in (0, received.guard):
             return Outcome.OTHER_SESSION
         if (outcome := self._order.check(answer.sequence)) is not Outcome.ACCEPTED:
@@ -170,7 +170,7 @@ class GuardEndpoint:
     def __init__(self, answerer: Answerer) -> None:
         self.counts: Counter[str] = Counter()
         self._answerer = answerer
-        self._session = self._guard = 0
+        self._session = self._guard = self._version = 0
         self._ended: deque[int] = deque(maxlen=_REMEMBERED_SESSIONS)
         self._heard = -float("inf")
         self._order = Order()
@@ -204,7 +204,7 @@ class GuardEndpoint:
         except MessageError:
             self.counts[REJECTED] += 1
             return None
-        return message.encode(self._session, self._guard)
+        return message.encode(self._session, self._guard, state.version)
 
     def _check(self, received: Packet, state: CellState, now: float) -> Outcome:
         if received.session != self._session:
@@ -212,16 +212,16 @@ class GuardEndpoint:
                 return Outcome.OTHER_SESSION
             if now - self._heard < SILENCE:
                 return Outcome.BUSY
-            self._open(received.session)
-        elif received.guard not in (0, self._guard):
+            self._open(received)
+        elif received.version != self._version or received.guard not in (0, self._guard):
             return Outcome.OTHER_SESSION
         if (outcome := self._order.check(state.sequence)) is not Outcome.ACCEPTED:
             return outcome
         return Outcome.ACCEPTED if state.time >= self._last_time + LEAST_PERIOD else Outcome.TIME_NOT_LATER
 
-    def _open(self, session: int) -> None:
+    def _open(self, opening: Packet) -> None:
         self._ended.append(self._session)
-        self._session, self._guard = session, _random_number()
+        self._version, self._session, self._guard = opening.version, opening.session, _random_number()
         self._order, self._last_time, self._pending = Order(), -float("inf"), None
         self._answerer.reset()
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from scancell.guard.near import STILL, NearPairs, almost
 from scancell.nominal.cell import NominalCell
@@ -35,15 +35,15 @@ class ShownPath:
         End of the motion from each point that pairs without room have to survive, (n - 1, joints + 1), rad.
     aside
         The deviation that applies to those, (joints + 1,), rad.
-    slides
-        Whether a pair within its clearance and the deviation may stay there if the motion does not reduce its distance.
+    exact
+        Whether the first point is a set-point, not measured.
     """
 
     points: Array
     deviation: Array
     ends: Array
     aside: Array
-    slides: bool = False
+    exact: bool = True
 
 
 @dataclass(frozen=True)
@@ -64,24 +64,14 @@ class FreePath:
         Kinematics and bodies.
     scene
         Pairs of these bodies.
-    clearance
-        Distance that counts as contact, one for all pairs or (pairs,), m.
-    angle_error
-        Of the measured angles, one or (joints + 1,), rad.
+    near
+        Distances that count as contact, and the pairs within them.
     """
 
-    def __init__(
-        self, nominal: NominalCell, scene: ProximityScene, clearance: ArrayLike, angle_error: ArrayLike
-    ) -> None:
-        self._motions = MotionCheck(nominal, scene, clearance, 1, _FINEST)
-        self._pairs = scene.pairs
-        self._clearance = np.broadcast_to(np.asarray(clearance, float), (len(scene.pairs),))
-        self.angle_error = np.broadcast_to(np.asarray(angle_error, float), (len(nominal.arm.joints) + 1,))
-        self._near = NearPairs(nominal, scene.pairs, self._clearance, angle_error)
-
-    def reset(self) -> None:
-        """Forget the pairs within their clearance."""
-        self._near.reset()
+    def __init__(self, nominal: NominalCell, scene: ProximityScene, near: NearPairs) -> None:
+        self._motions = MotionCheck(nominal, scene, near.clearance, 1, _FINEST)
+        self._pairs, self._near, self._clearance = scene.pairs, near, near.clearance
+        self.angle_error = near.angle_error
 
     def search(self, path: ShownPath, sections: Sequence[Section], budget: Budget) -> tuple[float, MotionClash | None]:
         """Pieces that are proved free, one section after the other, and the clash behind them; None: there is none."""
@@ -118,14 +108,17 @@ class FreePath:
         return float(self._motions.distances(axes[None], one)[0, number])
 
     def _without_room(self, path: ShownPath, budget: Budget) -> tuple[Flags, Array]:
-        """Pairs (pairs,) whose distances must not become less than others (pairs,), m: see `NearPairs.update`."""
+        """Pairs (pairs,) whose distances must not become less than others (pairs,), m.
+
+        They are within their clearance (`NearPairs.update`), or within that and the deviation where the path begins and
+        does not reduce their distance.
+        """
         start = path.points[0]
-        within = path.deviation[0] if path.slides else self.angle_error
-        violated = self._motions.violations(start[None], start[None], within, budget=budget)
+        violated = self._motions.violations(start[None], start[None], path.deviation[0], budget=budget)
         distance = self._motions.distances(start[None], violated, budget)[0]
-        near, kept = self._near.update(start, distance)
+        near, kept = self._near.update(start, distance, path.exact)
         far = violated & ~near
-        if not (path.slides and far.any()):
+        if not far.any():
             return near, kept
         soon = start + _SOON * (path.points[1] - start)
         later = self._motions.distances(soon[None], far, budget)[0]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scancell.arguments import Shape, checked_arguments, checked_value
-from scancell.cell.controller import Operation
+from scancell.cell.controller import Mode, Operation
 from scancell.config.robot import RobotDescription
 from scancell.errors import MessageError
 from scancell.geometry.reduction import reduced
@@ -24,8 +24,9 @@ from scancell.guard.check import Contact, ManualCheck, Verdict
 from scancell.guard.free_path import FreePath
 from scancell.guard.identify import Identifier
 from scancell.guard.jog_check import JogCheck, JogVerdict
-from scancell.guard.messages import MAX_TEXT, CellState, GuardMessage
+from scancell.guard.messages import MAX_TEXT, CellState, GuardMessage, axes_digest
 from scancell.guard.motion import Hypothesis, MeasuredState
+from scancell.guard.near import NearPairs
 from scancell.guard.path_check import PathCheck, PathVerdict
 from scancell.guard.settings import GuardSettings
 from scancell.guard.stopping import WorstCase
@@ -107,31 +108,34 @@ class Guard:
     ) -> None:
         self.settings = settings = settings or GuardSettings()
         self._axes = len(nominal.arm.joints) + 1
+        self._names = [*(f"q[{i}]" for i in range(1, self._axes)), "table"]
+        self._digest = axes_digest(self._names)
         meshes = {body.name: reduced(body.mesh, _MAX_FACES, settings.mesh_error) for body in nominal.bodies}
         scene = cell_scene(nominal, {name: found.mesh for name, found in meshes.items()})
         scene = scene.without([frozenset(pair) for pair in ignored])
-        clearance = settings.position_error + np.array([meshes[a].error + meshes[b].error for a, b in scene.pairs])
+        clearance = 2 * settings.position_error + np.array([meshes[a].error + meshes[b].error for a, b in scene.pairs])
         deceleration = settings.deceleration * nominal.axis_max_acceleration
         angle_error = np.broadcast_to(np.asarray(settings.angle_error, float), (self._axes,))
         age, delay = settings.latency + settings.max_age, 2 * settings.cycle
         limits = jog_limits(robot, nominal)
         worst = WorstCase(age, 0.0, delay, deceleration, angle_error, limits)
         self._identifier = Identifier(nominal, settings.noise)
-        self._manual = ManualCheck(nominal, scene, clearance, worst, settings.horizon)
-        self._free_path = FreePath(nominal, scene, clearance, angle_error)
+        self._near = near = NearPairs(nominal, scene.pairs, clearance, angle_error)
+        self._manual = ManualCheck(nominal, scene, near, worst, settings.horizon)
+        self._free_path = FreePath(nominal, scene, near)
         self._jogs = JogCheck(nominal, self._free_path, settings.reaction, deceleration, limits)
         self._automatic = PathCheck(self._free_path, settings.reaction, deceleration)
         self._motions = MotionCheck(nominal, scene, clearance, settings.threads)
         self.reset()
 
     def reset(self) -> None:
-        """Forget all states: a session begins."""
+        """Forget all states: a session begins. What pairs within their clearance have to keep stays."""
         self._number = 0
+        self._time = 0.0  # of the last state
         self._operation: Operation | None = None
         self._states: deque[MeasuredState] = deque(maxlen=_STATES)
+        self._near.begin_session()
         self._moving = 0  # states since the robot was at rest
-        self._manual.reset()
-        self._free_path.reset()
         self._speeds: deque[tuple[float, float]] = deque()
         self._stopping = False
         self.decision = Decision()
@@ -168,10 +172,17 @@ class Guard:
         """
         if (axes := np.size(state.axes)) != self._axes:
             raise MessageError(key="axes", value=axes, expected=f"{self._axes}, the cell's joints and table")
+        if state.prismatic or state.digest not in (0, self._digest):
+            raise MessageError(
+                key="digest", value=state.digest, expected=f"{self._digest}, of {', '.join(self._names)}, revolute axes"
+            )
         if state.operation is not self._operation:
+            # What is in force on a path that was taken up before is not known; of later ones no state was answered.
+            before = state.time if self._operation is None else self._time
             self._states.clear()
-            self._speeds = deque([(state.time, 1.0)])  # what was allowed before is not known
+            self._speeds = deque([(before, 1.0)])
             self._operation = state.operation
+        self._time = state.time
         decision = self._by_hand(state) if state.operation is Operation.MANUAL else self._on_path(state)
         self._speeds.append((state.time, decision.monitor_speed))
         self.decision = decision
@@ -186,16 +197,16 @@ class Guard:
         )
 
     def _by_hand(self, state: CellState) -> Decision:
-        axes, ahead = np.asarray(state.axes), np.asarray(state.ahead)
+        axes, path = np.asarray(state.axes), _path(state)
         oldest = state.time - _STATES * self.settings.max_age
         while self._states and self._states[0].time < oldest:
             self._states.popleft()
         self._states.append(MeasuredState(state.time, axes[:-1], float(axes[-1])))
         self._moving = self._moving + 1 if state.moving else 0
-        if not state.moving and not _leads_away(ahead):
+        if not state.moving and not _leads_away(path):
             return Decision()
-        if len(ahead):
-            return self._on_jog(state, axes, ahead)
+        if len(path):
+            return self._on_jog(state, axes, path)
         if len(self._states) < 2:
             return Decision(True, text="stop: the robot moves in an unknown way", beep=True)
         verdict = self._manual.check(self._hypotheses(), only_stop=True, begins=self._moving < _STATES)
@@ -209,25 +220,26 @@ class Guard:
         """Motions to check."""
         return self._identifier.identify(list(self._states)).hypotheses
 
-    def _on_jog(self, state: CellState, axes: Array, ahead: Array) -> Decision:
+    def _on_jog(self, state: CellState, axes: Array, path: Array) -> Decision:
+        exact = state.version > 1
         if not state.limits_jogs:  # it has the speed that is shown, or rests
-            verdict = self._jogs.check(axes, ahead, state.spacing, 1.0)
+            verdict = self._jogs.check(axes, path, state.spacing, 1.0, exact)
             if verdict.stop_is_proved:
                 return Decision()
             return _jog_decision(verdict, 0.0, state.moving, state.moving)
         in_force = max(state.rate, self._allowed(state))
-        verdict = self._jogs.check(axes, ahead, state.spacing, in_force)
+        verdict = self._jogs.check(axes, path, state.spacing, in_force, exact)
         stops = not verdict.stop_is_proved and in_force > 0
         slows = state.rate >= _AT_LIMIT * verdict.permitted
         return _jog_decision(verdict, verdict.permitted if verdict.stop_is_proved else 0.0, stops, slows)
 
     def _on_path(self, state: CellState) -> Decision:
-        ahead = np.asarray(state.ahead)
-        if not len(ahead) and state.moving:
+        path = _path(state)
+        if len(path) < 2 and (state.moving or state.mode is Mode.SERVO):
             return Decision(True, text="stop: no path is known", beep=True)
-        if not state.moving and not _leads_away(ahead):
+        if not state.moving and not _leads_away(path):
             return Decision()
-        verdict = self._path_verdict(state, np.vstack([state.axes, ahead]))
+        verdict = self._path_verdict(state, path)
         speed = verdict.monitor_speed
         if verdict.clash is None:
             return Decision(not verdict.stop_is_proved, speed)
@@ -237,8 +249,9 @@ class Guard:
         slows = speed < 1
         return Decision(False, speed, f"slowed to {speed:.0%}: {' - '.join(pair)}" if slows else "", slows, pair)
 
-    def _path_verdict(self, state: CellState, points: Array) -> PathVerdict:
-        return self._automatic.check(points, state.spacing, state.rate, self._allowed(state))
+    def _path_verdict(self, state: CellState, path: Array) -> PathVerdict:
+        axes, exact = np.asarray(state.axes), state.version > 1
+        return self._automatic.check(axes, path, state.spacing, state.rate, self._allowed(state), exact)
 
     def _allowed(self, state: CellState) -> float:
         """Largest monitor speed that may be in force on the path of a state until its answer arrives.
@@ -251,9 +264,23 @@ class Guard:
         return max((speed for _, speed in self._speeds), default=0.0)
 
 
-def _leads_away(ahead: Array) -> bool:
-    """Whether a path ahead (n, joints + 1) is a motion."""
-    return len(ahead) > 0 and bool(np.ptp(ahead, axis=0).any())
+def _path(state: CellState) -> Array:
+    """Path (n, joints + 1), rad, from the time of a state on; empty if none is shown.
+
+    In version 1 the rows begin one spacing later: a jog is continued backwards, another path begins where the axes are
+    measured, so that a motion shorter than the spacing counts as one, too.
+    """
+    ahead = np.asarray(state.ahead)
+    if state.version > 1 or not len(ahead):
+        return ahead
+    if state.operation is Operation.AUTOMATIC:
+        return np.vstack([state.axes, ahead])
+    return np.vstack([3 * ahead[0] - 3 * ahead[1] + ahead[2], ahead]) if len(ahead) > 2 else ahead
+
+
+def _leads_away(path: Array) -> bool:
+    """Whether a path (n, joints + 1) is a motion."""
+    return len(path) > 0 and bool(np.ptp(path, axis=0).any())
 
 
 def _stop(verdict: Verdict) -> Decision:

@@ -10,12 +10,12 @@ from scancell.arguments import checked_arguments
 from scancell.cell.controller import Mode, MonitorSpeed, Operation
 from scancell.cell.instance import CellInstance
 from scancell.guard.link import Link
-from scancell.guard.messages import CellState, GuardMessage
+from scancell.guard.messages import CellState, GuardMessage, axes_digest
 from scancell.stopwatch import Pace
 
 _POLL_CYCLES = 2  # of the controller; it answers position queries no faster
 _EMERGENCY = 3  # controller.state
-_AHEAD = 64  # points of the path ahead, a cycle of path clock apart
+_AHEAD = 64  # points of the path ahead, a cycle of path clock apart; the first one is the present set-point
 
 
 class GuardedCell:
@@ -63,6 +63,8 @@ class GuardedCell:
     ) -> None:
         self._cell, self._cycle_us, self._link, self._shows_jogs = cell, cycle_us, link, shows_jogs
         axes = cell.axis_names("")
+        self._digest = axes_digest(axes)
+        self._widths = cell.real_group([name for name in cell.names if name == "measured.gripper.width"])
         self._measured = cell.real_group([f"measured.{axis}" for axis in axes])
         self._rate = cell.real_group(["controller.rate"])
         self._path_time = cell.real_group(["controller.path_time"])
@@ -161,4 +163,6 @@ class GuardedCell:
             self._cycle_us * 1e-6 if follows else 0.0,
             float(cell.get(self._path_time)[0]) if follows else 0.0,
             self._shows_jogs,
+            cell.get(self._widths).copy(),
+            digest=self._digest,
         )

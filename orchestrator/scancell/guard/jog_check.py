@@ -83,30 +83,29 @@ class JogCheck:
         self._max_speed = nominal.axis_max_speed
         self._tool = Tool(nominal)
 
-    def check(self, axes: Array, ahead: Array, spacing: float, in_force: float) -> JogVerdict:
+    def check(self, axes: Array, points: Array, spacing: float, in_force: float, exact: bool = True) -> JogVerdict:
         """Verdict on a jog.
 
         Parameters
         ----------
         axes
             Measured joints and table angle, (joints + 1,), rad.
-        ahead
-            Path of the jog at full speed, (n, joints + 1), rad, `spacing` (s) apart, from one `spacing` after the state
-            on.
+        points
+            Path of the jog at full speed from the state on, (n, joints + 1), rad, `spacing` apart.
         spacing
             s.
         in_force
             Largest share of the full speed that the robot may have until the answer arrives.
+        exact
+            Whether the first of the `points` is a set-point.
         """
-        if len(ahead) < 3:
+        if len(points) < 4:
             return JogVerdict(None, np.inf, 0.0, False)
-        # The rows are set-points: by them the path begins where the measured axes are but for their errors.
-        begin = 3 * ahead[0] - 3 * ahead[1] + ahead[2]
-        jog = self._jog(np.vstack([begin, ahead]), spacing)
-        error = np.abs(begin - axes) + self._free_path.angle_error
+        jog = self._jog(points, spacing, exact)
+        error = np.abs(points[0] - axes) + self._free_path.angle_error
         # The errors of the next state differ: the speed is reduced for larger ones.
         larger = np.maximum(error, _LARGER * self._free_path.angle_error)
-        budget, shown = Budget(_WORK), spacing * len(ahead)
+        budget, shown = Budget(_WORK), spacing * (len(points) - 1)
         permitted, clash, free_at = 0.0, None, {}
         for most in (1.0, _SLOW) if in_force > _SLOW else (_SLOW, 1.0):  # one of them is mostly enough
             free_at[most], found = self._search(jog, larger, most, self._room(jog, most), budget.share(2))
@@ -121,17 +120,17 @@ class JogCheck:
             # For the proof, unlike the permitted share, stops that begin after the reaction time do not matter.
             soon = replace(jog, braking=np.minimum(jog.braking, jog.longest))
             proved = self._search(soon, error, share, needed, budget)[0] >= needed
-        distance = np.inf if clash is None else self._free_path.distance(begin, (clash.body_a, clash.body_b))
+        distance = np.inf if clash is None else self._free_path.distance(points[0], (clash.body_a, clash.body_b))
         return JogVerdict(clash, distance, permitted, proved)
 
-    def _jog(self, points: Array, spacing: float) -> _Jog:
+    def _jog(self, points: Array, spacing: float, exact: bool) -> _Jog:
         rates = np.gradient(points, spacing, axis=0, edge_order=2)
         rates = np.clip(rates, -self._max_speed, self._max_speed)
         braking = (np.abs(rates) / self._deceleration).max(1)
         until = int(np.ceil(self._reaction / spacing)) + 1  # braking begins no later, at any share
         longest = float(braking[:until].max())
         ramp = max(longest, _RAMP * self._ramp(points[0], rates[0]))
-        return _Jog(points, rates, spacing, braking, longest, ramp, self._deceleration)
+        return _Jog(points, rates, spacing, braking, longest, ramp, self._deceleration, exact)
 
     def _search(
         self, jog: _Jog, error: Array, share: float, clock: float, budget: Budget
@@ -180,7 +179,7 @@ class _Jog:
     """A jog at full speed: set-points (n, joints + 1), rad, `spacing` (s) apart, and their rates, rad/s.
 
     `braking` (n,), s, is the time of a stop from each of them, `longest` that of the longest stop within the reaction
-    time, and `ramp` the time in which the controller slows the jog down.
+    time, and `ramp` the time in which the controller slows the jog down. `exact`: the first one is no measured one.
     """
 
     points: Array
@@ -190,6 +189,7 @@ class _Jog:
     longest: float
     ramp: float
     deceleration: Array
+    exact: bool
 
     def path(self, error: Array, share: float) -> ShownPath:
         """The path at a share of the full speed, with the stops that leave it along its tangents.
@@ -206,7 +206,7 @@ class _Jog:
         aside = reach[:, None] ** 2 / 2 * _largest(curved, -1, covered + 1)
         deviation = error + _largest(bend, 0, 1)[:-1] / 4 + _largest(aside, -covered, 1)[:-1]
         ends = self.points[:-1] + self.spacing * (1 + reach[:-1, None]) * self.rates[:-1]
-        return ShownPath(self.points, deviation, ends, np.zeros(len(error)), slides=True)
+        return ShownPath(self.points, deviation, ends, np.zeros(len(error)), self.exact)
 
 
 def _largest(rows: Array, first: int, last: int) -> Array:

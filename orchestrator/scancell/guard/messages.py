@@ -1,14 +1,15 @@
 """Messages between cell and guard, and their bytes (docs/guard_protocol.md).
 
 A packet is a header of fixed size, a body and a CRC-32 of both, all little-endian.  Values are checked where a message
-is made, so that the same rules hold for decoded messages and for those that are sent.
+is made, so that the same rules hold for decoded messages and for those that are sent.  States of version 1 of the
+format are read as well: their path ahead begins one spacing after the state, and they know joints and a table only.
 """
 
 from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from numbers import Integral, Real
@@ -23,22 +24,30 @@ from scancell.errors import MessageError
 Array = NDArray[np.float64]
 
 MAGIC = b"SCGD"
-VERSION = 1
-MAX_JOINTS = 8
+VERSION = 2
+MAX_AXES = {1: 9, 2: 16}  # by version; of version 1 eight joints and a table
 MAX_AHEAD = 64
+MAX_GRIPPERS = 4
+MAX_PARTS = 8
 MAX_TEXT = 120  # bytes
 
 _HEADER = struct.Struct("<4sBBHQQI")
 _STATE = struct.Struct("<ddddBBBBH")
+_AXES = struct.Struct("<IIBB")  # digest, prismatic axes, grippers, parts; version 2
+_PART = struct.Struct("<BB7d")
 _ANSWER = struct.Struct("<IddBBB")
 _CRC = struct.Struct("<I")
 _LENGTH_AT = 6
 MIN_PACKET = _HEADER.size + _ANSWER.size + _CRC.size
-MAX_PACKET = _HEADER.size + _STATE.size + 8 * (MAX_JOINTS + 1) * (1 + MAX_AHEAD) + _CRC.size
+_MAX_NUMBERS = MAX_AXES[VERSION] * (1 + MAX_AHEAD) + MAX_GRIPPERS
+MAX_PACKET = _HEADER.size + _STATE.size + _AXES.size + 8 * _MAX_NUMBERS + MAX_PARTS * _PART.size + _CRC.size
 
 _MOVING, _LIMITS_JOGS = 1, 2  # flags of a state
 _MAX_TIME = 1e9  # s
-_MAX_ANGLE = 1e4  # rad
+_MAX_POSITION = 1e4  # of an axis, rad or m
+_MAX_WIDTH = 10.0  # m
+_MAX_PLACE = 1e3  # m
+_UNIT = 1e-3  # deviation of the norm of a quaternion from 1
 _SPACING = 1e-3, 10.0  # s, least and greatest
 
 
@@ -47,6 +56,49 @@ class Kind(IntEnum):
 
     STATE = 1
     ANSWER = 2
+
+
+def axes_digest(names: Sequence[str], prismatic: int = 0) -> int:
+    """CRC-32 of the names of the axes and their kinds, by which cell and guard notice that they mean other axes.
+
+    Parameters
+    ----------
+    names
+        Names of the axes in the order of their values, for example ``q[1]`` … ``q[6]``, ``table``.
+    prismatic
+        Bit i is set if axis i is prismatic.
+    """
+    kinds = ("prismatic" if prismatic >> i & 1 else "revolute" for i in range(len(names)))
+    return zlib.crc32("".join(f"{name} {kind}\n" for name, kind in zip(names, kinds, strict=True)).encode())
+
+
+@dataclass(frozen=True)
+class PlacedPart:
+    """Pose of a part that the gripper or a belt can move.
+
+    Attributes
+    ----------
+    number
+        Number of the part, from 1, the one that is scanned.
+    carrier
+        What it moves with: 0 the world, else the number of an axis from 1: the last joint for the flange, the table's
+        axis for the platter.
+    pose
+        Position (x, y, z), m, and quaternion (w, x, y, z) in the frame behind that axis.
+    """
+
+    number: int
+    carrier: int
+    pose: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        _check_number(self, "number", 1, 255, Integral)
+        _check_number(self, "carrier", 0, MAX_AXES[VERSION], Integral)
+        pose = _numbers("pose", self.pose)
+        _require(pose.shape == (7,) and _within(pose, _MAX_PLACE), "pose", self.pose, "position, m, and quaternion")
+        norm = float(np.linalg.norm(pose[3:]))
+        _require(abs(norm - 1) <= _UNIT, "pose", self.pose, "a unit quaternion")
+        object.__setattr__(self, "pose", tuple(pose.tolist()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,12 +116,12 @@ class CellState:
     moving
         Whether an axis moves.
     axes
-        Measured joints and table, (joints + 1,), rad.
+        Measured positions of the axes, in a cell of scancell joints and table, (n,), rad.
     rate
         Rate of the path clock, 0 to 1; 1 is the speed of the path ahead.
     ahead
-        Axes on the path ahead, (m, joints + 1), rad, one row per `spacing` of path clock, or of time in a jog; m = 0 if
-        nothing is shown.
+        Axes on the path ahead, (m, n), rad, one row per `spacing` of path clock, or of time in a jog; the first row is
+        the present set-point, in version 1 the one after it. m = 0 if nothing is shown.
     spacing
         s of path clock, 0.001 to 10; 0 if there is no path ahead.
     path_time
@@ -78,6 +130,16 @@ class CellState:
     limits_jogs
         Whether the controller shows jogs at full speed, reports their present share of it as `rate`, and limits it to
         the monitor speed of the last answer.
+    widths
+        Measured distances between the pads of the grippers, (k,), m.
+    parts
+        Poses of the parts that the gripper or a belt has moved.
+    prismatic
+        Bit i is set if axis i is prismatic: its position is in m.
+    digest
+        Of names and kinds of the axes (`axes_digest`); 0: not stated.
+    version
+        Of the format, 1 or 2.
 
     Raises
     ------
@@ -105,16 +167,35 @@ class CellState:
     spacing: float = 0.0
     path_time: float = 0.0
     limits_jogs: bool = False
+    widths: ArrayLike = ()
+    parts: tuple[PlacedPart, ...] = ()
+    prismatic: int = 0
+    digest: int = 0
+    version: int = VERSION
 
     def __post_init__(self) -> None:
+        _require(self.version in MAX_AXES, "version", self.version, "1 or 2")
+        most = MAX_AXES[self.version]
         axes = _numbers("axes", self.axes)
-        _require(axes.ndim == 1 and 2 <= len(axes) <= MAX_JOINTS + 1, "axes", axes.shape, "2 to 9 angles")
+        _require(axes.ndim == 1 and 2 <= len(axes) <= most, "axes", axes.shape, f"2 to {most} positions")
         ahead = _numbers("ahead", self.ahead)
         ahead = ahead.reshape(0, len(axes)) if ahead.size == 0 else ahead
         fits = ahead.ndim == 2 and ahead.shape[1] == len(axes) and len(ahead) <= MAX_AHEAD
-        _require(fits, "ahead", ahead.shape, f"at most {MAX_AHEAD} rows of {len(axes)} angles")
-        _require(_within(axes, _MAX_ANGLE), "axes", axes, f"angles within {_MAX_ANGLE:g} rad")
-        _require(_within(ahead, _MAX_ANGLE), "ahead", ahead, f"angles within {_MAX_ANGLE:g} rad")
+        _require(fits, "ahead", ahead.shape, f"at most {MAX_AHEAD} rows of {len(axes)} positions")
+        for name, array in (("axes", axes), ("ahead", ahead)):
+            _require(_within(array, _MAX_POSITION), name, array, f"positions within {_MAX_POSITION:g} rad or m")
+        widths = _numbers("widths", self.widths).reshape(-1)
+        fits = len(widths) <= MAX_GRIPPERS and _within(widths, _MAX_WIDTH)
+        _require(fits, "widths", widths, f"at most {MAX_GRIPPERS} widths within {_MAX_WIDTH:g} m")
+        _check_number(self, "prismatic", 0, 2 ** len(axes) - 1, Integral)
+        _check_number(self, "digest", 0, 2**32 - 1, Integral)
+        numbers = [part.number for part in self.parts]
+        fits = len(numbers) <= MAX_PARTS and len(set(numbers)) == len(numbers)
+        _require(fits, "parts", numbers, f"at most {MAX_PARTS} parts, each once")
+        for part in self.parts:
+            _require(part.carrier <= len(axes), "carrier", part.carrier, f"0 to {len(axes)}")
+        is_new = len(widths) > 0 or bool(self.parts or self.prismatic or self.digest)
+        _require(self.version > 1 or not is_new, "version", 1, "2 for grippers, parts, kinds and names of axes")
         _require(isinstance(self.operation, Operation), "operation", self.operation, "an Operation")
         _require(isinstance(self.mode, Mode), "mode", self.mode, "a Mode")
         _check_number(self, "sequence", 0, 2**32 - 1, Integral)
@@ -123,18 +204,22 @@ class CellState:
         _check_number(self, "spacing", *(_SPACING if len(ahead) else (0.0, 0.0)))
         earliest, latest = (-_MAX_TIME, self.time) if len(ahead) else (0.0, 0.0)
         _check_number(self, "path_time", earliest, latest)
-        for name, array in (("axes", axes), ("ahead", ahead)):
+        for name, array in (("axes", axes), ("ahead", ahead), ("widths", widths)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
 
     def encode(self, session: int, guard: int) -> bytes:
         """The packet of the session number `session`; `guard` is 0 until the guard's number is known."""
-        axes, ahead = np.asarray(self.axes), np.asarray(self.ahead)
+        axes, ahead, widths = np.asarray(self.axes), np.asarray(self.ahead), np.asarray(self.widths)
         flags = bool(self.moving) * _MOVING | bool(self.limits_jogs) * _LIMITS_JOGS
-        counts = (self.operation, self.mode, flags, len(axes) - 1, len(ahead))
+        number = len(axes) - (self.version == 1)  # of the joints in version 1
+        counts = (self.operation, self.mode, flags, number, len(ahead))
         body = _STATE.pack(self.time, self.rate, self.spacing, self.path_time, *counts)
-        angles = np.concatenate([axes, ahead.ravel()]).astype("<f8").tobytes()
-        return _sealed(Kind.STATE, session, guard, self.sequence, body + angles)
+        if self.version > 1:
+            body += _AXES.pack(self.digest, self.prismatic, len(widths), len(self.parts))
+        body += np.concatenate([axes, ahead.ravel(), widths]).astype("<f8").tobytes()
+        body += b"".join(_PART.pack(part.number, part.carrier, *part.pose) for part in self.parts)
+        return _sealed(self.version, Kind.STATE, session, guard, self.sequence, body)
 
 
 @dataclass(frozen=True)
@@ -187,12 +272,12 @@ class GuardMessage:
         fits = is_text and len(self.text.encode(errors="replace")) <= MAX_TEXT
         _require(fits, "text", self.text, f"at most {MAX_TEXT} bytes of printable UTF-8")
 
-    def encode(self, session: int, guard: int) -> bytes:
-        """The packet of the session number `session` of the guard number `guard`."""
+    def encode(self, session: int, guard: int, version: int = VERSION) -> bytes:
+        """The packet of the session number `session` of the guard number `guard`, in the `version` of the state."""
         text = self.text.encode()
         values = (self.state_sequence, self.state_time, self.monitor_speed)
         body = _ANSWER.pack(*values, bool(self.emergency_stop), bool(self.beep), len(text))
-        return _sealed(Kind.ANSWER, session, guard, self.sequence, body + text)
+        return _sealed(version, Kind.ANSWER, session, guard, self.sequence, body + text)
 
 
 Message = CellState | GuardMessage
@@ -202,6 +287,7 @@ Message = CellState | GuardMessage
 class Packet:
     """A message with the numbers of the session that it belongs to; `guard` 0: the cell opens the session."""
 
+    version: int
     session: int
     guard: int
     message: Message
@@ -219,10 +305,12 @@ def decode(packet: bytes) -> Packet:
     expected = packet_length(packet)
     _require(len(packet) == expected, "packet", f"{len(packet)} bytes", f"the {expected} that its header states")
     _require(_CRC.unpack(packet[-4:])[0] == zlib.crc32(packet[:-4]), "CRC-32", packet[-4:].hex(), "that of the packet")
-    _, _, kind, _, session, guard, sequence = _HEADER.unpack_from(packet)
-    _require(kind in _DECODERS, "kind", kind, "1 (state) or 2 (answer)")
+    _, version, kind, _, session, guard, sequence = _HEADER.unpack_from(packet)
+    _require(kind in tuple(Kind), "kind", kind, "1 (state) or 2 (answer)")
     _require(session > 0, "session", session, "a number above 0")
-    return Packet(session, guard, _DECODERS[kind](sequence, packet[_HEADER.size : -_CRC.size]))
+    body = packet[_HEADER.size : -_CRC.size]
+    message = _decoded_state(version, sequence, body) if kind == Kind.STATE else _decoded_answer(sequence, body)
+    return Packet(version, session, guard, message)
 
 
 def packet_length(start: bytes) -> int:
@@ -231,34 +319,55 @@ def packet_length(start: bytes) -> int:
     Raises
     ------
     MessageError
-        If no packet of this version of the format begins so.
+        If no packet of a known version of the format begins so.
     """
     _require(start[:4] == MAGIC, "magic", start[:4].hex(), MAGIC.hex())
-    _require(start[4] == VERSION, "version", start[4], str(VERSION))
+    _require(start[4] in MAX_AXES, "version", start[4], "1 or 2")
     length = int.from_bytes(start[_LENGTH_AT : _LENGTH_AT + 2], "little")
     _require(MIN_PACKET <= length <= MAX_PACKET, "length", length, f"{MIN_PACKET} to {MAX_PACKET}")
     return length
 
 
-def _sealed(kind: Kind, session: int, guard: int, sequence: int, body: bytes) -> bytes:
+def _sealed(version: int, kind: Kind, session: int, guard: int, sequence: int, body: bytes) -> bytes:
     length = _HEADER.size + len(body) + _CRC.size
-    packet = _HEADER.pack(MAGIC, VERSION, kind, length, session, guard, sequence) + body
+    packet = _HEADER.pack(MAGIC, version, kind, length, session, guard, sequence) + body
     return packet + _CRC.pack(zlib.crc32(packet))
 
 
-def _decoded_state(sequence: int, body: bytes) -> CellState:
-    _require(len(body) >= _STATE.size, "state", f"{len(body)} bytes", f"at least {_STATE.size}")
-    time, rate, spacing, path_time, operation, mode, flags, joints, rows = _STATE.unpack_from(body)
-    _require(1 <= joints <= MAX_JOINTS, "joints", joints, f"1 to {MAX_JOINTS}")
-    size = _STATE.size + 8 * (joints + 1) * (1 + rows)
-    _require(len(body) == size, "state", f"{len(body)} bytes", f"{size} for {joints} joints and {rows} rows ahead")
+def _decoded_state(version: int, sequence: int, body: bytes) -> CellState:
+    fixed = _STATE.size + (_AXES.size if version > 1 else 0)
+    _require(len(body) >= fixed, "state", f"{len(body)} bytes", f"at least {fixed}")
+    time, rate, spacing, path_time, operation, mode, flags, number, rows = _STATE.unpack_from(body)
+    digest, prismatic, grippers, parts = _AXES.unpack_from(body, _STATE.size) if version > 1 else (0, 0, 0, 0)
+    axes, least = number + (version == 1), 1 if version == 1 else 2
+    _require(least <= number and axes <= MAX_AXES[version], "axes", number, f"{least} to {MAX_AXES[version]}")
+    numbers = axes * (1 + rows) + grippers
+    size = fixed + 8 * numbers + _PART.size * parts
+    _require(len(body) == size, "state", f"{len(body)} bytes", f"{size} for {axes} axes and {rows} rows ahead")
     _require(operation in tuple(Operation), "operation", operation, "0 (manual) or 1 (automatic)")
     _require(mode in tuple(Mode), "mode", mode, f"0 to {max(Mode)}")
     _require(flags <= _MOVING | _LIMITS_JOGS, "flags", flags, "0 to 3")
-    angles = np.frombuffer(body, "<f8", offset=_STATE.size).reshape(1 + rows, joints + 1)
-    known = (Operation(operation), Mode(mode), bool(flags & _MOVING))
-    limits_jogs = bool(flags & _LIMITS_JOGS)
-    return CellState(sequence, time, *known, angles[0], rate, angles[1:], spacing, path_time, limits_jogs)
+    values = np.frombuffer(body, "<f8", numbers, fixed)
+    path = values[: len(values) - grippers].reshape(1 + rows, axes)
+    placed = (_PART.unpack_from(body, fixed + 8 * numbers + _PART.size * i) for i in range(parts))
+    return CellState(
+        sequence,
+        time,
+        Operation(operation),
+        Mode(mode),
+        bool(flags & _MOVING),
+        path[0],
+        rate,
+        path[1:],
+        spacing,
+        path_time,
+        bool(flags & _LIMITS_JOGS),
+        values[len(values) - grippers :],
+        tuple(PlacedPart(of, carrier, tuple(pose)) for of, carrier, *pose in placed),
+        prismatic,
+        digest,
+        version,
+    )
 
 
 def _decoded_answer(sequence: int, body: bytes) -> GuardMessage:
@@ -273,15 +382,12 @@ def _decoded_answer(sequence: int, body: bytes) -> GuardMessage:
     return GuardMessage(sequence, state_sequence, state_time, speed, stop, words, beep)
 
 
-_DECODERS: dict[int, Callable[[int, bytes], Message]] = {Kind.STATE: _decoded_state, Kind.ANSWER: _decoded_answer}
-
-
 def _flag(name: str, value: int) -> bool:
     _require(value in (0, 1), name, value, "0 or 1")
     return value == 1
 
 
-def _check_number(message: Message, name: str, low: float, high: float, kind: Any = Real) -> None:
+def _check_number(message: object, name: str, low: float, high: float, kind: Any = Real) -> None:
     value: Any = getattr(message, name)
     _require(isinstance(value, kind) and low <= value <= high, name, value, f"{low:.10g} to {high:.10g}")
 
@@ -290,7 +396,7 @@ def _numbers(name: str, values: ArrayLike) -> Array:
     try:
         return np.array(values, np.float64)
     except (TypeError, ValueError, OverflowError):
-        raise MessageError(key=name, value=values, expected="angles") from None
+        raise MessageError(key=name, value=values, expected="numbers") from None
 
 
 def _within(values: Array, bound: float) -> bool:

@@ -1,8 +1,9 @@
 """Pairs of bodies within their clearance: a motion must not bring them nearer than they were when they came there.
 
 They have no distance for a stop, so requiring one would prevent every motion that separates them.  A motion that never
-brings such a pair nearer is permitted.  An approach within the errors of the measured angles is permitted as well, but
-only once: the minimum distance is stored until the pair has its clearance again, over any number of motions.
+brings such a pair nearer is permitted.  Where the start of a motion is known by measured angles only, an approach
+within their errors is permitted as well, but only once: the minimum distance is stored until the pair has its clearance
+again, over any number of motions and sessions.
 """
 
 from __future__ import annotations
@@ -37,35 +38,52 @@ class NearPairs:
         Distance that counts as contact, one for all pairs or (pairs,), m.
     angle_error
         Of the measured angles, one or (joints + 1,), rad.
+
+    Attributes
+    ----------
+    clearance, angle_error
+        As given, (pairs,), m, and (joints + 1,), rad.
     """
 
     def __init__(
         self, nominal: NominalCell, pairs: Sequence[tuple[str, str]], clearance: ArrayLike, angle_error: ArrayLike
     ) -> None:
         self._bounds = MotionBounds(nominal, pairs)
-        self._clearance = np.broadcast_to(np.asarray(clearance, float), (len(pairs),))
-        self._error = np.broadcast_to(np.asarray(angle_error, float), (len(nominal.arm.joints) + 1,))
-        self.reset()
+        self.clearance = np.broadcast_to(np.asarray(clearance, float), (len(pairs),))
+        self.angle_error = np.broadcast_to(np.asarray(angle_error, float), (len(nominal.arm.joints) + 1,))
+        self._begins = True
+        self.release()
 
-    def reset(self) -> None:
-        """Forget all pairs."""
-        self._kept = np.full(len(self._clearance), np.inf)
+    def release(self) -> None:
+        """Forget all pairs: each has its clearance again."""
+        self._kept = np.full(len(self.clearance), np.inf)
 
-    def update(self, axes: Array, distance: Array) -> tuple[Flags, Array]:
+    def begin_session(self) -> None:
+        """Accept in the next update that something else than a permitted motion has brought pairs nearer."""
+        self._begins = True
+
+    def update(self, axes: Array, distance: Array, exact: bool) -> tuple[Flags, Array]:
         """Which pairs (pairs,) are within their clearance, and the distances (pairs,), m, that those have to keep.
+
+        Where a session begins, a pair that is nearer than its stored distance by more than errors of the angles explain
+        keeps its present distance: only something else than a permitted motion has brought it there.
 
         Parameters
         ----------
         axes
-            Measured joints and table angle, (joints + 1,), rad.
+            Joints and table angle where the motion begins, (joints + 1,), rad.
         distance
             Of the pairs at `axes`, (pairs,), m; NaN or infinite for pairs that have their room.
+        exact
+            Whether `axes` are set-points, not measured.
         """
-        of_axes = self._bounds.pairs(axes[None], np.diag(self._error)[:, None])[:, 0]
-        near = distance <= self._clearance + of_axes.sum(0)
-        feigned = np.sqrt((of_axes**2).sum(0))  # the errors of the axes are independent
-        known = np.isfinite(self._kept)
-        self._kept = np.where(near, np.where(known, self._kept, distance - feigned - _ROUNDING), np.inf)
+        of_axes = self._bounds.pairs(axes[None], np.diag(self.angle_error)[:, None])[:, 0]
+        near = distance <= self.clearance + of_axes.sum(0)
+        # The errors of the axes are independent.
+        feigned = np.zeros(len(near)) if exact else np.sqrt((of_axes**2).sum(0))
+        stays = np.isfinite(self._kept) & ((distance >= self._kept - feigned - _ROUNDING) | (not self._begins))
+        self._begins = False
+        self._kept = np.where(near, np.where(stays, self._kept, distance - feigned - _ROUNDING), np.inf)
         return near, np.where(near, self._kept, -np.inf)
 
 

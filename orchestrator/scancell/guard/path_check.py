@@ -67,29 +67,46 @@ class PathCheck:
     def __init__(self, free_path: FreePath, reaction: float, deceleration: Array) -> None:
         self._free_path, self._reaction, self._deceleration = free_path, reaction, deceleration
 
-    def check(self, points: Array, spacing: float, rate: float, allowed: float) -> PathVerdict:
-        """Verdict on the path through `points` (n, joints + 1), rad, `spacing` (s of path clock) apart.
+    def check(
+        self, axes: Array, points: Array, spacing: float, rate: float, allowed: float, exact: bool = True
+    ) -> PathVerdict:
+        """Verdict on a path.
 
-        The first point is the measured state, in which the path clock has the `rate`; `allowed` is the largest monitor
-        speed that may be in force until the answer arrives. A path on which the clock stands still may be at its start.
+        Parameters
+        ----------
+        axes
+            Measured joints and table angle, (joints + 1,), rad.
+        points
+            Path from the measured state on, (n, joints + 1), rad, `spacing` apart.
+        spacing
+            s of path clock.
+        rate
+            Of the path clock in the state. A path on which the clock stands still may be at its start.
+        allowed
+            Largest monitor speed that may be in force until the answer arrives.
+        exact
+            Whether the first of the `points` is a set-point; else it is the measured one.
         """
         braking = self._braking(points, spacing)
         needed = self._advance(rate or allowed, max(allowed, rate), braking)
-        free, clash = self._free(points, spacing, needed)
+        error = np.abs(points[0] - axes) + self._free_path.angle_error
+        free, clash = self._free(points, error, spacing, needed, exact)
         if clash is None and (points[-1] == points[-2]).all():
             free = np.inf  # the motion ends within what is known
         room = _REST + 2 * self._reaction * _TARGETS + _TARGETS**2 * (1 / (2 * _EASY) + braking / 2)
         speed = float(_TARGETS[room <= free].max(initial=0.0))
         return PathVerdict(free, clash, speed, needed <= free)
 
-    def _free(self, points: Array, spacing: float, needed: float) -> tuple[float, MotionClash | None]:
+    def _free(
+        self, points: Array, error: Array, spacing: float, needed: float, exact: bool
+    ) -> tuple[float, MotionClash | None]:
         """Path clock that is proved free, s, and the clash beyond it; the part `needed` for a stop is proved first."""
-        bend = np.abs(np.diff(points, n=2, axis=0)).max(0, initial=0.0) / 4 + self._free_path.angle_error
+        bend = np.abs(np.diff(points, n=2, axis=0)).max(0, initial=0.0) / 4 + error
         moving = np.flatnonzero((np.diff(points, axis=0) != 0).any(1))
         last = int(moving[-1]) + 1 if len(moving) else 0
         of_stop = min(int(np.ceil(needed / spacing)), last)
         deviation = np.broadcast_to(bend, points[1:].shape)
-        path = ShownPath(points, deviation, points[1:], _bend_aside(points))
+        path = ShownPath(points, deviation, points[1:], _bend_aside(points), exact)
         sections = [Section(0, of_stop, _FINER), Section(of_stop, last, _FINER)]
         free, clash = self._free_path.search(path, sections, Budget(_WORK))
         return spacing * (free if clash else len(points) - 1), clash

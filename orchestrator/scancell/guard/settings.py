@@ -32,7 +32,7 @@ class GuardSettings:
     latency
         Largest age of measured angles when the controller stamps them, s.
     position_error
-        Largest deviation of bodies from their nominal position, m.
+        Largest deviation of a body from its nominal position, m: two bodies may be nearer by twice as much.
     mesh_error
         Largest error of the simplified meshes that the guard compares, m: it adds to the distance to be kept.
     deceleration
@@ -61,7 +61,7 @@ class GuardSettings:
     angle_error: _NotNegative | tuple[_NotNegative, ...] = float(np.radians(0.025))
     latency: _NotNegative = 0.0
     position_error: _NotNegative = 1e-3
-    mesh_error: _NotNegative = 1e-3
+    mesh_error: _NotNegative = 0.2e-3
     deceleration: _Positive = 0.95
     horizon: _Positive = 1.0
     threads: Threads = 1

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scancell.config.gripper import GripperDescription
 from scancell.config.units import si_value, to_si
 from scancell.geometry import pose
-from scancell.geometry.mesh import Mesh, box_mesh, load_mesh
+from scancell.geometry.mesh import Mesh, box_mesh, joined, load_mesh
 
 Array = NDArray[np.float64]
 
@@ -36,6 +36,13 @@ def finger_mesh(gripper: GripperDescription) -> Mesh:
     si = to_si(gripper.model_dump(include={"finger_thickness_mm", "finger_width_mm", "finger_length_mm"}))
     size = (si["finger_thickness"], si["finger_width"], si["finger_length"])
     return box_mesh(size, "finger").transformed(pose.translation((size[0] / 2, 0.0, size[2] / 2)))
+
+
+def finger_travel_mesh(gripper: GripperDescription, finger: Mesh) -> Mesh:
+    """Convex hull of a `finger` at all widths, in its frame at the start width, metres."""
+    start, stroke = start_width(gripper), si_value(gripper, "stroke_mm")
+    ends = [finger.transformed(pose.translation(((width - start) / 2, 0.0, 0.0))) for width in (0.0, stroke)]
+    return joined(ends, finger.source).hull
 
 
 def housing_mesh(gripper: GripperDescription) -> Mesh | None:

@@ -16,6 +16,7 @@ from scancell.geometry.mesh import Mesh
 from scancell.guard.guard import Guard
 from scancell.guard.settings import GuardSettings
 from scancell.nominal.cell import NominalCell, nominal_cell, without_bodies
+from scancell.nominal.gripper import finger_travel_mesh
 from scancell.nominal.parts import load_part
 from scancell.planning.occupancy import with_occupied_space
 
@@ -58,7 +59,8 @@ def guard_of(
 ) -> Guard:
     """Make a guard of a cell's bodies, the part on its table, and the occupied space of a scan description.
 
-    It does not consider free parts that a belt or a gripper can move, and allows fingers to touch parts.
+    It considers fingers at all widths, but not free parts that a belt or a gripper can move, and allows fingers to
+    touch parts.
 
     Parameters
     ----------
@@ -91,11 +93,25 @@ def guard_of(
     setup = load_setup(cell, None, scan)
     mesh = load_part(part, unit) if isinstance(part, str | Path) else part
     nominal = without_bodies(nominal_cell(setup.cell, mesh), _moving_parts(setup.cell))
-    nominal = with_occupied_space(nominal, setup.scan.occupied)
+    nominal = with_occupied_space(with_finger_travel(nominal, setup.cell), setup.scan.occupied)
     settings = settings or settings_of(setup.cell)
     if max_age is not None:
         settings = replace(settings, max_age=max_age)
     return Guard(nominal, setup.cell.robot, settings, _grips(nominal))
+
+
+def with_finger_travel(nominal: NominalCell, cell: CellDescription) -> NominalCell:
+    """The nominal cell with the space of the fingers at all widths, because they move independently of the axes."""
+    gripper = cell.gripper
+    if gripper is None:
+        return nominal
+    bodies = tuple(
+        replace(body, mesh=finger_travel_mesh(gripper, body.mesh), patches=())
+        if body.moves_with.startswith("finger[")
+        else body
+        for body in nominal.bodies
+    )
+    return replace(nominal, bodies=bodies)
 
 
 def _moving_parts(cell: CellDescription) -> list[str]:

@@ -16,6 +16,7 @@ from scancell.guard.identify import Identifier, _Window
 from scancell.guard.link import Link
 from scancell.guard.messages import CellState, GuardMessage, decode
 from scancell.guard.motion import Hypothesis, Kind, Path
+from scancell.guard.near import NearPairs
 from scancell.nominal.cell import NominalCell
 from scancell.studies.guard.simulation import Protection
 from scancell.studies.guard.strata import Stratum
@@ -101,8 +102,9 @@ class _NoClearance(Guard):
     def __init__(self, nominal: NominalCell, *others: Any) -> None:
         super().__init__(nominal, *others)
         known, scene, worst = self.settings, self._manual._scene, self._manual._worst
-        self._manual = ManualCheck(nominal, scene, 0.0, worst, known.horizon)
-        self._free_path = FreePath(nominal, scene, 0.0, known.angle_error)
+        near = NearPairs(nominal, scene.pairs, 0.0, known.angle_error)
+        self._manual = ManualCheck(nominal, scene, near, worst, known.horizon)
+        self._free_path = FreePath(nominal, scene, near)
         self._jogs._free_path = self._automatic._free_path = self._free_path
 
 

@@ -20,7 +20,7 @@ from scancell.guard.guard import Guard
 from scancell.guard.settings import GuardSettings
 from scancell.nominal.cell import Body, NominalCell, nominal_cell
 from scancell.proximity.scene import ProximityScene, arm_chain, cell_scene
-from scancell.scanning.guard import settings_of
+from scancell.scanning.guard import settings_of, with_finger_travel
 
 Array = NDArray[np.float64]
 
@@ -88,13 +88,14 @@ class KnownWorld:
     def is_clear(self, axes: Array) -> bool:
         """Whether all pairs keep the guard's clearances and a margin at axes (joints + 1,), rad."""
         scene, errors = self._scene, {name: found.error for name, found in self.meshes.items()}
-        least = self.settings.position_error + np.array([errors[a] + errors[b] for a, b in scene.pairs]) + _MARGIN
+        least = 2 * self.settings.position_error + np.array([errors[a] + errors[b] for a, b in scene.pairs]) + _MARGIN
         poses = self.nominal.body_poses(axes[None, :-1], axes[None, -1])
         return bool((scene.distances(poses, least, 1)[0] >= least).all())
 
     def guard(self, kind: type[Guard] = Guard, settings: GuardSettings | None = None) -> Guard:
         """A guard of this cell."""
-        return kind(self.nominal, self.described.robot, settings or self.settings, self.ignored)
+        nominal = with_finger_travel(self.nominal, self.described)
+        return kind(nominal, self.described.robot, settings or self.settings, self.ignored)
 
 
 def known_world(described: CellDescription, part: Mesh) -> KnownWorld:
