@@ -102,7 +102,8 @@ def dense_poses(axes: Array, step: float) -> Array:
 def judge_of(cell: PlanningCell) -> Judge:
     """The collision queries of python-fcl for the bodies of a cell."""
     meshes = {body.name: body.mesh for body in cell.nominal.bodies}
-    return Judge(meshes, cell.proximity.pairs, cell.proximity.names)
+    home = cell.nominal.body_poses(cell.nominal.home, cell.table_start)
+    return Judge(meshes, tuple(meshes), home)
 
 
 def first_contact(cell: PlanningCell, judge: Judge, axes: Array) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 
 import fcl
 import numpy as np
@@ -44,6 +45,15 @@ def collision_object(mesh: Mesh) -> fcl.CollisionObject:
 
 
 def path_collisions(cell: PlanningCell, path: Array) -> set[tuple[int, str, str]]:
-    """As `colliding`, of the pairs that planning checks, along joints and table angles (n, axes)."""
+    """As `colliding` along joints and table angles (n, axes), of all bodies that move relative to each other.
+
+    Bodies that touch each other where it begins, such as neighbouring links, are left out.
+    """
     meshes = {body.name: body.mesh for body in cell.nominal.bodies}
-    return colliding(meshes, cell.proximity.pairs, cell.nominal.body_poses(path[:, :-1], path[:, -1]))
+    poses = cell.nominal.body_poses(path[:, :-1], path[:, -1])
+    relative = {
+        (a, b): pose.inverse(poses[:, i]) @ poses[:, k] for (i, a), (k, b) in combinations(enumerate(meshes), 2)
+    }
+    moving = [pair for pair, at in relative.items() if np.ptp(at, axis=0).max() > 1e-9]
+    touching = {(a, b) for _, a, b in colliding(meshes, moving, poses[:1])}
+    return colliding(meshes, [pair for pair in moving if pair not in touching], poses)

@@ -15,11 +15,13 @@ from scancell.geometry.mesh import box_mesh
 from scancell.planning.motion import verification
 from scancell.planning.options import scan_options
 from scancell.planning.planner import plan
-from scancell.proximity.judge import first_collision
+from scancell.proximity.judge import Judge
 
 MESHES = {"a": box_mesh((0.1, 0.1, 0.1), "a"), "b": box_mesh((0.2, 0.02, 0.02), "b"), "c": box_mesh((1, 1, 1), "c")}
 NAMES = ("a", "b", "c")
-PAIRS = [("a", "b")]
+# b begins 1 m away from a, inside c.
+START = np.stack([np.eye(4), pose.translation((0.0, 0.3, 0.3)), np.eye(4)])
+JUDGE = Judge(MESHES, NAMES, START)
 
 
 def poses(b: np.ndarray) -> np.ndarray:
@@ -30,7 +32,7 @@ def poses(b: np.ndarray) -> np.ndarray:
 
 def test_the_first_colliding_pose_is_found() -> None:
     way = np.array([pose.translation((0.0, y, 0.0)) for y in np.linspace(0.2, 0.0, 38)])
-    clash = first_collision(MESHES, PAIRS, NAMES, poses(way))
+    clash = JUDGE.first_collision(poses(way))
     assert clash is not None
     assert (clash.body_a, clash.body_b) == ("a", "b")
     # Half of the edges add up to 0.06.
@@ -40,14 +42,14 @@ def test_the_first_colliding_pose_is_found() -> None:
 def test_turned_bodies_that_pass_closely_do_not_collide() -> None:
     turned = pose.from_rotation(pose.rotation_about(2, np.radians(np.arange(0, 360, 5))))
     beside = turned @ pose.translation((0.0, 0.082, 0.0))  # the corners of a are 0.0707 from the axis
-    assert first_collision(MESHES, PAIRS, NAMES, poses(beside)) is None
+    assert JUDGE.first_collision(poses(beside)) is None
     nearer = turned @ pose.translation((0.0, 0.078, 0.0))
-    assert first_collision(MESHES, PAIRS, NAMES, poses(nearer)) is not None
+    assert JUDGE.first_collision(poses(nearer)) is not None
 
 
 def test_bodies_that_move_together_are_checked_once() -> None:
     way = np.array([pose.translation((0.01 * k, 0.0, 0.0)) for k in range(5)])
-    clash = first_collision(MESHES, PAIRS, NAMES, np.stack([way, way @ pose.translation((0.0, 0.05, 0.0)), way], 1))
+    clash = JUDGE.first_collision(np.stack([way, way @ pose.translation((0.0, 0.05, 0.0)), way], 1))
     assert clash is not None
     assert clash.index == 0
 

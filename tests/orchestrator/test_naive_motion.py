@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from bench.naive_motion import CLEARANCE, Motion, example
+from benchmarks.planning_cases import judge_of
 from scancell.planning.model import MOTION_SHARE, PlanningCell
-from scancell.proximity.judge import first_collision
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def test_only_the_straight_motion_collides(motions) -> None:
     found = []
     for motion in (naive, planned):
         poses = cell.nominal.body_poses(motion.points[:, :-1], motion.points[:, -1])
-        found.append(first_collision(cell.judged_meshes, cell.proximity.pairs, cell.proximity.names, poses))
+        found.append(judge_of(cell).first_collision(poses))
     assert naive.distance.min() == 0.0
     assert found[0] is not None
     assert {found[0].body_a, found[0].body_b} & {"part", "table"}

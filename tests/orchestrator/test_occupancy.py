@@ -122,12 +122,12 @@ def test_motion_avoids_a_measured_post(tmp_path) -> None:
 
 
 def test_measured_space_around_the_arm_is_not_ignored(tmp_path) -> None:
-    """Pairs that always intersect are left out by construction; measured space never is, but for the arm's base."""
+    """Pairs that always intersect are left out by construction; measured space never is, but for the platter."""
     write_voxels(tmp_path / "v.npz", {"world": VoxelGrid(np.full(3, -0.15), 0.05, np.ones((6, 6, 20), bool))})
     setup = load_setup(settings=[occupied(tmp_path / "v.npz")])
     cell = PlanningCell(with_occupied_space(nominal_cell(setup.cell, BLOCK), setup.scan.occupied), RANGE, CYCLE)
     with_space = {pair[0] for pair in cell.proximity.pairs if pair[1] == "occupied[1]"}
-    assert with_space == {*(f"link{i}" for i in range(1, 7)), "sensor"}
+    assert with_space == {*(f"link{i}" for i in range(1, 7)), "sensor", "table", "part"}
 
 
 def bad_voxels(tmp_path, **changes):

@@ -13,7 +13,7 @@ from scancell.config.loading import assets_dir, load_setup
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import nominal_cell
-from scancell.proximity.scene import ProximityScene, cell_pairs, cell_scene, intersecting_pairs
+from scancell.proximity.scene import ProximityScene, cell_scene, intersecting_pairs
 
 BOX = mesh_of(trimesh.creation.box((0.2, 0.2, 0.2)))
 PLATE = mesh_of(trimesh.creation.box((0.6, 0.6, 0.02)).subdivide().subdivide())
@@ -49,15 +49,6 @@ def test_unlisted_pairs_are_not_checked():
     assert scene.distances(poses, 0.1).shape == (2, 0)
     both = ProximityScene({"a": BOX, "b": BOX}, [("a", "b")])
     assert both.without({frozenset(("b", "a"))}).pairs == ()
-
-
-def test_cell_pairs_exclude_neighbours_and_resting_bodies():
-    pairs = {frozenset(p) for p in cell_pairs(["base", "link1", "link2", "sensor"], ["table", "part"])}
-    assert frozenset(("base", "link1")) not in pairs
-    assert frozenset(("table", "part")) not in pairs
-    assert {
-        frozenset(p) for p in (("base", "link2"), ("base", "sensor"), ("sensor", "part"), ("base", "part"))
-    } <= pairs
 
 
 def test_intersecting_pairs():

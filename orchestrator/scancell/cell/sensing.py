@@ -76,7 +76,7 @@ def sensing_json(cell: CellDescription, nominal: NominalCell, *, collision_outpu
     sensors = {f"{key}s": [_sensor_json(cell, sensor) for sensor in getattr(cell, key)] for key in SENSOR_KEYS}
     needed = collision_outputs or any(sensors.values())
     meshes = collision_meshes(cell, nominal) if needed else {}
-    pairs = _watched(nominal, meshes) if collision_outputs else ()
+    pairs = _watched(cell, nominal, meshes) if collision_outputs else ()
     return {
         "bodies": [
             {
@@ -98,11 +98,36 @@ def sensing_json(cell: CellDescription, nominal: NominalCell, *, collision_outpu
     }
 
 
-def _watched(nominal: NominalCell, meshes: dict[str, Mesh]) -> list[tuple[str, str]]:
-    """Pairs of bodies to monitor: all but fingers with parts, which are meant to touch."""
-    frame = {body.name: body.moves_with.partition("[")[0] for body in nominal.bodies}
-    pairs = cell_scene(nominal, meshes).pairs
-    return [(a, b) for a, b in pairs if {frame[a], frame[b]} != {"finger", "part"}]
+def _watched(cell: CellDescription, nominal: NominalCell, meshes: dict[str, Mesh]) -> list[tuple[str, str]]:
+    """Pairs of bodies to monitor: all that move relative to each other, but those that are meant to touch.
+
+    These are fingers with parts, and the platter and belts with parts that a gripper or a belt puts there.
+    """
+    loose = _loose_frames(cell, nominal)
+    frame = {body.name: body.moves_with for body in nominal.bodies}
+    supports = {"table", *(belt.name for belt in cell.conveyor)}
+
+    def are_meant_to_touch(a: str, b: str) -> bool:
+        fingers_and_part = {frame[name].partition("[")[0] for name in (a, b)} == {"finger", "part"}
+        return fingers_and_part or any(
+            frame[part].startswith("part") and frame[part] in loose and other in supports
+            for part, other in ((a, b), (b, a))
+        )
+
+    return [pair for pair in cell_scene(nominal, meshes, loose).pairs if not are_meant_to_touch(*pair)]
+
+
+def _loose_frames(cell: CellDescription, nominal: NominalCell) -> set[str]:
+    """Frames that neither joints nor table move: fingers, and free parts that a gripper or a belt carries."""
+    has_gripper, frames = cell.gripper is not None, set[str]()
+    if has_gripper:
+        frames |= {"finger[1]", "finger[2]"}
+    if cell.part.fixture == "free" and (has_gripper or nominal.belt is not None):
+        frames.add("part")
+    for number, part in enumerate(nominal.further_parts, start=2):
+        if part.description.fixture == "free" and (has_gripper or part.carrier == "world"):
+            frames.add(f"part[{number}]")
+    return frames
 
 
 def _sensor_json(cell: CellDescription, sensor: CellSensorDescription) -> dict[str, Any]:

@@ -156,6 +156,12 @@ class PlanningCell:
         required = MOTION_SHARE * self.clearances(clearance) + self._errors
         return MotionCheck(self.nominal, self.proximity, required, self.threads, spend=self.work.spend)
 
+    def table_clearances(self, clearance: float) -> Array:
+        """What motions of the table keep (pairs,), m, see `motion_check`; ``-inf`` for pairs with a body of the arm."""
+        arm = set(self._chain) - {"base"}
+        of_arm = np.array([not arm.isdisjoint(pair) for pair in self.proximity.pairs], bool)
+        return np.where(of_arm, -np.inf, MOTION_SHARE * self.clearances(clearance) + self._errors)
+
     def clearances(self, clearance: float) -> Array:
         """Distance (pairs,), m, that the bodies of each pair of `proximity` have to keep.
 

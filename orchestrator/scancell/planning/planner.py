@@ -20,9 +20,10 @@ from scancell.planning.reasons import join_reasons
 from scancell.planning.views.belt import belt_run, range_warnings, spacing_and_count
 from scancell.planning.views.coverage import CHOICE_SHARE, CoveragePlanner
 from scancell.planning.views.default_views import default_views
-from scancell.planning.views.placement import Infeasible, Placed, PlacedSweep, Placer
+from scancell.planning.views.placement import Infeasible, Placed, Placer
 from scancell.planning.views.sight import Sight
 from scancell.planning.views.views import sample_part, seen_by
+from scancell.planning.work import WorkLimitError
 
 Array = NDArray[np.float64]
 
@@ -72,7 +73,16 @@ def plan(
         cell.work.doing = "placing sweeps and passes"
         views, seen, warnings = default_views(cell, options, part, placer, left, is_needed=not along)
     warnings += [item.note for item in along if item.note]
-    _assemble(assembly, views, in_order=report is None)
+    omitted = _assemble(assembly, views, in_order=report is None)
+    if not along:
+        omitted += assembly.go_home()
+    kept = [item for item, _ in views if not any(item is lost for lost, _ in omitted)]
+    if omitted:
+        reasons = [reason for _, reason in omitted]
+        if not kept and not along:
+            raise PlanningError(join_reasons("no view can be reached", reasons))
+        warnings += [f"omitted: {reason}" for reason in reasons]
+        seen = seen_by([item.view for item in kept], cell.range, part)
     for item in along:
         assembly.add_path(item)
     seen |= seen_by([item.path for item in along], cell.range, part)
@@ -143,13 +153,19 @@ def _place_paths(
     return [item for item in placed if isinstance(item, PlacedPath)]
 
 
-def _assemble(assembly: Assembly, views: list[tuple[Placed, int]], in_order: bool) -> None:
-    """Append views with their numbers of exposures: in order, or each time the one that is nearest in time."""
-    left = list(views)
+def _assemble(assembly: Assembly, views: list[tuple[Placed, int]], in_order: bool) -> list[tuple[Placed, str]]:
+    """Append views with their numbers of exposures: in order, or each time the one that is nearest in time.
+
+    Returns those to which no free path is found, with the reason.
+    """
+    left, omitted = list(views), []
     while left:
         nearest = 0 if in_order else int(np.argmin([assembly.time_to(placed.ends[0]) for placed, _ in left]))
         placed, count = left.pop(nearest)
-        if isinstance(placed, PlacedSweep):
-            assembly.add_sweep(placed, count)
-        else:
-            assembly.add_pass(placed)
+        try:
+            assembly.add_view(placed, count)
+        except WorkLimitError:
+            raise
+        except PlanningError as error:
+            omitted.append((placed, str(error)))
+    return omitted

@@ -79,7 +79,7 @@ def _row(nominal: NominalCell, body: Body) -> Array:
     here, turned = (nominal.frame_poses(nominal.home, np.array(angle)) for angle in (0.0, 1.0))
     on_table = not np.allclose(here[body.moves_with], turned[body.moves_with])
     joints = int(number.rstrip("]")) if frame == "link" else len(nominal.arm.joints) if frame in _ON_FLANGE else 0
-    carrier = here["table"] if on_table else here[f"link[{joints}]"] if joints else np.eye(4)
+    carrier = nominal.world_from_table if on_table else here[f"link[{joints}]"] if joints else np.eye(4)
     carrier_from_body = pose.inverse(carrier) @ here[body.moves_with]
     points = pose.transform_points(carrier_from_body, body.mesh.vertices)
     centre = (points.min(0) + points.max(0)) / 2

@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scancell.geometry.mesh import Mesh
-from scancell.nominal.cell import OCCUPIED, NominalCell
+from scancell.nominal.cell import OCCUPIED, Body, NominalCell
 from scancell.proximity._native import PairDistances
 
 Array = NDArray[np.float64]
 
 _ON_ARM = ("link", "sensor", "finger")
 _CONTACT = 1e-9  # m: bodies closer than this intersect
+_RESTING = 1e-4  # m: bodies at rest that are closer stand on each other
 
 
 @dataclass(frozen=True)
@@ -122,45 +123,84 @@ def arm_chain(nominal: NominalCell) -> list[str]:
     return [b.name for b in nominal.bodies if b.name == "base" or b.moves_with.startswith(_ON_ARM)]
 
 
-def cell_scene(nominal: NominalCell, meshes: Mapping[str, Mesh]) -> ProximityScene:
-    """Scene of all bodies with the pairs of `cell_pairs`, except those that intersect at nearly every configuration.
+def cell_scene(
+    nominal: NominalCell, meshes: Mapping[str, Mesh], loose: Collection[str] = frozenset()
+) -> ProximityScene:
+    """Scene of all bodies with the pairs of `moving_pairs`, except those that are in contact by construction.
 
-    Bodies that cannot move relative to each other, such as a gripper's housing and the last link, are no pair.
-    Measured space may hold the arm's base, which cannot leave it; nothing else is excepted from keeping clear of it.
+    These intersect at nearly every configuration: links that reach into each other, a platter in its bearing, measured
+    space that holds the platter. Parts, and measured space in all other pairs, are never excepted. Of the pairs that
+    only `loose` frames move, those that touch at the home position are excepted, too: one rests on the other.
 
     Parameters
     ----------
     meshes
         Mesh of each body by name, in the body's frame, m.
+    loose
+        See `moving_pairs`.
     """
-    chain = arm_chain(nominal)
-    around = [body.name for body in nominal.bodies if body.name not in chain]
-    last = f"link[{len(nominal.arm.joints)}]"
-    carrier = {body.name: last if body.moves_with == "sensor" else body.moves_with for body in nominal.bodies}
-    pairs = [
-        pair
-        for pair in cell_pairs(chain, around)
-        if carrier[pair[0]] != carrier[pair[1]] and not ("base" in pair and _measured(pair))
-    ]
-    scene = ProximityScene({body.name: meshes[body.name] for body in nominal.bodies}, pairs)
+    scene = ProximityScene({body.name: meshes[body.name] for body in nominal.bodies}, moving_pairs(nominal, loose))
+    parts = {body.name for body in nominal.bodies if body.moves_with.startswith("part")}
     lower, upper = nominal.arm.limits
-    q = np.random.default_rng(0).uniform(lower, upper, (100, len(lower)))
-    found = intersecting_pairs(scene, nominal.body_poses(q, np.zeros(len(q))))
-    intersecting = {pair for pair in found if not _measured(pair)}
-    return scene.without(intersecting) if intersecting else scene
+    rng = np.random.default_rng(0)
+    q, table = rng.uniform(lower, upper, (100, len(lower))), rng.uniform(0.0, 2 * np.pi, 100)
+    overlapping = intersecting_pairs(scene, nominal.body_poses(q, table))
+    excepted = {pair for pair in overlapping if not pair & parts and (not _measured(pair) or "table" in pair)}
+    driven = set(map(frozenset, moving_pairs(nominal)))
+    at_home = scene.clearance_violations(nominal.body_poses(nominal.home, 0.0)[None], _RESTING) if loose else []
+    excepted |= {frozenset((clash.body_a, clash.body_b)) for clash in at_home} - driven
+    return scene.without(excepted) if excepted else scene
 
 
-def _measured(pair: Iterable[str]) -> bool:
-    return any(name.startswith(OCCUPIED) for name in pair)
+def moving_pairs(nominal: NominalCell, loose: Collection[str] = frozenset()) -> list[tuple[str, str]]:
+    """Pairs of bodies that some axis moves relative to each other, those of the arm first.
 
+    An axis moves two bodies relative to each other if it carries one of them and not the other, see `carrying_axes`.
+    Excluded are neighbours: links of the arm that share a joint, the platter and the base of the table, the two fingers
+    of a gripper, and measured space that counts twice, at rest and turning with the table.
 
-def cell_pairs(chain: Sequence[str], around: Sequence[str]) -> list[tuple[str, str]]:
-    """Pairs to check: bodies of a serial chain (base first) with each other, and with the bodies around it.
-
-    Excluded are neighbours in the chain, which share a joint, and pairs of the bodies around, which rest on each other.
+    Parameters
+    ----------
+    loose
+        Frames that move on their own, beside those that joints and table move: fingers, parts that belts or grippers
+        carry.
     """
-    inner = [(a, b) for (i, a), (j, b) in combinations(enumerate(chain), 2) if j - i > 1]
-    return inner + [(a, b) for a in chain for b in around]
+    arm = set(arm_chain(nominal))
+    bodies = sorted(nominal.bodies, key=lambda body: body.name not in arm)
+    pairs = [
+        (a.name, b.name)
+        for a, b in combinations(bodies, 2)
+        if carrying_axes(nominal, a, loose) != carrying_axes(nominal, b, loose) and not _are_neighbours(nominal, a, b)
+    ]
+    return sorted(pairs, key=lambda pair: not arm.issuperset(pair))
+
+
+def carrying_axes(nominal: NominalCell, body: Body, loose: Collection[str] = frozenset()) -> frozenset[str]:
+    """Names of the axes that move a body in the world: joints, the table, its own frame if it is `loose`."""
+    frame, _, number = body.moves_with.partition("[")
+    axes = {body.moves_with} & set(loose)
+    if frame == "link":
+        axes |= {f"joint[{i}]" for i in range(1, int(number.rstrip("]")) + 1)}
+    elif frame in ("sensor", "finger"):
+        axes |= {f"joint[{i}]" for i in range(1, len(nominal.arm.joints) + 1)}
+    elif frame == "part" and number:
+        axes |= {nominal.further_parts[int(number.rstrip("]")) - 2].carrier} & {"table"}
+    elif frame in ("table", "part"):
+        axes.add("table")
+    return frozenset(axes)
+
+
+def _are_neighbours(nominal: NominalCell, a: Body, b: Body) -> bool:
+    names = {a.name, b.name}
+    links = ["base", *(f"link{i}" for i in range(1, len(nominal.arm.joints) + 1))]
+    if names <= set(links):
+        return abs(links.index(a.name) - links.index(b.name)) == 1
+    fingers = all(body.moves_with.startswith("finger") for body in (a, b))
+    return fingers or names == {"table", "table_base"} or len(_measured(names)) == 2
+
+
+def _measured(names: Iterable[str]) -> set[str]:
+    return {name for name in names if name.startswith(OCCUPIED)}
 
 
 def intersecting_pairs(scene: ProximityScene, poses: ArrayLike, fraction: float = 0.95) -> set[frozenset[str]]:

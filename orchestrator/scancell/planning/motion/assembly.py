@@ -6,17 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.cell.program import BeltRun, Program, Segment, TriggerRule
+from scancell.errors import PlanningError
 from scancell.planning.model import PlanningCell
 from scancell.planning.motion import trajectory
 from scancell.planning.motion.connection import Connector
 from scancell.planning.options import ScanOptions
 from scancell.planning.path_map.path_planner import PlacedPath
-from scancell.planning.views.placement import PlacedPass, PlacedPose, PlacedSweep, sweep_run
+from scancell.planning.views.placement import Placed, PlacedPass, PlacedPose, PlacedSweep, sweep_run
+from scancell.planning.work import WorkLimitError
 
 Array = NDArray[np.float64]
 Parts = tuple[Program, NDArray[np.int64], Array, Array]
-
-_SMALL_MOVE = np.radians(0.5)  # joint moves up to this need no collision check: they stay within the clearance
 
 
 def approach(cell: PlanningCell, clearance: float, start: Array, goal: Array, purpose: str) -> Program | None:
@@ -54,6 +54,47 @@ class Assembly:
         self._at = np.append(cell.nominal.home, cell.table_start)
         self._segments: list[Segment] = []
         self._exposures: list[tuple[int, Array]] = []
+        self._views: list[tuple[Placed, tuple[Array, int, int]]] = []  # with what there was before each
+
+    def add_view(self, placed: Placed, count: int) -> None:
+        """Append a sweep with `count` exposures, or a pass.
+
+        Raises `PlanningError` if no collision-free path to it is found; then nothing is appended.
+        """
+        before = (self._at, len(self._segments), len(self._exposures))
+        try:
+            if isinstance(placed, PlacedSweep):
+                self.add_sweep(placed, count)
+            else:
+                self.add_pass(placed)
+        except PlanningError:
+            self._return_to(before)
+            raise
+        self._views.append((placed, before))
+
+    def go_home(self) -> list[tuple[Placed, str]]:
+        """Append the motion home; returns views from which there is none, which are taken out, with the reason.
+
+        Raises `PlanningError` if no view is left from which there is one.
+        """
+        lost: list[tuple[Placed, str]] = []
+        while True:
+            try:
+                self._go(np.append(self._cell.nominal.home, self._at[-1]), "home")
+            except WorkLimitError:
+                raise
+            except PlanningError as error:
+                if not self._views:
+                    raise
+                placed, before = self._views.pop()
+                self._return_to(before)
+                lost.append((placed, str(error)))
+            else:
+                return lost
+
+    def _return_to(self, before: tuple[Array, int, int]) -> None:
+        self._at, segments, exposures = before
+        del self._segments[segments:], self._exposures[exposures:]
 
     def add_sweep(self, placed: PlacedSweep, count: int) -> None:
         """Append a full table turn with `count` exposures, the first at table angle 0 (modulo 2 pi)."""
@@ -62,7 +103,7 @@ class Assembly:
         angles = first + step * np.arange(count)
         points = np.column_stack([np.tile(placed.q, (count, 1)), angles])
         if not self._options.dynamic:
-            self._expose_at_rest(points, placed.view.name)
+            self._expose_at_rest(points, placed.view.name, are_free=True)
             return
         assert self._options.sweep is not None
         run = sweep_run(self._cell, count, self._options.sweep.speed)
@@ -72,7 +113,7 @@ class Assembly:
 
     def add_pass(self, placed: PlacedPass) -> None:
         """Append a straight pass: at constant speed in dynamic mode, exposure by exposure otherwise."""
-        table = self._nearest_table(placed.table)
+        table = self._reachable_table(placed.table)
         points = np.column_stack([placed.exposures, np.full(len(placed.exposures), table)])
         if not self._options.dynamic:
             self._expose_at_rest(points, placed.view.name)
@@ -86,7 +127,7 @@ class Assembly:
         turns = 2 * np.pi * np.round((self._at[-1] - placed.table[0]) / (2 * np.pi))
         points = placed.exposures + np.append(np.zeros(placed.q.shape[1]), turns)
         if not self._options.dynamic:
-            self._expose_at_rest(points, placed.path.name, table_is_free=False)
+            self._expose_at_rest(points, placed.path.name)
             return
         setpoints = np.column_stack([placed.q, placed.table + turns])
         interval = placed.path.length / (len(points) - 1)
@@ -94,7 +135,7 @@ class Assembly:
 
     def add_pose(self, placed: PlacedPose) -> None:
         """Append one exposure at rest."""
-        point = np.append(placed.q, self._nearest_table(placed.table))
+        point = np.append(placed.q, self._reachable_table(placed.table))
         self._expose_at_rest(point[None], placed.name)
 
     def add_belt(self, placed: PlacedPose, run: BeltRun, pitch: float, count: int) -> None:
@@ -107,7 +148,7 @@ class Assembly:
         self._exposures += count * [(number, point[None])]
 
     def finish(self) -> Parts:
-        """Append the motion home and return the result.
+        """Append the motion home, unless it was appended, and return the result.
 
         Raises `PlanningError` if no collision-free path home is found.
 
@@ -138,6 +179,12 @@ class Assembly:
         turn = 2 * np.pi
         return float(angle + turn * np.round((self._at[-1] - angle) / turn))
 
+    def _reachable_table(self, angle: float) -> float:
+        """The angle, modulo a full turn, to which the table gets whatever the arm does: the nearest one, if several."""
+        nearest = self._nearest_table(angle)
+        other = nearest - np.copysign(2 * np.pi, nearest - self._at[-1])
+        return next((table for table in (nearest, other) if self._connector.is_table_free(self._at, table)), nearest)
+
     def _go(self, goal: Array, purpose: str) -> None:
         self._approaching(purpose)
         for setpoints in self._connector.connect(self._at, goal, purpose):
@@ -148,17 +195,15 @@ class Assembly:
         number = self._append(setpoints, rule, run.trigger_from, run.trigger_to, name)
         self._exposures += [(number, point[None]) for point in points]
 
-    def _expose_at_rest(self, points: Array, name: str, table_is_free: bool = True) -> None:
-        """Append exposures at rest at points (m, axes) in order; larger moves go by collision-free paths.
+    def _expose_at_rest(self, points: Array, name: str, are_free: bool = False) -> None:
+        """Append exposures at rest at points (m, axes) in order, by collision-free paths.
 
-        Moves of the table alone need no check where it is free to turn: the full turn was checked when the view was
-        placed.
+        `are_free`: the straight motions between them are known to be free.
         """
-        checked = slice(None, -1 if table_is_free else None)
-        for point in points:
+        straight = self._connector.are_free(points[:-1], points[1:]) if not are_free else [True] * (len(points) - 1)
+        for point, is_free in zip(points, [False, *straight], strict=True):
             self._approaching(name)
-            far = np.abs(point - self._at)[checked].max() > _SMALL_MOVE
-            motions = self._connector.connect(self._at, point, name) if far else []
+            motions = [] if is_free else self._connector.connect(self._at, point, name)
             for setpoints in motions[:-1]:
                 self._append(setpoints, TriggerRule(), 0.0, 0.0, f"to {name}")
             last = motions[-1] if motions else self._connector.move(self._at, point)

@@ -38,7 +38,17 @@ class Connector:
     def __init__(self, cell: PlanningCell, clearance: float) -> None:
         self._cell = cell
         self._motions = cell.motion_check(clearance)
+        self._of_table = cell.table_clearances(clearance)
         self._limits = cell.axis_limits.scaled(LIMIT_FRACTION)
+
+    def are_free(self, start: Array, end: Array) -> list[bool]:
+        """Whether each of the straight motions from `start` to `end` (n, axes), rad, is proved free of collision."""
+        return [clash is None for clash in self._motions.first_clashes(start, end)]
+
+    def is_table_free(self, at: Array, table: float) -> bool:
+        """Whether the table is free to turn from the axes `at` (axes,), rad, to an angle, without regard to the arm."""
+        (clash,) = self._motions.first_clashes(at, np.append(at[:-1], table), clearance=self._of_table)
+        return clash is None
 
     def move(self, start: Array, end: Array) -> Array:
         """Set-points (n, axes), rad, of the straight motion from `start` to `end` (axes,), without collision check.

@@ -103,7 +103,8 @@ def verified(cell: PlanningCell, options: ScanOptions, made: Plan) -> Plan:
         np.concatenate([segment.table[::2] for segment in segments]),
     )
     cell.work.doing = "checking the finished plan by python-fcl"
-    judge = Judge(cell.judged_meshes, cell.proximity.pairs, cell.proximity.names)
+    names = [body.name for body in cell.nominal.bodies]
+    judge = Judge(cell.judged_meshes, names, cell.nominal.body_poses(cell.nominal.home, cell.table_start))
     for first in range(0, len(poses), _BLOCK):
         block = poses[first : first + _BLOCK]
         cell.work.spend(CONFIGURATION * len(block))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -16,8 +17,10 @@ from scancell.planning.motion.timing import slowdown
 from scancell.planning.path_map import constraints
 from scancell.planning.reasons import describe, out_of_reach
 from scancell.planning.views.views import Pass, Sweep
+from scancell.proximity.motion_check import MotionClash
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 
 # Fraction of the speed and acceleration limits of joints and table that planned motions use.
@@ -26,6 +29,7 @@ PATH_ACCELERATION = 0.5  # m/s² along straight passes
 _AZIMUTH_STEP = np.radians(15.0)
 _MIN_METRIC = 1e-3  # product of Eq. 7 below which a pose counts as infeasible: too near to a joint limit
 _TURN_CHECKS = 120  # table angles per turn at which collisions are checked
+_TURN_STEPS = 24  # parts of a turn of the table that are free or not
 _MAX_TRIES = 24
 
 
@@ -115,11 +119,14 @@ class Placer:
         self._cell = cell
         self._azimuth = azimuth
         self._clearance = clearance
+        self._motions = cell.motion_check(clearance)
 
     def sweeps(self, views: Sequence[Sweep]) -> list[PlacedSweep | Infeasible]:
         """Placed sweeps or why they are infeasible; as many as possible at one azimuth and in one branch."""
         if not views:
             return []
+        if blocked := self._blocked_turn():
+            return [Infeasible(f"{view.name}: {blocked}") for view in views]
         sides = [(a, roll) for a in azimuths(self._azimuth) for roll in (0.0, np.pi)]
         targets = np.array([[view.at(a, roll) for a, roll in sides] for view in views])
         found = self._cell.ik(targets.reshape(-1, 4, 4))
@@ -139,6 +146,7 @@ class Placer:
                 joints = np.repeat(q[i, choice][None], len(table), 0)
                 # Most collisions occur at every table angle: check one first.
                 collision = self._collision(joints[:1], table[:1]) or self._collision(joints, table)
+                collision = collision or self._collision_of_turn(q[i, choice])
                 return collision or PlacedSweep(view, q[i, choice], choice % branches)
 
             choices = order[usable[i][order]]
@@ -178,7 +186,8 @@ class Placer:
         branches = found.shape[2]
         q = found.reshape(len(views), len(angles), *found.shape[1:])
         metric = constraints.arm_metric(cell.nominal.arm, q[:, :, ::2]).min(2).reshape(len(views), -1)
-        usable = metric > _MIN_METRIC
+        within = np.repeat(self._is_within_turn(angles), branches)
+        usable = (metric > _MIN_METRIC) & within
         other_branch = np.tile(np.arange(branches) != branch, len(angles))
         order = np.lexsort((-metric.mean(0), other_branch, -usable.sum(0)))
         result: list[PlacedPass | Infeasible] = []
@@ -190,6 +199,9 @@ class Placer:
                 return self._try_pass(view, runs[i], counts[i], float(angles[turned]), middle, number)
 
             choices = order[usable[i][order]]
+            if not len(choices) and (metric[i] > _MIN_METRIC).any():
+                result.append(Infeasible(f"{view.name}: {self._blocked_turn()}"))
+                continue
             ends = targets[i, :, ::2].reshape(-1, 4, 4)
             result.append(self._first_feasible(view.name, choices, 0 * choices, attempt, ends))
         return result
@@ -208,6 +220,7 @@ class Placer:
         branches = found.shape[1]
         q = found.reshape(len(targets), -1, found.shape[-1])
         metric = constraints.arm_metric(self._cell.nominal.arm, q)
+        metric = np.where(np.repeat(self._is_within_turn(angle), branches, axis=1), metric, 0.0)
         # Azimuths near the preferred one win over a slightly better metric elsewhere.
         score = metric / (1 + np.repeat(np.abs(sides - self._azimuth), branches))
         order = np.argsort(-score, axis=1, kind="stable")
@@ -255,6 +268,29 @@ class Placer:
                 excluded.add(group)
         return Infeasible(f"{name}: {first.reason if first else out_of_reach(self._cell, targets)}")
 
+    @cached_property
+    def _turn_clashes(self) -> list[MotionClash | None]:
+        """What the table and its parts meet in equal steps of a full turn from where it starts, without the arm."""
+        cell, angles = self._cell, self._cell.table_start + np.linspace(0.0, 2 * np.pi, _TURN_STEPS + 1)
+        axes = np.column_stack([np.tile(cell.nominal.home, (len(angles), 1)), angles])
+        return self._motions.first_clashes(axes[:-1], axes[1:], clearance=cell.table_clearances(self._clearance))
+
+    def _blocked_turn(self) -> str:
+        """What blocks a full turn of the table, whatever the arm does; empty if nothing does."""
+        return next((f"the table cannot turn: {describe(clash)}" for clash in self._turn_clashes if clash), "")
+
+    def _is_within_turn(self, angles: Array) -> Flags:
+        """Whether the table gets to `angles` (...,), rad, from where it starts, either way, without the arm."""
+        blocked = np.array([clash is not None for clash in self._turn_clashes])
+        step = np.mod(angles - self._cell.table_start, 2 * np.pi) / (2 * np.pi) * _TURN_STEPS
+        first, last = (np.argmax(blocked), np.argmax(blocked[::-1])) if blocked.any() else (_TURN_STEPS, _TURN_STEPS)
+        return np.asarray((step <= first + 1e-9) | (step >= _TURN_STEPS - last - 1e-9))
+
+    def _collision_of_turn(self, q: Array) -> Infeasible | None:
+        """What is nearer than a motion may come during a full turn of the table, with the joints (joints,) at rest."""
+        (clash,) = self._motions.first_clashes(np.append(q, 0.0), np.append(q, 2 * np.pi))
+        return None if clash is None else Infeasible(describe(clash))
+
     def _collision(self, q: Array, table: Array) -> Infeasible | None:
         """The smallest distance below the clearance at joints (n, joints) and table angles (n,), or None."""
         near = self._cell.clearance_violations(q, table, self._clearance)
@@ -285,6 +321,9 @@ class Placer:
         slow = run.slowed(needed.factor)
         moving = joints(slow.at(trajectory.cycle_times(slow.duration, cell.cycle)))
         collision = self._collision(moving[::4], np.full(len(moving[::4]), table))
+        if collision is None:
+            clash = self._motions.clash_along(_with_table(moving, table))
+            collision = None if clash is None else Infeasible(describe(clash))
         note = f"{view.name}: {needed}" if needed.factor > 1 else ""
         return collision or PlacedPass(view, table, slow, moving, exposures, branch, note)
 

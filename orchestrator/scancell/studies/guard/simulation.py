@@ -165,7 +165,8 @@ class Simulation(Closing):
 
     @cached_property
     def _judge(self) -> Judge:
-        return Judge({body.name: body.mesh for body in self.nominal.bodies}, self.scene.pairs, self.scene.names)
+        meshes = {body.name: body.mesh for body in self.nominal.bodies}
+        return Judge(meshes, tuple(meshes), self.nominal.body_poses(self.nominal.home, 0.0), self._ignored)
 
     @cached_property
     def inner(self) -> NDArray[np.bool_]:
