@@ -94,6 +94,8 @@ from .guard.link import faulty_link as faulty_link
 from .guard.server import serve_guard as serve_guard
 from .guard.messages import CellState as CellState
 from .guard.messages import GuardMessage as GuardMessage
+from .guard.messages import PlacedPart as PlacedPart
+from .guard.parts import PartTracker as PartTracker
 from .guard.settings import GuardSettings as GuardSettings
 from .guard.transport import InProcess as InProcess
 from .guard.transport import TcpTransport as TcpTransport

@@ -298,6 +298,7 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         files: Arguments = {"unit": "mm"}
         axes = np.append(nominal.home, 0.0)
         state = scancell.CellState(1, 0.0, scancell.Operation.MANUAL, scancell.Mode.HOLD, False, axes)
+        at_flange = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
         faulty: Arguments = {"transport": scancell.InProcess(guard), "description": scancell.LinkDescription()}
         faulty |= {"age_limit": 0.1, "seed": 1}
 
@@ -355,6 +356,12 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
             Target("serve_guard", serve_guard, {"answerer": guard, "host": "127.0.0.1", "port": 0, "protocol": "udp"}),
             Target("CellState", scancell.CellState, _fields(state)),
             Target("GuardMessage", scancell.GuardMessage, _fields(guard.answer(state))),
+            Target(
+                "PlacedPart",
+                scancell.PlacedPart,
+                {"number": 1, "carrier": 6, "pose": at_flange},
+            ),
+            Target("PartTracker", scancell.PartTracker, {"cell": setup.cell, "nominal": nominal}),
             Target("FmuOptions", scancell.FmuOptions, _fields(scancell.FmuOptions())),
             Target("build_fmu.options", build_fmu, {"version": 3, "options": scancell.FmuOptions()}),
         ]

@@ -88,8 +88,8 @@ class JogBench:
         axes = self.above(_LOW)
         errors = np.diag(free_path.angle_error)[:, None]
         angles = float(MotionBounds(self.nominal, [_PAIR]).pairs(axes[None], errors).sum())
-        meshes = float(free_path._clearance[number]) - settings.position_error
-        named = {"position": settings.position_error, "meshes": meshes, "angles": angles}
+        meshes = float(free_path._clearance[number]) - 2 * settings.position_error
+        named = {"positions": 2 * settings.position_error, "meshes": meshes, "angles": angles}
         return ", ".join(f"{name} {1e3 * value:.1f}" for name, value in named.items())
 
     def held(self, share: float) -> JogOutcome:

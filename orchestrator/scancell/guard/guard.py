@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -19,12 +19,13 @@ from scancell.arguments import Shape, checked_arguments, checked_value
 from scancell.cell.controller import Mode, Operation
 from scancell.config.robot import RobotDescription
 from scancell.errors import MessageError
+from scancell.geometry import pose
 from scancell.geometry.reduction import reduced
 from scancell.guard.check import Contact, ManualCheck, Verdict
 from scancell.guard.free_path import FreePath
 from scancell.guard.identify import Identifier
 from scancell.guard.jog_check import JogCheck, JogVerdict
-from scancell.guard.messages import MAX_TEXT, CellState, GuardMessage, axes_digest
+from scancell.guard.messages import MAX_TEXT, CellState, GuardMessage, PlacedPart, axes_digest
 from scancell.guard.motion import Hypothesis, MeasuredState
 from scancell.guard.near import NearPairs
 from scancell.guard.path_check import PathCheck, PathVerdict
@@ -79,6 +80,8 @@ class Guard:
         The worst case; None: the defaults of `GuardSettings`.
     ignored
         Pairs of names of bodies, in either order, that are not compared.
+    movable
+        Numbers of the parts, from 1, that are only where a state places them.
 
     Attributes
     ----------
@@ -105,28 +108,62 @@ class Guard:
         robot: RobotDescription,
         settings: GuardSettings | None = None,
         ignored: Collection[tuple[str, str]] = (),
+        movable: Collection[int] = (),
     ) -> None:
         self.settings = settings = settings or GuardSettings()
         self._axes = len(nominal.arm.joints) + 1
         self._names = [*(f"q[{i}]" for i in range(1, self._axes)), "table"]
         self._digest = axes_digest(self._names)
         meshes = {body.name: reduced(body.mesh, _MAX_FACES, settings.mesh_error) for body in nominal.bodies}
-        scene = cell_scene(nominal, {name: found.mesh for name, found in meshes.items()})
-        scene = scene.without([frozenset(pair) for pair in ignored])
-        clearance = 2 * settings.position_error + np.array([meshes[a].error + meshes[b].error for a, b in scene.pairs])
+        bodies = tuple(replace(body, mesh=meshes[body.name].mesh, patches=()) for body in nominal.bodies)
+        self._nominal, self._limits = replace(nominal, bodies=bodies), jog_limits(robot, nominal)
+        self._errors = {name: found.error for name, found in meshes.items()}
+        self._ignored = [frozenset(pair) for pair in ignored]
+        self._movable = {"part" if number == 1 else f"part[{number}]": number for number in movable}
+        self._identifier = Identifier(nominal, settings.noise)
+        self._parts: tuple[PlacedPart, ...] = ()
+        self._near: NearPairs | None = None
+        self._place(())
+        self.reset()
+
+    def _place(self, parts: tuple[PlacedPart, ...]) -> None:
+        """Make the checks of a cell with its movable parts at the poses of `parts`, without those not placed."""
+        settings, nominal = self.settings, self._with_parts(parts)
+        scene = cell_scene(nominal, {body.name: body.mesh for body in nominal.bodies}).without(self._ignored)
+        errors = np.array([self._errors[a] + self._errors[b] for a, b in scene.pairs])
+        clearance = 2 * settings.position_error + errors
         deceleration = settings.deceleration * nominal.axis_max_acceleration
         angle_error = np.broadcast_to(np.asarray(settings.angle_error, float), (self._axes,))
-        age, delay = settings.latency + settings.max_age, 2 * settings.cycle
-        limits = jog_limits(robot, nominal)
+        age, delay, limits = settings.latency + settings.max_age, 2 * settings.cycle, self._limits
         worst = WorstCase(age, 0.0, delay, deceleration, angle_error, limits)
-        self._identifier = Identifier(nominal, settings.noise)
-        self._near = near = NearPairs(nominal, scene.pairs, clearance, angle_error)
+        near = NearPairs(nominal, scene.pairs, clearance, angle_error)
+        if self._near is not None:
+            near.take_over(self._near)
+        self._parts, self._near = parts, near
         self._manual = ManualCheck(nominal, scene, near, worst, settings.horizon)
         self._free_path = FreePath(nominal, scene, near)
         self._jogs = JogCheck(nominal, self._free_path, settings.reaction, deceleration, limits)
         self._automatic = PathCheck(self._free_path, settings.reaction, deceleration)
         self._motions = MotionCheck(nominal, scene, clearance, settings.threads)
-        self.reset()
+
+    def _with_parts(self, parts: tuple[PlacedPart, ...]) -> NominalCell:
+        placed = {part.number: part for part in parts}
+        bodies = []
+        for body in self._nominal.bodies:
+            number = self._movable.get(body.moves_with)
+            if number is None:
+                bodies.append(body)
+            elif number in placed:
+                position, quaternion = np.split(np.array(placed[number].pose), [3])
+                at = pose.from_rotation(pose.rotation_from_quaternion(quaternion), position)
+                carrier = self._carrier(placed[number])
+                bodies.append(replace(body, moves_with=carrier, mesh=body.mesh.transformed(at)))
+        return replace(self._nominal, bodies=tuple(bodies))
+
+    def _carrier(self, part: PlacedPart) -> str:
+        if part.carrier in (0, self._axes):
+            return "table" if part.carrier else "world"
+        return f"link[{part.carrier}]"
 
     def reset(self) -> None:
         """Forget all states: a session begins. What pairs within their clearance have to keep stays."""
@@ -134,6 +171,7 @@ class Guard:
         self._time = 0.0  # of the last state
         self._operation: Operation | None = None
         self._states: deque[MeasuredState] = deque(maxlen=_STATES)
+        assert self._near is not None
         self._near.begin_session()
         self._moving = 0  # states since the robot was at rest
         self._speeds: deque[tuple[float, float]] = deque()
@@ -176,6 +214,9 @@ class Guard:
             raise MessageError(
                 key="digest", value=state.digest, expected=f"{self._digest}, of {', '.join(self._names)}, revolute axes"
             )
+        parts = tuple(part for part in state.parts if part.number in self._movable.values())
+        if parts != self._parts:
+            self._place(parts)
         if state.operation is not self._operation:
             # What is in force on a path that was taken up before is not known; of later ones no state was answered.
             before = state.time if self._operation is None else self._time

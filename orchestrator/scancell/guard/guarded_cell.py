@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scancell.arguments import checked_arguments
 from scancell.cell.controller import Mode, MonitorSpeed, Operation
 from scancell.cell.instance import CellInstance
 from scancell.guard.link import Link
-from scancell.guard.messages import CellState, GuardMessage, axes_digest
+from scancell.guard.messages import CellState, GuardMessage, PlacedPart, axes_digest
+from scancell.guard.parts import PartTracker
 from scancell.stopwatch import Pace
 
 _POLL_CYCLES = 2  # of the controller; it answers position queries no faster
@@ -34,6 +36,8 @@ class GuardedCell:
     shows_jogs
         Whether the guard sees where a jog leads before it moves the robot, and limits its speed; else it identifies
         jogs by measured states.
+    parts
+        Follows what the gripper and belts move; None: the guard does not know where these parts are.
 
     Attributes
     ----------
@@ -59,12 +63,21 @@ class GuardedCell:
 
     @checked_arguments
     def __init__(
-        self, cell: CellInstance, cycle_us: int, link: Link | None, max_age: float, shows_jogs: bool = True
+        self,
+        cell: CellInstance,
+        cycle_us: int,
+        link: Link | None,
+        max_age: float,
+        shows_jogs: bool = True,
+        parts: PartTracker | None = None,
     ) -> None:
         self._cell, self._cycle_us, self._link, self._shows_jogs = cell, cycle_us, link, shows_jogs
+        self._parts = parts
         axes = cell.axis_names("")
         self._digest = axes_digest(axes)
         self._widths = cell.real_group([name for name in cell.names if name == "measured.gripper.width"])
+        belts = sum(name.startswith("measured.conveyor[") and name.endswith("].travel") for name in cell.names)
+        self._travel = cell.real_group([f"measured.conveyor[{i}].travel" for i in range(1, belts + 1)])
         self._measured = cell.real_group([f"measured.{axis}" for axis in axes])
         self._rate = cell.real_group(["controller.rate"])
         self._path_time = cell.real_group(["controller.path_time"])
@@ -164,5 +177,14 @@ class GuardedCell:
             float(cell.get(self._path_time)[0]) if follows else 0.0,
             self._shows_jogs,
             cell.get(self._widths).copy(),
+            self._placed_parts(axes),
             digest=self._digest,
         )
+
+    def _placed_parts(self, axes: NDArray[np.float64]) -> tuple[PlacedPart, ...]:
+        if self._parts is None:
+            return ()
+        has_gripper = self._widths.count > 0
+        width = float(self._cell.get(self._widths)[0]) if has_gripper else 0.0
+        gripped = has_gripper and self._cell.get_boolean("measured.gripper.gripped")
+        return self._parts.update(axes, self._cell.get(self._travel), width, gripped)

@@ -85,6 +85,15 @@ class PlacedPart:
         axis for the platter.
     pose
         Position (x, y, z), m, and quaternion (w, x, y, z) in the frame behind that axis.
+
+    Raises
+    ------
+    MessageError
+        If a value is outside the bounds of the format.
+
+    Examples
+    --------
+    >>> held = scancell.PlacedPart(1, 6, (0.0, -0.09, 0.1, 1.0, 0.0, 0.0, 0.0))  # on the flange of six joints
     """
 
     number: int

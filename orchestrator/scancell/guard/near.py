@@ -48,7 +48,7 @@ class NearPairs:
     def __init__(
         self, nominal: NominalCell, pairs: Sequence[tuple[str, str]], clearance: ArrayLike, angle_error: ArrayLike
     ) -> None:
-        self._bounds = MotionBounds(nominal, pairs)
+        self._pairs, self._bounds = pairs, MotionBounds(nominal, pairs)
         self.clearance = np.broadcast_to(np.asarray(clearance, float), (len(pairs),))
         self.angle_error = np.broadcast_to(np.asarray(angle_error, float), (len(nominal.arm.joints) + 1,))
         self._begins = True
@@ -57,6 +57,12 @@ class NearPairs:
     def release(self) -> None:
         """Forget all pairs: each has its clearance again."""
         self._kept = np.full(len(self.clearance), np.inf)
+
+    def take_over(self, before: NearPairs) -> None:
+        """Keep the distances of those pairs that other bodies of a cell had `before`."""
+        kept = dict(zip(before._pairs, before._kept.tolist(), strict=True))
+        self._kept = np.array([kept.get(pair, np.inf) for pair in self._pairs])
+        self._begins = before._begins
 
     def begin_session(self) -> None:
         """Accept in the next update that something else than a permitted motion has brought pairs nearer."""

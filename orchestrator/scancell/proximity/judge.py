@@ -78,10 +78,10 @@ class Judge:
         import fcl  # noqa: PLC0415  (most commands make no plan)
 
         found = self._overlapping(poses[None], self._index, _TOUCHING)[0]
-        for k in np.flatnonzero(found):
+        for k in np.flatnonzero(found).tolist():
             request, result = fcl.DistanceRequest(), fcl.DistanceResult()
             found[k] = fcl.distance(*self._placed(poses, k), request, result) < _TOUCHING
-        return found
+        return np.asarray(found)
 
     def _placed(self, poses: Array, pair: int) -> list[Any]:
         """Both bodies of a pair at poses (bodies, 4, 4)."""

@@ -14,8 +14,9 @@ from scancell.config.robot import JointDescription
 from scancell.config.scan import ScanDescription
 from scancell.geometry.mesh import Mesh
 from scancell.guard.guard import Guard
+from scancell.guard.parts import movable_parts
 from scancell.guard.settings import GuardSettings
-from scancell.nominal.cell import NominalCell, nominal_cell, without_bodies
+from scancell.nominal.cell import NominalCell, nominal_cell
 from scancell.nominal.gripper import finger_travel_mesh
 from scancell.nominal.parts import load_part
 from scancell.planning.occupancy import with_occupied_space
@@ -59,8 +60,8 @@ def guard_of(
 ) -> Guard:
     """Make a guard of a cell's bodies, the part on its table, and the occupied space of a scan description.
 
-    It considers fingers at all widths, but not free parts that a belt or a gripper can move, and allows fingers to
-    touch parts.
+    It considers fingers at all widths, and free parts that a belt or a gripper can move where the states place them
+    (`GuardedCell`). Fingers may touch parts, and parts that can be moved may touch the table and belts.
 
     Parameters
     ----------
@@ -92,12 +93,13 @@ def guard_of(
     """
     setup = load_setup(cell, None, scan)
     mesh = load_part(part, unit) if isinstance(part, str | Path) else part
-    nominal = without_bodies(nominal_cell(setup.cell, mesh), _moving_parts(setup.cell))
-    nominal = with_occupied_space(with_finger_travel(nominal, setup.cell), setup.scan.occupied)
+    nominal = with_finger_travel(nominal_cell(setup.cell, mesh), setup.cell)
+    nominal = with_occupied_space(nominal, setup.scan.occupied)
     settings = settings or settings_of(setup.cell)
     if max_age is not None:
         settings = replace(settings, max_age=max_age)
-    return Guard(nominal, setup.cell.robot, settings, _grips(nominal))
+    movable = movable_parts(setup.cell)
+    return Guard(nominal, setup.cell.robot, settings, touching(nominal, setup.cell), movable)
 
 
 def with_finger_travel(nominal: NominalCell, cell: CellDescription) -> NominalCell:
@@ -114,20 +116,13 @@ def with_finger_travel(nominal: NominalCell, cell: CellDescription) -> NominalCe
     return replace(nominal, bodies=bodies)
 
 
-def _moving_parts(cell: CellDescription) -> list[str]:
-    """Frames of the parts that do not stay where they are described: free ones that a belt or a gripper can move."""
-    is_moved = cell.gripper is not None
-    moving = [
-        f"part[{number}]"
-        for number, further in enumerate(cell.further_part, start=2)
-        if further.fixture == "free" and (is_moved or further.conveyor)
-    ]
-    return [*moving, "part"] if cell.part.fixture == "free" and (is_moved or cell.part.arrival) else moving
-
-
-def _grips(nominal: NominalCell) -> list[tuple[str, str]]:
-    """Pairs of fingers and parts."""
+def touching(nominal: NominalCell, cell: CellDescription) -> list[tuple[str, str]]:
+    """Pairs that may touch: fingers and parts, and parts that can be moved and what they are put down on."""
+    bodies = nominal.bodies
     fingers, parts = (
-        [body.name for body in nominal.bodies if body.moves_with.startswith(frame)] for frame in ("finger[", "part")
+        [body.name for body in bodies if body.moves_with.startswith(frame)] for frame in ("finger[", "part")
     )
-    return [(finger, part) for finger in fingers for part in parts]
+    frames = {"part" if number == 1 else f"part[{number}]" for number in movable_parts(cell)}
+    moved = [body.name for body in bodies if body.moves_with in frames]
+    supports = ["table", *(belt.name for belt in cell.conveyor)]
+    return [(finger, part) for finger in fingers for part in parts] + [(one, on) for one in moved for on in supports]

@@ -19,6 +19,7 @@ from scancell.config.exposure_times import exposure_span
 from scancell.guard.guard import Guard
 from scancell.guard.guarded_cell import GuardedCell
 from scancell.guard.link import Link
+from scancell.guard.parts import PartTracker
 from scancell.guard.transport import InProcess
 from scancell.nominal.cell import NominalCell
 from scancell.progress import NullProgress, Progress
@@ -86,7 +87,8 @@ class ScanSession(CellSession):
         if guard is not None:
             max_age = guard.settings.max_age
             link = Link(InProcess(guard, _ANSWER_TIME), max_age)
-            self._guarded = GuardedCell(instance, cycle_us, link, max_age)
+            parts = PartTracker(job.setup.cell, job.loaded.nominal)
+            self._guarded = GuardedCell(instance, cycle_us, link, max_age, parts=parts)
             self._guarded.attach()
 
     @property
