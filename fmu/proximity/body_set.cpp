@@ -37,7 +37,7 @@ bool crosses(const Eigen::AlignedBox3d& box, const Vector3d& origin, const Vecto
 
 }  // namespace
 
-Shape::Shape(TriangleMesh triangles) : mesh(std::move(triangles)) {
+Shape::Shape(TriangleMesh triangles) : mesh(std::move(triangles)), inside(mesh) {
   for (const Vector3d& vertex : mesh.vertices) bounds.extend(vertex);
   centre = bounds.center();
   for (const Vector3d& vertex : mesh.vertices) radius = std::max(radius, (vertex - centre).norm());
@@ -91,7 +91,7 @@ Inside::Inside(const TriangleMesh& mesh) {
 }
 
 bool contains(const BodySet::Body& body, const Vector3d& point) {
-  return body.inside->closed && body.shape->bounds.contains(point) && contains(body.shape->mesh, point);
+  return body.shape->inside.closed && body.shape->bounds.contains(point) && contains(body.shape->mesh, point);
 }
 
 BodySet::BodySet(std::vector<TriangleMesh> meshes, const BodySet* known) {
@@ -100,10 +100,7 @@ BodySet::BodySet(std::vector<TriangleMesh> meshes, const BodySet* known) {
     for (std::size_t i = 0; known != nullptr && !body.shape && i < known->size(); ++i) {
       if (equal(known->bodies_[i].shape->mesh, mesh)) body = known->bodies_[i];
     }
-    if (!body.shape) {
-      body.shape = std::make_shared<Shape>(std::move(mesh));
-      body.inside = std::make_shared<Inside>(body.shape->mesh);
-    }
+    if (!body.shape) body.shape = std::make_shared<Shape>(std::move(mesh));
     body.world_from_body = Eigen::Isometry3d::Identity();
     bodies_.push_back(body);
   }

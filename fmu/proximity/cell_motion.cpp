@@ -34,9 +34,8 @@ CellMotion::CellMotion(std::vector<ChainJoint> joints, const Isometry3d& world_f
     MovingPair pair;
     pair.outer = of_a.carried > of_b.carried ? a : b;
     pair.first = std::min(of_a.carried, of_b.carried);
-    if (of_a.on_table != of_b.on_table) {
-      pair.table_radius = of_a.on_table ? of_a.table_radius : of_b.table_radius;
-    }
+    pair.turns = of_a.on_table != of_b.on_table;
+    pair.turning = of_a.on_table ? a : b;
     pairs_.push_back(pair);
   }
 }
@@ -53,13 +52,13 @@ void CellMotion::place(const double* axes, CellFrames& frames) const {
     step.translation() = joint.a * turn.col(0) + Vector3d(0, 0, joint.d);
     frames.links[i + 1] = frames.links[i] * step;
   }
-  Isometry3d table = world_from_table_;
-  table.linear() *= about_z(axes[joints_.size()]);
+  frames.table = world_from_table_;
+  frames.table.linear() *= about_z(axes[joints_.size()]);
   for (std::size_t i = 0; i < bodies_.size(); ++i) {
     const CarriedBody& body = bodies_[i];
     const Isometry3d& from_body = body.carrier_from_body;
     const auto link = static_cast<std::size_t>(body.carried);
-    frames.bodies[i] = body.on_table ? table * from_body
+    frames.bodies[i] = body.on_table ? frames.table * from_body
                        : link > 0    ? frames.links[link] * from_body
                                      : from_body;
   }
@@ -79,6 +78,23 @@ Isometry3d CellMotion::place_tool(const double* axes, const Isometry3d& link_fro
   return tool;
 }
 
+// The table moves a point p of a body that it turns at dp = h z x (p - o), and leaves this line by at most
+// half of h² times the distance of p from the axis.
+RelativeMotion CellMotion::motion_by_table(const CellFrames& frames, std::size_t turning, double half,
+                                           double slack) const {
+  const CarriedBody& body = bodies_[turning];
+  const Vector3d axis = frames.table.linear().col(2);
+  RelativeMotion result;
+  result.moving = turning;
+  result.at = frames.table * body.centre;
+  result.velocity = half * axis.cross(result.at - frames.table.translation());
+  result.turn = half * axis;
+  result.rest = (half * half / 2 + slack) * body.table_radius;
+  const double straight = result.velocity.norm() + result.turn.norm() * body.radius;
+  result.bound = std::min((std::abs(half) + slack) * body.table_radius, result.rest + straight);
+  return result;
+}
+
 // Joints move a point p of the outer body at dp = sum of h_k z_k x (p - o_k) (z_k, o_k: axis of joint k, h_k:
 // its rate), in which motions of several joints may cancel, plus half of the second derivative, in which
 // joints j <= k appear as h_j z_j x (h_k z_k x (p - o_k)): at most |h_j h_k| times the distance of p from
@@ -87,12 +103,15 @@ RelativeMotion CellMotion::motion(const CellFrames& frames, std::size_t pair, co
                                   const double* slack) const {
   const MovingPair& moving = pairs_[pair];
   const std::size_t table = joints_.size();
-  const double by_table = (std::abs(half[table]) + slack[table]) * moving.table_radius;
   const CarriedBody& body = bodies_[moving.outer];
+  RelativeMotion turned;
+  if (moving.turns) turned = motion_by_table(frames, moving.turning, half[table], slack[table]);
+  const double by_table =
+      moving.turns ? (std::abs(half[table]) + slack[table]) * bodies_[moving.turning].table_radius : 0;
   RelativeMotion result;
   result.moving = moving.outer;
   result.rest = result.bound = by_table;
-  if (body.carried == moving.first) return result;
+  if (body.carried == moving.first) return moving.turns ? turned : result;
   const auto first = static_cast<std::size_t>(moving.first);
   const auto last = static_cast<std::size_t>(body.carried);
   const Vector3d centre = result.at = frames.links[last] * body.centre;
@@ -115,6 +134,11 @@ RelativeMotion CellMotion::motion(const CellFrames& frames, std::size_t pair, co
     result.turn += half[k] * axis;
     second += travel * (lever.norm() + body.radius + beyond) * (travel + 2 * std::max(before, 0.0));
     beyond += (travel + slack[k]) * (length_[last] - length_[k] + from_last);
+  }
+  if (moving.turns && summed == 0) {  // the table moves alone
+    turned.rest += strayed;
+    turned.bound += strayed;
+    return turned;
   }
   result.rest = by_table + strayed + second / 2;
   const double straight = result.velocity.norm() + result.turn.norm() * body.radius;

@@ -25,8 +25,9 @@ struct CarriedBody {
 
 /// Frames at one position of the axes.
 struct CellFrames {
-  std::vector<Eigen::Isometry3d> links;   // world_from_link, base first
-  std::vector<Eigen::Isometry3d> bodies;  // world_from_body
+  std::vector<Eigen::Isometry3d> links;                     // world_from_link, base first
+  std::vector<Eigen::Isometry3d> bodies;                    // world_from_body
+  Eigen::Isometry3d table = Eigen::Isometry3d::Identity();  // world_from_table
 };
 
 /// Motion of one body of a pair relative to the other while the axes go to either side of a position.
@@ -67,8 +68,12 @@ class CellMotion {
   struct MovingPair {
     std::size_t outer = 0;    // the body that more joints carry
     int first = 0;            // joint that carries it and not the other one; all later ones do, too
-    double table_radius = 0;  // of the one that turns with the table, unless both do
+    bool turns = false;       // whether the table turns one of both
+    std::size_t turning = 0;  // that one
   };
+
+  RelativeMotion motion_by_table(const CellFrames& frames, std::size_t turning, double half,
+                                 double slack) const;
 
   std::vector<ChainJoint> joints_;
   Eigen::Isometry3d world_from_base_, world_from_table_;

@@ -13,17 +13,6 @@ namespace robotcell::proximity {
 
 using Model = fcl::BVHModel<fcl::OBBRSSd>;
 
-/// Shape of a body: independent of its pose.
-struct Shape {
-  explicit Shape(TriangleMesh triangles);
-
-  TriangleMesh mesh;
-  Eigen::AlignedBox3d bounds;  // of the mesh, body frame
-  Eigen::Vector3d centre;      // of the bounding sphere, body frame
-  double radius = 0;
-  Model model;
-};
-
 /// Interior of a mesh. Vertices at the same position are one.
 struct Inside {
   explicit Inside(const TriangleMesh& mesh);
@@ -32,9 +21,20 @@ struct Inside {
   std::vector<Eigen::Vector3d> points;  // a vertex of each connected piece, body frame
 };
 
+/// Shape of a body: independent of its pose.
+struct Shape {
+  explicit Shape(TriangleMesh triangles);
+
+  TriangleMesh mesh;
+  Inside inside;
+  Eigen::AlignedBox3d bounds;  // of the mesh, body frame
+  Eigen::Vector3d centre;      // of the bounding sphere, body frame
+  double radius = 0;
+  Model model;
+};
+
 struct BodySet::Body {
   std::shared_ptr<const Shape> shape;
-  std::shared_ptr<const Inside> inside;
   Eigen::Isometry3d world_from_body = Eigen::Isometry3d::Identity();
 };
 

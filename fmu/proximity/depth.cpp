@@ -81,7 +81,7 @@ void update_depth(const BodySet::Body& of, const std::vector<Vector3d>& points, 
 
 bool has_piece_inside(const BodySet::Body& of, const BodySet::Body& within) {
   const Eigen::Isometry3d within_from_of = within.world_from_body.inverse() * of.world_from_body;
-  const auto& points = of.inside->points;
+  const auto& points = of.shape->inside.points;
   return std::any_of(points.begin(), points.end(),
                      [&](const Vector3d& point) { return contains(within, within_from_of * point); });
 }

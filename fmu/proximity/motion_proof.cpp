@@ -50,10 +50,12 @@ class Judge {
         search_(memory.search),
         memory_(memory.pairs),
         dropped_(motion.pairs(), false),
+        enclosures_(motion.pairs()),
         begin_(memory.search.work()) {
     memory_.resize(motion.pairs());
     for (PairMemory& pair : memory_) {  // of other poses: only the faces are reusable
       pair.at_least = -1;
+      pair.enclosure_holds = 0;
       pair.front.clear();
     }
   }
@@ -126,6 +128,7 @@ class Judge {
     const double least = required(number_, pair);
     const auto& [a, b] = scene_.pair(pair);
     const Eigen::Isometry3d a_from_b = relative_pose(pair);
+    if (encloses(pair, a_from_b)) return Verdict::kViolated;
     if (moved > kFarthestSearch + strayed) {
       return spheres_apart(scene_.body(a), scene_.body(b), a_from_b) < least + moved ? open
                                                                                      : Verdict::kProved;
@@ -140,17 +143,36 @@ class Judge {
   double distance(std::size_t pair) {
     const auto& [a, b] = scene_.pair(pair);
     const double infinite = std::numeric_limits<double>::infinity();
-    return search_.closest(scene_.body(a), scene_.body(b), relative_pose(pair), infinite, memory_[pair])
-        ->distance;
+    const Eigen::Isometry3d a_from_b = relative_pose(pair);
+    const double distance =
+        search_.closest(scene_.body(a), scene_.body(b), a_from_b, infinite, memory_[pair])->distance;
+    const bool inside = search_.encloses(scene_.body(a), scene_.body(b), a_from_b, distance, memory_[pair]);
+    return inside ? 0 : distance;
   }
 
  private:
+  struct Enclosure {
+    std::size_t motion = std::numeric_limits<std::size_t>::max();  // for which it was found
+    bool encloses = false;
+  };
+
   /// A motion relative to body `a`, which is to keep `least` (m).
   Sweep sweep(const RelativeMotion& motion, std::size_t a, double least) const {
     const Eigen::Isometry3d& world_from_a = frames_.bodies[a];
     const Eigen::Matrix3d a_from_world = world_from_a.linear().transpose();
     return {motion.moving == a, a_from_world * (motion.at - world_from_a.translation()),
             a_from_world * motion.velocity, a_from_world * motion.turn, least + motion.rest};
+  }
+
+  /// Whether a body of a pair encloses the other one, found once for a motion: what enters or leaves the
+  /// other one meets its surface, which no proof permits.
+  bool encloses(std::size_t pair, const Eigen::Isometry3d& a_from_b) {
+    Enclosure& known = enclosures_[pair];
+    if (known.motion != number_) {
+      const auto& [a, b] = scene_.pair(pair);
+      known = {number_, search_.encloses(scene_.body(a), scene_.body(b), a_from_b, 0, memory_[pair])};
+    }
+    return known.encloses;
   }
 
   Eigen::Isometry3d relative_pose(std::size_t pair) const {
@@ -165,6 +187,7 @@ class Judge {
   PairSearch& search_;
   std::vector<PairMemory>& memory_;
   std::vector<bool> dropped_;
+  std::vector<Enclosure> enclosures_;
   std::size_t begin_;  // work before
   CellFrames frames_;
   std::vector<double> at_, half_, slack_, rest_;

@@ -54,7 +54,12 @@ void search_block(const std::vector<std::shared_ptr<const SearchBody>>& bodies,
       const auto& [a, b] = pairs[k];
       const Isometry3d a_from_b = poses[a].inverse() * poses[b];
       const double bound = bounds[i * pairs.size() + k];
-      found(i, k, poses[a], search.closest(*bodies[a], *bodies[b], a_from_b, bound, memory[k]));
+      auto closest = search.closest(*bodies[a], *bodies[b], a_from_b, bound, memory[k]);
+      const double apart = closest ? closest->distance : bound;
+      if (apart > 0 && search.encloses(*bodies[a], *bodies[b], a_from_b, apart, memory[k])) {
+        closest = ClosestFaces{0, Vector3d::Zero(), Vector3d::Zero()};
+      }
+      found(i, k, poses[a], closest);
     }
   }
 }

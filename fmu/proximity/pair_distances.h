@@ -17,7 +17,8 @@ struct PoseBatch {
   std::size_t count = 0;
 };
 
-/// Distances are between surfaces: a body completely inside another one is at a distance from it.
+/// Distances are between surfaces; they are 0 where surfaces intersect, or a closed mesh encloses a connected
+/// piece of the other one. Nothing is inside an open mesh.
 ///
 /// What a search finds out about a pair carries over to the next pose, which saves time along a path and
 /// changes distances by less than 1e-12 m. Threads take blocks of consecutive poses whose size depends on
@@ -39,7 +40,7 @@ class PairDistances {
   const Pair& pair(std::size_t number) const { return pairs_[number]; }
   const SearchBody& body(std::size_t number) const { return *bodies_[number]; }
 
-  /// Distances (count, pairs), m, exact below their bound and equal to it otherwise; 0 where surfaces
+  /// Distances (count, pairs), m, exact below their bound and equal to it otherwise; 0 where bodies
   /// intersect.
   ///
   /// `bounds` (count, pairs), m. `closest_points`, unless null, receives (count, pairs, 2, 3), m: the closest
@@ -47,7 +48,7 @@ class PairDistances {
   void distances(const PoseBatch& poses, const double* bounds, unsigned threads, double* distances,
                  double* closest_points = nullptr) const;
 
-  /// Whether the surfaces intersect (count, pairs): whether their distance is 0.
+  /// Whether the bodies intersect (count, pairs): whether their distance is 0.
   void collisions(const PoseBatch& poses, unsigned threads, bool* intersecting) const;
 
  private:

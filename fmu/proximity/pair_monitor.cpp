@@ -242,7 +242,9 @@ std::optional<Nearest> PairMonitor::nearest(const BodySet& bodies, double bound,
   for (std::size_t i = 0; i < pairs_.size() && bound > 0; ++i) {
     const auto& a = bodies.body(pairs_[i].first);
     const auto& b = bodies.body(pairs_[i].second);
-    if (lower_bound(i, bodies) >= bound) continue;
+    const double at_least = lower_bound(i, bodies);
+    if (at_least > 0 && bounds_[i].encloses) update({i, {0, 0}, 0.0});
+    if (at_least >= bound) continue;
     fcl::DistanceResultd result;
     result.min_distance = bound + kSearchMargin;  // the search only looks for smaller distances
     fcl::distance(&a.shape->model, a.world_from_body, &b.shape->model, b.world_from_body,
@@ -251,7 +253,7 @@ std::optional<Nearest> PairMonitor::nearest(const BodySet& bodies, double bound,
     bounds_[i] = {bodies.body(larger).world_from_body.inverse() * bodies.body(smaller).world_from_body,
                   result.min_distance, result.min_distance > 0 && one_encloses_other(a, b)};
     const FacePair faces{static_cast<std::size_t>(result.b1), static_cast<std::size_t>(result.b2)};
-    update({i, faces, std::max(result.min_distance, 0.0)});
+    update({i, faces, bounds_[i].encloses ? 0.0 : std::max(result.min_distance, 0.0)});
   }
   return found;
 }

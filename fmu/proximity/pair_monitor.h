@@ -22,7 +22,7 @@ struct Collision {
 struct Nearest {
   std::size_t pair = 0;
   FacePair faces{0, 0};
-  double distance = 0;  // m; 0 where surfaces intersect
+  double distance = 0;  // m; 0 where surfaces intersect or one body encloses the other
 };
 
 /// Two bodies collide where their surfaces intersect, or where one encloses a connected piece of the other.

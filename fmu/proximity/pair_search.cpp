@@ -82,6 +82,54 @@ std::optional<ClosestFaces> PairSearch::search(const SearchBody& a, const Search
   return closest_;
 }
 
+bool PairSearch::encloses(const SearchBody& a, const SearchBody& b, const Isometry3d& a_from_b, double apart,
+                          PairMemory& memory) {
+  const BoundingSphere &of_a = a.tree.sphere(0), &of_b = b.tree.sphere(0);
+  const double between = (a_from_b * of_b.centre - of_a.centre).norm();
+  if (between > of_a.radius + of_b.radius) return false;
+  // A piece that is inside stays there until the surfaces meet.
+  if (relative_motion(a, b, memory.enclosure_at, a_from_b) < memory.enclosure_holds) return memory.encloses;
+  const auto has_piece_inside = [this](const SearchBody& of, const SearchBody& within,
+                                       const Isometry3d& within_from_of) {
+    if (!within.shape->inside.closed) return false;
+    const auto& points = of.shape->inside.points;
+    return std::any_of(points.begin(), points.end(),
+                       [&](const Vector3d& point) { return is_inside(within_from_of * point, within); });
+  };
+  memory.enclosure_at = a_from_b;
+  memory.enclosure_holds = apart;
+  memory.encloses =
+      has_piece_inside(b, a, a_from_b) || has_piece_inside(a, b, a_from_b.inverse(Eigen::Isometry));
+  return memory.encloses;
+}
+
+/// Whether a point (body frame) is inside a closed mesh: as `contains`, by the faces near the ray.
+bool PairSearch::is_inside(const Vector3d& point, const SearchBody& body) {
+  const Shape& shape = *body.shape;
+  if (!shape.bounds.contains(point)) return false;
+  bool inside = false;
+  std::vector<int> nodes{0};
+  while (!nodes.empty()) {
+    const int node = nodes.back();
+    nodes.pop_back();
+    ++work_;
+    const BoundingSphere& sphere = body.tree.sphere(node);
+    const Vector3d to_centre = sphere.centre - point;
+    const double radius = sphere.radius + kRounding;
+    if (to_centre.dot(inside_direction()) < -radius) continue;
+    if (to_centre.cross(inside_direction()).squaredNorm() > radius * radius) continue;
+    if (body.tree.is_leaf(node)) {
+      const double distance =
+          intersect_ray(point, inside_direction(), corners(shape.mesh, body.tree.face(node)));
+      if (distance > 0 && distance < std::numeric_limits<double>::infinity()) inside = !inside;
+    } else {
+      nodes.push_back(body.tree.first_child(node));
+      nodes.push_back(body.tree.first_child(node) + 1);
+    }
+  }
+  return inside;
+}
+
 /// Puts the nodes to search on the stack: those of the last front that may have come near enough since, or
 /// the roots.
 void PairSearch::begin(double moved, PairMemory& memory) {

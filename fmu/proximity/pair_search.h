@@ -51,6 +51,9 @@ struct PairMemory {
   std::vector<FrontNode> front;   // covers all pairs of faces; empty: none
   double travelled = 0;           // upper bound on the relative motion since the front began, m
   std::size_t first_size = 0;     // of the front when it began
+  Eigen::Isometry3d enclosure_at = Eigen::Isometry3d::Identity();  // a_from_b where the following was found
+  bool encloses = false;                                           // one body a piece of the other one
+  double enclosure_holds = 0;  // while the bodies move by less than this from there, m
 };
 
 /// Branch and bound over two bounding trees. A search ends with a front: pairs of nodes that together contain
@@ -73,6 +76,12 @@ class PairSearch {
                                    double near_enough, std::size_t patience, const Sweep& sweep) {
     return search(a, b, a_from_b, bound, memory, near_enough, patience, &sweep);
   }
+
+  /// Whether a closed mesh encloses a connected piece of the other one, for bodies whose surfaces are at
+  /// least `apart` (m) from each other. Nothing is inside an open mesh, which itself can be inside a closed
+  /// one.
+  bool encloses(const SearchBody& a, const SearchBody& b, const Eigen::Isometry3d& a_from_b, double apart,
+                PairMemory& memory);
 
   /// Nodes and faces compared since the search was made: a measure of its work independent of the clock.
   std::size_t work() const { return work_; }
@@ -111,6 +120,7 @@ class PairSearch {
   bool stays_clear(const Corners& a, const Corners& b, const Eigen::Vector3d& normal) const;
   bool split_first(const Node& node) const;
   double compare(const FacePair& faces);
+  bool is_inside(const Eigen::Vector3d& point, const SearchBody& body);
 
   /// Distance below which a node is of interest.
   double limit() const { return best_ - kTolerance; }

@@ -29,12 +29,15 @@ double intersect_ray(const Vector3d& origin, const Vector3d& direction, const Co
   return ac.dot(q) / determinant;
 }
 
+const Vector3d& inside_direction() {
+  static const Vector3d direction = Vector3d(0.5377, 0.8339, -0.1241).normalized();
+  return direction;
+}
+
 bool contains(const TriangleMesh& mesh, const Vector3d& point) {
-  // An arbitrary direction, to avoid hitting edges.
-  const Vector3d direction = Vector3d(0.5377, 0.8339, -0.1241).normalized();
   bool inside = false;
   for (std::size_t i = 0; i < mesh.faces.size(); ++i) {
-    const double distance = intersect_ray(point, direction, corners(mesh, i));
+    const double distance = intersect_ray(point, inside_direction(), corners(mesh, i));
     if (distance > 0 && distance < std::numeric_limits<double>::infinity()) inside = !inside;
   }
   return inside;

@@ -22,6 +22,9 @@ Corners corners(const TriangleMesh& mesh, std::size_t face);
 double intersect_ray(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
                      const Corners& triangle);
 
+/// Direction of the rays that find out whether points are inside: arbitrary, to avoid hitting edges.
+const Eigen::Vector3d& inside_direction();
+
 /// Whether a point is inside a closed mesh: a ray from it has an odd number of intersections.
 bool contains(const TriangleMesh& mesh, const Eigen::Vector3d& point);
 

@@ -1,5 +1,6 @@
 """Distances, closest points and collisions of bodies against closed forms and FCL; batches, paths, threads, input."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import fcl
@@ -12,7 +13,8 @@ from fcl_collisions import colliding, collision_object
 from scancell.config.loading import assets_dir, load_setup
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
-from scancell.nominal.cell import nominal_cell
+from scancell.nominal.cell import Body, nominal_cell
+from scancell.proximity.motion_check import MotionCheck
 from scancell.proximity.scene import ProximityScene, cell_scene, intersecting_pairs
 
 BOX = mesh_of(trimesh.creation.box((0.2, 0.2, 0.2)))
@@ -155,9 +157,26 @@ def _fcl_distances(arm, poses):
     return distances
 
 
+def _is_enclosed(arm, poses, pair) -> bool:
+    """Whether a body surrounds a vertex of the other: by the solid angle of its surface (van Oosterom & Strackee)."""
+    at = {name: pose.transform_points(poses[k], arm.meshes[name].vertices) for k, name in enumerate(arm.scene.names)}
+    for inner, outer in (pair, pair[::-1]):
+        corners = (at[outer] - at[inner][0])[arm.meshes[outer].faces]
+        a, b, c = np.moveaxis(corners / np.linalg.norm(corners, axis=-1, keepdims=True), 1, 0)
+        triple = np.einsum("ni,ni->n", a, np.cross(b, c))
+        below = 1 + np.einsum("ni,ni->n", a, b) + np.einsum("ni,ni->n", b, c) + np.einsum("ni,ni->n", c, a)
+        if abs(2 * np.arctan2(triple, below).sum()) > 2 * np.pi:
+            return True
+    return False
+
+
 def test_arm_distances_match_fcl(arm):
     poses = arm.random_poses(12)
     expected = _fcl_distances(arm, poses)
+    solid = arm.scene.distances(poses, np.inf) == 0
+    for k, p in zip(*np.nonzero(solid & (expected > 0)), strict=True):  # FCL sees surfaces only
+        assert _is_enclosed(arm, poses[k], arm.scene.pairs[p])
+        expected[k, p] = 0.0
     full, points = arm.scene.closest_points(poses, np.inf)
     assert np.abs(full - expected).max() < 1e-9
     assert np.abs(arm.scene.distances(poses, 0.05) - np.minimum(expected, 0.05)).max() < 1e-9
@@ -169,7 +188,9 @@ def test_arm_collisions_match_fcl(arm):
     poses = arm.random_poses(150)
     expected = colliding(arm.meshes, arm.scene.pairs, poses)
     index, pair = np.nonzero(arm.scene.collisions(poses))
-    assert {(int(i), *arm.scene.pairs[p]) for i, p in zip(index, pair, strict=True)} == expected
+    found = {(int(i), *arm.scene.pairs[p]) for i, p in zip(index, pair, strict=True)}
+    assert expected <= found
+    assert all(_is_enclosed(arm, poses[i], names) for i, *names in found - expected)  # FCL sees surfaces only
     assert expected
 
 
@@ -290,3 +311,69 @@ def test_bodies_that_cannot_move_relative_to_each_other_are_no_pair() -> None:
         np.testing.assert_allclose(between, np.broadcast_to(between[0], between.shape), atol=1e-12)
         assert frozenset(rigid) not in pairs
     assert {frozenset(("link4", "gripper")), frozenset(("gripper", "table"))} <= pairs
+
+
+def _without_lid(mesh: Mesh) -> Mesh:
+    """The box without the two faces of its top."""
+    top = mesh.vertices[:, 2].max()
+    return Mesh(mesh.vertices, mesh.faces[~(mesh.vertices[mesh.faces][:, :, 2] > top - 1e-9).all(1)])
+
+
+def _joined(*meshes: trimesh.Trimesh) -> Mesh:
+    return mesh_of(trimesh.util.concatenate(meshes))
+
+
+SMALL = trimesh.creation.box((0.02, 0.02, 0.02))
+HOLLOW = _joined(trimesh.creation.box((0.2, 0.2, 0.2)), trimesh.creation.box((0.16, 0.16, 0.16)))
+BESIDE = _joined(SMALL.copy().apply_translation((0.5, 0.0, 0.0)), SMALL)
+
+
+@pytest.mark.parametrize(
+    ("outer", "inner", "expected"),
+    [
+        (BOX, mesh_of(SMALL), 0.0),  # enclosed
+        (mesh_of(SMALL), BOX, 0.0),  # in either order
+        (BOX, BESIDE, 0.0),  # one of two pieces
+        (_without_lid(BOX), mesh_of(SMALL), 0.09),  # nothing is inside an open mesh
+        (BOX, _without_lid(mesh_of(SMALL)), 0.0),  # which can itself be inside a closed one
+        (HOLLOW, mesh_of(SMALL), 0.07),  # in the cavity of a hollow body
+    ],
+)
+def test_closed_meshes_are_solid(outer, inner, expected):
+    scene = ProximityScene({"a": outer, "b": inner}, [("a", "b")])
+    rotation = pose.rotation_about(2, 0.3) if expected == 0.0 else np.eye(3)
+    both = np.stack([pose.from_rotation(rotation, (0.3, 0.1, 0.0))] * 2)[None]
+    assert scene.distances(both, np.inf)[0, 0] == pytest.approx(expected, abs=1e-12)
+    assert scene.collisions(both)[0, 0] == (expected == 0.0)
+    assert len(scene.clearance_violations(both, 0.001)) == (expected == 0.0)
+
+
+def test_enclosure_is_known_along_a_path_in_and_out():
+    """What is known of the pose before does not outlast a jump through the surface."""
+    scene = ProximityScene({"a": BALL, "b": mesh_of(trimesh.creation.icosphere(2, 0.01))}, [("a", "b")])
+    for step in (0.0007, 0.011, 0.06, 0.3):
+        x = np.arange(-0.3, 0.3, step)
+        x = np.concatenate([x, x[::-1]])
+        poses = _placed(np.zeros(3), np.column_stack([x, np.full(len(x), 0.003), np.full(len(x), 0.002)]))
+        outside = np.linalg.norm(poses[:, 1, :3, 3], axis=1) > 0.11
+        distance = scene.distances(poses, 0.05)[:, 0]
+        assert ((distance > 0) == outside).all()
+        assert (scene.collisions(poses)[:, 0] == ~outside).all()
+
+
+def test_motions_inside_a_closed_body_are_not_proved():
+    """A voxel-like box around the wrist, which no surface touches."""
+    nominal = planning_cell(ball()).nominal
+    wrist = nominal.frame_poses(nominal.home, 0.0)["sensor"][:3, 3]
+    cage = mesh_of(trimesh.creation.box((3.0, 3.0, 3.0), pose.translation(wrist)))
+    for mesh, is_free in ((cage, False), (_without_lid(cage), True)):
+        bodies = (*nominal.bodies, Body("cage", "world", mesh, nominal.bodies[0].material))
+        caged = replace(nominal, bodies=bodies)
+        scene = ProximityScene({b.name: b.mesh for b in bodies}, [("sensor", "cage"), ("link5", "cage")])
+        check = MotionCheck(caged, scene, 0.001)
+        start = np.append(nominal.home, 0.0)
+        end = start + np.array([0.1, 0, 0, 0.2, 0, 0, 0])
+        assert (check.first_clashes(start, end) == [None]) == is_free
+        assert check.violations(start[None], end[None]).any() != is_free
+        assert np.isinf(check.first_violations(start[None], end[None], 4)).all() == is_free
+        assert (check.distances(start[None], np.array([True, True])) > 0).all() == is_free

@@ -125,11 +125,14 @@ class PlanningCell:
     @cached_property
     def proximity(self) -> ProximityScene:
         """Bodies of the cell, reduced, and the pairs to check for collision."""
-        return cell_scene(self.nominal, {name: found.mesh for name, found in self.reduced_meshes.items()})
+        meshes = {name: found.mesh for name, found in self.reduced_meshes.items()}
+        self.work.spend(0.0)
+        return cell_scene(self.nominal, meshes)
 
     @cached_property
     def reduced_meshes(self) -> dict[str, ReducedMesh]:
         """Mesh of each body by name with few faces; measured space as it is."""
+        self.work.spend(0.0)
         return {
             body.name: ReducedMesh(body.mesh, len(body.mesh.faces))
             if body.name.startswith(OCCUPIED)

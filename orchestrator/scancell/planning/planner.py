@@ -77,11 +77,10 @@ def plan(
     if not along:
         omitted += assembly.go_home()
     kept = [item for item, _ in views if not any(item is lost for lost, _ in omitted)]
+    warnings += [f"omitted: {reason}" for _, reason in omitted]
+    if not kept and not along:
+        raise PlanningError(join_reasons("no view of the part can be taken", warnings))
     if omitted:
-        reasons = [reason for _, reason in omitted]
-        if not kept and not along:
-            raise PlanningError(join_reasons("no view can be reached", reasons))
-        warnings += [f"omitted: {reason}" for reason in reasons]
         seen = seen_by([item.view for item in kept], cell.range, part)
     for item in along:
         assembly.add_path(item)

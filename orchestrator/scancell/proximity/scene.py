@@ -34,8 +34,9 @@ class Clash:
 class ProximityScene:
     """Rigid bodies and the pairs of them to check.
 
-    Distances are between surfaces: a body completely inside another is not detected, only its way in. Along a path,
-    pass consecutive poses in one call: what is known of a pair at one pose shortens the search at the next one.
+    Closed meshes are solid: inside them, and where surfaces intersect, the distance is 0. Open meshes have no inside;
+    they can lie inside a closed one. Along a path, pass consecutive poses in one call: what is known of a pair at one
+    pose shortens the search at the next one.
 
     Poses (n, bodies, 4, 4) are ``world_from_body`` in the order of `names`. `threads` = 0 uses every core; results do
     not depend on it.
@@ -101,7 +102,7 @@ class ProximityScene:
         return self.native.closest_points(poses, bound, threads)
 
     def collisions(self, poses: ArrayLike, threads: int = 0) -> NDArray[np.bool_]:
-        """Whether surfaces intersect, (n, pairs), at poses (n, bodies, 4, 4): faster than `distances`.
+        """Whether bodies intersect, (n, pairs), at poses (n, bodies, 4, 4): faster than `distances`.
 
         Raises `ValueError` if the shape is wrong or a pose is not a rigid transform.
         """
