@@ -21,7 +21,7 @@ from scancell.proximity.scene import ProximityScene
 
 SETTINGS = GuardSettings(noise=NOISE, angle_error=5 * NOISE)
 ROBOT = load_setup().cell.robot
-AHEAD = POLL * np.arange(1, 33)
+AHEAD = POLL * np.arange(33)
 NEAR = 0.003, 0.02  # m: gaps that a robot at full speed cannot stop in
 BEGIN = 10  # polls at rest before the move
 
@@ -92,13 +92,15 @@ def on_path(number: int, move: Move, clock: float, rate: float, path_time: float
     )
 
 
-def drive(guard: Guard, move: Move, rng: np.random.Generator, silent_from: float) -> tuple[Robot, list[GuardMessage]]:
+def drive(
+    guard: Guard, move: Move, rng: np.random.Generator, silent_from: float, cycles: int = 300
+) -> tuple[Robot, list[GuardMessage]]:
     """A move that begins from rest while permissive answers are under way; none arrives from `silent_from` (s) on."""
     robot = Robot(move, -1.0)
     given: list[GuardMessage] = []
     arriving: list[tuple[float, GuardMessage]] = []
     begin = BEGIN * POLL + SETTINGS.cycle
-    for k in range(300):
+    for k in range(cycles):
         time = k * SETTINGS.cycle
         if k % 2 == 0:
             state = on_path(k // 2, robot.move, robot.clock, robot.rate, robot.path_time)
@@ -118,11 +120,11 @@ def drive(guard: Guard, move: Move, rng: np.random.Generator, silent_from: float
 
 
 def moves(
-    rng: np.random.Generator, count: int, gaps: tuple[float, float]
+    rng: np.random.Generator, count: int, gaps: tuple[float, float], speeds: tuple[float, float] = (0.3, 1.0)
 ) -> Iterator[tuple[Move, NominalCell, ProximityScene]]:
-    """Fast moves towards walls."""
+    """Moves towards walls, m/s."""
     for axes, direction, _, cell, scene in square(rng, gaps, count):
-        yield Move(axes, straight(axes, float(rng.uniform(0.3, 1.0)) * direction)), cell, scene
+        yield Move(axes, straight(axes, float(rng.uniform(*speeds)) * direction)), cell, scene
 
 
 def test_moves_stop_without_contact_whenever_the_guard_falls_silent():
@@ -140,6 +142,18 @@ def test_moves_stop_without_contact_whenever_the_guard_falls_silent():
             needed += distances(cell, scene, move.at(robot.clock + np.linspace(0, 2, 300)), 0.05).min() <= 0
     assert began >= 12
     assert needed >= 20
+
+
+def test_slow_moves_rest_in_front_of_a_wall_whatever_the_noise():
+    """At 1 mm/s the errors of the angles are larger than what the robot travels in a reaction time."""
+    rng = np.random.default_rng(75)
+    for move, cell, scene in moves(rng, 6, (0.0045, 0.006), (0.8e-3, 1.2e-3)):
+        robot, given = drive(Guard(cell, ROBOT, SETTINGS), move, rng, np.inf, 900)
+        assert not any(answer.emergency_stop for answer in given)
+        assert robot.rate == 0.0
+        assert given[-1].monitor_speed == 0.0
+        left = distances(cell, scene, move.at(np.array(robot.course[-1:])), 0.05).min()
+        assert 2 * SETTINGS.position_error < left < 2 * SETTINGS.position_error + 0.0015
 
 
 def test_answers_from_before_a_path_do_not_permit_it():

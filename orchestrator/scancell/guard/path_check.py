@@ -89,7 +89,8 @@ class PathCheck:
         """
         braking = self._braking(points, spacing)
         needed = self._advance(rate or allowed, max(allowed, rate), braking)
-        error = np.abs(points[0] - axes) + self._free_path.angle_error
+        # Axes that are farther from their set-points than the errors of their angles explain stay that far behind.
+        error = np.maximum(np.abs(points[0] - axes), self._free_path.angle_error)
         free, clash = self._free(points, error, spacing, needed, exact)
         if clash is None and (points[-1] == points[-2]).all():
             free = np.inf  # the motion ends within what is known
