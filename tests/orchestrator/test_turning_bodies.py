@@ -21,6 +21,7 @@ from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import Body, NominalCell, nominal_cell
 from scancell.planning.model import PlanningCell
 from scancell.planning.motion import verification
+from scancell.planning.motion.connection import Connector
 from scancell.planning.options import scan_options
 from scancell.planning.planner import plan
 from scancell.proximity.judge import Judge
@@ -182,3 +183,36 @@ def test_platter_that_slides_on_its_bearing_is_no_pair(tmp_path: Path) -> None:
     pairs = {frozenset(pair) for pair in cell_scene(nominal, {b.name: b.mesh for b in nominal.bodies}).pairs}
     assert frozenset(("table", "ring")) not in pairs
     assert frozenset(("part", "ring")) in pairs
+
+
+@pytest.mark.parametrize("clearance", [0.0, 5.0])
+def test_thin_fin_is_planned_at_any_clearance(clearance: float) -> None:
+    """A fin of 1 mm passes between table angles at which a turn is sampled."""
+    fin = mesh_of(box((-0.0005, -0.06, 0.0), (0.0005, 0.06, 0.18)))
+    setup = load_setup(settings=[f"scan.clearance_mm={clearance}", "scan.max_profiles=40", "scan.max_lost_share=1.0"])
+    cell = PlanningCell(nominal_cell(setup.cell, fin), RANGE, CYCLE)
+    made = plan(cell, scan_options(setup.scan, setup.sensor))
+    assert made.coverage > 0.4
+    assert not path_collisions(cell, setpoints(made))
+
+
+def test_view_without_a_free_motion_is_left_out_by_name(monkeypatch) -> None:
+    setup = load_setup(settings=["scan.max_profiles=60"])
+    options, connect = scan_options(setup.scan, setup.sensor), Connector.connect
+    whole = plan(cell_with(), options)
+    first = next(segment.name for segment in whole.program.segments if segment.trigger.kind == "table_angle")
+
+    def blocked(self: Connector, start: Array, end: Array, purpose: str) -> list[Array]:
+        if purpose in refused:
+            raise PlanningError(f"no collision-free path to {purpose}: blocked")
+        return connect(self, start, end, purpose)
+
+    monkeypatch.setattr(Connector, "connect", blocked)
+    refused = {first}
+    made = plan(cell_with(), options)
+    assert f"omitted: no collision-free path to {first}: blocked" in made.warnings
+    assert first not in {segment.name for segment in made.program.segments}
+    assert 0 < made.coverage <= whole.coverage
+    refused = {segment.name for segment in whole.program.segments}
+    with pytest.raises(PlanningError, match=r"no view of the part can be taken: .*omitted: no collision-free path"):
+        plan(cell_with(), options)
