@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <exception>
 #include <mutex>
+#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -36,7 +37,12 @@ void parallel_for(std::size_t tasks, unsigned threads, const Body& body) {
   };
   const unsigned workers = thread_count(threads, tasks);
   std::vector<std::thread> pool;
-  for (unsigned worker = 1; worker < workers; ++worker) pool.emplace_back(work, worker);
+  pool.reserve(workers);
+  try {
+    for (unsigned worker = 1; worker < workers; ++worker) pool.emplace_back(work, worker);
+  } catch (const std::system_error&) {
+    // The system gives no further threads: those that run share the tasks.
+  }
   work(0);
   for (std::thread& thread : pool) thread.join();
   if (failure) std::rethrow_exception(failure);
