@@ -120,11 +120,8 @@ template <class Archive>
 void exchange_unless_infinite(Archive& archive, double& value) {
   bool infinite = std::isinf(value);
   archive.raw(infinite);
-  if (infinite) {
-    value = std::numeric_limits<double>::infinity();
-  } else {
-    archive.raw(value);
-  }
+  if (!infinite) return archive.raw(value);
+  if constexpr (Archive::kReads) value = std::numeric_limits<double>::infinity();
 }
 
 /// Serializes an integer from 0 to `last`; others are rejected.
@@ -150,7 +147,7 @@ std::enable_if_t<std::is_enum_v<T>> exchange(Archive& archive, T& value) {
   static_assert(std::is_same_v<std::underlying_type_t<T>, std::int32_t>);
   auto number = static_cast<std::int32_t>(value);
   exchange_choice<T>(archive, number);
-  value = static_cast<T>(number);
+  if constexpr (Archive::kReads) value = static_cast<T>(number);  // writing must not change a shared state
 }
 
 template <class Archive, int N>
@@ -209,7 +206,8 @@ template <class Archive, class T>
 void exchange(Archive& archive, std::shared_ptr<const T>& value) {
   bool present = Archive::kDescribes || value != nullptr;
   archive.raw(present);
-  if (!present) return value.reset();
+  if constexpr (Archive::kReads) value.reset();
+  if (!present) return;
   if constexpr (Archive::kReads || Archive::kDescribes) {
     const auto read = std::make_shared<T>();
     exchange(archive, *read);

@@ -21,6 +21,10 @@ std::optional<DescriptionOptions> parse_options(int count, char** words) {
       options.clock = true;
     } else if (word == "--arrays") {
       options.arrays = true;
+    } else if (word == "--ahead") {
+      options.ahead = true;
+    } else if (word == "--records") {
+      options.records = true;
     } else if (word == "--integers") {
       options.integers = true;
     } else if (word == "--fmi" && (value == "2" || value == "3")) {
@@ -39,9 +43,10 @@ std::optional<DescriptionOptions> parse_options(int count, char** words) {
 int main(int argc, char** argv) {
   const auto options = parse_options(argc - 2, argv + 2);
   if (argc < 2 || !options) {
-    std::fprintf(
-        stderr,
-        "usage: robotcell-describe CELL.json|- --fmi 2|3 [--clock] [--arrays] [--integers] [--needs TEXT]\n");
+    std::fprintf(stderr,
+                 "usage: robotcell-describe CELL.json|- --fmi 2|3 [--clock] [--arrays] [--ahead] [--records] "
+                 "[--integers] "
+                 "[--needs TEXT]\n");
     return 2;
   }
   try {

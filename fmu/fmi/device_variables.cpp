@@ -30,9 +30,11 @@ void add_conveyors(TableBuilder& table, CellInputs& in, CellOutputs& out) {
     table.add_declared(indexed("conveyor", i) + ".", conveyor_name(i), Causality::kOutput, out.conveyors[i]);
     table.add_declared(indexed("measured.conveyor", i) + ".", conveyor_name(i), Causality::kOutput,
                        out.belt_readings[i]);
+    table.set_clocked(true);
     table.add_declared(indexed("trigger.measured.conveyor", i) + ".",
                        conveyor_name(i) + ", at the middle of the exposure of the current record",
                        Causality::kOutput, out.trigger.belts[i]);
+    table.set_clocked(false);
   }
 }
 

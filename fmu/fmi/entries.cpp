@@ -20,7 +20,7 @@ std::string array_name(const std::string& name) {
 bool same_kind(const Variable& a, const Variable& b) {
   return a.type == b.type && a.causality == b.causality && a.variability == b.variability &&
          std::string_view(a.unit.quantity) == b.unit.quantity && a.min == b.min && a.max == b.max &&
-         a.enumeration == b.enumeration;
+         a.enumeration == b.enumeration && !is_array(a) && !is_array(b);
 }
 
 /// Number of variables from `first` on that form one array; 1 where there is none.

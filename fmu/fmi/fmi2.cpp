@@ -1,6 +1,5 @@
 // Entry points of FMI 2.0 for co-simulation.
 #include <array>
-#include <cstring>
 #include <memory>
 
 #include "fmu/fmi/guard.h"
@@ -45,7 +44,7 @@ fmi2Status get_values(fmi2Component c, const char* function, const fmi2ValueRefe
   return status_of(c, function, [&] {
     require(n == 0 || (vr != nullptr && values != nullptr), "an argument is a null pointer");
     for (size_t i = 0; i < n; ++i) {
-      const T& value = instance_of(c)->get<T>(vr[i], accessed_type<T>(*instance_of(c), vr[i]));
+      const T& value = instance_of(c)->get<T>(vr[i]);
       if constexpr (std::is_same_v<T, std::string>) {
         values[i] = value.c_str();
       } else {
@@ -64,9 +63,7 @@ fmi2Status set_values(fmi2Component c, const char* function, const fmi2ValueRefe
     for (size_t i = 0; i < n; ++i) {
       if constexpr (std::is_same_v<T, std::string>)
         require(values[i] != nullptr, "a string is a null pointer");
-      unchanged = instance_of(c)->set<T>(vr[i], static_cast<T>(values[i]),
-                                         accessed_type<T>(*instance_of(c), vr[i])) &&
-                  unchanged;
+      unchanged = instance_of(c)->set<T>(vr[i], static_cast<T>(values[i])) && unchanged;
     }
   });
   return status == fmi2OK && !unchanged ? fmi2Warning : status;
@@ -74,11 +71,6 @@ fmi2Status set_values(fmi2Component c, const char* function, const fmi2ValueRefe
 
 fmi2Status unsupported(fmi2Component c, const char* function) {
   return status_of(c, function, [] { throw std::logic_error("this function is not supported"); });
-}
-
-Snapshot& snapshot_of(fmi2FMUstate state) {
-  require(state != nullptr, "the state is a null pointer");
-  return *static_cast<Snapshot*>(state);
 }
 
 }  // namespace
@@ -110,8 +102,8 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     if (instance_name.empty()) return reject("the instance name is empty");
     if (type != fmi2CoSimulation) return reject("only co-simulation is supported");
     try {
-      auto instance = std::make_unique<Instance>(instance_name, resources == nullptr ? "" : resources, log);
-      if (guid == nullptr || instance->token() != guid) {
+      auto instance = make_instance(instance_name, resources == nullptr ? "" : resources, log, {});
+      if (guid == nullptr || !instance->use_variant(guid, 2)) {
         return reject("wrong GUID, expected " + instance->token());
       }
       return instance.release();
@@ -123,7 +115,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
   }
 }
 
-void fmi2FreeInstance(fmi2Component c) { delete instance_of(c); }
+void fmi2FreeInstance(fmi2Component c) { free_instance(instance_of(c)); }
 
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean, fmi2Real, fmi2Real start,
                                fmi2Boolean stop_defined, fmi2Real stop) {
@@ -183,51 +175,31 @@ fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference vr[], size_t 
 }
 
 fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate* state) {
-  return status_of(c, "fmi2GetFMUstate", [&] {
-    require(state != nullptr, "an argument is a null pointer");
-    if (*state == nullptr) {
-      *state = new Snapshot(instance_of(c)->snapshot());
-    } else {
-      snapshot_of(*state) = instance_of(c)->snapshot();
-    }
-  });
+  return status_of(c, "fmi2GetFMUstate", [&] { get_state(*instance_of(c), state); });
 }
 
 fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state) {
-  return status_of(c, "fmi2SetFMUstate", [&] { instance_of(c)->restore(snapshot_of(state)); });
+  return status_of(c, "fmi2SetFMUstate", [&] { instance_of(c)->restore(state_of(state)); });
 }
 
 fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate* state) {
-  return status_of(c, "fmi2FreeFMUstate", [&] {
-    if (state == nullptr) return;
-    delete static_cast<Snapshot*>(*state);
-    *state = nullptr;
-  });
+  return status_of(c, "fmi2FreeFMUstate", [&] { free_state(state); });
 }
 
 fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t* size) {
   return status_of(c, "fmi2SerializedFMUstateSize", [&] {
     require(size != nullptr, "an argument is a null pointer");
-    *size = serialize(snapshot_of(state), instance_of(c)->token()).size();
+    *size = instance_of(c)->serialize(state_of(state)).size();
   });
 }
 
 fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
-  return status_of(c, "fmi2SerializeFMUstate", [&] {
-    const auto serialized = serialize(snapshot_of(state), instance_of(c)->token());
-    require(bytes != nullptr && size >= serialized.size(),
-            "the buffer is a null pointer or too small for the state");
-    std::memcpy(bytes, serialized.data(), serialized.size());
-  });
+  return status_of(c, "fmi2SerializeFMUstate", [&] { write_state(*instance_of(c), state, bytes, size); });
 }
 
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size,
                                    fmi2FMUstate* state) {
-  return status_of(c, "fmi2DeSerializeFMUstate", [&] {
-    require(state != nullptr, "an argument is a null pointer");
-    *state = new Snapshot(deserialize(reinterpret_cast<const std::uint8_t*>(bytes), size,
-                                      instance_of(c)->layout(), instance_of(c)->token()));
-  });
+  return status_of(c, "fmi2DeSerializeFMUstate", [&] { read_state(*instance_of(c), bytes, size, state); });
 }
 
 fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference[], size_t,
@@ -254,19 +226,21 @@ fmi2Status fmi2CancelStep(fmi2Component c) { return unsupported(c, "fmi2CancelSt
 fmi2Status fmi2GetStatus(fmi2Component, const fmi2StatusKind, fmi2Status*) { return fmi2Discard; }
 
 fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real* value) {
-  if (c == nullptr || value == nullptr) return fmi2Error;
   if (kind != fmi2LastSuccessfulTime) return fmi2Discard;
-  *value = instance_of(c)->last_successful_time();
-  return fmi2OK;
+  return status_of(c, "fmi2GetRealStatus", [&] {
+    require(value != nullptr, "an argument is a null pointer");
+    *value = instance_of(c)->last_successful_time();
+  });
 }
 
 fmi2Status fmi2GetIntegerStatus(fmi2Component, const fmi2StatusKind, fmi2Integer*) { return fmi2Discard; }
 
 fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean* value) {
-  if (c == nullptr || value == nullptr) return fmi2Error;
   if (kind != fmi2Terminated) return fmi2Discard;
-  *value = fmi2False;
-  return fmi2OK;
+  return status_of(c, "fmi2GetBooleanStatus", [&] {
+    require(value != nullptr, "an argument is a null pointer");
+    *value = fmi2False;
+  });
 }
 
 fmi2Status fmi2GetStringStatus(fmi2Component, const fmi2StatusKind, fmi2String*) { return fmi2Discard; }

@@ -1,6 +1,5 @@
 // Entry points of FMI 3.0 for co-simulation.
 #include <array>
-#include <cstring>
 #include <memory>
 
 #include "fmu/fmi/fmi3_calls.h"
@@ -19,8 +18,9 @@ Log::Sink make_sink(fmi3LogMessageCallback callback, fmi3InstanceEnvironment env
   };
 }
 
-/// Calls `use(reference, position)` for every scalar of the referenced variables, after checking that
-/// `n_values` is their number.
+/// Calls `use(reference, element, position)` for every scalar of the referenced variables, after checking
+/// that `n_values` is their number. The elements of an array have its reference, or, where scalars were
+/// merged, their own ones.
 template <class Use>
 void for_each_value(const Instance& instance, const fmi3ValueReference vr[], size_t n, size_t n_values,
                     const Use& use) {
@@ -30,7 +30,10 @@ void for_each_value(const Instance& instance, const fmi3ValueReference vr[], siz
   size_t at = 0;
   for (size_t i = 0; i < n; ++i) {
     const auto size = static_cast<std::uint32_t>(instance.size_of(vr[i]));
-    for (std::uint32_t element = 0; element < size; ++element) use(vr[i] + element, at++);
+    const bool array = is_array(instance.table().at(vr[i]));
+    for (std::uint32_t element = 0; element < size; ++element) {
+      use(array ? vr[i] : vr[i] + element, array ? element : 0, at++);
+    }
   }
 }
 
@@ -39,9 +42,10 @@ fmi3Status get_values(fmi3Instance instance, const char* function, const fmi3Val
                       Value values[], size_t n_values, bool enumerations = false) {
   return status_of(instance, function, [&] {
     require(n == 0 || (vr != nullptr && values != nullptr), "an argument is a null pointer");
-    for_each_value(*instance_of(instance), vr, n, n_values, [&](std::uint32_t reference, size_t at) {
-      const T& value = instance_of(instance)->get<T>(
-          reference, enumerations ? Type::kEnumeration : accessed_type<T>(*instance_of(instance), reference));
+    Instance& own = *instance_of(instance);
+    for_each_value(own, vr, n, n_values, [&](std::uint32_t reference, size_t element, size_t at) {
+      const T& value =
+          own.get<T>(reference, element, enumerations ? Type::kEnumeration : own.accessed_type<T>(reference));
       if constexpr (std::is_same_v<T, std::string>) {
         values[at] = value.c_str();
       } else {
@@ -57,17 +61,16 @@ fmi3Status set_values(fmi3Instance instance, const char* function, const fmi3Val
   bool unchanged = true;
   const fmi3Status status = status_of(instance, function, [&] {
     require(n == 0 || (vr != nullptr && values != nullptr), "an argument is a null pointer");
-    for_each_value(*instance_of(instance), vr, n, n_values, [&](std::uint32_t reference, size_t at) {
+    Instance& own = *instance_of(instance);
+    for_each_value(own, vr, n, n_values, [&](std::uint32_t reference, size_t, size_t at) {
       if constexpr (std::is_same_v<T, std::string>)
         require(values[at] != nullptr, "a string is a null pointer");
       if constexpr (std::is_same_v<Value, fmi3Int64>) {
         require(values[at] == static_cast<T>(values[at]), "a value is not a member of the enumeration");
       }
-      unchanged =
-          instance_of(instance)->set<T>(
-              reference, static_cast<T>(values[at]),
-              enumerations ? Type::kEnumeration : accessed_type<T>(*instance_of(instance), reference)) &&
-          unchanged;
+      unchanged = own.set<T>(reference, static_cast<T>(values[at]),
+                             enumerations ? Type::kEnumeration : own.accessed_type<T>(reference)) &&
+                  unchanged;
     });
   });
   return status == fmi3OK && !unchanged ? fmi3Warning : status;
@@ -83,11 +86,6 @@ std::function<std::optional<double>(double)> make_intermediate(fmi3IntermediateU
     callback(environment, time, fmi3False, fmi3True, fmi3True, early_return, &requested, &until);
     return requested ? std::optional<double>(until) : std::nullopt;
   };
-}
-
-Snapshot& snapshot_of(fmi3FMUState state) {
-  require(state != nullptr, "the state is a null pointer");
-  return *static_cast<Snapshot*>(state);
 }
 
 }  // namespace
@@ -108,7 +106,8 @@ fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean on, size_t n,
 
 fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean,
                                          fmi3Boolean logging, fmi3Boolean event_mode,
-                                         fmi3Boolean early_return, const fmi3ValueReference[], size_t,
+                                         fmi3Boolean early_return,
+                                         const fmi3ValueReference intermediate_variables[], size_t n,
                                          fmi3InstanceEnvironment environment,
                                          fmi3LogMessageCallback log_message,
                                          fmi3IntermediateUpdateCallback intermediate) {
@@ -120,12 +119,17 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
     };
     if (name == nullptr || *name == '\0') return reject("the instance name is empty");
     try {
-      auto instance = std::make_unique<Instance>(
-          name, resources == nullptr ? "" : resources, log,
-          StepOptions{event_mode, early_return, make_intermediate(intermediate, environment, early_return)});
-      if (token == nullptr || (instance->token() != token && !instance->use_arrays(token))) {
+      StepOptions options{
+          event_mode, early_return, make_intermediate(intermediate, environment, early_return), {}};
+      if (n > 0) {
+        require(intermediate_variables != nullptr, "requiredIntermediateVariables is a null pointer");
+        options.intermediate_variables.assign(intermediate_variables, intermediate_variables + n);
+      }
+      auto instance = make_instance(name, resources == nullptr ? "" : resources, log, options);
+      if (token == nullptr || !instance->use_variant(token, 3)) {
         return reject("wrong instantiation token, expected " + instance->token());
       }
+      instance->check_intermediate_variables();
       return instance.release();
     } catch (const std::exception& error) {
       return reject(error.what());
@@ -156,7 +160,7 @@ fmi3Instance fmi3InstantiateScheduledExecution(fmi3String, fmi3String, fmi3Strin
   return nullptr;
 }
 
-void fmi3FreeInstance(fmi3Instance instance) { delete instance_of(instance); }
+void fmi3FreeInstance(fmi3Instance instance) { free_instance(instance_of(instance)); }
 
 fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean, fmi3Float64, fmi3Float64 start,
                                        fmi3Boolean stop_defined, fmi3Float64 stop) {
@@ -231,51 +235,33 @@ fmi3Status fmi3SetString(fmi3Instance instance, const fmi3ValueReference vr[], s
 }
 
 fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState* state) {
-  return status_of(instance, "fmi3GetFMUState", [&] {
-    require(state != nullptr, "an argument is a null pointer");
-    if (*state == nullptr) {
-      *state = new Snapshot(instance_of(instance)->snapshot());
-    } else {
-      snapshot_of(*state) = instance_of(instance)->snapshot();
-    }
-  });
+  return status_of(instance, "fmi3GetFMUState", [&] { get_state(*instance_of(instance), state); });
 }
 
 fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState state) {
-  return status_of(instance, "fmi3SetFMUState", [&] { instance_of(instance)->restore(snapshot_of(state)); });
+  return status_of(instance, "fmi3SetFMUState", [&] { instance_of(instance)->restore(state_of(state)); });
 }
 
 fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState* state) {
-  return status_of(instance, "fmi3FreeFMUState", [&] {
-    if (state == nullptr) return;
-    delete static_cast<Snapshot*>(*state);
-    *state = nullptr;
-  });
+  return status_of(instance, "fmi3FreeFMUState", [&] { free_state(state); });
 }
 
 fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState state, size_t* size) {
   return status_of(instance, "fmi3SerializedFMUStateSize", [&] {
     require(size != nullptr, "an argument is a null pointer");
-    *size = serialize(snapshot_of(state), instance_of(instance)->token()).size();
+    *size = instance_of(instance)->serialize(state_of(state)).size();
   });
 }
 
 fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState state, fmi3Byte bytes[], size_t size) {
-  return status_of(instance, "fmi3SerializeFMUState", [&] {
-    const auto serialized = serialize(snapshot_of(state), instance_of(instance)->token());
-    require(bytes != nullptr && size >= serialized.size(),
-            "the buffer is a null pointer or too small for the state");
-    std::memcpy(bytes, serialized.data(), serialized.size());
-  });
+  return status_of(instance, "fmi3SerializeFMUState",
+                   [&] { write_state(*instance_of(instance), state, bytes, size); });
 }
 
 fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte bytes[], size_t size,
                                    fmi3FMUState* state) {
-  return status_of(instance, "fmi3DeserializeFMUState", [&] {
-    require(state != nullptr, "an argument is a null pointer");
-    *state = new Snapshot(
-        deserialize(bytes, size, instance_of(instance)->layout(), instance_of(instance)->token()));
-  });
+  return status_of(instance, "fmi3DeserializeFMUState",
+                   [&] { read_state(*instance_of(instance), bytes, size, state); });
 }
 
 fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 current, fmi3Float64 step, fmi3Boolean,

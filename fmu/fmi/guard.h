@@ -1,7 +1,10 @@
 // Boundary to the C interface: no exception passes it.
 #pragma once
 
+#include <cstring>
 #include <exception>
+#include <memory>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -9,19 +12,12 @@
 
 namespace robotcell::fmi {
 
-/// Type of a variable that a function for values of type T accesses: FMI 2 has no other function for
-/// enumerations, and in FMI 3 they may be described as integers.
-template <class T>
-Type accessed_type(const Instance& instance, std::uint32_t reference) {
-  if constexpr (std::is_same_v<T, std::int32_t>) return instance.integer_type(reference);
-  return TypeOf<T>::value;
-}
-
 /// Runs one call of the importer; true on success. An exception is logged, and the instance enters the error
-/// state.
+/// state. A call from the log callback is refused and changes nothing, because the call that logs is not
+/// finished.
 template <class Call>
 bool guarded(Instance* instance, const char* function, const Call& call) noexcept {
-  if (instance == nullptr) return false;
+  if (instance == nullptr || instance->log().is_writing()) return false;
   std::string message;
   try {
     try {
@@ -40,6 +36,11 @@ bool guarded(Instance* instance, const char* function, const Call& call) noexcep
   return false;
 }
 
+/// Frees an instance; no effect from a callback, whose caller still needs it.
+inline void free_instance(Instance* instance) {
+  if (instance != nullptr && !instance->in_callback()) delete instance;
+}
+
 /// Switches log categories with a member function of Log; true where all names are known.
 template <class SwitchFunction>
 bool switch_logging(Instance& instance, const char* function, SwitchFunction switch_function, bool on,
@@ -55,6 +56,38 @@ bool switch_logging(Instance& instance, const char* function, SwitchFunction swi
   instance.log().write(LogCategory::kWarning,
                        std::string(function) + ": unknown log category '" + unknown + "'");
   return false;
+}
+
+inline SavedState& state_of(void* state) {
+  if (state == nullptr) throw std::invalid_argument("the state is a null pointer");
+  return *static_cast<SavedState*>(state);
+}
+
+/// Takes the state of an instance, into an earlier state if there is one.
+inline void get_state(const Instance& instance, void** state) {
+  if (state == nullptr) throw std::invalid_argument("an argument is a null pointer");
+  std::unique_ptr<SavedState> taken = instance.snapshot();
+  if (*state != nullptr) return state_of(*state).assign(*taken);
+  *state = taken.release();
+}
+
+inline void free_state(void** state) {
+  if (state == nullptr) return;
+  delete static_cast<SavedState*>(*state);
+  *state = nullptr;
+}
+
+inline void write_state(const Instance& instance, void* state, void* bytes, std::size_t size) {
+  const std::vector<std::uint8_t> serialized = instance.serialize(state_of(state));
+  if (bytes == nullptr || size < serialized.size()) {
+    throw std::invalid_argument("the buffer is a null pointer or too small for the state");
+  }
+  std::memcpy(bytes, serialized.data(), serialized.size());
+}
+
+inline void read_state(const Instance& instance, const void* bytes, std::size_t size, void** state) {
+  if (state == nullptr) throw std::invalid_argument("an argument is a null pointer");
+  *state = instance.deserialize(static_cast<const std::uint8_t*>(bytes), size).release();
 }
 
 inline void require(bool condition, const char* message) {

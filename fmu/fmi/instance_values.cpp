@@ -1,63 +1,73 @@
 // Getting and setting the variables of an instance.
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <stdexcept>
 
 #include "fmu/fmi/instance.h"
+#include "fmu/fmi/number_text.h"
 
 namespace robotcell::fmi {
 
-bool Instance::use_arrays(const std::string& token) {
-  if (token != table_.token(true)) return false;
+bool Instance::use_variant(const std::string& token, int version) {
+  if (token == table_.token(false)) return true;
+  if (version != 3 || token != table_.token(true)) return false;
+  merge_arrays();
+  return true;
+}
+
+void Instance::merge_arrays() {
   array_sizes_.assign(table_.variables().size(), 0);
   for (const Entry& entry : list_entries(table_.variables(), true)) {
     array_sizes_[entry.reference] = entry.size;
   }
-  return true;
 }
 
-std::size_t Instance::array_size(std::uint32_t reference) const {
-  if (reference >= array_sizes_.size() || array_sizes_[reference] == 0) {
-    throw std::invalid_argument("unknown value reference " + std::to_string(reference));
-  }
-  return array_sizes_[reference];
+std::size_t Instance::size_of(std::uint32_t reference) const {
+  const Variable& found = table_.at(reference);
+  return array_sizes_.empty() || is_array(found) ? scalars_of(found) : array_sizes_[reference];
 }
 
-const Variable& Instance::variable(std::uint32_t reference, Type type) const {
+const Variable& Instance::variable(std::uint32_t reference, std::size_t element, Type type) const {
   const Variable& found = table_.at(reference);
   if (found.type != type) {
     throw std::invalid_argument(found.name + " has another type than the called function");
   }
+  if (element >= scalars_of(found)) {
+    throw std::invalid_argument(found.name + " has no element " + std::to_string(element + 1));
+  }
   return found;
 }
 
-Type Instance::integer_type(std::uint32_t reference) const {
-  const bool known = reference < table_.variables().size();
-  return known && table_.variables()[reference].type == Type::kEnumeration ? Type::kEnumeration
-                                                                           : Type::kInteger;
+void Instance::check_intermediate_variables() const {
+  for (const std::uint32_t reference : options_.intermediate_variables) {
+    const Variable& found = table_.at(reference);
+    if (changes_in_steps(found) || found.causality == Causality::kIndependent) continue;
+    throw std::invalid_argument(found.name + " has no intermediate values: only continuous outputs have");
+  }
 }
 
-bool Instance::is_path_ahead(const Variable& variable) const {
-  const auto* value = static_cast<const control::Axes*>(variable.value);
-  const control::PathAhead& ahead = values_.outputs.ahead;
-  return std::less_equal<>()(ahead.data(), value) && std::less<>()(value, ahead.data() + ahead.size());
+/// In an intermediate update only the variables can be read that have values there, of those that the
+/// importer stated if it stated any.
+void Instance::check_readable(const Variable& variable) const {
+  if (phase_ != Phase::kIntermediate || variable.causality == Causality::kIndependent) return;
+  if (!changes_in_steps(variable)) reject_call("getting " + variable.name, phase_);
+  const auto& stated = options_.intermediate_variables;
+  const auto index = static_cast<std::uint32_t>(&variable - table_.variables().data());
+  const auto contains = [&](std::uint32_t reference) {
+    return index >= reference && index < reference + (array_sizes_.empty() ? 1 : array_sizes_[reference]);
+  };
+  if (stated.empty() || std::any_of(stated.begin(), stated.end(), contains)) return;
+  throw std::logic_error("getting " + variable.name +
+                         ", which is not among requiredIntermediateVariables, is not allowed during an "
+                         "intermediate update");
 }
 
 template <class T>
-T& Instance::get(std::uint32_t reference, Type type) {
-  const Variable& found = variable(reference, type);
-  if (!outputs_fresh_ &&
-      (found.causality == Causality::kOutput || found.causality == Causality::kIndependent)) {
-    refresh_outputs();
-  }
-  if (!ahead_fresh_ && is_path_ahead(found)) {
-    values_.outputs.ahead = cell().path_ahead();
-    ahead_fresh_ = true;
-  }
-  // Inputs that were not set start at the home pose of the cell, which must be loaded first.
-  if (found.causality == Causality::kInput && phase_ == Phase::kInitialization) cell();
-  return member<T>(found);
+T& Instance::get(std::uint32_t reference, std::size_t element, Type type) {
+  const Variable& found = variable(reference, element, type);
+  check_readable(found);
+  before_get(found);
+  return (&member<T>(found))[element];
 }
 
 void Instance::check_settable(const Variable& variable) const {
@@ -71,41 +81,31 @@ void Instance::check_settable(const Variable& variable) const {
   if (!early && !(input && phase_ == open)) reject_call("setting " + variable.name, phase_);
 }
 
-/// Input values of type Real are clamped to their bounds with a warning, since a sum that should be 1 may be
-/// 1 + 1e-16; any other value out of range is an error.
+/// Where values are clamped to their bounds, a warning says so; any other value out of range is an error.
 double Instance::within_bounds(const Variable& variable, double value) const {
   const double inside = std::clamp(value, variable.min, variable.max);
   if (inside == value) return value;
-  const bool clamps = variable.type == Type::kReal && variable.causality == Causality::kInput;
   const std::string text = out_of_range(variable, value);
-  if (!clamps) throw std::invalid_argument(text);
+  if (!is_clamped(variable)) throw std::invalid_argument(text);
   log_.write(LogCategory::kWarning, text + ": clamped");
   return inside;
 }
 
 template <class T>
 bool Instance::set(std::uint32_t reference, const T& value, Type type) {
-  const Variable& found = variable(reference, type);
+  const Variable& found = variable(reference, 0, type);
   check_settable(found);
   T accepted = value;
   if constexpr (std::is_same_v<T, double>) {
     if (!std::isfinite(value)) {
-      throw std::invalid_argument(found.name + " must be a finite number, not " + std::to_string(value));
+      throw std::invalid_argument(found.name + " must be a finite number, not " + number_text(value));
     }
   }
   if constexpr (std::is_same_v<T, double> || std::is_same_v<T, std::int32_t>) {
     accepted = static_cast<T>(within_bounds(found, value));
   }
   member<T>(found) = accepted;
-  if constexpr (std::is_same_v<T, double>) {
-    const auto homes = home_inputs(values_.inputs);
-    const auto home = std::find(homes.begin(), homes.end(), &member<T>(found));
-    if (home != homes.end()) home_inputs_set_[static_cast<std::size_t>(home - homes.begin())] = true;
-  }
-  if (found.causality == Causality::kParameter) {
-    cell_.reset();
-    outputs_fresh_ = false;
-  }
+  after_set(found);
   return accepted == value;
 }
 
@@ -122,22 +122,13 @@ void Instance::check_bounds() const {
   }
 }
 
-template double& Instance::get(std::uint32_t, Type);
-template std::int32_t& Instance::get(std::uint32_t, Type);
-template bool& Instance::get(std::uint32_t, Type);
-template std::string& Instance::get(std::uint32_t, Type);
+template double& Instance::get(std::uint32_t, std::size_t, Type);
+template std::int32_t& Instance::get(std::uint32_t, std::size_t, Type);
+template bool& Instance::get(std::uint32_t, std::size_t, Type);
+template std::string& Instance::get(std::uint32_t, std::size_t, Type);
 template bool Instance::set(std::uint32_t, const double&, Type);
 template bool Instance::set(std::uint32_t, const std::int32_t&, Type);
 template bool Instance::set(std::uint32_t, const bool&, Type);
 template bool Instance::set(std::uint32_t, const std::string&, Type);
-
-void Instance::refresh_outputs() {
-  if (phase_ == Phase::kInstantiated) reject_call("getting an output", phase_);
-  cell().write_outputs(values_.outputs);
-  ahead_fresh_ = false;
-  for (double* time : table_.instants()) *time = *time == kNoInstant ? 0 : *time + start_time_;
-  values_.time = communication_time_;
-  outputs_fresh_ = true;
-}
 
 }  // namespace robotcell::fmi

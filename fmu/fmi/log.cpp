@@ -3,7 +3,10 @@
 namespace robotcell::fmi {
 
 void Log::write(LogCategory category, const std::string& message) const {
-  if (wants(category)) sink_(category, message);
+  if (writing_ || !wants(category)) return;
+  writing_ = true;
+  sink_(category, message);
+  writing_ = false;
 }
 
 void Log::switch_all(bool on) {

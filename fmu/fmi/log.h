@@ -26,7 +26,8 @@ constexpr std::array<LogCategoryText, 4> kLogCategories{{
     {"logAll", "All messages"},
 }};
 
-/// Filters messages by category.
+/// Filters messages by category. One message is written at a time: what the importer calls from its callback
+/// is refused (`guarded`) and writes nothing.
 class Log {
  public:
   using Sink = std::function<void(LogCategory category, const std::string& message)>;
@@ -37,6 +38,9 @@ class Log {
   /// True for errors, and for other categories that are switched on.
   bool wants(LogCategory category) const { return sink_ && on_[static_cast<std::size_t>(category)]; }
   void write(LogCategory category, const std::string& message) const;
+
+  /// Whether the importer's callback runs.
+  bool is_writing() const { return writing_; }
 
   /// Switches the named categories, or all where none is named, on or off and leaves the others (FMI 3).
   /// Returns an unknown name (the last one), or "".
@@ -51,6 +55,7 @@ class Log {
 
   Sink sink_;
   std::array<bool, kLogCategories.size() - 1> on_{};
+  mutable bool writing_ = false;
 };
 
 }  // namespace robotcell::fmi

@@ -1,7 +1,6 @@
 #include "fmu/fmi/model_description.h"
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <locale>
 #include <sstream>
@@ -9,6 +8,7 @@
 #include "fmu/control/time_units.h"
 #include "fmu/fmi/entries.h"
 #include "fmu/fmi/log.h"
+#include "fmu/fmi/number_text.h"
 #include "fmu/fmi/table_builder.h"
 #include "fmu/model/start_inputs.h"
 
@@ -38,12 +38,6 @@ std::string escaped(const std::string& text) {
     }
   }
   return xml;
-}
-
-/// Shortest text that parses to the same number, independent of the locale.
-std::string number(double value) {
-  char buffer[32];
-  return {buffer, std::to_chars(buffer, buffer + sizeof buffer, value).ptr};
 }
 
 const char* causality_name(Causality causality) {
@@ -93,7 +87,7 @@ std::size_t structure_index(std::size_t reference, int version) {
 std::string start_of(const Variable& variable) {
   switch (variable.type) {
     case Type::kReal:
-      return number(member<double>(variable));
+      return number_text(member<double>(variable));
     case Type::kInteger:
     case Type::kEnumeration:
       return std::to_string(member<std::int32_t>(variable));
@@ -119,18 +113,19 @@ std::string type_attributes(const Variable& variable, int version) {
   if (*unit.quantity != '\0') text += std::string(" declaredType=\"") + unit.quantity + "\"";
   if (version == 2 && *unit.name != '\0') text += std::string(" unit=\"") + unit.name + "\"";
   if (version == 2 && *unit.display != '\0') text += std::string(" displayUnit=\"") + unit.display + "\"";
-  if (std::isfinite(variable.min)) text += " min=\"" + number(variable.min) + "\"";
-  if (std::isfinite(variable.max)) text += " max=\"" + number(variable.max) + "\"";
+  if (std::isfinite(variable.min)) text += " min=\"" + number_text(variable.min) + "\"";
+  if (std::isfinite(variable.max)) text += " max=\"" + number_text(variable.max) + "\"";
   return text;
 }
 
-std::string common_attributes(const Variable& variable, const Entry& entry) {
+std::string common_attributes(const Variable& variable, const Entry& entry, int version) {
   std::string text = " name=\"" + escaped(entry.name) + "\" valueReference=\"" +
                      std::to_string(entry.reference) + "\" causality=\"" +
                      causality_name(variable.causality) + "\" variability=\"" +
                      variability_name(variable.variability) + "\"";
   if (variable.causality == Causality::kParameter) text += " initial=\"exact\"";
   if (variable.causality == Causality::kOutput) text += " initial=\"calculated\"";
+  if (version == 3 && changes_in_steps(variable)) text += " intermediateUpdate=\"true\"";
   return text + " description=\"" + escaped(entry.description) + "\"";
 }
 
@@ -144,10 +139,22 @@ std::string start_attribute(const std::vector<Variable>& variables, const Entry&
   return text + "\"";
 }
 
-std::string variable_element(const std::vector<Variable>& variables, const Entry& entry, int version) {
+/// Sizes of an array; empty for a scalar.
+std::string dimension_elements(const Variable& variable, const Entry& entry) {
+  std::string text;
+  std::vector<std::uint32_t> sizes = variable.dimensions;
+  if (entry.size > 1) sizes = {entry.size};
+  for (const std::uint32_t size : sizes) text += "<Dimension start=\"" + std::to_string(size) + "\"/>";
+  return text;
+}
+
+/// `clock` is the attribute of clocked variables.
+std::string variable_element(const std::vector<Variable>& variables, const Entry& entry, int version,
+                             const std::string& clock) {
   const Variable& variable = variables[entry.reference];
   const std::string type = type_name(variable.type, version);
-  const std::string common = common_attributes(variable, entry);
+  const std::string common =
+      common_attributes(variable, entry, version) + (variable.clocked ? clock : std::string());
   const std::string start = start_attribute(variables, entry);
   const std::string attributes = type_attributes(variable, version);
   if (version == 2) {
@@ -157,9 +164,9 @@ std::string variable_element(const std::vector<Variable>& variables, const Entry
     const std::string value = has_start(variable) ? "<Start value=\"" + start_of(variable) + "\"/>" : "";
     return "<" + type + common + ">" + value + "</" + type + ">";
   }
-  if (entry.size == 1) return "<" + type + common + attributes + start + "/>";
-  return "<" + type + common + attributes + start + "><Dimension start=\"" + std::to_string(entry.size) +
-         "\"/></" + type + ">";
+  const std::string dimensions = dimension_elements(variable, entry);
+  if (dimensions.empty()) return "<" + type + common + attributes + start + "/>";
+  return "<" + type + common + attributes + start + ">" + dimensions + "</" + type + ">";
 }
 
 /// One entry of the model structure. Outputs have no direct feedthrough: inputs act after the communication
@@ -186,8 +193,9 @@ class Listing {
 
   void write_variables(std::ostream& xml) const {
     xml << "  <ModelVariables>\n";
+    const std::string clock = " clocks=\"" + std::to_string(table_.record_clock_reference()) + "\"";
     for (const Entry& entry : entries_) {
-      xml << "    " << variable_element(table_.variables(), entry, version_) << "\n";
+      xml << "    " << variable_element(table_.variables(), entry, version_, clock_ ? clock : "") << "\n";
     }
     if (clock_) {
       xml << "    <Clock name=\"trigger.clock\" valueReference=\"" << table_.record_clock_reference()
@@ -208,11 +216,12 @@ class Listing {
  private:
   void write_outputs(std::ostream& xml, const char* element, bool initial) const {
     for (const Entry& entry : entries_) {
-      if (table_.variables()[entry.reference].causality != Causality::kOutput) continue;
+      const Variable& variable = table_.variables()[entry.reference];
+      if (variable.causality != Causality::kOutput || (initial && clock_ && variable.clocked)) continue;
       const auto dependencies = initial ? entry.initial_dependencies : std::vector<std::uint32_t>();
       write_unknown(xml, element, entry.reference, dependencies, version_);
     }
-    if (clock_) write_unknown(xml, element, table_.record_clock_reference(), {}, version_);
+    if (clock_ && !initial) write_unknown(xml, element, table_.record_clock_reference(), {}, version_);
   }
 
   const VariableTable& table_;
@@ -278,12 +287,17 @@ void write_head(std::ostream& xml, const ModelHead& model, const std::string& to
       << "\" variableNamingConvention=\"structured\">\n  <CoSimulation modelIdentifier=\"" << model.name
       << "\" canHandleVariableCommunicationStepSize=\"true\" ";
   if (version == 2) {
-    xml << (model.has_state ? "canGetAndSetFMUstate=\"true\" canSerializeFMUstate=\"true\"/>\n" : "/>\n");
-  } else {
-    xml << "canGetAndSetFMUState=\"true\" canSerializeFMUState=\"true\" hasEventMode=\"true\" "
-           "mightReturnEarlyFromDoStep=\"true\" canReturnEarlyAfterIntermediateUpdate=\"true\" "
-           "providesIntermediateUpdate=\"true\"/>\n";
+    xml << "canNotUseMemoryManagementFunctions=\"true\" canGetAndSetFMUstate=\"true\" "
+           "canSerializeFMUstate=\"true\"/>\n";
+    return;
   }
+  xml << "canGetAndSetFMUState=\"true\" canSerializeFMUState=\"true\"";
+  if (model.internal_step > 0) xml << " fixedInternalStepSize=\"" << number_text(model.internal_step) << "\"";
+  if (model.has_events) {
+    xml << " hasEventMode=\"true\" mightReturnEarlyFromDoStep=\"true\" "
+           "canReturnEarlyAfterIntermediateUpdate=\"true\" providesIntermediateUpdate=\"true\"";
+  }
+  xml << "/>\n";
 }
 
 }  // namespace
@@ -292,10 +306,16 @@ std::string model_description(const CellDescription& cell, const DescriptionOpti
   const CellLayout layout = layout_of(cell);
   Values values(layout);
   values.inputs = start_inputs(cell);
+  TableOptions groups;
+  if (options.ahead) {
+    groups.path_ahead = options.version == 2 ? PathAheadVariables::kScalars : PathAheadVariables::kArray;
+  }
+  groups.records = options.records && options.version == 3;
   return model_description(
       {"RobotCell", "Robot cell that scans a part with a laser profile sensor: " + cell.name,
-       static_cast<double>(cell.controller_cycle_us) / kMicrosecondsPerSecond},
-      VariableTable(layout, values), options);
+       static_cast<double>(cell.controller_cycle_us) / kMicrosecondsPerSecond,
+       static_cast<double>(cell.time_step_us) / kMicrosecondsPerSecond},
+      VariableTable(layout, values, groups), options);
 }
 
 std::string model_description(const ModelHead& model, VariableTable table,
@@ -312,7 +332,8 @@ std::string model_description(const ModelHead& model, VariableTable table,
     xml << "    <Category name=\"" << name << "\" description=\"" << description << "\"/>\n";
   }
   xml << "  </LogCategories>\n";
-  xml << "  <DefaultExperiment startTime=\"0\" stopTime=\"10\" stepSize=\"" << number(model.step) << "\"/>\n";
+  xml << "  <DefaultExperiment startTime=\"0\" stopTime=\"10\" stepSize=\"" << number_text(model.step)
+      << "\"/>\n";
   const Listing listing(table, options);
   listing.write_variables(xml);
   listing.write_structure(xml);

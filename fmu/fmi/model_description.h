@@ -13,6 +13,11 @@ struct DescriptionOptions {
   /// Include the clock of the trigger records (FMI 3). Off by default: importers without support for clocks
   /// crash on it, and event mode works without.
   bool clock = false;
+  /// Describe the path ahead of the controller: 64 points of all axes, as an array in FMI 3. Off by default:
+  /// it has as many values as everything else, and is evaluated where it is read.
+  bool ahead = false;
+  /// Describe arrays of all records that became complete in a communication step (FMI 3).
+  bool records = false;
   /// Merge indexed scalars into arrays (FMI 3). Off by default: few importers support arrays, and some read
   /// zeros.
   bool arrays = false;
@@ -27,8 +32,9 @@ struct DescriptionOptions {
 struct ModelHead {
   const char* name;  // of model and library
   std::string description;
-  double step = 0;        // s, default communication step
-  bool has_state = true;  // its state can be read, set and serialized
+  double step = 0;           // s, default communication step
+  double internal_step = 0;  // s, fixed internal step; 0: none
+  bool has_events = true;    // event mode, early return and intermediate updates (FMI 3)
 };
 
 std::string model_description(const ModelHead& model, VariableTable table, const DescriptionOptions& options);

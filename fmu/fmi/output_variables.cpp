@@ -39,6 +39,7 @@ void add_record(TableBuilder& table, CellOutputs& out) {
             out.trigger_count);
   table.add("trigger.queued", output, discrete, kNone,
             "Number of complete records in the queue behind the current one", out.trigger_queued);
+  table.set_clocked(true);
   table.add_declared("trigger.", "the trigger", output, record);
   table.add_declared("trigger.measured.", ", at the middle of the exposure of the current record", output,
                      record.measured);
@@ -48,25 +49,59 @@ void add_record(TableBuilder& table, CellOutputs& out) {
   none.fingers.resize(record.truth.fingers.size());
   table.add_bodies("trigger.truth.", ", at the instant of the light of the current record", discrete,
                    record.truth, none);
+  table.set_clocked(false);
 }
 
-void add_path_ahead(TableBuilder& table, control::PathAhead& ahead, const Dependencies& dependencies) {
-  for (std::size_t k = 0; k < ahead.size(); ++k) {
-    const std::string prefix = indexed("controller.ahead", k) + ".";
-    const std::string text = " on the path of the running move or segment, " + std::to_string(k) +
-                             " controller cycles of path clock ahead, at most at its end, or of the jog at "
-                             "full speed, held so long; "
-                             "at present where nothing runs";
-    for (std::size_t i = 0; i < table.joints(); ++i) {
-      table.add(indexed(prefix + "q", i), Causality::kOutput, Variability::kContinuous, kRadian,
-                "Angle of joint " + std::to_string(i + 1) + text, ahead[k][i], dependencies.file);
-    }
-    table.add(prefix + "table", Causality::kOutput, Variability::kContinuous, kRadian,
-              "Angle of the table" + text, ahead[k][kTableAxis], dependencies.file);
-  }
+std::string text_of_path_ahead(const std::string& cycles) {
+  return " on the path of the running move or segment, " + cycles +
+         " controller cycles of path clock ahead, at most at its end, or of the jog at full speed, held so "
+         "long; "
+         "at present where nothing runs";
 }
 
 }  // namespace
+
+void add_path_ahead(TableBuilder& table, PerDevice<double>& ahead, PathAheadVariables variables,
+                    const Dependencies& dependencies) {
+  const std::size_t axes = table.joints() + 1;
+  const auto points = static_cast<std::uint32_t>(ahead.size() / axes);
+  if (variables == PathAheadVariables::kArray) {
+    table.add("controller.ahead", Causality::kOutput, Variability::kContinuous, kRadian,
+              "Angles of the joints and of the table (columns)" + text_of_path_ahead("0, 1, 2, ... (rows)"),
+              ahead[0], dependencies.file);
+    table.make_array({points, static_cast<std::uint32_t>(axes)});
+  }
+  if (variables != PathAheadVariables::kScalars) return;
+  for (std::size_t k = 0; k < points; ++k) {
+    const std::string prefix = indexed("controller.ahead", k) + ".";
+    const std::string text = text_of_path_ahead(std::to_string(k));
+    for (std::size_t i = 0; i < axes; ++i) {
+      const bool joint = i < table.joints();
+      table.add(joint ? indexed(prefix + "q", i) : prefix + "table", Causality::kOutput,
+                Variability::kContinuous, kRadian,
+                (joint ? "Angle of joint " + std::to_string(i + 1) : "Angle of the table") + text,
+                ahead[k * axes + i], dependencies.file);
+    }
+  }
+}
+
+std::vector<RecordColumn> add_records(TableBuilder& table, std::int32_t& count) {
+  const std::string prefix = "trigger.", arrays = "trigger.records.";
+  std::vector<RecordColumn> columns;
+  table.add(
+      arrays + "count", Causality::kOutput, Variability::kDiscrete, kNone,
+      "Number of records that became the current one in the last communication step, one after the other: "
+      "all that were complete, but at most 256; the arrays trigger.records.* show the last ones, the oldest "
+      "first, with 0 in further elements",
+      count);
+  table.bound(0, kMaxRecords);
+  for (const Variable& variable : table.clocked_variables()) {
+    columns.emplace_back(variable);
+    table.add_array(variable, arrays + variable.name.substr(prefix.size()), columns.back().data(),
+                    static_cast<std::uint32_t>(kMaxRecords));
+  }
+  return columns;
+}
 
 void add_motor_torques(TableBuilder& table, CellOutputs& out, const Dependencies& dependencies) {
   for (std::size_t i = 0; i < table.joints(); ++i) {
@@ -83,7 +118,6 @@ void add_outputs(TableBuilder& table, CellOutputs& out, const Dependencies& depe
   add_solver(table, out);
   add_record(table, out);
   table.add_declared("controller.", "the controller", Causality::kOutput, out.controller, dependencies);
-  add_path_ahead(table, out.ahead, dependencies);
   table.add_declared("pendant.", "the pendant", Causality::kOutput, out.pendant);
 }
 

@@ -1,6 +1,7 @@
 #include "fmu/fmi/snapshot.h"
 
 #include "fmu/fmi/archive.h"
+#include "fmu/fmi/sealed_state.h"
 
 namespace robotcell::fmi {
 
@@ -35,9 +36,11 @@ void exchange(A& a, TriggerState& v) {
   // The current record has the layout of all others.
   const auto pending =
       fmi::special(v.pending, [&] { fmi::exchange_sequence(a, v.pending, PendingRecord(v.current_record)); });
+  const auto published =
+      fmi::special(v.published, [&] { fmi::exchange_sequence(a, v.published, v.current_record); });
   ROBOTCELL_EXCHANGE(a, v, v.command, v.segment, v.exposure, v.count, v.entered_us, v.fired_since_entry,
                      v.skipped, v.gated, v.gate, v.run, v.entry_angle, v.entry_travel, v.path,
-                     v.path_reference, pending, v.incomplete, v.current_record);
+                     v.path_reference, pending, v.incomplete, v.current_record, published, v.newly_published);
 }
 template <class A>
 void exchange(A& a, AxesState& v) {
@@ -45,7 +48,7 @@ void exchange(A& a, AxesState& v) {
 }
 template <class A>
 void exchange(A& a, PartPose& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.supporting_body, v.position, v.orientation);
+  ROBOTCELL_EXCHANGE(a, v, v.supporting_body, v.position, v.orientation, v.residual_displacement);
 }
 template <class A>
 void exchange(A& a, StickConstraint& v) {
@@ -171,9 +174,6 @@ void exchange(A& a, CellState& v) {
 namespace robotcell::fmi {
 namespace {
 
-constexpr std::size_t kChecksumSize = sizeof(std::uint64_t);
-constexpr const char* kRemedy = "; restore it in the FMU that saved it, or save a new state with this one";
-
 template <class Archive>
 void exchange_snapshot(Archive& archive, Snapshot& snapshot, const CellLayout& layout) {
   const auto stop_time =
@@ -209,54 +209,18 @@ std::uint64_t state_layout() {
 
 bool same_parameters(CellParameters a, CellParameters b) { return bytes_of(a) == bytes_of(b); }
 
-std::uint64_t hash_of(const std::uint8_t* bytes, std::size_t size) {
-  std::uint64_t hash = 0xcbf29ce484222325u;
-  for (std::size_t i = 0; i < size; ++i) hash = (hash ^ bytes[i]) * 0x100000001b3u;
-  return hash;
-}
-
-std::vector<std::uint8_t> serialize(Snapshot& snapshot, std::string token) {
-  Writer writer;
-  std::uint64_t state_version = state_layout();
-  exchange(writer, token);
-  exchange(writer, state_version);
-  exchange_snapshot(writer, snapshot, {});
-  std::vector<std::uint8_t> bytes = writer.take();
-  const std::uint64_t checksum = hash_of(bytes.data(), bytes.size());
-  const auto* first = reinterpret_cast<const std::uint8_t*>(&checksum);
-  bytes.insert(bytes.end(), first, first + kChecksumSize);
-  return bytes;
+std::vector<std::uint8_t> serialize(const Snapshot& snapshot, const std::string& token) {
+  Writer writer = sealed_writer(token, state_layout());
+  exchange_snapshot(writer, const_cast<Snapshot&>(snapshot), {});  // writing changes nothing
+  return sealed(writer);
 }
 
 Snapshot deserialize(const std::uint8_t* bytes, std::size_t size, const CellLayout& layout,
-                     const std::string& own_token) {
-  if (bytes == nullptr || size < kChecksumSize) {
-    throw std::invalid_argument("the serialized state is truncated");
-  }
-  const std::size_t body = size - kChecksumSize;
-  std::uint64_t checksum = 0;
-  std::memcpy(&checksum, bytes + body, kChecksumSize);
-  if (checksum != hash_of(bytes, body)) {
-    throw std::invalid_argument("the serialized state is truncated, altered or not a state: wrong checksum");
-  }
-  Reader reader(bytes, body);
-  std::string token;
-  exchange(reader, token);
-  if (token != own_token) {
-    throw std::invalid_argument("the serialized state belongs to another FMU: its token is '" + token +
-                                "', expected '" + own_token + "'" + kRemedy);
-  }
-  std::uint64_t state_version = 0;
-  exchange(reader, state_version);
-  if (state_version != state_layout()) {
-    throw std::invalid_argument(
-        std::string("the serialized state has another layout, of another version of this FMU") + kRemedy);
-  }
+                     const std::string& token) {
+  Reader reader = unsealed(bytes, size, token, state_layout());
   Snapshot snapshot(layout);
   exchange_snapshot(reader, snapshot, layout);
-  if (reader.left() != 0) {
-    throw std::invalid_argument("the serialized state has " + std::to_string(reader.left()) + " extra bytes");
-  }
+  check_end(reader);
   return snapshot;
 }
 

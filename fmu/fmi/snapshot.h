@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "fmu/fmi/phase.h"
+#include "fmu/fmi/instance.h"
 #include "fmu/model/cell.h"
 #include "fmu/model/start_inputs.h"
 
@@ -16,8 +16,9 @@ namespace robotcell::fmi {
 /// Flags of inputs that start at the home pose (`home_inputs`).
 using HomeInputFlags = std::array<bool, kHomeInputs>;
 
-struct Snapshot {
+struct Snapshot : SavedState {
   explicit Snapshot(const CellLayout& layout) : inputs(layout) {}
+  void assign(const SavedState& other) override { *this = dynamic_cast<const Snapshot&>(other); }
 
   Phase phase = Phase::kInstantiated;
   double start_time = 0;
@@ -34,7 +35,7 @@ struct Snapshot {
 /// Identifies the layout of serialized states: a hash of the names and types of all members.
 std::uint64_t state_layout();
 
-std::vector<std::uint8_t> serialize(Snapshot& snapshot, std::string token);
+std::vector<std::uint8_t> serialize(const Snapshot& snapshot, const std::string& token);
 
 /// Throws std::invalid_argument where the bytes are not a complete, unaltered state of an FMU with this token
 /// and layout of states.
@@ -43,8 +44,5 @@ Snapshot deserialize(const std::uint8_t* bytes, std::size_t size, const CellLayo
 
 /// Whether two sets of parameters are equal.
 bool same_parameters(CellParameters a, CellParameters b);
-
-/// FNV-1a hash of a byte sequence.
-std::uint64_t hash_of(const std::uint8_t* bytes, std::size_t size);
 
 }  // namespace robotcell::fmi

@@ -1,5 +1,7 @@
 #include "fmu/fmi/table_builder.h"
 
+#include <cmath>
+#include <iterator>
 #include <string_view>
 
 #include "fmu/model/description/value_limits.h"
@@ -50,6 +52,32 @@ void TableBuilder::enumerate(const Enumeration& enumeration) {
     variable.description +=
         (i == 0 ? ": " : ", ") + std::to_string(i) + " " + item.name + " (" + item.text + ")";
   }
+}
+
+std::vector<Variable> TableBuilder::clocked_variables() const {
+  std::vector<Variable> clocked;
+  std::copy_if(table_.begin(), table_.end(), std::back_inserter(clocked),
+               [](const Variable& variable) { return variable.clocked; });
+  return clocked;
+}
+
+void TableBuilder::add_array(Variable of, const std::string& name, void* value, std::uint32_t size) {
+  of.name = name;
+  of.description = "Of each of the last records: " + of.description;
+  of.value = value;
+  of.dimensions = {size};
+  of.instant = false;
+  table_.push_back(std::move(of));
+}
+
+std::vector<Variable> TableBuilder::take() {
+  for (Variable& variable : table_) {
+    const bool bounded = std::isfinite(variable.min) || std::isfinite(variable.max);
+    if (bounded && is_clamped(variable)) {
+      variable.description += ". A value out of range is clamped, with a warning";
+    }
+  }
+  return std::move(table_);
 }
 
 void TableBuilder::bound(double min, double max) {

@@ -56,8 +56,20 @@ class TableBuilder {
                     const std::string& description, T& value, Refs dependencies = {}) {
     std::sort(dependencies.begin(), dependencies.end());
     dependencies.erase(std::unique(dependencies.begin(), dependencies.end()), dependencies.end());
-    table_.push_back({name, TypeOf<T>::value, causality, variability, unit, description, &value, -kUnbounded,
-                      kUnbounded, dependencies, nullptr, false});
+    table_.push_back({name,
+                      TypeOf<T>::value,
+                      causality,
+                      variability,
+                      unit,
+                      description,
+                      &value,
+                      -kUnbounded,
+                      kUnbounded,
+                      dependencies,
+                      nullptr,
+                      false,
+                      clocked_,
+                      {}});
     return static_cast<std::uint32_t>(table_.size() - 1);
   }
 
@@ -69,6 +81,16 @@ class TableBuilder {
 
   /// Marks the variable that was added last as an instant of simulation time.
   void mark_instant() { table_.back().instant = true; }
+
+  /// Whether variables added from now on change only with the clock of the trigger records.
+  void set_clocked(bool clocked) { clocked_ = clocked; }
+  std::vector<Variable> clocked_variables() const;
+
+  /// Makes the variable that was added last an array.
+  void make_array(const std::vector<std::uint32_t>& dimensions) { table_.back().dimensions = dimensions; }
+
+  /// Appends an array of values of a variable, of which `value` is the first.
+  void add_array(Variable of, const std::string& name, void* value, std::uint32_t size);
 
   /// Adds a fixed parameter "as_built.<name>".
   std::uint32_t add_deviation(const std::string& name, Unit unit, const std::string& text, double& value);
@@ -83,13 +105,15 @@ class TableBuilder {
   void add_declared(const std::string& prefix, const std::string& device, Causality causality,
                     Structure& structure, const Dependencies& dependencies = {});
 
-  std::vector<Variable> take() { return std::move(table_); }
+  /// The variables; their texts say which values are clamped.
+  std::vector<Variable> take();
 
  private:
   void add_body(const std::string& prefix, const std::string& what, const std::string& suffix,
                 Variability variability, BodyState& value, const PoseDependencies& dependencies);
 
   std::size_t joints_;
+  bool clocked_ = false;
   std::vector<Variable> table_;
 };
 

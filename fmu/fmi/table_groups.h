@@ -13,6 +13,11 @@ void add_commands(TableBuilder& table, CellInputs& in, const std::string& prefix
 /// Motor torques of dynamic drives.
 void add_motor_torques(TableBuilder& table, CellOutputs& out, const Dependencies& dependencies);
 void add_outputs(TableBuilder& table, CellOutputs& out, const Dependencies& dependencies);
+/// Axes on the path ahead of the controller: joints and table at each point.
+void add_path_ahead(TableBuilder& table, PerDevice<double>& ahead, PathAheadVariables variables,
+                    const Dependencies& dependencies);
+/// Arrays of all numbers of the records, and the number of the last records.
+std::vector<RecordColumn> add_records(TableBuilder& table, std::int32_t& count);
 /// Commands to the conveyors; `prefix` begins their names.
 void add_conveyor_commands(TableBuilder& table, CellInputs& in, const std::string& prefix = "command.",
                            Causality causality = Causality::kInput);

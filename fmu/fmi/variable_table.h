@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <string>
 #include <type_traits>
 #include <vector>
@@ -14,12 +15,17 @@ namespace robotcell::fmi {
 
 /// Storage of the variables of one instance.
 struct Values {
-  explicit Values(const CellLayout& layout) : inputs(layout), outputs(layout) {}
+  explicit Values(const CellLayout& layout)
+      : inputs(layout),
+        outputs(layout),
+        path_ahead(control::PathAhead().size() * (layout.joints.size() + 1)) {}
 
   double time = 0;
   CellParameters parameters;
   CellInputs inputs;
   CellOutputs outputs;
+  PerDevice<double> path_ahead;   // rad, of joints and table at each point; written on demand
+  std::int32_t record_count = 0;  // of the records that the last step published
 };
 
 /// An enumeration is stored as std::int32_t.
@@ -51,21 +57,68 @@ struct Variable {
   std::vector<std::uint32_t>
       initial_dependencies;  // parameters on which the initial value of an output depends
   const Enumeration* enumeration = nullptr;
-  bool instant = false;  // a simulation time; the model counts it from the start
+  bool instant = false;                   // a simulation time; the model counts it from the start
+  bool clocked = false;                   // changes only with the clock of the trigger records
+  std::vector<std::uint32_t> dimensions;  // of an array (FMI 3), whose elements follow each other at `value`
 };
+
+inline bool is_array(const Variable& variable) { return !variable.dimensions.empty(); }
+
+/// Number of elements of an array; 1 for a scalar.
+std::size_t scalars_of(const Variable& variable);
 
 inline bool is_settable(const Variable& variable) {
   return variable.causality == Causality::kInput || variable.causality == Causality::kParameter;
 }
 
+/// Whether values out of range are clamped, with a warning: Real inputs, since a sum that should be 1 may be
+/// 1 + 1e-16.
+inline bool is_clamped(const Variable& variable) {
+  return variable.type == Type::kReal && variable.causality == Causality::kInput;
+}
+
+/// Whether the value changes within communication steps, so that intermediate updates can show it.
+inline bool changes_in_steps(const Variable& variable) {
+  return variable.causality == Causality::kOutput && variable.variability == Variability::kContinuous;
+}
+
 /// Message: `value` is out of the bounds of a number.
 std::string out_of_range(const Variable& variable, double value);
+
+/// The path ahead of the controller: not described, a scalar for each point and axis, or one array.
+enum class PathAheadVariables { kNone, kScalars, kArray };
+
+/// Groups of variables that are described on request only. Few importers read arrays, and the path ahead has
+/// more scalars than everything else.
+struct TableOptions {
+  PathAheadVariables path_ahead = PathAheadVariables::kNone;
+  bool records = false;  // arrays of the records that the last step published
+};
+
+/// All options but the default ones that a version of FMI has.
+std::vector<TableOptions> table_options(int version);
+
+constexpr std::size_t kMaxRecords = 256;  // in the arrays of records
+
+/// An array of a number of all records, and the variable of the current record whose values it takes.
+struct RecordColumn {
+  const void* source;
+  std::shared_ptr<std::vector<double>> reals;  // one of the two is used
+  std::shared_ptr<std::vector<std::int32_t>> integers;
+
+  explicit RecordColumn(const Variable& variable);
+  /// Copies the present value to a place in the array.
+  void copy(std::size_t place) const;
+  /// Sets all places from one on to 0.
+  void clear_from(std::size_t place) const;
+  void* data() const { return reals ? static_cast<void*>(reals->data()) : integers->data(); }
+};
 
 /// The variables of a cell with a given layout, bound to the values of one instance.
 class VariableTable {
  public:
   /// The values must outlive the table and keep their addresses.
-  VariableTable(const CellLayout& layout, Values& values);
+  VariableTable(const CellLayout& layout, Values& values, const TableOptions& options = {});
   /// A table of other variables.
   explicit VariableTable(std::vector<Variable> variables);
 
@@ -74,6 +127,8 @@ class VariableTable {
   const Variable& at(std::uint32_t reference) const;
   /// Values that are simulation times.
   const std::vector<double*>& instants() const { return instants_; }
+  /// Arrays of the records; empty where they are not described.
+  const std::vector<RecordColumn>& records() const { return records_; }
 
   /// Makes integers of all enumerations, for model descriptions. Does not change the token of the instance.
   void use_integers();
@@ -88,6 +143,7 @@ class VariableTable {
  private:
   std::vector<Variable> variables_;
   std::vector<double*> instants_;
+  std::vector<RecordColumn> records_;
 };
 
 /// The member that holds the value of a variable.

@@ -71,7 +71,7 @@ void Cell::read_world() {
 }
 
 Events Cell::step(const CellInputs& inputs, double start_time, std::int64_t end_us, Events wanted,
-                  const IntermediateUpdate& intermediate) {
+                  const IntermediateUpdate& intermediate, std::size_t max_records) {
   const std::int64_t cycle_us = description_.controller_cycle_us;
   begin_step(inputs, start_time);
   while (time_us_ < end_us) {
@@ -79,7 +79,7 @@ Events Cell::step(const CellInputs& inputs, double start_time, std::int64_t end_
     if (run(inputs, intermediate ? std::min(end_us, next_cycle_us) : end_us, wanted)) break;
     if (time_us_ < end_us) end_us = intermediate(time_us_, end_us);
   }
-  return end_step();
+  return end_step(max_records);
 }
 
 void Cell::begin_step(const CellInputs& inputs, double start_time) {
@@ -89,8 +89,8 @@ void Cell::begin_step(const CellInputs& inputs, double start_time) {
   collided_at_begin_ = collides(readings());
 }
 
-Events Cell::end_step() {
-  Events events = trigger_.publish_next() ? kRecordPublished : 0;
+Events Cell::end_step(std::size_t max_records) {
+  Events events = trigger_.publish(max_records) ? kRecordPublished : 0;
   if (collides(readings()) != collided_at_begin_) events |= kCollisionChanged;
   return events;
 }
@@ -190,21 +190,27 @@ void Cell::step_dynamics(const CellInputs& inputs) {
   read_sensors();
 }
 
-/// Expresses the pose at the start of the step relative to the body that supports the part at its end.
+/// Expresses the pose at the start of the step relative to the body that supports the part at its end. With
+/// vibration the true pose there stays the same: the difference of the displacements becomes a residual one.
 void Cell::update_supporting_bodies() {
-  const auto world_from = [this](SupportingBody supporting_body) -> Eigen::Isometry3d {
-    const AxesState& axes = from_.true_axes;
-    if (supporting_body == SupportingBody::kPlatter) return true_.platter(axes.position[kTableAxis], 0).pose;
-    if (supporting_body == SupportingBody::kFlange) return true_.arm(axes.position, axes.rate).back().pose;
-    return Eigen::Isometry3d::Identity();
-  };
   for (std::size_t i = 0; i < to_.parts.size(); ++i) {
     PartPose& from = from_.parts[i];
     const SupportingBody supporting_body = to_.parts[i].supporting_body;
-    if (from.supporting_body == supporting_body) continue;
-    const Eigen::Isometry3d old_from_part = Eigen::Translation3d(from.position) * from.orientation;
-    from = pose_of({supporting_body, world_from(supporting_body).inverse() *
-                                         world_from(from.supporting_body) * old_from_part});
+    if (from.supporting_body != supporting_body) {
+      const auto before = static_cast<std::size_t>(from.supporting_body);
+      const auto after = static_cast<std::size_t>(supporting_body);
+      const SupportingBodyMotions still = supporting_bodies(from_, false);
+      const SupportingBodyMotions vibrating = supporting_bodies(from_, true);
+      const auto displacement = [&](std::size_t body) -> Eigen::Vector3d {
+        return vibrating[body].pose.translation() - still[body].pose.translation();
+      };
+      const Eigen::Vector3d residual =
+          from.residual_displacement + displacement(before) - displacement(after);
+      const Eigen::Isometry3d old_from_part = Eigen::Translation3d(from.position) * from.orientation;
+      from = pose_of({supporting_body, still[after].pose.inverse() * still[before].pose * old_from_part});
+      from.residual_displacement = residual;
+    }
+    to_.parts[i].residual_displacement = residual_share(step_duration()) * from.residual_displacement;
   }
 }
 

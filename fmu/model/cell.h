@@ -14,6 +14,7 @@
 #include "fmu/model/devices/encoder.h"
 #include "fmu/model/devices/sensing.h"
 #include "fmu/model/devices/trigger.h"
+#include "fmu/model/events.h"
 #include "fmu/model/vibration.h"
 #include "fmu/model/world/kinematics.h"
 #include "fmu/model/world/world.h"
@@ -25,6 +26,10 @@ struct PartPose {
   SupportingBody supporting_body = SupportingBody::kWorld;
   Eigen::Vector3d position = Eigen::Vector3d::Zero();
   Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
+  /// m, world axes: what remains of the difference between the vibrations of the former and the present
+  /// supporting body. The dynamics do not know vibration, so without it the true pose would jump when the
+  /// supporting body changes.
+  Eigen::Vector3d residual_displacement = Eigen::Vector3d::Zero();
 };
 
 /// State of the cell at a point of the dynamics grid.
@@ -48,12 +53,6 @@ struct LoadedProgram {
   std::shared_ptr<const control::Program> program;
   std::string fault;  // why the segment requested last is not available; empty: it is
 };
-
-/// Events that are reported to importers in event mode: one bit for each source.
-using Events = std::uint32_t;
-constexpr Events kRecordPublished = 1u << 0;
-constexpr Events kCollisionChanged = 1u << 1;  // the first collision began, or the last one ended
-constexpr Events kAllEvents = ~Events{0};
 
 /// Complete state of a running cell.
 struct CellState {
@@ -89,11 +88,12 @@ class Cell : private MotionView {
 
   /// Executes a communication step with constant inputs, up to an instant (microseconds from the start), the
   /// first of the `wanted` events, or an earlier end from `intermediate`, which may be empty. Trigger and
-  /// pendant read their commands at its start; at its end the next complete record becomes the current one.
+  /// pendant read their commands at its start; at its end the next complete records, at most `max_records`,
+  /// become the current one, one after the other.
   /// `start_time` (s) is the simulation time at the start of the simulation. Returns the events of the step;
   /// throws std::exception.
   Events step(const CellInputs& inputs, double start_time, std::int64_t end_us, Events wanted,
-              const IntermediateUpdate& intermediate);
+              const IntermediateUpdate& intermediate, std::size_t max_records = 1);
 
   std::int64_t time_us() const { return time_us_; }
 
@@ -104,6 +104,11 @@ class Cell : private MotionView {
 
   /// Why the controller does not execute its command, as text; empty: it does.
   std::string refusal() const;
+
+  /// Records that became the current one at the end of a step, with `max_records` above 1: the last ones, and
+  /// the number of those of the last step.
+  const std::vector<TriggerRecord>& records() const { return trigger_.published(); }
+  std::int32_t new_records() const { return trigger_.newly_published(); }
 
   /// Writes the outputs at the present instant.
   void write_outputs(CellOutputs& outputs) const;
@@ -119,7 +124,7 @@ class Cell : private MotionView {
  private:
   void begin_step(const CellInputs& inputs, double start_time);
   bool run(const CellInputs& inputs, std::int64_t to_us, Events wanted);
-  Events end_step();
+  Events end_step(std::size_t max_records);
   std::int64_t next_event(Events wanted, std::int64_t to_us) const;
   control::Report report() const;
 
@@ -140,6 +145,8 @@ class Cell : private MotionView {
   BeltState belt_at(std::size_t belt, std::int64_t time_us) const;
   Motion finger_at(std::size_t finger, std::int64_t time_us, const Motion& flange) const;
   using SupportingBodyMotions = std::array<Motion, kSupportingBodies>;
+  /// Motions of the supporting bodies at a point of the grid, without vibration and with it.
+  SupportingBodyMotions supporting_bodies(const GridPoint& point, bool vibrating) const;
   Motion part_at(std::size_t part, std::int64_t time_us,
                  const SupportingBodyMotions& supporting_bodies) const;
   void update_supporting_bodies();

@@ -76,7 +76,19 @@ Motion Cell::finger_at(std::size_t finger, std::int64_t time_us, const Motion& f
   return motion;
 }
 
+Cell::SupportingBodyMotions Cell::supporting_bodies(const GridPoint& point, bool vibrating) const {
+  const AxesState& axes = point.true_axes;
+  Motion base = true_.base(), platter = true_.platter(axes.position[kTableAxis], axes.rate[kTableAxis]);
+  if (vibrating) {
+    base = vibration_.base(base, point.time_us);
+    platter = vibration_.platter(platter, point.time_us);
+  }
+  const Motion flange = true_.arm(axes.position, axes.rate, base).back();
+  return {Motion(), platter, vibrating ? vibration_.flange(flange, point.time_us) : flange};
+}
+
 /// A part moves with its supporting body, and relative to it with constant velocity between two grid points.
+/// A residual displacement decays.
 Motion Cell::part_at(std::size_t part, std::int64_t time_us,
                      const SupportingBodyMotions& supporting_bodies) const {
   const PartPose& from = from_.parts[part];
@@ -88,6 +100,11 @@ Motion Cell::part_at(std::size_t part, std::int64_t time_us,
   Motion motion = attached(supporting_body, Eigen::Translation3d(from.position + s * travel) *
                                                 from.orientation.slerp(s, to.orientation));
   const double duration = step_duration();
+  if (!from.residual_displacement.isZero(0)) {
+    const Eigen::Vector3d residual = residual_share(s * duration) * from.residual_displacement;
+    motion.pose.pretranslate(residual);
+    motion.velocity -= residual / kResidualDecayTime;
+  }
   if (duration > 0 && description_.parts[part].free) {
     const Eigen::AngleAxisd rotation(relative_rotation);
     const double rate = 1 / duration;

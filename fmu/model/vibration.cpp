@@ -64,6 +64,8 @@ Displacement Vibration::at(std::int64_t time_us) const {
   return sum;
 }
 
+double residual_share(double elapsed) { return std::exp(-elapsed / kResidualDecayTime); }
+
 CellVibration::CellVibration(const CellDescription& cell, const AsBuilt& as_built, std::uint64_t key)
     : base_(as_built.base_vibration, "base", key + 1000),
       flange_(as_built.flange_vibration, "flange", key + 2000),

@@ -56,6 +56,13 @@ class Vibration {
   std::vector<Wave> waves_;
 };
 
+/// s. When a part passes from one vibrating body to another, the difference of their displacements decays
+/// with this time constant.
+constexpr double kResidualDecayTime = 0.02;
+
+/// Share of a residual displacement that is left after a time (s).
+double residual_share(double elapsed);
+
 /// Vibration of robot base, flange and table, superimposed on their motion.
 /// Affects true poses only, neither encoder readings nor the dynamics: the displacements are too small to
 /// move what lies there.

@@ -1,9 +1,10 @@
 #include "fmu/sequencer/sequencer.h"
 
-#include <cmath>
 #include <stdexcept>
 
 #include "fmu/control/time_units.h"
+#include "fmu/fmi/number_text.h"
+#include "fmu/fmi/sealed_state.h"
 #include "fmu/fmi/table_groups.h"
 #include "fmu/model/start_inputs.h"
 
@@ -32,12 +33,16 @@ Sequencer::Values::Values(const CellDescription& description)
                std::get<std::vector<PresenceSensor>>(description.sensing.sensors).size())},
       command(start_inputs(description)) {}
 
-Sequencer::Sequencer(const CellDescription& cell)
-    : cycle_(static_cast<double>(cell.controller_cycle_us) / kMicrosecondsPerSecond),
+Sequencer::Sequencer(const CellDescription& cell, const std::string& name, const Log& log,
+                     const StepOptions& options)
+    : Instance(name, log, options),
+      cycle_(static_cast<double>(cell.controller_cycle_us) / kMicrosecondsPerSecond),
       has_gripper_(cell.gripper.has_value()),
       start_(cell),
-      values_(cell),
-      table_(variables(layout_of(cell))) {}
+      values_(cell) {
+  if (options.event_mode) throw std::invalid_argument("this FMU has no event mode");
+  set_table(VariableTable(variables(layout_of(cell))));
+}
 
 std::vector<Variable> Sequencer::variables(const CellLayout& layout) {
   TableBuilder table(layout.joints.size());
@@ -83,18 +88,7 @@ std::vector<Variable> Sequencer::variables(const CellLayout& layout) {
   return table.take();
 }
 
-void Sequencer::setup(double start_time) {
-  if (phase_ != Phase::kInstantiated) reject_call("setting up the experiment", phase_);
-  values_.time = start_time;
-}
-
-void Sequencer::enter_initialization() {
-  if (phase_ != Phase::kInstantiated) reject_call("entering initialization mode", phase_);
-  phase_ = Phase::kInitialization;
-}
-
-void Sequencer::exit_initialization() {
-  if (phase_ != Phase::kInitialization) reject_call("leaving initialization mode", phase_);
+void Sequencer::start() {
   for (std::size_t i = 0; i < static_cast<std::size_t>(values_.count); ++i) {
     const auto until = static_cast<Until>(values_.steps[i].until);
     const bool unknown = (until == Until::kPresence && values_.cell.presence.size() == 0) ||
@@ -104,27 +98,22 @@ void Sequencer::exit_initialization() {
                                 ", but the cell has no " +
                                 (until == Until::kGripped ? "gripper" : "presence sensor"));
   }
-  phase_ = Phase::kStepping;
 }
 
-void Sequencer::terminate() {
-  if (phase_ != Phase::kStepping) reject_call("terminating", phase_);
-  phase_ = Phase::kTerminated;
-}
-
-void Sequencer::reset() {
-  values_ = start_;
-  phase_ = Phase::kInstantiated;
-}
-
-void Sequencer::do_step(double current, double step) {
-  if (phase_ != Phase::kStepping) reject_call("a step", phase_);
-  if (!(step > 0) || !(std::abs(current - values_.time) <= kHalfMicrosecond)) {
-    throw std::invalid_argument("the step must begin at " + std::to_string(values_.time) +
-                                " s and have a positive size, not " + std::to_string(current) + " s and " +
-                                std::to_string(step) + " s");
+StepResult Sequencer::do_step(double current, double step) {
+  const std::int64_t planned = begin_step(current, step);
+  end_step(current, step, planned);
+  values_.time = communication_time_;
+  const std::int32_t before = values_.number;
+  advance(step);
+  if (values_.number != before) {
+    log_.write(LogCategory::kEvent,
+               "step " + std::to_string(values_.number) + " begins at " + seconds(values_.time));
   }
-  values_.time = current + step;
+  return {};
+}
+
+void Sequencer::advance(double step) {
   if (values_.finished || values_.error != 0) return;
   if (values_.number > 0) {
     if (values_.cell.error != 0) return stop(values_.cell.error);
@@ -158,46 +147,104 @@ bool Sequencer::is_complete(const Step& step, double communication_step) const {
 /// The axes and belts stop; the gripper keeps its command.
 void Sequencer::stop(std::int32_t error) {
   values_.error = error;
+  log_.write(LogCategory::kWarning, "the sequence stops in step " + std::to_string(values_.number) +
+                                        ": the cell rejects its command, controller.error is " +
+                                        std::to_string(error));
   values_.command.motion.mode = static_cast<std::int32_t>(control::Mode::kHold);
   values_.command.trigger.mode = static_cast<std::int32_t>(TriggerMode::kOff);
   for (ConveyorCommand& belt : values_.command.conveyors) belt.speed = 0;
 }
 
-/// The functions for integers serve enumerations, too.
-template <class T>
-const Variable& Sequencer::typed(std::uint32_t reference) const {
-  const Variable& found = table_.at(reference);
-  const Type type = found.type == Type::kEnumeration ? Type::kInteger : found.type;
-  if (type != TypeOf<T>::value) {
-    throw std::invalid_argument(found.name + " has another type than the called function");
-  }
-  return found;
-}
+/// State of a sequencer: the values of all variables, as bytes.
+struct Sequencer::State : SavedState {
+  SavedPhase saved;
+  double began = 0;
+  std::vector<std::uint8_t> values;
 
-template <class T>
-void Sequencer::set(std::uint32_t reference, const T& value) {
-  const Variable& found = typed<T>(reference);
-  if (!is_settable(found)) throw std::invalid_argument(found.name + " is neither an input nor a parameter");
-  const bool early = phase_ == Phase::kInstantiated || phase_ == Phase::kInitialization;
-  if (!early && !(found.causality == Causality::kInput && phase_ == Phase::kStepping)) {
-    reject_call("setting " + found.name, phase_);
-  }
-  if constexpr (std::is_same_v<T, double> || std::is_same_v<T, std::int32_t>) {
-    const auto number = static_cast<double>(value);
-    if (!std::isfinite(number) || number < found.min || number > found.max) {
-      throw std::invalid_argument(out_of_range(found, number));
+  void assign(const SavedState& other) override { *this = dynamic_cast<const State&>(other); }
+};
+
+namespace {
+
+/// Exchanges the values of all variables with bytes.
+template <class Archive>
+void exchange_values(Archive& archive, const VariableTable& table) {
+  for (const Variable& variable : table.variables()) {
+    switch (variable.type) {
+      case Type::kReal:
+        exchange(archive, member<double>(variable));
+        break;
+      case Type::kInteger:
+      case Type::kEnumeration:
+        exchange(archive, member<std::int32_t>(variable));
+        break;
+      case Type::kBoolean:
+        exchange(archive, member<bool>(variable));
+        break;
+      default:
+        exchange(archive, member<std::string>(variable));
     }
   }
-  member<T>(found) = value;
 }
 
-template const Variable& Sequencer::typed<double>(std::uint32_t) const;
-template const Variable& Sequencer::typed<std::int32_t>(std::uint32_t) const;
-template const Variable& Sequencer::typed<bool>(std::uint32_t) const;
-template const Variable& Sequencer::typed<std::string>(std::uint32_t) const;
-template void Sequencer::set(std::uint32_t, const double&);
-template void Sequencer::set(std::uint32_t, const std::int32_t&);
-template void Sequencer::set(std::uint32_t, const bool&);
-template void Sequencer::set(std::uint32_t, const std::string&);
+template <class Archive>
+void exchange_head(Archive& archive, SavedPhase& saved, double& began) {
+  auto phase = static_cast<std::int32_t>(saved.phase);
+  exchange_up_to(archive, phase, static_cast<std::int32_t>(Phase::kFailed));
+  saved.phase = static_cast<Phase>(phase);
+  exchange(archive, saved.start_time);
+  exchange_unless_infinite(archive, saved.stop_time);
+  exchange(archive, saved.communication_time);
+  exchange(archive, began);
+}
+
+constexpr std::uint64_t kStateLayout = 1;  // the token stands for the variables
+
+}  // namespace
+
+std::unique_ptr<SavedState> Sequencer::snapshot() const {
+  auto state = std::make_unique<State>();
+  state->saved = saved_phase();
+  state->began = values_.began;
+  Writer writer;
+  exchange_values(writer, table());
+  state->values = writer.take();
+  return state;
+}
+
+void Sequencer::restore(const SavedState& saved) {
+  const auto& state = dynamic_cast<const State&>(saved);
+  check_restorable(state.saved.phase);
+  const Values before = values_;
+  try {
+    Reader reader(state.values.data(), state.values.size());
+    exchange_values(reader, table());
+    check_end(reader);
+    check_bounds();
+    if (values_.number < 0 || values_.number > static_cast<std::int32_t>(kSteps)) reject_value();
+  } catch (...) {
+    values_ = before;
+    throw;
+  }
+  values_.began = state.began;
+  restore_phase(state.saved);
+}
+
+std::vector<std::uint8_t> Sequencer::serialize(const SavedState& saved) const {
+  State state = dynamic_cast<const State&>(saved);
+  Writer writer = sealed_writer(token(), kStateLayout);
+  exchange_head(writer, state.saved, state.began);
+  exchange(writer, state.values);
+  return sealed(writer);
+}
+
+std::unique_ptr<SavedState> Sequencer::deserialize(const std::uint8_t* bytes, std::size_t size) const {
+  Reader reader = unsealed(bytes, size, token(), kStateLayout);
+  auto state = std::make_unique<State>();
+  exchange_head(reader, state->saved, state->began);
+  exchange(reader, state->values);
+  check_end(reader);
+  return state;
+}
 
 }  // namespace robotcell::sequencer

@@ -6,8 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "fmu/fmi/phase.h"
-#include "fmu/fmi/variable_table.h"
+#include "fmu/fmi/instance.h"
 #include "fmu/model/description/cell_description.h"
 
 namespace robotcell::sequencer {
@@ -38,32 +37,18 @@ struct CellState {
   PerDevice<PresenceSensor::Reading> presence;
 };
 
-/// The sequence with its inputs and outputs, as variables. All functions throw std::exception on an illegal
-/// argument or call.
-class Sequencer {
+/// The sequence with its inputs and outputs, as variables.
+class Sequencer : public fmi::Instance {
  public:
   /// For a cell of this layout; all steps start with the cell's own start values.
-  explicit Sequencer(const CellDescription& cell);
+  explicit Sequencer(const CellDescription& cell, const std::string& name = "sequencer",
+                     const fmi::Log& log = fmi::Log({}, false), const fmi::StepOptions& options = {});
 
-  const fmi::VariableTable& table() const { return table_; }
-  void fail() { phase_ = fmi::Phase::kFailed; }
-
-  void setup(double start_time);
-  void enter_initialization();
-  void exit_initialization();
-  void terminate();
-  void reset();
-  /// Advances by a communication step from `current`, s.
-  void do_step(double current, double step);
-  double last_successful_time() const { return values_.time; }
-
-  /// T is double, std::int32_t (also for an enumeration), bool or std::string.
-  template <class T>
-  const T& get(std::uint32_t reference) const {
-    return fmi::member<T>(typed<T>(reference));
-  }
-  template <class T>
-  void set(std::uint32_t reference, const T& value);
+  fmi::StepResult do_step(double current, double step) override;
+  std::unique_ptr<fmi::SavedState> snapshot() const override;
+  void restore(const fmi::SavedState& state) override;
+  std::vector<std::uint8_t> serialize(const fmi::SavedState& state) const override;
+  std::unique_ptr<fmi::SavedState> deserialize(const std::uint8_t* bytes, std::size_t size) const override;
 
  private:
   struct Values {
@@ -79,10 +64,13 @@ class Sequencer {
     std::int32_t error = 0;  // of the controller, at which the sequence stopped
     double began = 0;        // s, when the present step began
   };
+  struct State;
 
+  void start() override;
+  void clear() override { values_ = start_; }
+  void before_get(const fmi::Variable& /*variable*/) override { values_.time = communication_time_; }
   std::vector<fmi::Variable> variables(const CellLayout& layout);
-  template <class T>
-  const fmi::Variable& typed(std::uint32_t reference) const;
+  void advance(double step);
   bool is_complete(const Step& step, double communication_step) const;
   void stop(std::int32_t error);
 
@@ -90,8 +78,6 @@ class Sequencer {
   bool has_gripper_;
   Values start_;
   Values values_;
-  fmi::VariableTable table_;
-  fmi::Phase phase_ = fmi::Phase::kInstantiated;
 };
 
 }  // namespace robotcell::sequencer

@@ -1,5 +1,6 @@
 // robotcell-fuzz: random legal and illegal calls of both FMI versions, or many instances in sequence. Fails
 // on a crash, a hang, an invalid status, or growing memory.
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -7,6 +8,7 @@
 #include <fstream>
 #include <functional>
 #include <limits>
+#include <memory>
 #include <random>
 #include <string>
 #include <vector>
@@ -47,12 +49,104 @@ double resident_mb() {
 }
 #endif
 
-void no_log3(fmi3InstanceEnvironment, fmi3Status, fmi3String, fmi3String) {}
+/// What callbacks know of the instance that calls them, which is null before it exists.
+struct Caller {
+  int version = 0;
+  void* instance = nullptr;
+  bool misbehaves = false;  // in intermediate updates: calls other functions than getters
+  unsigned count = 0;       // of callbacks
+  bool accepted = false;    // whether the instance accepted a call from its log callback
+};
+
+/// Whether an instance of FMI 2 refuses a call from its log callback.
+bool is_refused2(void* c, unsigned count) {
+  const fmi2ValueReference reference = count % 7;
+  fmi2Real real = 0.5;
+  void* state = nullptr;
+  switch (count % 6) {
+    case 0:
+      return fmi2Reset(c) == fmi2Error;
+    case 1:
+      return fmi2DoStep(c, 0, 1e-3, fmi2True) == fmi2Error;
+    case 2:
+      return fmi2GetReal(c, &reference, 1, &real) == fmi2Error;
+    case 3:
+      return fmi2GetFMUstate(c, &state) == fmi2Error && state == nullptr;
+    case 4:
+      return fmi2SetReal(c, &reference, 1, &real) == fmi2Error;
+    default:
+      fmi2FreeInstance(c);
+      return true;
+  }
+}
+
+/// The same in FMI 3.
+bool is_refused3(void* c, unsigned count) {
+  const fmi3ValueReference reference = count % 7;
+  fmi3Float64 real = 0.5;
+  fmi3Boolean flags[5] = {};
+  void* state = nullptr;
+  switch (count % 7) {
+    case 0:
+      return fmi3Reset(c) == fmi3Error;
+    case 1:
+      return fmi3DoStep(c, 0, 1e-3, true, &flags[0], &flags[1], &flags[2], &real) == fmi3Error;
+    case 2:
+      return fmi3GetFloat64(c, &reference, 1, &real, 1) == fmi3Error;
+    case 3:
+      return fmi3GetFMUState(c, &state) == fmi3Error && state == nullptr;
+    case 4:
+      return fmi3Terminate(c) == fmi3Error;
+    case 5:
+      return fmi3UpdateDiscreteStates(c, &flags[0], &flags[1], &flags[2], &flags[3], &flags[4], &real) ==
+             fmi3Error;
+    default:
+      fmi3FreeInstance(c);
+      return true;
+  }
+}
+
+void log2(fmi2ComponentEnvironment environment, fmi2String, fmi2Status, fmi2String, fmi2String, ...) {
+  Caller& caller = *static_cast<Caller*>(environment);
+  if (caller.instance != nullptr && !is_refused2(caller.instance, caller.count++)) caller.accepted = true;
+}
+
+void log3(fmi3InstanceEnvironment environment, fmi3Status, fmi3String, fmi3String) {
+  Caller& caller = *static_cast<Caller*>(environment);
+  if (caller.instance != nullptr && !is_refused3(caller.instance, caller.count++)) caller.accepted = true;
+}
+
+/// An intermediate update, where only getters are allowed, and no call may do harm.
+void update3(fmi3InstanceEnvironment environment, fmi3Float64, fmi3Boolean, fmi3Boolean, fmi3Boolean,
+             fmi3Boolean, fmi3Boolean* requested, fmi3Float64*) {
+  Caller& caller = *static_cast<Caller*>(environment);
+  void* c = caller.instance;
+  const fmi3ValueReference reference = caller.count++ % 500;
+  fmi3Float64 real = 0;
+  fmi3GetFloat64(c, &reference, 1, &real, 1);
+  *requested = caller.count % 5 == 0;
+  if (!caller.misbehaves) return;
+  switch (caller.count % 4) {
+    case 0:
+      fmi3Reset(c);
+      break;
+    case 1:
+      fmi3FreeInstance(c);
+      break;
+    case 2:
+      fmi3Terminate(c);
+      break;
+    default:
+      fmi3SetFMUState(c, nullptr);
+  }
+}
 
 /// One FMU instance of either version and the states taken from it.
 struct Subject {
   int version;
   void* instance;
+  std::unique_ptr<Caller> caller;
+  std::unique_ptr<fmi2CallbackFunctions> functions;
   double time = 0;
   std::vector<void*> states;
 };
@@ -61,10 +155,19 @@ robotcell::CellLayout layout_of_cell(const std::string& resources) {
   return robotcell::layout_of(robotcell::parse_cell(robotcell::read_text_file(resources + "/cell.json")));
 }
 
-std::string token_of(const std::string& resources, bool arrays) {
+/// Tokens of all variants of a version of FMI; the last one is that with scalars alone.
+std::vector<std::string> tokens_of(const std::string& resources, int version) {
   const auto layout = layout_of_cell(resources);
   robotcell::fmi::Values values(layout);
-  return robotcell::fmi::VariableTable(layout, values).token(arrays);
+  std::vector<robotcell::fmi::TableOptions> options = robotcell::fmi::table_options(version);
+  options.emplace_back();
+  std::vector<std::string> tokens;
+  for (const robotcell::fmi::TableOptions& variant : options) {
+    const robotcell::fmi::VariableTable table(layout, values, variant);
+    if (version == 3) tokens.push_back(table.token(true));
+    tokens.push_back(table.token(false));
+  }
+  return tokens;
 }
 
 std::size_t table_size(const std::string& resources) {
@@ -78,12 +181,17 @@ class Fuzzer {
   Fuzzer(unsigned seed, std::vector<std::string> resources)
       : random_(seed),
         resources_(std::move(resources)),
-        token_(token_of(resources_[0], false)),
-        array_token_(token_of(resources_[0], true)),
+        tokens_{tokens_of(resources_[0], 2), tokens_of(resources_[0], 3)},
         references_(table_size(resources_[0])) {}
 
   ~Fuzzer() {
     while (!subjects_.empty()) drop(0);
+  }
+
+  /// Whether an instance accepted a call from its log callback; frees all instances.
+  bool accepted_in_callback() {
+    while (!subjects_.empty()) drop(0);
+    return accepted_in_callback_;
   }
 
   /// One random call; true where it succeeded.
@@ -137,20 +245,29 @@ class Fuzzer {
     const std::string& resources = resources_[chance(0.9) ? 0 : below(resources_.size())];
     const char* name = chance(0.98) ? "cell" : nullptr;
     const int version = chance(0.5) ? 2 : 3;
-    const std::string& known = version == 3 && chance(0.3) ? array_token_ : token_;
-    const std::string token = chance(0.95) ? known : "{else}";
+    const std::vector<std::string>& known = tokens_[static_cast<std::size_t>(version - 2)];
+    const std::string token = chance(0.95) ? known[below(known.size())] : "{else}";
+    auto caller = std::make_unique<Caller>();
+    caller->version = version;
+    caller->misbehaves = chance(0.3);
+    auto functions = std::make_unique<fmi2CallbackFunctions>(
+        fmi2CallbackFunctions{log2, nullptr, nullptr, nullptr, caller.get()});
     void* instance =
         version == 2
             ? fmi2Instantiate(name, chance(0.98) ? fmi2CoSimulation : fmi2ModelExchange, token.c_str(),
-                              resources.c_str(), nullptr, fmi2False, fmi2True)
+                              resources.c_str(), chance(0.9) ? functions.get() : nullptr, fmi2False, fmi2True)
             : fmi3InstantiateCoSimulation(name, token.c_str(), resources.c_str(), false, true, chance(0.5),
-                                          chance(0.5), nullptr, 0, nullptr, no_log3, nullptr);
-    if (instance != nullptr) subjects_.push_back({version, instance, 0, {}});
-    return instance != nullptr;
+                                          chance(0.5), nullptr, 0, caller.get(), log3,
+                                          chance(0.3) ? update3 : nullptr);
+    if (instance == nullptr) return false;
+    caller->instance = instance;
+    subjects_.push_back({version, instance, std::move(caller), std::move(functions), 0, {}});
+    return true;
   }
 
   bool drop(std::size_t index) {
     Subject& subject = subjects_[index];
+    accepted_in_callback_ = accepted_in_callback_ || subject.caller->accepted;
     for (void*& state : subject.states) {
       if (subject.version == 2) fmi2FreeFMUstate(subject.instance, &state);
       if (subject.version == 3) fmi3FreeFMUState(subject.instance, &state);
@@ -364,11 +481,11 @@ class Fuzzer {
 
   std::mt19937 random_;
   std::vector<std::string> resources_;
-  std::string token_;
-  std::string array_token_;
-  std::size_t references_;  // of the first cell
+  std::array<std::vector<std::string>, 2> tokens_;  // of FMI 2 and 3
+  std::size_t references_;                          // of the first cell
   std::vector<Subject> subjects_;
   double last_step_ = 0;
+  bool accepted_in_callback_ = false;
 };
 
 /// Random calls; returns the growth of memory (MB) over the last four fifths.
@@ -381,6 +498,10 @@ double fuzz(long calls, unsigned seed, const std::vector<std::string>& resources
     if (i == calls / 5) early = resident_mb();
   }
   const double growth = resident_mb() - early;
+  if (fuzzer.accepted_in_callback()) {
+    std::fprintf(stderr, "a call from a log callback was accepted\n");
+    std::exit(1);
+  }
   std::printf("calls %ld accepted %ld growth_mb %.3f\n", calls, accepted, growth);
   return growth;
 }
@@ -388,7 +509,7 @@ double fuzz(long calls, unsigned seed, const std::vector<std::string>& resources
 /// Creates, initialises and steps instances in sequence; returns the growth of memory (MB) after a warm-up of
 /// a tenth as many.
 double cycle(long cycles, const std::string& resources) {
-  const std::string token = token_of(resources, false);
+  const std::string token = tokens_of(resources, 2).back();
   double early = 0;
   for (long i = -cycles / 10; i < cycles; ++i) {
     void* instance = nullptr;

@@ -291,6 +291,19 @@ class CellFmu:
                 found[index] = self.get(*names)
         return found
 
+    def array(self, name: str) -> Array:
+        """Values of a real array variable of FMI 3, in its shape."""
+        shape = [int(d.start) for d in self.variables[name].dimensions]
+        values = self.slave.getFloat64(self._references([name]), nValues=int(np.prod(shape)))
+        return np.array(values).reshape(shape)
+
+    def path_ahead(self) -> Array:
+        """Path ahead of the controller (64, 7), of an FMU with the variant `--ahead`."""
+        if self.version == 3:
+            return self.array("controller.ahead")
+        axes = [*(f"q[{i}]" for i in range(1, 7)), "table"]
+        return self.get(*(f"controller.ahead[{k}].{axis}" for k in range(1, 65) for axis in axes)).reshape(64, 7)
+
     def body(self, name: str, prefix: str = "truth.") -> Array:
         """``world_from_body`` (4, 4) of a body."""
         w, x, y, z = self.vector(f"{prefix}{name}.orientation", 4)
@@ -324,19 +337,20 @@ class CellFmu:
 
 
 class FmuFolders:
-    """Cache of FMUs by version and cell description."""
+    """Cache of FMUs by version, cell description and variants, the options of robotcell-describe."""
 
     def __init__(self, root: Path) -> None:
         self._root = root
-        self._known: list[tuple[int, dict[str, Any], Path]] = []
+        self._known: list[tuple[Any, Path]] = []
 
-    def unpacked(self, version: int, cell: dict[str, Any]) -> Path:
+    def unpacked(self, version: int, cell: dict[str, Any], *variants: str) -> Path:
         """Folder with the unpacked files of an FMU."""
-        for known_version, known_cell, folder in self._known:
-            if known_version == version and known_cell == cell:
+        key = (version, cell, variants)
+        for known, folder in self._known:
+            if known == key:
                 return folder
-        folder = write_fmu(cell, version, self._root / f"RobotCell{version}-{len(self._known)}")
-        self._known.append((version, cell, folder))
+        folder = write_fmu(cell, version, self._root / f"RobotCell{version}-{len(self._known)}", *variants)
+        self._known.append((key, folder))
         return folder
 
     def packed(self, version: int, cell: dict[str, Any]) -> Path:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -34,8 +34,12 @@ def build(folders: FmuFolders, open_fmu: Build) -> Build:
     """Start instances of a cell description and free them after the test; options are those of `instantiate`."""
 
     def start(
-        version: int = 3, cell: dict[str, Any] | None = None, parameters: Parameters | None = None, **options: Any
+        version: int = 3,
+        cell: dict[str, Any] | None = None,
+        parameters: Parameters | None = None,
+        variants: Sequence[str] = (),
+        **options: Any,
     ) -> CellFmu:
-        return open_fmu(folders.unpacked(version, cell or cell_description()), parameters, options=options)
+        return open_fmu(folders.unpacked(version, cell or cell_description(), *variants), parameters, options=options)
 
     return start

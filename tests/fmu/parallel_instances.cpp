@@ -10,7 +10,7 @@
 #include <thread>
 #include <vector>
 
-#include "fmu/fmi/instance.h"
+#include "fmu/fmi/cell_instance.h"
 
 extern "C" {
 #include "fmu/third_party/fmi/fmi3Functions.h"

@@ -13,7 +13,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from cell_fixture import CYCLE_US, FREE, START, Build, CellFmu, all_reals, cell_description, runtime_folder
+from cell_fixture import (
+    CYCLE_US,
+    FREE,
+    START,
+    Build,
+    CellFmu,
+    FmuFolders,
+    all_reals,
+    cell_description,
+    runtime_folder,
+)
 from test_fmu_sensing import collision_cell
 
 LATENCY = 0.0004
@@ -41,7 +51,14 @@ def test_clock_is_described_only_on_request(tmp_path: Path) -> None:
     outputs = [o.attrib["valueReference"] for o in clocked.findall("ModelStructure/Output")]
     assert outputs[-1] == found.attrib["valueReference"]
     initial = [o.attrib["valueReference"] for o in clocked.findall("ModelStructure/InitialUnknown")]
-    assert initial == outputs
+    clocks = {v.attrib["valueReference"] for v in clocked.findall("ModelVariables/*") if "clocks" in v.attrib}
+    assert initial == [reference for reference in outputs[:-1] if reference not in clocks]
+    ticking = {v.attrib["name"] for v in clocked.findall("ModelVariables/*") if "clocks" in v.attrib}
+    records = {v.attrib["name"] for v in plain.findall("ModelVariables/*") if v.attrib["name"].startswith("trigger.")}
+    assert ticking == records - {"trigger.count", "trigger.queued"}
+    assert {v.attrib.get("clocks") for v in clocked.findall("ModelVariables/*") if v.attrib["name"] in ticking} == {
+        found.attrib["valueReference"]
+    }
 
 
 def command_scan(cell: CellFmu) -> None:
@@ -277,3 +294,58 @@ def test_setting_in_intermediate_update_is_an_error(build: Build) -> None:
     assert any("during an intermediate update" in message for message in watch.cell.messages)
     watch.cell.slave.reset()
     watch.cell.initialize()
+
+
+def test_only_continuous_outputs_have_intermediate_values(build: Build, folders: FmuFolders) -> None:
+    cell = build(3)
+    xml = ET.parse(folders.unpacked(3, cell_description()) / "modelDescription.xml")
+    shown = {v.attrib["name"] for v in xml.findall("ModelVariables/*") if v.get("intermediateUpdate") == "true"}
+    assert "truth.table" in shown
+    assert shown == {n for n, v in cell.variables.items() if v.causality == "output" and v.variability == "continuous"}
+
+
+class StatedVariables:
+    """Reads variables at the first intermediate update; the importer stated one of them, or none."""
+
+    def __init__(self, build: Build, stated: list[str], read: str) -> None:
+        self.failed = False
+        references = [build(3).variables[name].valueReference for name in stated]
+        self.cell = build(3, intermediateUpdate=self.update, requiredIntermediateVariables=references)
+        self.read = read
+        with contextlib.suppress(Exception):
+            self.cell.slave.doStep(0.0, 0.02)
+
+    def update(self, *_arguments: Any) -> None:
+        try:
+            getter = self.cell.get_int if self.read == "controller.state" else self.cell.get
+            getter(self.read)
+        except Exception:
+            self.failed = True
+
+
+@pytest.mark.parametrize(
+    ("stated", "read", "allowed"),
+    [
+        ([], "truth.table", True),
+        ([], "time", True),
+        ([], "controller.state", False),  # discrete
+        (["truth.table"], "truth.table", True),
+        (["truth.table"], "time", True),
+        (["truth.table"], "truth.q[1]", False),
+    ],
+)
+def test_importer_reads_intermediate_values_that_it_stated(
+    build: Build, stated: list[str], read: str, allowed: bool
+) -> None:
+    run = StatedVariables(build, stated, read)
+    assert run.failed != allowed
+    assert (run.cell.messages == []) == allowed
+
+
+@pytest.mark.parametrize("name", ["controller.state", "command.table"])
+def test_variables_without_intermediate_values_cannot_be_required(build: Build, name: str) -> None:
+    reference = build(3).variables[name].valueReference
+    with pytest.raises(RuntimeError, match=f"{name} has no intermediate values"):
+        build(3, requiredIntermediateVariables=[reference])
+    with pytest.raises(RuntimeError, match="unknown value reference 99999"):
+        build(3, requiredIntermediateVariables=[99999])

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cell_fixture import CYCLE_US, Build, CellFmu, all_reals, cell_description, rejection
+from cell_fixture import CYCLE_US, Build, CellFmu, Parameters, all_reals, cell_description, pose, rejection
 from continue_from_state import assert_continues_exactly
 from grasp_fixture import (
     BOX,
@@ -227,6 +227,52 @@ def test_part_does_not_move_when_its_supporting_body_changes(build: Build) -> No
             assert min(across) < 2e-6
             bodies = now
     assert np.abs((cell.body("part[1]") - before)[:2, 3]).max() < 2e-5
+
+
+VIBRATING: Parameters = {
+    f"as_built.vibration.{place}.{key}": value
+    for place, phase in (("base", 0.0), ("flange", 1.0), ("table", 2.5))
+    for key, value in {"x": 1e-3, "y": -7e-4, "z": 5e-4, "frequency": 23.0, "phase": phase}.items()
+}
+
+
+def displacement_beyond_twist(cell: CellFmu, seconds: float, step_us: int = 250) -> tuple[float, float]:
+    """Largest difference of the part's displacements in steps from its velocity times the step, and its path length."""
+    position, worst, path = cell.vector("truth.part[1].position", 3), 0.0, 0.0
+    for _ in range(round(seconds * 1e6 / step_us)):
+        cell.step(step_us)
+        now = cell.vector("truth.part[1].position", 3)
+        predicted = cell.vector("truth.part[1].velocity", 3) * step_us * 1e-6
+        worst, path = max(worst, float(np.abs(now - position - predicted).max())), path + float(np.ptp(now - position))
+        position = now
+    return worst, path
+
+
+def test_true_pose_is_continuous_when_a_gripper_takes_and_releases_the_part(build: Build) -> None:
+    """Base, flange and table vibrate by a millimetre; the twist is the derivative of the pose throughout."""
+    cell = build(3, grasp_cell(), parameters=VIBRATING)
+    upper = joints_at(np.array([*PLACE, TABLE[2] + 0.022]))
+    cell.command(OVER_BOX)
+    cell.set("command.gripper.mode", 2)
+    cell.set("command.gripper.force", 30.0)
+    found = [displacement_beyond_twist(cell, 0.5)]
+    cell.command(upper)
+    found.append(displacement_beyond_twist(cell, 0.1))
+    cell.set("command.gripper.mode", 1)
+    cell.set("command.gripper.width", 0.06)
+    found.append(displacement_beyond_twist(cell, 0.3))
+    assert max(worst for worst, _ in found) < 3e-6
+    assert min(path for _, path in found) > 1e-3
+
+
+def test_true_pose_is_continuous_when_the_part_slides_off_a_vibrating_table(build: Build) -> None:
+    description = cell_description(fixture="free", support_from_part=pose([0.09, 0, 0]), friction=0.2)
+    cell = build(3, description, parameters=VIBRATING)
+    worst, _ = displacement_beyond_twist(cell, 0.1)
+    cell.command(table=6.0)
+    falling, _ = displacement_beyond_twist(cell, 0.9)
+    assert cell.vector("truth.part[1].position", 3)[2] < 0.0  # below the table
+    assert max(worst, falling) < 2e-5  # the table's acceleration, and impacts within a step
 
 
 def run_swing(cell: CellFmu) -> None:

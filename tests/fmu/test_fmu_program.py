@@ -312,7 +312,7 @@ def test_guard_message_age_slows_and_stops(build: Build, tmp_path: Path, version
 @VERSIONS
 def test_segment_waits_at_its_start_for_the_guard(build: Build, tmp_path: Path, version: int) -> None:
     """In view and without exposures, until a state is answered that shows its path; then it is only late."""
-    cell = build(version)
+    cell = build(version, variants=["--ahead"])
     cell.set("command.guard.max_age", 0.4)
     cell.step(CYCLE_US, 2)
     begin = cell.time_us * 1e-6
@@ -327,7 +327,7 @@ def test_segment_waits_at_its_start_for_the_guard(build: Build, tmp_path: Path, 
     assert not cell.get_int("controller.at_destination")
     assert cell.get_int("trigger.count") == 0
     assert cell.get("controller.path_time", "controller.rate") == pytest.approx([begin, 0])
-    assert cell.get("controller.ahead[32].table")[0] > 0.01
+    assert cell.path_ahead()[31, 6] > 0.01
     for table in TURN * eased(TIMES / TIMES[-1])[1:]:
         cell.set("command.guard.time", cell.time_us * 1e-6)
         cell.step(CYCLE_US)
@@ -387,15 +387,12 @@ def test_pendant_shows_given_text_and_stops(build: Build) -> None:
 
 @VERSIONS
 def test_path_ahead_matches_later_positions(build: Build, tmp_path: Path, version: int) -> None:
-    cell = build(version)
+    cell = build(version, variants=["--ahead"])
     present = np.append(cell.vector("measured.q", 6), cell.get("measured.table"))
-    points = [[*(f"controller.ahead[{k}].q[{i}]" for i in range(1, 7)), f"controller.ahead[{k}].table"]
-              for k in range(1, 65)]  # fmt: skip
-    assert all(np.array_equal(cell.get(*names), present) for names in points)
+    np.testing.assert_array_equal(cell.path_ahead(), np.tile(present, (64, 1)))
     start(cell, write(tmp_path, program_data()))
     cell.step(CYCLE_US, 20)
-    ahead = [cell.get(*names) for names in points]
-    for point in ahead:
+    for point in cell.path_ahead():
         np.testing.assert_allclose(
             np.append(cell.vector("measured.q", 6), cell.get("measured.table")), point, atol=1e-10
         )

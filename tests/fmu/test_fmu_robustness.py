@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import itertools
 import json
 import locale
 import os
@@ -12,7 +13,7 @@ import struct
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,8 @@ import pytest
 from cell_fixture import (
     CYCLE_US,
     FREE,
+    START,
+    Array,
     Build,
     CellFmu,
     FmuFolders,
@@ -481,3 +484,139 @@ def test_out_of_range_positions_in_a_state_are_errors(build: Build) -> None:
     assert any("is out of range" in message for message in cell.messages)
     cell.step(8000)
     np.testing.assert_allclose(cell.body("part[1]"), there, atol=1e-6)
+
+
+def run_at(cell: CellFmu, times: Sequence[float]) -> Array:
+    """Turn the table and fire exposures over communication points; all readings and true values at the end."""
+    cell.command(table=1.0)
+    cell.trigger(1, 0.01)
+    for now, following in itertools.pairwise(times):
+        cell.slave.doStep(now, following - now)
+    names = [n for n in cell.variables if re.match(r"measured\.(q|table)|truth\..*(position|orientation)", n)]
+    return cell.get(*names)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("start", [1.7e9, -1.7e9, 4e9])
+def test_start_times_as_large_as_unix_times_change_nothing_else(build: Build, version: int, start: float) -> None:
+    cell, shifted = build(version, FREE), build(version, FREE)
+    shifted.slave.reset()
+    shifted.initialize(start_time=start)
+    elapsed = np.arange(101) * 0.016
+    np.testing.assert_array_equal(run_at(cell, list(elapsed)), run_at(shifted, list(start + elapsed)))
+    assert shifted.get("time")[0] == pytest.approx(start + elapsed[-1], abs=1e-6)
+    assert shifted.get("trigger.time")[0] == pytest.approx(start + cell.get("trigger.time")[0], abs=1e-6)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_times_beyond_the_clock_are_rejected(build: Build, version: int) -> None:
+    cell = build(version)
+    cell.slave.reset()
+    with pytest.raises(Exception, match="fmi"):
+        cell.initialize(start_time=4.3e9)
+    assert "within 4294967296 s, not 4.3e+09 s" in cell.messages[-1]
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_communication_points_in_single_precision_are_accepted(build: Build, version: int) -> None:
+    """As absolute times they cannot drift: after 100 s, the cell is where it is with times in double precision."""
+    exact = 0.016 * np.arange(6251)
+    single = np.float32(0.016) * np.arange(6251, dtype=np.float32)
+    assert np.abs(exact - single).max() > 3e-6
+    cells = [build(version), build(version)]
+    expected, found = (
+        run_at(cell, [float(t) for t in times]) for cell, times in zip(cells, (exact, single), strict=True)
+    )
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize(("time", "step"), [(0.0319996, 0.016), (0.0321, 1e-3), (0.03, 1.0), (0.0320011, 1e-9)])
+def test_other_communication_points_are_rejected_with_difference_and_tolerance(
+    build: Build, version: int, time: float, step: float
+) -> None:
+    cell = build(version)
+    cell.slave.doStep(0.0, 0.0160004)
+    cell.slave.doStep(0.0160004, 0.016)
+    with pytest.raises(Exception, match="DoStep"):
+        cell.slave.doStep(time, step)
+    text = cell.messages[-1]
+    point, end, gap, tolerance = map(float, re.findall(r"(-?[0-9.e-]+) s", text))
+    assert point == time
+    assert end == pytest.approx(0.0320004)
+    assert gap == pytest.approx(time - end, rel=1e-6)
+    assert 0 < tolerance < abs(gap)
+
+
+def reentrant_calls(cell: CellFmu, state: Any, data: Any) -> list[Callable[[], Any]]:
+    """Calls that an importer may not make from its log callback."""
+    slave = cell.slave
+    calls = [
+        slave.reset, slave.terminate, slave.exitInitializationMode, lambda: slave.doStep(cell.time_us * 1e-6, 0.001),
+        lambda: cell.set("command.table", 0.3), lambda: cell.get("truth.table"), lambda: cell.set("cell.file", "none"),
+        cell.save, lambda: cell.restore(state, 0), lambda: cell.serialize(state), lambda: cell.deserialize(data),
+        lambda: slave.setDebugLogging(False, []),
+    ]  # fmt: skip
+    if cell.version == 3:
+        calls += [slave.enterEventMode, slave.enterStepMode, slave.updateDiscreteStates]
+    return calls
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_calls_from_the_log_callback_are_refused_and_change_nothing(build: Build, version: int) -> None:
+    """Messages of steps, setters, errors and the loading of a cell; freeing the instance has no effect there."""
+    untouched, cell = build(version, FREE, loggingOn=True), build(version, FREE, loggingOn=True)
+    state = cell.save()
+    data, refused, accepted = cell.serialize(state), 0, []
+
+    def call_back(*_message: Any) -> None:
+        nonlocal refused
+        for call in reentrant_calls(cell, state, data):
+            try:
+                accepted.append((call, call()))
+            except Exception:
+                refused += 1
+        # FMPy would unload the library as well.
+        getattr(cell.slave, f"fmi{version}FreeInstance")(cell.slave.component)
+
+    results = []
+    for one in (untouched, cell):
+        if one is cell:
+            one._on_message = call_back
+        one.set("command.speed", 7.0)  # clamped
+        one.command(START + np.array([0, 0, 0, 0, 0, 50.0]), table=1.0)
+        one.trigger(1, 0.05)
+        one.step(CYCLE_US, 30)
+        results.append(all_reals(one))
+        for provoke in (lambda: one.slave.doStep(-5.0, 0.001), lambda: one.set("command.mode", 99)):  # noqa: B023
+            with pytest.raises(Exception, match="fmi"):
+                provoke()
+        one.slave.reset()
+        one.initialize()
+        one.step(CYCLE_US, 5)
+        results[-1] = np.concatenate([results[-1], all_reals(one)])
+    np.testing.assert_array_equal(*results)
+    assert refused > 50
+    assert accepted == []
+
+
+@pytest.mark.parametrize("number", range(15))
+def test_calls_from_an_intermediate_update_end_at_worst_the_step(build: Build, number: int) -> None:
+    """Also after a getter failed there: the cell that the step uses stays."""
+
+    def update(*_arguments: Any) -> None:
+        with suppress(Exception):
+            cell.slave.getFloat64([99999])
+        with suppress(Exception):
+            reentrant_calls(cell, state, data)[number]()
+        cell.slave.fmi3FreeInstance(cell.slave.component)
+
+    cell = build(3, FREE, intermediateUpdate=update)
+    state = cell.save()
+    data = cell.serialize(state)
+    with pytest.raises(Exception, match="fmi3DoStep"):
+        cell.slave.doStep(0.0, 0.1)
+    cell.slave.reset()
+    cell.initialize()
+    untouched = build(3, FREE)
+    np.testing.assert_array_equal(all_reals(cell), all_reals(untouched))

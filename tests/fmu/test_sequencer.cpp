@@ -32,7 +32,7 @@ class SequencerCase {
     sequencer.set<T>(reference(name), value);
   }
   template <class T>
-  T get(const std::string& name) const {
+  T get(const std::string& name) {
     return sequencer.get<T>(reference(name));
   }
   void initialize(double start = 0) {

@@ -1,5 +1,7 @@
 // States with a valid checksum and invalid values are rejected, and the instance recovers.
 #include <gtest/gtest.h>
+#include <sys/mman.h>
+#include <unistd.h>
 
 #include <cstring>
 #include <functional>
@@ -8,6 +10,7 @@
 #include <vector>
 
 #include "fmu/fmi/archive.h"
+#include "fmu/fmi/sealed_state.h"
 #include "fmu/fmi/snapshot.h"
 #include "fmu/fmi/variable_table.h"
 #include "fmu/model/description/cell_description.h"
@@ -278,6 +281,23 @@ TEST(StateLayout, StateOfAnotherLayoutIsRejected) {
     EXPECT_NE(std::string(error.what()).find("another layout"), std::string::npos) << error.what();
     EXPECT_NE(std::string(error.what()).find("the FMU that saved it"), std::string::npos) << error.what();
   }
+}
+
+/// Two threads may serialize one state: it lies on pages that cannot be written.
+TEST(StateLayout, SerializingWritesNothingToTheState) {
+  const auto page = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
+  const std::size_t size = (sizeof(Snapshot) / page + 1) * page;
+  void* memory = mmap(nullptr, size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+  ASSERT_NE(memory, MAP_FAILED);
+  auto* state = new (memory) Snapshot({});
+  state->stop_time = std::numeric_limits<double>::infinity();
+  state->cell.emplace(CellLayout());
+  const std::vector<std::uint8_t> expected = serialize(*state, "token");
+  ASSERT_EQ(mprotect(memory, size, PROT_READ), 0);
+  EXPECT_EQ(serialize(*state, "token"), expected);
+  ASSERT_EQ(mprotect(memory, size, PROT_READ | PROT_WRITE), 0);
+  state->~Snapshot();
+  munmap(memory, size);
 }
 
 /// A member of another type does not become a variable.

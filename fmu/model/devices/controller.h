@@ -12,7 +12,7 @@
 
 namespace robotcell {
 
-constexpr double kMaxGuardTime = 2e9;  // s: beyond the largest simulation time
+constexpr double kMaxGuardTime = 5e9;  // s: beyond the largest simulation time
 constexpr double kMinSpeed = 1e-6;     // fraction of the full speed: a move ends
 
 constexpr Element kJogElements[kAxes] = {

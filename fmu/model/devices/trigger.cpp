@@ -270,10 +270,16 @@ void Trigger::latch(std::int64_t to_us, const MotionView& view) {
   }
 }
 
-bool Trigger::publish_next() {
-  if (state_.pending.empty() || !is_complete(state_.pending.front())) return false;
-  state_.current_record = state_.pending.front().record;
-  state_.pending.pop_front();
+bool Trigger::publish(std::size_t max_records) {
+  std::vector<TriggerRecord> records;
+  while (records.size() < max_records && !state_.pending.empty() && is_complete(state_.pending.front())) {
+    records.push_back(std::move(state_.pending.front().record));
+    state_.pending.pop_front();
+  }
+  state_.newly_published = static_cast<std::int32_t>(records.size());
+  if (records.empty()) return false;
+  state_.current_record = records.back();
+  if (max_records > 1) state_.published = std::move(records);
   return true;
 }
 

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <deque>
 #include <utility>
+#include <vector>
 
 #include "fmu/control/robot_controller.h"
 #include "fmu/model/bodies.h"
@@ -196,6 +197,8 @@ struct TriggerState {
   std::deque<PendingRecord> pending;  // in order of firing
   std::int32_t incomplete = 0;        // number of incomplete records
   TriggerRecord current_record;
+  std::vector<TriggerRecord> published;  // those that became the current one together, where several may
+  std::int32_t newly_published = 0;      // number of records at the last communication point
 };
 
 /// Intervals count from the instant at which a mode is entered or its interval changed, or at which a segment
@@ -215,8 +218,12 @@ class Trigger {
   /// `step_ends` is true where `to` is on the dynamics grid.
   void advance(std::int64_t from_us, std::int64_t to_us, bool step_ends, const MotionView& view);
 
-  /// Makes the oldest complete record the current one; false if there is none.
-  bool publish_next();
+  /// Makes the oldest complete records the current one, one after the other, at most `max_records`; false if
+  /// there is none. Where more than one is allowed, they are kept in `published`.
+  bool publish(std::size_t max_records);
+  const std::vector<TriggerRecord>& published() const { return state_.published; }
+  /// Number of records of the last call of `publish`.
+  std::int32_t newly_published() const { return state_.newly_published; }
 
   /// Instant at which the oldest record, pending or due in (from, to] of one dynamics step, is complete; the
   /// largest int64 if there is none.

@@ -42,11 +42,19 @@ double static_compression(const PartDescription& part, double gravity) {
 
 World::World(const CellDescription& cell, const Kinematics& kinematics, const PrescribedMotion& start)
     : time_step_(static_cast<double>(cell.time_step_us) * kSecondsPerMicrosecond), kinematics_(kinematics) {
-  const std::lock_guard<std::mutex> lock(building_mutex());
   try {
-    build(cell, start);
+    {
+      const std::lock_guard<std::mutex> lock(building_mutex());
+      build(cell, start);
+    }
+    // The simulated second of settling creates nothing in the engine, so that other instances need not wait.
+    WorldState initial = state();
+    if (any_free(cell)) settle(cell, start);
+    initial.parts = free_parts();
+    restore(start, initial);
   } catch (...) {
-    engine_.reset();  // destroyed under the lock, too
+    const std::lock_guard<std::mutex> lock(building_mutex());
+    engine_.reset();
     throw;
   }
 }
@@ -74,10 +82,6 @@ void World::build(const CellDescription& cell, const PrescribedMotion& start) {
   engine_->exclude_contacts();
   for (const ContactPair& pair : cell.contact.pairs) engine_->apply(pair);
   intersecting_bodies_ = engine_->exclude_intersecting_bodies();
-  WorldState initial = state();
-  if (any_free(cell)) settle(cell, start);
-  initial.parts = free_parts();
-  restore(start, initial);
 }
 
 World::~World() {

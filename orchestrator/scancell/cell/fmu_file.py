@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 import scancell.cell
 from scancell.arguments import checked_arguments
 from scancell.cell.arm_dynamics import dynamics_json
-from scancell.cell.fmu_package.contents import FmiVersion, FmuOptions, fmu_contents, write_archive, write_unpacked
+from scancell.cell.fmu_package.contents import (
+    FmiVersion,
+    FmuOptions,
+    fmu_contents,
+    sequencer_contents,
+    write_archive,
+    write_unpacked,
+)
 from scancell.cell.mesh_json import mesh_json
 from scancell.cell.sensing import sensing_json
 from scancell.config.cell import CellDescription, PartDescription
@@ -246,11 +253,36 @@ def build_fmu(
         write_archive(temporary, contents)
 
 
+def build_sequencer_fmu(description: Mapping[str, Any], path: Path, version: FmiVersion) -> None:
+    """Write the FMU of the sequencer of a cell, which commands it step by step, to `path` atomically.
+
+    Parameters
+    ----------
+    description
+        Of the cell, as `cell_json` makes it.
+    path
+        File of the FMU.
+    version
+        Of FMI: 2 or 3.
+
+    Raises
+    ------
+    CellError
+        If the native part is missing or refuses the description.
+    OutputError
+        If the file cannot be written.
+    """
+    contents = sequencer_contents(runtime_dir(), description_text(description, indent=1), version)
+    with atomic_write(path) as temporary:
+        write_archive(temporary, contents)
+
+
 @checked_arguments
 def make_temporary_fmu(description: Mapping[str, Any], folder: str | Path, version: FmiVersion = 2) -> Path:
     """Write the unpacked FMU of a cell, for a `CellInstance` on this machine; the folder.
 
-    It holds what an instance needs and no documentation; its libraries are a link to those of this installation.
+    It holds what an instance, a session and a guard need and no documentation; its libraries are a link to those of
+    this installation.
 
     Parameters
     ----------
@@ -279,7 +311,7 @@ def make_temporary_fmu(description: Mapping[str, Any], folder: str | Path, versi
     """
     contents, folder = description_text(description), Path(folder)
     try:
-        write_unpacked(folder, runtime_dir(), contents, version)
+        write_unpacked(folder, runtime_dir(), contents, version, FmuOptions(ahead=True))
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written: {error.strerror}") from None
     return folder

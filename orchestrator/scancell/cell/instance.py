@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import math
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -32,12 +33,12 @@ Parameters = Callable[[Mapping[str, str | None]], Mapping[str, float]]
 
 
 class RealGroup:
-    """Value references of some real variables, with a buffer for their values."""
+    """Value references of some real variables, with a buffer for their values: `sizes` of them each, 1 by default."""
 
-    def __init__(self, references: Sequence[int]) -> None:
+    def __init__(self, references: Sequence[int], sizes: Sequence[int] | None = None) -> None:
         self.count = len(references)
         self.references = (c_uint32 * self.count)(*references)
-        self.values: NDArray[np.float64] = np.zeros(self.count)
+        self.values: NDArray[np.float64] = np.zeros(self.count if sizes is None else sum(sizes))
         self.pointer = self.values.ctypes.data_as(_DOUBLES)
 
 
@@ -229,7 +230,25 @@ class CellInstance(Closing):
         CellError
             If the FMU has no such variable.
         """
-        return RealGroup([self._reference(name) for name in names])
+        references = [self._reference(name) for name in names]
+        sizes = [math.prod(int(d.start) for d in self._variables[name].dimensions) for name in names]
+        return RealGroup(references, sizes)
+
+    def path_ahead(self, points: int) -> RealGroup:
+        """The group of the first `points` points of the controller's path ahead, each with all axes.
+
+        Raises
+        ------
+        CellError
+            If the FMU was built without the path ahead, or has fewer points.
+        """
+        if "controller.ahead" in self._variables:  # one array, FMI 3
+            return self.real_group(["controller.ahead"])
+        if "controller.ahead[1].table" not in self._variables:
+            raise CellError("the FMU does not describe the path ahead of the controller: build it with `ahead`")
+        return self.real_group(
+            [name for k in range(1, points + 1) for name in self.axis_names(f"controller.ahead[{k}].")]
+        )
 
     def _reference(self, name: str) -> int:
         if name not in self._variables:
@@ -343,15 +362,15 @@ class CellInstance(Closing):
         if self._is_fmi2:
             self._fmu.fmi2GetReal(self._fmu.component, group.references, c_size_t(group.count), group.pointer)
         else:
-            count = c_size_t(group.count)
-            self._fmu.fmi3GetFloat64(self._fmu.component, group.references, count, group.pointer, count)
+            count, size = c_size_t(group.count), c_size_t(group.values.size)
+            self._fmu.fmi3GetFloat64(self._fmu.component, group.references, count, group.pointer, size)
 
     def _set_reals(self, group: RealGroup) -> None:
         if self._is_fmi2:
             self._fmu.fmi2SetReal(self._fmu.component, group.references, c_size_t(group.count), group.pointer)
         else:
-            count = c_size_t(group.count)
-            self._fmu.fmi3SetFloat64(self._fmu.component, group.references, count, group.pointer, count)
+            count, size = c_size_t(group.count), c_size_t(group.values.size)
+            self._fmu.fmi3SetFloat64(self._fmu.component, group.references, count, group.pointer, size)
 
     def _call(self, function: Any, *arguments: Any) -> Any:
         if self._is_closed:  # the FMU would read memory that is free

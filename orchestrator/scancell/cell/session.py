@@ -100,7 +100,6 @@ class CellSession:
     def __init__(self, cell: CellInstance, nominal: NominalCell, cycle_us: int) -> None:
         self._cell, self._nominal = cell, nominal
         self._position = cell.real_group(cell.axis_names("measured."))
-        self._commanded = cell.real_group(cell.axis_names("controller.ahead[1]."))
         self._destination = cell.real_group(cell.axis_names("controller.destination."))
         axes = cell.axis_names("command.")
         self._targets = cell.real_group(axes)
@@ -146,7 +145,7 @@ class CellSession:
     @property
     def commanded(self) -> Array:
         """Joints and table angle (joints + 1,) that the controller commands while the robot rests, rad."""
-        return self._cell.get(self._commanded).copy()
+        return self._cell.get(self._cell.path_ahead(1))[: self._position.count].copy()
 
     @property
     def destination(self) -> Array:

@@ -36,9 +36,6 @@ _NAMESPACES = {
 }
 _FMUS = {"cell": "resources/RobotCell.fmu", "sequencer": "resources/CellSequencer.fmu"}
 _TYPES = ("Real", "Integer", "Boolean")  # of connectors: few importers connect strings
-# Outputs without connectors: importers read all connectors in every step, which costs much for the path ahead.
-_HIDDEN = "controller.ahead["
-
 Variables = Mapping[str, Any]  # of FMPy, by name
 SspVersion = Literal["1.0", "2.0"]
 
@@ -147,11 +144,7 @@ def _structure(
 
 def _connectable(variables: Variables) -> Iterable[Any]:
     """Inputs and outputs that can be connected."""
-    return (
-        v
-        for v in variables.values()
-        if v.causality in ("input", "output") and v.type in _TYPES and not v.name.startswith(_HIDDEN)
-    )
+    return (v for v in variables.values() if v.causality in ("input", "output") and v.type in _TYPES)
 
 
 def _parameters(

@@ -31,9 +31,18 @@ def fmu_build(
     integers: Annotated[
         bool, typer.Option("--integers", help="integers instead of enumerations, for libcosim and ecos")
     ] = False,
+    ahead: Annotated[
+        bool, typer.Option("--ahead", help="controller.ahead, the path ahead of the controller, which a guard reads")
+    ] = False,
+    records: Annotated[
+        bool, typer.Option("--records", help="FMI 3: arrays of all records that a communication step completed")
+    ] = False,
+    sequencer: Annotated[
+        bool, typer.Option("--sequencer", help="also write CellSequencer2.fmu and CellSequencer3.fmu, which command it")
+    ] = False,
 ) -> Outcome:
     """Write the co-simulation FMUs of a cell: RobotCell2.fmu (FMI 2.0) and RobotCell3.fmu (FMI 3.0)."""
-    from scancell.cell.fmu_file import build_fmu, cell_json  # noqa: PLC0415
+    from scancell.cell.fmu_file import build_fmu, build_sequencer_fmu, cell_json  # noqa: PLC0415
     from scancell.cell.fmu_package.contents import FmuOptions  # noqa: PLC0415
     from scancell.cell.sensing import simplified  # noqa: PLC0415
     from scancell.config.loading import assets_dir, load_setup  # noqa: PLC0415
@@ -45,10 +54,15 @@ def fmu_build(
     nominal = with_unknown_obstacles(nominal_cell(setup.cell, mesh), setup.cell)
     description = cell_json(setup.cell, nominal, seed)
     files = []
+    options = FmuOptions(clock=clock, arrays=arrays, integers=integers, ahead=ahead, records=records)
     for version in (fmi,) if fmi else (2, 3):
         path = out / f"RobotCell{version}.fmu"
-        build_fmu(description, path, 2 if version == 2 else 3, FmuOptions(clock, arrays, integers))
+        build_fmu(description, path, 2 if version == 2 else 3, options)
         files.append(str(path))
+        if sequencer:
+            path = out / f"CellSequencer{version}.fmu"
+            build_sequencer_fmu(description, path, 2 if version == 2 else 3)
+            files.append(str(path))
     sizes = {Path(file).name: Path(file).stat().st_size for file in files}
     lighter = simplified(setup.cell, nominal)
     lines = [f"{file}: {Path(file).stat().st_size / 1e6:.1f} MB" for file in files]

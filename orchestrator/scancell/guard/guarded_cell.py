@@ -81,7 +81,7 @@ class GuardedCell:
         self._measured = cell.real_group([f"measured.{axis}" for axis in axes])
         self._rate = cell.real_group(["controller.rate"])
         self._path_time = cell.real_group(["controller.path_time"])
-        self._ahead = cell.real_group([f"controller.ahead[{k}].{axis}" for k in range(1, _AHEAD + 1) for axis in axes])
+        self._ahead = cell.path_ahead(_AHEAD)
         self._guard_time = cell.real_group(["command.guard.time"])
         self._monitor_speed = cell.real_group(["command.monitor_speed"])
         self._polls = 0

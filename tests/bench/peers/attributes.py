@@ -14,6 +14,7 @@ ATTRIBUTES: dict[int, dict[str, set[str]]] = {
         },
         "CoSimulation": {
             "modelIdentifier", "canHandleVariableCommunicationStepSize", "canGetAndSetFMUstate", "canSerializeFMUstate",
+            "canNotUseMemoryManagementFunctions",
         },
         "ScalarVariable": COMMON,
         "Real": {"declaredType", "quantity", "unit", "displayUnit", "min", "max", "start"},
@@ -28,9 +29,10 @@ ATTRIBUTES: dict[int, dict[str, set[str]]] = {
         "CoSimulation": {
             "modelIdentifier", "canHandleVariableCommunicationStepSize", "canGetAndSetFMUState", "canSerializeFMUState",
             "hasEventMode", "mightReturnEarlyFromDoStep", "canReturnEarlyAfterIntermediateUpdate",
-            "providesIntermediateUpdate",
+            "providesIntermediateUpdate", "fixedInternalStepSize",
         },
-        "Float64": {*COMMON, "declaredType", "min", "max", "start"}, "Int32": {*COMMON, "min", "max", "start"},
+        "Float64": {*COMMON, "declaredType", "min", "max", "start", "intermediateUpdate", "clocks"},
+        "Int32": {*COMMON, "min", "max", "start", "clocks"},
         "Boolean": {*COMMON, "start"}, "String": COMMON, "Start": {"value"}, "Dimension": {"start"},
         "Clock": {*COMMON, "intervalVariability"}, "Enumeration": {*COMMON, "declaredType", "start"},
         "EnumerationType": {"name"},

@@ -7,7 +7,7 @@ import subprocess
 import tempfile
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO, Any, Literal
 
@@ -50,6 +50,11 @@ class FmuOptions:
         importers read arrays.
     integers
         Describe modes, states and errors as integers instead of enumerations, which libcosim and ecos do not support.
+    ahead
+        Describe `controller.ahead`, the 64 next points of the path of a motion, which a guard reads: an array in FMI 3,
+        64 scalars for each axis in FMI 2.
+    records
+        Describe arrays `trigger.records.*` of all records that became complete in a communication step (FMI 3).
 
     Examples
     --------
@@ -65,6 +70,8 @@ class FmuOptions:
     clock: bool = False
     arrays: bool = False
     integers: bool = False
+    ahead: bool = False
+    records: bool = False
 
 
 def fmu_contents(runtime: Path, cell: str, version: FmiVersion, options: FmuOptions) -> dict[str, bytes]:
@@ -94,13 +101,13 @@ def fmu_contents(runtime: Path, cell: str, version: FmiVersion, options: FmuOpti
     contents |= _optional_binary(runtime, "RobotCell", version) | dict(sorted(_licenses(runtime, bundle).items()))
     with tempfile.TemporaryDirectory(prefix="scancell-") as folder:
         fmu = Path(folder) / "RobotCell"
-        write_unpacked(fmu, runtime, cell, version)
+        write_unpacked(fmu, runtime, cell, version, FmuOptions())
         reference = record_reference(fmu)
     return {**contents, **_documents(contents["modelDescription.xml"], version, bundle, reference)}
 
 
-def sequencer_contents(runtime: Path, cell: str) -> dict[str, bytes]:
-    """All files of the FMU (FMI 2) of the sequencer of a cell.
+def sequencer_contents(runtime: Path, cell: str, version: FmiVersion = 2) -> dict[str, bytes]:
+    """All files of the FMU of the sequencer of a cell.
 
     Parameters
     ----------
@@ -117,11 +124,13 @@ def sequencer_contents(runtime: Path, cell: str) -> dict[str, bytes]:
     library = runtime / "sequencer" / "CellSequencer.so"
     bundle = read_bundle(runtime, "CellSequencer")
     return {
-        "modelDescription.xml": _printed([runtime / "sequencer" / "sequencer-describe", "-"], cell),
+        "modelDescription.xml": _printed(
+            [runtime / "sequencer" / "sequencer-describe", "-", "--fmi", str(version)], cell
+        ),
         "resources/cell.json": cell.encode(),
         "documentation/licenses/license.txt": license_text(bundle).encode(),
-        f"binaries/{_LINUX[2]}/{library.name}": library.read_bytes(),
-        **_optional_binary(runtime, "CellSequencer", 2),
+        f"binaries/{_LINUX[version]}/{library.name}": library.read_bytes(),
+        **_optional_binary(runtime, "CellSequencer", version),
         **_licenses(runtime, bundle),
     }
 
@@ -137,7 +146,7 @@ def _licenses(runtime: Path, bundle: Bundle) -> dict[str, bytes]:
     return {f"documentation/licenses/{name}": text for name, text in texts.items()}
 
 
-def write_unpacked(folder: Path, runtime: Path, cell: str, version: FmiVersion) -> None:
+def write_unpacked(folder: Path, runtime: Path, cell: str, version: FmiVersion, options: FmuOptions) -> None:
     """Create a folder with the files of an FMU that an instance needs; libraries are linked.
 
     Raises
@@ -145,7 +154,7 @@ def write_unpacked(folder: Path, runtime: Path, cell: str, version: FmiVersion) 
     CellError
         If the native part refuses the description.
     """
-    description = _describe(runtime, cell, version, FmuOptions(), read_bundle(runtime))
+    description = _describe(runtime, cell, version, options, read_bundle(runtime))
     (folder / "resources").mkdir(parents=True)
     (folder / "binaries").mkdir()
     (folder / "modelDescription.xml").write_bytes(description)
@@ -196,8 +205,7 @@ def write_archive(path: Path | IO[bytes], contents: Mapping[str, bytes]) -> None
 def _describe(runtime: Path, cell: str, version: FmiVersion, options: FmuOptions, bundle: Bundle) -> bytes:
     """The model description, printed by the same variable table that the library answers from."""
     command: list[str | Path] = [runtime / "robotcell-describe", "-", "--fmi", str(version), "--needs", bundle.machine]
-    variants = (("--clock", options.clock), ("--arrays", options.arrays), ("--integers", options.integers))
-    command += [word for word, wanted in variants if wanted]
+    command += [f"--{variant}" for variant, wanted in asdict(options).items() if wanted]
     return _printed(command, cell)
 
 
