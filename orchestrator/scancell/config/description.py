@@ -25,10 +25,10 @@ Coordinate = Annotated[float, Field(ge=-100_000.0, le=100_000.0)]  # mm
 Length = Annotated[float, Field(ge=0.0, le=100_000.0)]  # mm
 Size = Annotated[float, Field(ge=0.001, le=100_000.0)]  # mm
 Speed = Annotated[float, Field(ge=0.001, le=100_000.0)]  # mm/s
-Acceleration = Annotated[float, Field(ge=0.01, le=1e7)]  # mm/s²
+Acceleration = Annotated[float, Field(ge=0.1, le=1e7)]  # mm/s²
 Angle = Annotated[float, Field(ge=-36_000.0, le=36_000.0)]  # deg
 AngularSpeed = Annotated[float, Field(ge=0.001, le=100_000.0)]  # deg/s
-AngularAcceleration = Annotated[float, Field(ge=0.01, le=1e7)]  # deg/s²
+AngularAcceleration = Annotated[float, Field(ge=0.1, le=1e7)]  # deg/s²
 AngularJerk = Annotated[float, Field(ge=0.1, le=1e9)]  # deg/s³
 Mass = Annotated[float, Field(ge=1e-6, le=100_000.0)]  # kg
 Density = Annotated[float, Field(ge=0.1, le=100_000.0)]  # kg/m³

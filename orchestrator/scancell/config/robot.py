@@ -25,7 +25,7 @@ from scancell.config.description import (
 
 MAX_JOINTS = 8  # of an arm
 
-_Deviation = Annotated[float, Field(ge=0.0, le=360.0)]  # deg
+_Deviation = Annotated[float, Field(ge=0.0, le=57.0)]  # deg
 _Torque = Annotated[float, Field(ge=0.0, le=1e6)]  # N m
 _Damping = Annotated[float, Field(ge=0.0, le=1e6)]  # N m s/rad
 _InertiaVector = Annotated[tuple[Annotated[float, Field(ge=-1e6, le=1e6)], ...], Field(min_length=3, max_length=3)]

@@ -44,6 +44,7 @@ def slowdown(cell: PlanningCell, positions: Callable[[Array], Array], duration: 
         where there are none.
     """
     period = cell.cycle / FINER
+    trajectory.require_sample_count(duration, period)
     fine = positions(np.asarray(period * np.arange(-3, int(np.ceil(duration / period)) + 4), np.float64))
     if not np.isfinite(fine).all():
         return "the path leaves the reach or the joint limits"

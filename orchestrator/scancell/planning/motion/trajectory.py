@@ -8,6 +8,8 @@ import numpy as np
 import ruckig
 from numpy.typing import ArrayLike, NDArray
 
+from scancell.errors import PlanningError
+
 Array = NDArray[np.float64]
 
 # Largest acceleration and jerk of a speed that rises as 3 s² - 2 s³ over unit time to unit speed.
@@ -15,6 +17,8 @@ _RAMP_ACCELERATION = 1.5
 _RAMP_JERK = 6.0
 _LEAD = 2  # cycles of constant speed around the exposures: the controller reaches a set-point one cycle late
 _NO_LIMIT = 1e3  # of normalised speed and acceleration: beyond what unit jerk attains over unit travel
+MAX_DURATION = 4000.0  # s of a motion, which is planned, checked and simulated set-point by set-point
+MAX_SAMPLES = 2_000_000  # of a motion
 
 
 @dataclass(frozen=True)
@@ -35,8 +39,26 @@ class Limits:
 
 
 def cycle_times(duration: float, cycle: float) -> Array:
-    """Times (n,), s, n >= 2, of the set-points of a motion: every `cycle` from 0 to its end or just after it."""
+    """Times (n,), s, n >= 2, of the set-points of a motion: every `cycle` from 0 to its end or just after it.
+
+    Raises `PlanningError` if they are too many.
+    """
+    require_sample_count(duration, cycle)
     return np.asarray(np.arange(max(1, int(np.ceil(duration / cycle - 1e-9))) + 1) * cycle, np.float64)
+
+
+def require_sample_count(duration: float, period: float) -> None:
+    """Refuse a motion longer than `MAX_DURATION` or of more than `MAX_SAMPLES`, before memory is reserved for them.
+
+    Raises `PlanningError` naming the keys that make it so slow.
+    """
+    if not (duration <= MAX_DURATION and duration / period <= MAX_SAMPLES):
+        raise PlanningError(
+            f"a motion takes {duration:.3g} s: {duration / period:.3g} samples every {1e3 * period:g} ms",
+            expected=f"at most {MAX_DURATION:g} s and {MAX_SAMPLES} samples; raise the speed of the sweep, pass or path"
+            " (speed_deg_s, speed_mm_s) or the limits of the axes (max_speed_deg_s, max_acceleration_deg_s2,"
+            " max_jerk_deg_s3)",
+        )
 
 
 def move(start: ArrayLike, end: ArrayLike, limits: Limits, cycle: float, slowdown: float = 1.0) -> Array:

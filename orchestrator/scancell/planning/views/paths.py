@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.errors import PlanningError
 from scancell.geometry import pose
 from scancell.planning.model import SensorRange
 from scancell.planning.options import RasterOptions, SweepOptions
@@ -18,6 +19,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 _END_MARGIN = 1e-3  # m by which the laser line and a pass extend beyond the surface to cover
+_MAX_LINES = 2000  # beside one another at one elevation
 _MIN_LEVEL_GAIN = 0.002  # fraction of the surface that a further depth level must add
 _MAX_LEVELS = 4
 _SIDE_OFFSETS = (0.3, 0.6, 0.85)  # of the part's radius
@@ -125,16 +127,33 @@ def _in_sheet(part: Surface, elevation: float, offset: float) -> tuple[Array, Ar
 
 
 def tile(low: float, high: float, half: float, step: float) -> Array:
-    """Centres (n,) of equally spaced lines of half-width `half` that cover [low, high], spacing at most `step`."""
+    """Centres (n,) of equally spaced lines of half-width `half` that cover [low, high], spacing at most `step`.
+
+    Raises `PlanningError` if they are too many.
+    """
     span = high - low
     if span <= 2 * half:
         return np.array([(low + high) / 2])
-    count = int(np.ceil((span - 2 * half) / min(step, 2 * half) - 1e-9)) + 1
-    return np.linspace(low + half, high - half, count)
+    needed = (span - 2 * half) / min(step, 2 * half)
+    if not needed < _MAX_LINES:
+        raise PlanningError(
+            f"{1e3 * span:.0f} mm need {needed:.3g} laser lines {1e3 * min(step, 2 * half):.3g} mm apart",
+            expected=f"at most {_MAX_LINES}; raise scan.sweep.height_step_mm, or change scan.sweep.standoff_mm",
+        )
+    return np.linspace(low + half, high - half, int(np.ceil(needed - 1e-9)) + 1)
 
 
 def _half_line(sensor_range: SensorRange, standoff: float) -> float:
-    return float(sensor_range.half_line(standoff)) - _END_MARGIN
+    half = float(sensor_range.half_line(standoff)) - _END_MARGIN
+    if not half > 0.0:
+        raise PlanningError(
+            f"the laser line is {2e3 * max(half + _END_MARGIN, 0.0):.3g} mm long at this distance",
+            key="scan.sweep.standoff_mm",
+            value=round(1e3 * standoff, 6),
+            expected=f"a distance at which more than {2e3 * _END_MARGIN:g} mm of it are seen; the measuring range is"
+            f" {1e3 * sensor_range.near:g} to {1e3 * sensor_range.far:g} mm",
+        )
+    return half
 
 
 def passes(part: Surface, sensor_range: SensorRange, options: RasterOptions) -> list[Pass]:

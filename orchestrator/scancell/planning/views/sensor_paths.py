@@ -38,6 +38,7 @@ _JOINED = 1e-6  # m: ends of segments of the section nearer than this are one po
 
 _COLUMNS = ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")
 _SPIRAL_STEP = np.radians(3.0)
+_LONGEST = 100.0  # m
 _CROSSING_STEP = 2e-3  # m along a path at which the distance of points from the laser sheet is evaluated
 _SHEET = 3e-3  # m: surface this near to the laser sheet counts for the stand-off
 _SMOOTHING = 10  # steps of a spiral on either side over which the stand-off is smoothed
@@ -254,6 +255,8 @@ def sensor_paths(description: PathDescription, part: Mesh, table_from_part: Arra
         )
         if path.length < path.pitch:
             raise PlanningError(f"{1e3 * path.length:g} mm long", key=name, expected="at least its pitch")
+        if path.length > _LONGEST:
+            raise PlanningError(f"{path.length:.3g} m long", key=name, expected=f"at most {_LONGEST:g} m")
         made.append(path)
     return made
 
