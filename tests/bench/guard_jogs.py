@@ -27,15 +27,15 @@ from scancell.nominal.cell import NominalCell, nominal_cell
 from scancell.nominal.parts import load_part
 from scancell.proximity.motion_bounds import MotionBounds
 from scancell.scanning.guard import guard_of
-from scancell.studies.guard.scenario import Command, Scenario
-from scancell.studies.guard.simulation import Simulation
+from scancell.studies.guard.scenario import Kind, Motion, Scenario
+from scancell.studies.guard.simulation import Network, Simulation
+from scancell.studies.guard.worlds import World
 
 Array = NDArray[np.float64]
 
 SHARES = (1.0, 0.5, 0.25, 0.1, 0.05, 0.01, 0.001)
 _PAIR = ("sensor", "part")
 _COMPUTE = 0.004  # s that an answer takes
-_BEGIN = 0.1  # s
 _CLEAR = 0.15  # m: height above the part at which fast jogs begin; slow ones begin lower
 _LOW = 0.008
 _SLOW = 0.05  # share of the jog speed up to which jogs begin low
@@ -62,12 +62,13 @@ class JogBench:
         self.description: CellDescription = load_setup(assets_dir() / "cells" / f"{CELLS[arm]}.toml").cell
         self.nominal: NominalCell = nominal_cell(self.description, part)
         self.guard = guard_of(self.description, part)
-        self.simulation = Simulation(self.description, self.nominal)
-        self._pair = np.array([pair == _PAIR for pair in self.simulation.scene.pairs])
+        world = World(self.description, self.nominal, self.guard.settings)
+        self.simulation = Simulation(world)
+        self._pair = np.array([pair == _PAIR for pair in world.pairs])
 
     def distance(self, axes: Array) -> float:
         """Of sensor and part at axes (joints + 1,), m."""
-        return float(self.simulation.distances_of(self._pair, axes[None])[0])
+        return float(self.simulation.distances(self._pair, axes[None])[0])
 
     def above(self, height: float) -> Array:
         """Axes (joints + 1,), rad, with the sensor `height` (m) above the part."""
@@ -99,17 +100,15 @@ class JogBench:
         values = np.zeros(len(start))
         values[2] = -share
         duration = 3.0 + 2 * (_LOW if low else _CLEAR) / (0.25 * share)
-        scenario = Scenario(Operation.MANUAL, start, (Command(_BEGIN, Mode.CARTESIAN_JOG, values),), duration, share)
-        self.guard.reset()
-        age = self.guard.settings.max_age
-        record = self.simulation.run(scenario, lambda: Link(InProcess(self.guard, _COMPUTE), age), age)
+        jog = Motion(Kind.BASE_JOG, values, share, duration)
+        record = self.simulation.run(Scenario(start, (jog,), duration), Network())
         moving = np.flatnonzero(np.abs(record.axes - record.axes[-1]).max(1) > 1e-5)
-        contact = self.simulation.contact(record)
+        contact = self.simulation.contact(record, np.zeros((len(self.nominal.bodies), 3)))
         return JogOutcome(
             self.distance(record.axes[-1]),
             record.stopped_at is not None,
-            "" if contact is None else contact[1],
-            float(record.times[moving[-1]]) - _BEGIN,
+            "" if contact is None else " - ".join(contact[1]),
+            float(record.times[moving[-1]]),
         )
 
     def time_to_part(self, guarded: bool) -> float:

@@ -12,11 +12,12 @@ from guard_rig import Distance, GuardRig, guard_rig
 
 from scancell.cell.controller import Operation
 from scancell.config.cell import CellDescription
-from scancell.config.loading import load_setup
+from scancell.config.loading import assets_dir, load_setup
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh, joined
 from scancell.guard.settings import GuardSettings
 from scancell.nominal.cell import nominal_cell
+from scancell.nominal.tools import flange_from_tool
 
 PAIR = ("sensor", "part")
 PART = block(0.06, 0.06, 0.05)
@@ -172,6 +173,32 @@ def test_closed_fingers_keep_away_from_a_post(tmp_path: Path) -> None:
         assert rig.session.gripper_width < 0.005
         towards(rig, down, 0.03)
         assert not any("post" in pair for pair in rig.contacts())
+
+
+@unchecked
+def test_gripped_part_keeps_away_from_a_wall(tmp_path: Path) -> None:
+    """A long bar between the fingers, lifted off the belt, reaches 40 mm farther than the gripper."""
+    shipped, bar = assets_dir() / "cells" / "pick_and_place.toml", block(0.12, 0.03, 0.03)
+    placed = ["cell.part.arrival.pose.x_mm=123.0", "cell.part.arrival.pose.rz_deg=-90.0"]
+    centre, height = np.array([0.37, -0.312, 0.149]), 0.08
+    wall = box_mesh((0.01, 0.05, 0.02)).transformed(pose.translation(centre + np.array([0.085, 0.0, height - 0.034])))
+    file = export_mm(wall, tmp_path / "wall.stl")
+    obstacle = f'cell.obstacle=[{{ name = "wall", mesh = "{file}", pose = {{}} }}]'
+    cell = load_setup(shipped, settings=[*placed, obstacle]).cell
+    nominal = nominal_cell(cell, bar)
+    down = pose.from_rotation(np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]), centre)
+    gripper = pose.inverse(flange_from_tool(nominal, "gripper"))
+    branches = nominal.arm.ik(down @ gripper, nominal.home)[0]
+    start = np.append(branches[np.nanargmin(np.abs(branches - nominal.home).max(-1))], 0.0)
+    with guard_rig(tmp_path, cell, bar, start) as rig:
+        rig.session.start_close_gripper(30.0)
+        rig.cycles(50)
+        lifted = pose.translation((0.0, 0.0, height)) @ rig.nominal.world_from_sensor(rig.now[:-1])
+        rig.session.start_move_line(lifted, speed=0.3)
+        assert rig.until_there(3.0)
+        assert rig.session.cell.get_boolean("measured.gripper.gripped")
+        towards(rig, np.array([1.0, 0.0, 0.0]), 0.035)
+        assert ("part", "wall") not in rig.contacts()
 
 
 def plate_and_post(folder: Path) -> tuple[CellDescription, Mesh]:

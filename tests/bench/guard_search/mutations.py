@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from scancell.cell.controller import Operation
+from scancell.geometry.mesh import Mesh
 from scancell.guard.check import ManualCheck
 from scancell.guard.free_path import FreePath
 from scancell.guard.guard import Decision, Guard
@@ -18,8 +18,9 @@ from scancell.guard.messages import CellState, GuardMessage, decode
 from scancell.guard.motion import Hypothesis, Kind, Path
 from scancell.guard.near import NearPairs
 from scancell.nominal.cell import NominalCell
+from scancell.studies.guard.scenario import JOGGED, MOVED
 from scancell.studies.guard.simulation import Protection
-from scancell.studies.guard.strata import Stratum
+from scancell.studies.guard.strata import MIXED, Stratum
 
 _POLL = 0.032  # s
 _SLOW = 0.01  # rad/s
@@ -31,15 +32,12 @@ class Mutation(Protection):
 
     Attributes
     ----------
-    ignored
-        A pair of bodies that the guard does not compare.
     of_table
         The search is by jogs of the table alone, which carries a plate that extends beyond it.
     strata
         Whether runs of a campaign like this one are to find it, not the search at the limits; None: the search is.
     """
 
-    ignored: tuple[str, str] | None = None
     of_table: bool = False
     strata: Callable[[Stratum], bool] | None = None
 
@@ -151,14 +149,53 @@ class _ForgetsPermittedSpeeds(Guard):
         return 0.0
 
 
+class _ShortMotionsAreUnchecked(Guard):
+    """A guard that takes a path that ends within a cycle of the controller for rest."""
+
+    def _on_path(self, state: CellState) -> Decision:
+        later = np.asarray(state.ahead)[1:]
+        is_short = not state.moving and len(later) > 0 and not np.ptp(later, axis=0).any()
+        return Decision() if is_short else super()._on_path(state)
+
+
+class _StartWidth(Guard):
+    """A guard for which the fingers stay in the middle of their space, as wide as they are."""
+
+    def __init__(self, nominal: NominalCell, *others: Any) -> None:
+        bodies = tuple(
+            replace(body, mesh=_middle_half(body.mesh)) if body.moves_with.startswith("finger[") else body
+            for body in nominal.bodies
+        )
+        super().__init__(replace(nominal, bodies=bodies), *others)
+
+
+def _middle_half(mesh: Mesh) -> Mesh:
+    """A mesh of half its length along x, about the middle."""
+    middle = mesh.bounds.mean(0)
+    return Mesh(middle + (mesh.vertices - middle) * [0.5, 1.0, 1.0], mesh.faces, mesh.source)
+
+
+class _ForgetsDistances(Guard):
+    """A guard that forgets in a new session how near two bodies within their clearance have come."""
+
+    def reset(self) -> None:
+        super().reset()
+        self._near.release()
+
+
 def _shown(stratum: Stratum) -> bool:
     """Whether the guard sees what jogs are about to do."""
-    return stratum.operation is Operation.MANUAL and not stratum.silent
+    return stratum.kind in (*JOGGED, MIXED) and not stratum.silent
 
 
 def _identified(stratum: Stratum) -> bool:
     """Whether the guard identifies jogs by measured states."""
-    return stratum.operation is Operation.MANUAL and stratum.silent
+    return stratum.kind in (*JOGGED, MIXED) and stratum.silent
+
+
+def _moved(stratum: Stratum) -> bool:
+    """Whether the robot moves on paths, by short motions."""
+    return stratum.kind in (*MOVED, MIXED) and (stratum.length < 2 or stratum.kind == MIXED)
 
 
 MUTATIONS: dict[str, Mutation] = {
@@ -176,4 +213,7 @@ MUTATIONS: dict[str, Mutation] = {
     "quarter-as-fast": Mutation(_QuarterAsFast, strata=_shown),
     "ignored-speed": Mutation(link=_IgnoresPermittedSpeed, strata=_shown),
     "forgotten-speeds": Mutation(_ForgetsPermittedSpeeds, strata=_shown),
+    "unchecked-short-motions": Mutation(_ShortMotionsAreUnchecked, strata=_moved),
+    "start-width": Mutation(_StartWidth, strata=lambda _: True),
+    "forgotten-distance": Mutation(_ForgetsDistances, strata=lambda stratum: stratum.kind == MIXED),
 }

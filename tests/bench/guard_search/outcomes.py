@@ -20,7 +20,7 @@ from scancell.errors import DescriptionError
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.parts import load_part
 from scancell.studies.guard.run import CampaignOptions, campaign_of
-from scancell.studies.guard.strata import THIRDS, stratum_of
+from scancell.studies.guard.strata import stratum_of
 from scancell.studies.guard.worlds import standing_parts
 
 IGNORED = "ignored-pair"
@@ -69,7 +69,7 @@ def search(options: CampaignOptions, runs: int, error: str = "", pair: tuple[str
     ScancellError
         If there is no such error, or naming what is wrong with the cell.
     """
-    known = MUTATIONS | {TABLE: Mutation(of_table=True)} | ({IGNORED: Mutation(ignored=pair)} if pair else {})
+    known = MUTATIONS | {TABLE: Mutation(of_table=True)} | ({IGNORED: Mutation(ignored=(pair,))} if pair else {})
     if error and error not in known:
         raise DescriptionError(key="error", value=error, expected=f"one of {', '.join(known)}")
     mutation = known[error] if error else None
@@ -90,10 +90,10 @@ def search(options: CampaignOptions, runs: int, error: str = "", pair: tuple[str
 
 
 def _search_campaign(options: CampaignOptions, runs: int, error: str, mutation: Mutation) -> SearchOutcome:
-    """At most `runs` runs of a campaign whose twins collide; contacts of a guard without the error do not count."""
+    """At most `runs` runs of a campaign that start near a body; contacts of a guard without the error do not count."""
     assert mutation.strata
     strata = (stratum_of(number) for number in count())
-    concerned = (one for one in strata if one.third == THIRDS[0] and mutation.strata(one))
+    concerned = (one for one in strata if one.near and mutation.strata(one))
     clearance, contact, done = np.inf, "", 0
     with campaign_of(options, mutation) as made, campaign_of(options) as plain:
         for stratum in islice(concerned, runs):

@@ -18,20 +18,23 @@ from numpy.typing import NDArray
 from bench.guard_search.limits import at_limits
 from bench.guard_search.mutations import Mutation
 from bench.guard_search.pair_moves import PairMoves
-from scancell.cell.controller import JogFrame, Mode
 from scancell.closing import Closing
 from scancell.config.cell import CellDescription
 from scancell.config.channel import ChannelDescription, LinkDescription
 from scancell.geometry.mesh import Mesh
 from scancell.guard.tool import Tool
 from scancell.nominal.cell import nominal_cell
-from scancell.studies.guard.scenario import Command, Scenario
-from scancell.studies.guard.simulation import SAMPLES, GuardedRuns, MotionRecord, Simulation
-from scancell.studies.guard.twins import Twins
+from scancell.studies.guard.draws import Draws
+from scancell.studies.guard.scenario import JOGGED, Kind, Motion, Scenario
+from scancell.studies.guard.simulation import SAMPLES, MotionRecord, Network, Simulation
+from scancell.studies.guard.worlds import World
 
 Array = NDArray[np.float64]
 
 _DURATION = 8.0  # s, of a run: jogs accelerate slowly
+_AFTER = 1.0  # s: a person who jogs at random collides later
+_DRAWS = 500  # persons
+_SLOWEST = 0.1  # share of the full speed
 _REPLAY_MS = 90.0  # after which answers are delivered again: younger than those that a controller waits for
 _HALVINGS = 4  # of the way between two states, to shift the start
 _DEAD = 1e-4  # s after a state
@@ -84,12 +87,13 @@ class Search(Closing):
     def __init__(self, described: CellDescription, part: Mesh, seed: int, mutation: Mutation | None = None) -> None:
         mutation = mutation or Mutation()
         limits = at_limits(described)
-        nominal = nominal_cell(limits.assumed, part)
-        ignored = () if mutation.ignored is None else (mutation.ignored,)
-        guard = mutation.guard(nominal, limits.assumed.robot, mutation.assumed(limits.settings), ignored)
-        self._simulation = Simulation(limits.true, nominal, shows_jogs=False)
-        self._guarded = GuardedRuns(self._simulation, guard, mutation.patience * limits.max_age, mutation.link)
-        self._tool, self._seed, self._of_table = Tool(nominal), seed, mutation.of_table
+        world = World(limits.true, nominal_cell(limits.assumed, part), limits.settings)
+        patience = mutation.patience * limits.max_age / limits.settings.max_age
+        protection = replace(mutation, patience=patience)
+        self._simulation = Simulation(world, protection, shows_jogs=False)
+        self._draws = Draws(world, self._simulation.cycle)
+        self._exact = np.zeros((len(world.names), 3))
+        self._tool, self._seed, self._of_table = Tool(world.nominal), seed, mutation.of_table
 
     def close(self) -> None:
         """Free the cell."""
@@ -97,19 +101,17 @@ class Search(Closing):
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
-        """Pairs of bodies that a guard compares."""
-        return self._simulation.scene.pairs
+        """Pairs of bodies that are judged."""
+        return tuple(self._simulation.world.pairs)
 
     def by_hand(self) -> Iterator[Attempt]:
         """Attempts in manual operation, without an end."""
-        twins = Twins(self._simulation, self._seed)
         number = 0
         while True:
-            twin = twins.persons(number, _DURATION, self._of_table)
+            scenario, names = self._person(number)
             number += 1
-            assert twin.contact is not None
-            pair = np.array([" - ".join(names) == twin.contact[1] for names in self.pairs])
-            live = self._attempt(twin.scenario, pair)
+            pair = np.array([names == one for one in self.pairs])
+            live = self._attempt(scenario, pair)
             yield live
             for step in 0.5 ** np.arange(1, _HALVINGS + 1):
                 if live.last_permitted is None:
@@ -130,40 +132,60 @@ class Search(Closing):
         for scenario in PairMoves(self._simulation, self._seed).moves(concerned, _DURATION):
             yield self._attempt(scenario, concerned)
 
+    def _person(self, number: int) -> tuple[Scenario, tuple[str, str]]:
+        """A person who jogs at random, or the table alone, whose unguarded run ends in a contact, and its pair."""
+        rng = np.random.default_rng([self._seed, number, 0])
+        for _ in range(_DRAWS):
+            start, motions, time = self._draws.far(rng), list[Motion](), 0.0
+            while time < _DURATION and not (self._of_table and motions):
+                kind = Kind.TABLE_JOG if self._of_table else Kind(rng.choice(JOGGED))
+                speed = float(rng.choice([1.0, rng.uniform(_SLOWEST, 1.0)]))
+                along = self._draws.along(np.zeros(len(start)), rng)
+                motion = self._draws.motion(kind, along, 1.0, speed, start, rng)
+                short = not self._of_table and rng.random() < 0.5
+                motion = replace(motion, duration=rng.uniform(0.3, 1.5) if short else rng.uniform(1.5, _DURATION))
+                motions.append(replace(motion, duration=_DURATION) if self._of_table else motion)
+                time += motions[-1].duration
+            scenario = Scenario(start, tuple(motions), _DURATION)
+            contact = self._simulation.contact(self._simulation.run(scenario), self._exact)
+            if contact is not None and contact[0] >= _AFTER:
+                return scenario, contact[1]
+        raise RuntimeError(f"person {number}: none of {_DRAWS} scenarios ends in a contact")
+
     def _attempt(self, scenario: Scenario, pair: NDArray[np.bool_], dead_from: float | None = None) -> Attempt:
         to_guard = ChannelDescription(dead_from_s=dead_from)
         to_cell = ChannelDescription(replay=1.0, replay_ms=_REPLAY_MS)
-        course = self._guarded.run(scenario, LinkDescription(to_guard=to_guard, to_cell=to_cell))
-        log = self._guarded.log
+        course = self._simulation.run(scenario, Network(LinkDescription(to_guard=to_guard, to_cell=to_cell)))
+        log = course.decisions
         stop = next((time for time, decision in log if decision.stop), np.inf)
         permitted = [time for time, _ in log if time < stop]
-        found = self._simulation.contact(course)
-        clearance = float(self._simulation.distances_of(pair, course.axes).min())
+        found = self._simulation.contact(course, self._exact)
+        clearance = float(self._simulation.distances(pair, course.axes).min())
         last = permitted[-1] if permitted and stop < np.inf else None
-        return Attempt(scenario, course, dead_from, clearance, found[1] if found else "", last)
+        return Attempt(scenario, course, dead_from, clearance, " - ".join(found[1]) if found else "", last)
 
     def _turned(self, live: Attempt, pair: NDArray[np.bool_]) -> Scenario:
         """The scenario, in which the person turns to the fastest approach of a pair at the last permitted state."""
         assert live.last_permitted is not None
         time = live.last_permitted
         axes = live.course.axes[int(np.searchsorted(live.course.times, time - 1e-9))]
-        before = [command for command in live.scenario.commands if command.time < time]
-        last = before[-1]
-        return replace(
-            live.scenario, commands=(*before, replace(last, time=time, values=self._approach(last, axes, pair)))
-        )
+        begun = [one for one in live.course.begun if one.time < time]
+        last = begun[-1]
+        kept = [*(one.motion for one in begun[:-1]), replace(last.motion, duration=time - last.time)]
+        turned = replace(last.motion, by=self._approach(last.motion, axes, pair), duration=_DURATION)
+        return replace(live.scenario, motions=(*kept, turned))
 
-    def _approach(self, command: Command, axes: Array, pair: NDArray[np.bool_]) -> Array:
-        """Deflections (joints + 1,) of a jog like `command` in which a pair approaches fastest at `axes`."""
+    def _approach(self, motion: Motion, axes: Array, pair: NDArray[np.bool_]) -> Array:
+        """Deflections (joints + 1,) of a jog like `motion` in which a pair approaches fastest at `axes`."""
         steps = _STEP * np.eye(len(axes))
-        distance = self._simulation.distances_of(pair, np.vstack([axes + steps, axes - steps])).reshape(2, -1)
+        distance = self._simulation.distances(pair, np.vstack([axes + steps, axes - steps])).reshape(2, -1)
         slope = (distance[0] - distance[1]) / (2 * _STEP)
-        if command.mode is Mode.JOINT_JOG:
+        if motion.kind in (Kind.JOINT_JOG, Kind.TABLE_JOG):
             return np.where(np.abs(slope) > _CONCERNED, -np.sign(slope), 0.0)
         tool, jacobian = self._tool.poses(axes[None, :-1])
         if not self._tool.moves_straight(jacobian[0]):
-            return command.values
-        turn = tool[0, :3, :3] if command.frame is JogFrame.SENSOR else np.eye(3)
+            return motion.by
+        turn = tool[0, :3, :3] if motion.kind is Kind.TOOL_JOG else np.eye(3)
         twists = np.asarray(np.kron(np.eye(2), turn.T), np.float64)  # rows: unit twists of the jog's frame, world axes
         rates = self._tool.rates(np.repeat(jacobian, 6, 0), twists)
         wanted = -(rates @ slope[:-1])

@@ -1,49 +1,43 @@
 """Paired runs with and without a guard, over a bad network.
 
-A third of the twins without a guard collides, another third has near misses, the others do ordinary work, in every
-decade of speed, by hand and in automatic operation.  Cells, parts, network faults and geometry errors alternate.
-Everything follows from the campaign's seed and the number of a run, so that campaigns can be
-interrupted, and single runs repeated.
+Kinds, lengths and speeds of motions, cells, parts, network faults and errors of bodies alternate.  Everything follows
+from the campaign's seed and the number of a run, so that campaigns can be interrupted, and single runs repeated.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.cell.controller import Operation
 from scancell.closing import Closing
 from scancell.config.cell import CellDescription
-from scancell.config.channel import LinkDescription
 from scancell.geometry.mesh import Mesh
-from scancell.guard.guard import Guard
-from scancell.studies.guard.simulation import GuardedRuns, MotionRecord, Protection, Simulation
+from scancell.studies.guard.draws import Draw, Draws
+from scancell.studies.guard.scenario import Begun, Kind
+from scancell.studies.guard.servers import RIVALS
+from scancell.studies.guard.simulation import MotionRecord, Network, Protection, Simulation
 from scancell.studies.guard.strata import DECADES, FAULTS, Stratum, random_network, stratum_of
-from scancell.studies.guard.twins import Twin, Twins
-from scancell.studies.guard.worlds import KnownWorld, known_world, world_of
+from scancell.studies.guard.worlds import World, world_of
 
 Array = NDArray[np.float64]
 
-_SEEN = 0.06  # m: clearances of guarded runs are not looked for beyond
-_KNOWN = 8  # cells with a part that are kept
+_SEEN = 0.02  # m: clearances of guarded runs are not looked for beyond
 _FALSE = 5e-3  # m beyond the stated distance
-_HELD = 0.1  # rate of the path clock: a robot slows down more and more before an obstacle on its path
-_LATER = 1.25  # factor on the duration of the twin, for a motion that the guard slows down on a path to a contact
-_ON_PATH = 5e-3  # m: distance at which a motion on a known path is stopped at most
+_RIVALS = 0.1  # share of the runs with each
+_REST, _REST_TIME = 1e-5, 0.05  # rad and s: a robot that moves less before a contact of its fingers rests
 
-# Distance, m, at which a robot that is jogged towards a body comes to rest (docs/guard.md): with a controller that
-# predicts and limits jogs, and with one that does not, by the speed, m/s.
+# Distance, m, at which a robot that moves towards a body comes to rest (docs/guard.md): on a known path or with a
+# controller that predicts and limits jogs, and by the speed, m/s, with one that does not.
 _SHOWN = 0.005
 _SILENT = ((0.0, 0.030), (0.005, 0.030), (0.0125, 0.031), (0.025, 0.033), (0.05, 0.036), (0.125, 0.049), (0.25, 0.072))
 
 
 def stated_distance(speed: float, silent: bool) -> float:
-    """Largest distance, m, at which the guard stops a jog of `speed`, m/s; in proportion beyond the last one."""
+    """Largest distance, m, at which the guard stops a motion of `speed`, m/s; in proportion beyond the last one."""
     if not silent:
         return _SHOWN
     speeds, distances = np.transpose(_SILENT)
@@ -56,65 +50,77 @@ class RunRow:
 
     Attributes
     ----------
-    number, third, operation, decade, fault, cell, part, silent, draws
-        Stratum of the run, and the number of scenarios drawn until the twin had the outcome of its third.
+    number, kind, decade, length, near, fault, cell, part, silent, version
+        Stratum of the run; `kind` and `length` may be ``mixed``.
+    rival
+        Second cell or guard on the link; empty: none.
+    pair, gap
+        Pair that the robot approaches, and its distance at the start, m; empty and NaN: none.
     speed
-        Largest share of the full speed.
-    motion
-        How the robot is moved: the modes of the controller, and `+ resets` if the operator resets it after stops.
+        Share of the full speed.
+    motions, short
+        Motions in the twin, and those of them that took at most a cycle of the controller.
     twin_contact_at, twin_contact
         Of the twin, s and pair; NaN and empty: none.
-    twin_clearance
-        Smallest distance of the arm to other bodies in the twin, m, within 1 mm, at most about 0.1.
-    contact, touched
-        Pair that python-fcl finds in contact in the guarded run; whether the cell's own outputs reported one.
+    contact_at, contact
+        The same of the guarded run.
+    by_gripper
+        Whether the robot rested when a finger came into contact: the guard does not control fingers.
+    contact_kind, contact_length
+        Kind of the motion in which the contact came, and its largest angle, rad.
     clearance
-        Smallest distance of the arm to other bodies in the guarded run, m, at most 0.06.
+        Smallest distance of bodies that are not both of the arm in the guarded run, m, at most 0.02.
     stop, stop_at, stopped_pair
         First cause that held the robot: a stop by the ``guard``, by the ``age`` of the last answer, a jog held at rest
-        (``refused``), or none; its time, s, and its pair.
+        (``refused``), a motion that the guard held until the operator gave it up (``held``), or none; its time, s, and
+        its pair.
+    stop_kind
+        Kind of the motion that was held.
     false_stop
         Whether the twin never came near what the guard stopped for.
-    halted
-        Whether the guard has slowed the robot without a stop: a jog at any time, or a motion on a path at the end to at
-        most a tenth of its speed.
-    warnings, warned_retreating
-        Answers with a warning, and those whose pair did not approach.
-    twin_arrived_at, arrived_at
-        Times at which the program was done, s; NaN: not.
+    slowed
+        Whether the guard has slowed the robot without a stop.
+    resets, sessions
+        Resets of the controller, and new sessions.
     """
 
     number: int
-    third: str
-    operation: str
+    kind: str
     decade: str
+    length: str
+    near: bool
     fault: str
     cell: str
     part: str
     silent: bool
-    draws: int
+    version: int
+    rival: str
+    pair: str
+    gap: float
     speed: float
-    motion: str
+    motions: int
+    short: int
     twin_contact_at: float
     twin_contact: str
-    twin_clearance: float
+    contact_at: float
     contact: str
-    touched: bool
+    by_gripper: bool
+    contact_kind: str
+    contact_length: float
     clearance: float
     stop: str
     stop_at: float
     stopped_pair: str
+    stop_kind: str
     false_stop: bool
-    halted: bool
-    warnings: int
-    warned_retreating: int
-    twin_arrived_at: float
-    arrived_at: float
+    slowed: bool
+    resets: int
+    sessions: int
 
     @property
     def collided(self) -> bool:
-        """Whether the guarded robot collided, by either judge."""
-        return bool(self.contact) or self.touched
+        """Whether the guarded robot collided in what the guard controls: neither fingers at rest nor servo mode."""
+        return bool(self.contact) and not self.by_gripper and self.contact_kind != Kind.SERVO
 
 
 class Campaign(Closing):
@@ -143,9 +149,7 @@ class Campaign(Closing):
         folder: Path | None = None,
     ) -> None:
         self._cells, self._parts, self._seed, self._folder = cells, parts, seed, folder
-        self._protection = protection or Protection()
-        self._known = lru_cache(_KNOWN)(lambda cell, part: known_world(cells[cell], parts[part]))
-        self._guard = lru_cache(_KNOWN)(self._made_guard)
+        self._protection = protection
         self._block: _Block | None = None
 
     def close(self) -> None:
@@ -158,12 +162,14 @@ class Campaign(Closing):
         """Run with the number `number`; faster in the order of numbers."""
         stratum = stratum_of(number)
         block = self._block_of(stratum)
-        twin = block.twins.draw(stratum)
+        draw = block.draws.draw(stratum, np.random.default_rng([self._seed, number, 0]))
         rng = np.random.default_rng([self._seed, number, 1])
-        network = random_network(stratum.fault, twin.scenario.duration, rng)
-        longer = _LATER if twin.contact and stratum.operation is Operation.AUTOMATIC else 1.0
-        course = block.guarded.run(replace(twin.scenario, duration=longer * twin.scenario.duration), *network)
-        return _Pair(block, stratum, twin, course, network[0]).row()
+        drawn = rng.random()
+        rival = RIVALS[1] if drawn < _RIVALS else RIVALS[2] if drawn < 2 * _RIVALS else RIVALS[0]
+        faults, seed = random_network(stratum.fault, draw.scenario.duration, rng)
+        twin = block.simulation.run(draw.scenario)
+        guarded = block.simulation.run(draw.scenario, Network(faults, seed, rival))
+        return _Pair(block, stratum, draw, rival, twin, guarded).row()
 
     def _block_of(self, stratum: Stratum) -> _Block:
         if self._block is None or self._block.number != stratum.block:
@@ -172,19 +178,12 @@ class Campaign(Closing):
             turn = stratum.block + stratum.block // len(FAULTS)
             cell = list(self._cells)[turn % len(self._cells)]
             part = str(rng.choice(list(self._parts)))
-            known = self._known(cell, part)
-            described, nominal = world_of(known, rng)
-            simulation = Simulation(described, nominal, known.ignored, self._folder, not stratum.silent)
-            twins = Twins(simulation, self._seed, known.is_clear)
-            guard = self._guard(cell, part)
-            patience = self._protection.patience * guard.settings.max_age
-            guarded = GuardedRuns(simulation, guard, patience, self._protection.link)
-            self._block = _Block(stratum.block, cell, part, known, simulation, twins, guarded)
+            world = world_of(self._cells[cell], self._parts[part], part, rng)
+            simulation = Simulation(world, self._protection, self._folder, not stratum.silent, stratum.version)
+            draws = Draws(world, simulation.cycle)
+            named = "gripped" if world.grips else part
+            self._block = _Block(stratum.block, cell, named, world, simulation, draws)
         return self._block
-
-    def _made_guard(self, cell: str, part: str) -> Guard:
-        known = self._known(cell, part)
-        return known.guard(self._protection.guard, self._protection.assumed(known.settings))
 
 
 @dataclass(frozen=True)
@@ -194,10 +193,9 @@ class _Block:
     number: int
     cell: str
     part: str
-    known: KnownWorld
+    world: World
     simulation: Simulation
-    twins: Twins
-    guarded: GuardedRuns
+    draws: Draws
 
 
 @dataclass(frozen=True)
@@ -206,89 +204,98 @@ class _Pair:
 
     block: _Block
     stratum: Stratum
-    twin: Twin
-    course: MotionRecord
-    link: LinkDescription
+    draw: Draw
+    rival: str
+    twin: MotionRecord
+    guarded: MotionRecord
 
     def row(self) -> RunRow:
         """Outcome of the run."""
-        simulation, twin, course, stratum = self.block.simulation, self.twin, self.course, self.stratum
-        contact = simulation.contact(course)
+        simulation, draw, stratum, guarded, twin = (
+            self.block.simulation, self.draw, self.stratum, self.guarded, self.twin,
+        )  # fmt: skip
+        outside = ~self.block.world.inner
+        contacts = [simulation.contact(record, draw.shifts) for record in (twin, guarded)]
+        seen = simulation.clearances(guarded, draw.shifts, np.where(outside, _SEEN, 0.0))
+        smallest = float(seen[:, outside].min())
         stop, stop_at, pair = self._stop()
-        warnings = list(self._warnings())
-        modes = dict.fromkeys(command.mode.name.lower() for command in twin.scenario.commands)
+        motion = None if contacts[1] is None else self._motion_at(contacts[1][0])
+        held = None if stop == "" else self._motion_at(stop_at)
         return RunRow(
-            stratum.number,
-            stratum.third,
-            twin.scenario.operation.name.lower(),
-            DECADES[stratum.decade],
-            stratum.fault,
-            self.block.cell,
-            self.block.part,
-            stratum.silent,
-            twin.draws,
-            twin.scenario.speed,
-            " + ".join([*modes, *(["resets"] if twin.scenario.resets else [])]),
-            twin.contact[0] if twin.contact else np.nan,
-            twin.contact[1] if twin.contact else "",
-            twin.clearance,
-            contact[1] if contact else "",
-            course.touched,
-            simulation.clearance(course, _SEEN),
-            stop,
-            stop_at,
-            " - ".join(pair),
-            stop in ("guard", "refused") and not self._was_near(pair),
-            stop == "" and self._is_slowed(),
-            len(warnings),
-            sum(not approaches for approaches in warnings),
-            np.nan if twin.course.arrived_at is None else twin.course.arrived_at,
-            np.nan if course.arrived_at is None else course.arrived_at,
+            number=stratum.number,
+            kind=stratum.kind,
+            decade=DECADES[stratum.decade],
+            length=stratum.lengths,
+            near=stratum.near,
+            fault=stratum.fault,
+            cell=self.block.cell,
+            part=self.block.part,
+            silent=stratum.silent,
+            version=stratum.version,
+            rival=self.rival,
+            pair=" - ".join(draw.pair),
+            gap=draw.gap,
+            speed=max(begun.motion.speed for begun in twin.begun),
+            motions=len(twin.begun),
+            short=sum(begun.cycles <= 1 for begun in twin.begun),
+            twin_contact_at=contacts[0][0] if contacts[0] else np.nan,
+            twin_contact=" - ".join(contacts[0][1]) if contacts[0] else "",
+            contact_at=contacts[1][0] if contacts[1] else np.nan,
+            contact=" - ".join(contacts[1][1]) if contacts[1] else "",
+            by_gripper=contacts[1] is not None and self._rests_before(*contacts[1]),
+            contact_kind=motion.motion.kind.value if motion else "",
+            contact_length=motion.motion.length if motion else np.nan,
+            clearance=smallest,
+            stop=stop,
+            stop_at=stop_at,
+            stopped_pair=" - ".join(pair),
+            stop_kind=held.motion.kind.value if held else "",
+            false_stop=self._is_false(stop, pair, held),
+            slowed=stop == "" and any(decision.beep for _, decision in guarded.decisions),
+            resets=guarded.resets,
+            sessions=guarded.sessions,
         )
+
+    def _motion_at(self, time: float) -> Begun | None:
+        """Motion of the guarded run that had begun last at `time`, s."""
+        before = [begun for begun in self.guarded.begun if begun.time <= time + 1e-9]
+        return before[-1] if before else None
+
+    def _rests_before(self, time: float, pair: tuple[str, str]) -> bool:
+        """Whether a finger of `pair` has moved while all axes rested before `time`, s."""
+        times, axes = self.guarded.times, self.guarded.axes
+        before = axes[(times <= time) & (times >= time - _REST_TIME)]
+        return any(name.startswith("finger") for name in pair) and bool(np.ptp(before, axis=0).max() < _REST)
 
     def _stop(self) -> tuple[str, float, tuple[str, ...]]:
         """First cause that held the robot, its time, s, and the pair for which the guard did."""
-        course, log = self.course, self.block.guarded.log
-        stopped = np.inf if course.stopped_at is None else course.stopped_at
-        if course.refused_at is not None and course.refused_at < stopped:
-            held = (decision for _, decision in log if decision.monitor_speed == 0.0 and not decision.stop)
-            return "refused", course.refused_at, next((decision.pair for decision in held), ())
-        if stopped == np.inf:
+        guarded = self.guarded
+        causes = {"guard": guarded.stopped_at, "refused": guarded.refused_at, "held": guarded.held_at}
+        known = {cause: time for cause, time in causes.items() if time is not None}
+        if not known:
             return "", np.nan, ()
-        if not any(answer.emergency_stop and time <= stopped + 1e-9 for time, answer in course.answers):
-            return "age", stopped, ()
-        return "guard", stopped, next((decision.pair for _, decision in log if decision.stop), ())
+        cause = min(known, key=lambda name: known[name])
+        time = known[cause]
+        if cause == "guard":
+            if not any(answer.emergency_stop and at <= time + 1e-9 for at, answer in guarded.answers):
+                return "age", time, ()
+            return cause, time, next((found.pair for _, found in guarded.decisions if found.stop), ())
+        pairs = [found.pair for at, found in guarded.decisions if at <= time + 1e-9 and found.monitor_speed < 1.0]
+        if cause == "held" and not pairs:
+            return "age", time, ()
+        return cause, time, pairs[-1] if pairs else ()
 
-    def _is_slowed(self) -> bool:
-        """Whether the guard has slowed the robot: a jog at any time, a motion on a path to a tenth at the end."""
-        if self.stratum.operation is Operation.AUTOMATIC:
-            return self.course.rate <= _HELD and self.course.arrived_at is None
-        return any(decision.beep for _, decision in self.block.guarded.log)
+    def _is_false(self, stop: str, pair: tuple[str, ...], held: Begun | None) -> bool:
+        """Whether the twin never came nearer than the stated distance and 5 mm, with `pair` or bodies around the arm.
 
-    def _was_near(self, pair: tuple[str, ...]) -> bool:
-        """Whether the twin came nearer than the stated distance and 5 mm, with `pair` or a body around the arm.
-
-        The distance is that for the largest speed of the pair in the twin.  On a path that is known nothing but a
-        contact is a reason to stop.
+        The distance is that for the largest speed of the pair in the twin. Servo mode is always stopped.
         """
-        simulation, course = self.block.simulation, self.twin.course
-        distance = _ON_PATH
-        if self.twin.scenario.operation is Operation.MANUAL:
-            speed = simulation.fastest(course, (pair[0], pair[1])) if pair else 0.0
-            distance = stated_distance(speed, self.stratum.silent)
-        concerned = ~simulation.inner | np.array([found == pair for found in simulation.scene.pairs])
-        within = np.where(concerned, distance + _FALSE, 0.0)
-        axes = course.axes[course.spaced(1e-3)]
-        return bool((simulation.clearances(axes, within, rough=True) < within).any())
-
-    def _warnings(self) -> Iterator[bool]:
-        """Whether the pair of each warning truly approached when the state was measured."""
-        simulation, course, link = self.block.simulation, self.course, self.link
-        for shown, decision in self.block.guarded.log:
-            if "contact in" in decision.text:
-                time = (shown - 1e-3 * link.clock_offset_ms) / (1 + 1e-6 * link.clock_drift_ppm)
-                at = int(np.searchsorted(course.times, time - 1e-9))
-                near = course.axes[[max(at - 1, 0), min(at + 1, len(course.axes) - 1)]]
-                concerned = np.array([pair == decision.pair for pair in simulation.scene.pairs])
-                before, after = simulation.distances_of(concerned, near)
-                yield bool(after < before)
+        if stop in ("", "age") or (held is not None and held.motion.kind is Kind.SERVO):
+            return False
+        simulation, world = self.block.simulation, self.block.world
+        silent = self.stratum.silent and held is not None and "jog" in held.motion.kind
+        known = pair if pair and set(pair) <= set(world.names) else ()
+        speed = simulation.fastest(self.twin, (known[0], known[1])) if known and silent else 0.0
+        concerned = ~world.inner | np.array([set(one) == set(known) for one in world.pairs])
+        within = np.where(concerned, stated_distance(speed, silent) + _FALSE, 0.0)
+        return not bool((simulation.clearances(self.twin, self.draw.shifts, within) < within).any())

@@ -15,14 +15,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TextIO
 
-import numpy as np
-
 from scancell.errors import DescriptionError
 from scancell.files import atomic_write
 from scancell.nominal.parts import load_part
 from scancell.studies.guard.campaign import Campaign, RunRow
+from scancell.studies.guard.scenario import Kind
 from scancell.studies.guard.simulation import Protection
-from scancell.studies.guard.strata import BLOCK, DECADES, FAULTS, THIRDS
+from scancell.studies.guard.strata import BLOCK, DECADES, FAULTS, LENGTHS, MIXED
 from scancell.studies.guard.worlds import described_cells, standing_parts
 
 _READ: dict[str, Callable[[str], Any]] = {"int": int, "float": float, "str": str, "bool": lambda text: text == "True"}
@@ -65,29 +64,26 @@ def _write(stream: TextIO, rows: Iterable[RunRow]) -> None:
 
 def summary(rows: Sequence[RunRow]) -> dict[str, Any]:
     """Figures of a campaign."""
-    collisions = sum(row.collided for row in rows)
-    done = [row for row in rows if np.isfinite(row.arrived_at) and np.isfinite(row.twin_arrived_at)]
-    loss = [row.arrived_at / row.twin_arrived_at - 1 for row in done]
+    collisions = [row for row in rows if row.collided]
+    motions = sum(row.motions for row in rows)
     return {
         "runs": len(rows),
-        "collisions": collisions,
-        "collisions_by_decade": {decade: sum(row.collided for row in own) for decade, own in _by_decade(rows)},
+        "collisions": len(collisions),
+        "collisions_by_kind": dict(Counter(row.contact_kind for row in collisions)),
+        "contacts_by_gripper": sum(row.by_gripper for row in rows),
+        "contacts_in_servo_mode": sum(row.contact_kind == Kind.SERVO and not row.by_gripper for row in rows),
         "collisions_of_twins": sum(bool(row.twin_contact) for row in rows),
         "pairs_of_twins": len({row.twin_contact for row in rows if row.twin_contact}),
         # Upper end of the one-sided 95 % interval: that of the rule of three where nothing happened.
         "probability_bound": 1 - 0.05 ** (1 / len(rows)) if rows and not collisions else None,
         "stops": dict(Counter(row.stop for row in rows if row.stop)),
-        "false_stops": {decade: _share(own) for decade, own in _by_decade(rows)},
-        "warnings": sum(row.warnings for row in rows),
-        "warnings_while_retreating": sum(row.warned_retreating for row in rows),
-        "cycle_time_loss_median": float(np.median(loss)) if loss else None,
-        "cycle_time_loss_95": float(np.percentile(loss, 95)) if loss else None,
+        "false_stops_by_speed": {name: _share([row for row in rows if row.decade == name]) for name in DECADES},
+        "false_stops_by_length": {
+            name: _share([row for row in rows if row.length == name]) for name in (*LENGTHS, MIXED)
+        },
+        "motions": motions,
+        "motions_of_at_most_a_cycle": sum(row.short for row in rows) / motions if motions else None,
     }
-
-
-def _by_decade(rows: Sequence[RunRow]) -> Iterator[tuple[str, list[RunRow]]]:
-    for decade in DECADES:
-        yield decade, [row for row in rows if row.decade == decade]
 
 
 def _share(rows: Sequence[RunRow]) -> float | None:
@@ -99,31 +95,31 @@ _COUNTS: dict[str, Callable[[RunRow], bool]] = {
     "collisions": lambda row: row.collided,
     "stopped by the guard": lambda row: row.stop == "guard",
     "refused": lambda row: row.stop == "refused",
+    "held": lambda row: row.stop == "held",
     "false": lambda row: row.false_stop,
     "by age": lambda row: row.stop == "age",
-    "slowed": lambda row: row.halted,
+    "slowed": lambda row: row.slowed,
 }
 
 
 def tables(rows: Sequence[RunRow]) -> Iterator[str]:
     """Markdown tables of a campaign."""
-    by_decade: dict[str, Callable[[RunRow], str]] = {"speed": lambda row: row.decade}
-    yield from _table(by_decade, rows)
-    yield from _table({**by_decade, "operation": lambda row: row.operation, "twin": lambda row: row.third}, rows)
-    yield from _table({"fault": lambda row: row.fault}, rows)
-    yield from _table({"cell": lambda row: row.cell}, rows)
-    yield from _table({"part": lambda row: row.part}, rows)
-    yield from _table({"moved by": lambda row: row.motion}, rows)
-    yield from _table({"shows jogs": lambda row: "no" if row.silent else "yes", **by_decade}, rows)
-    shares = (0, 1, 5, 25, 50, 75)
-    yield "| smallest clearance, mm | twin | " + " | ".join(f"{share} %" for share in shares) + " |"
-    yield "| --- | --- |" + " --- |" * len(shares)
-    for decade, of_decade in _by_decade(rows):
-        for third in THIRDS:
-            own = [1e3 * row.clearance for row in of_decade if row.third == third]
-            if own:
-                values = np.percentile(own, shares)
-                yield f"| {decade} | {third} | " + " | ".join(f"{value:.1f}" for value in values) + " |"
+    by: dict[str, Callable[[RunRow], str]] = {
+        "speed": lambda row: row.decade,
+        "length": lambda row: row.length,
+        "motions": lambda row: row.kind,
+        "start": lambda row: "near a body" if row.near else "anywhere",
+        "fault": lambda row: row.fault,
+        "beside": lambda row: row.rival or "nothing",
+        "sessions": lambda row: "renewed" if row.sessions else "one",
+        "cell": lambda row: row.cell,
+        "part": lambda row: row.part,
+        "sends jogs": lambda row: "no" if row.silent else "yes",
+        "protocol": lambda row: str(row.version),
+    }
+    for name, key in by.items():
+        yield from _table({name: key}, rows)
+    yield from _table({"collision in a": lambda row: row.contact_kind}, [row for row in rows if row.collided])
 
 
 def _table(keys: Mapping[str, Callable[[RunRow], str]], rows: Sequence[RunRow]) -> Iterator[str]:
@@ -141,8 +137,8 @@ def _table(keys: Mapping[str, Callable[[RunRow], str]], rows: Sequence[RunRow]) 
 
 
 def _order(names: tuple[str, ...]) -> list[tuple[int, str]]:
-    """Decades, operations, thirds and faults in their own order, other names in that of the alphabet."""
-    known = [*DECADES, "manual", "automatic", *THIRDS, *FAULTS]
+    """Decades, lengths, kinds and faults in their own order, other names in that of the alphabet."""
+    known = [*DECADES, *LENGTHS, *Kind, MIXED, *FAULTS]
     return [(known.index(name) if name in known else 0, name) for name in names]
 
 

@@ -1,4 +1,4 @@
-"""Strata of a campaign: operation, speed, network fault and unguarded outcome of each run."""
+"""Strata of a campaign: kind of motion, speed, length and network fault of each run."""
 
 from __future__ import annotations
 
@@ -6,14 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scancell.cell.controller import Operation
 from scancell.config.channel import ChannelDescription, LinkDescription
+from scancell.studies.guard.scenario import JOGGED, MOVED, Kind
 
-THIRDS = ("collision", "near miss", "ordinary")
 DECADES = ("0.1-1 %", "1-10 %", "10-100 %")  # of the full speed
-BLOCK = len(THIRDS) * len(Operation) * len(DECADES)  # runs with one cell, part and fault
+LENGTHS = ("0.01-0.1 mrad", "0.1-1 mrad", "1-10 mrad", "10-100 mrad", "100-3000 mrad")
+MIXED = "mixed"  # kinds, or lengths, of a run that draws those of each motion
+KINDS = (*Kind, MIXED, MIXED, MIXED)
+BLOCK = len(KINDS) * len(DECADES)  # runs with one cell, part and fault
+VERSIONS = (2, 2, 2, 1)  # of the protocol, which alternate
 _SLOWEST = 1e-3
+_SHORTEST, _LONGEST = 1e-5, 3.0  # rad
 _SILENT = 8  # blocks per block with a controller that does not show its jogs
+_NEAR = 3, 5  # runs of so many that start near a body
 _SLOW = ChannelDescription(delay_ms=4.0, jitter_ms=2.0)
 
 
@@ -45,39 +50,63 @@ class Stratum:
     Attributes
     ----------
     number, block
-        Of the run, and of the block of `BLOCK` runs that it belongs to.
-    third
-        Outcome of the unguarded twin: one of `THIRDS`.
-    operation
-        Manual or automatic.
-    decade
-        Number of the decade of speed.
+        Of the run, and of the block of `BLOCK` runs with one cell that it belongs to.
+    kind
+        Of its motions: a `Kind`, or `MIXED`.
+    decade, length
+        Numbers of the decades of speed and of length; length `len(LENGTHS)`: each motion has its own.
+    near
+        Whether the robot starts near a body and insists on approaching it.
     fault
         Of the network: a key of `FAULTS`.
     silent
-        Whether the controller does not show a jog to the guard before it moves.
+        Whether the controller does not send the paths of jogs.
+    version
+        Of the controller's protocol.
     """
 
     number: int
     block: int
-    third: str
-    operation: Operation
+    kind: str
     decade: int
+    length: int
+    near: bool
     fault: str
     silent: bool
+    version: int
+
+    @property
+    def lengths(self) -> str:
+        """Name of the decade of length."""
+        return (*LENGTHS, MIXED)[self.length]
 
     def random_speed(self, rng: np.random.Generator) -> float:
         """Share of the full speed, log-uniform in the decade."""
         return float(_SLOWEST * 10.0 ** (self.decade + rng.random()))
 
+    def random_length(self, rng: np.random.Generator) -> float:
+        """Largest angle (rad) by which a motion turns an axis, log-uniform in the decade or over all of them."""
+        share = (self.length + rng.random()) if self.length < len(LENGTHS) else len(LENGTHS) * rng.random()
+        decades = np.append(np.arange(len(LENGTHS)), np.log10(_LONGEST / _SHORTEST))
+        return float(_SHORTEST * 10.0 ** np.interp(share, np.arange(len(LENGTHS) + 1), decades))
+
+    def random_kind(self, rng: np.random.Generator) -> Kind:
+        """Kind of a motion; half of the mixed ones are jogs."""
+        if self.kind != MIXED:
+            return Kind(self.kind)
+        return Kind(rng.choice(JOGGED if rng.random() < 0.5 else MOVED))
+
 
 def stratum_of(number: int) -> Stratum:
-    """Stratum of a run: all combinations have equal counts after 180 runs, silent controllers after 1440."""
+    """Stratum of a run: all kinds have equal counts at each speed in a block, and all lengths in five blocks."""
     within, block = number % BLOCK, number // BLOCK
-    third, operation, decade = within % 3, within // 3 % 2, within // 6
+    decade, kind = divmod(within, len(KINDS))
+    length = (within + block) % len(LENGTHS) if KINDS[kind] != MIXED else len(LENGTHS)
+    near = (within + 2 * block + decade) % _NEAR[1] < _NEAR[0]
+    turn = block + block // len(FAULTS)
     fault = list(FAULTS)[block % len(FAULTS)]
-    silent = (block + block // len(FAULTS)) % _SILENT == _SILENT - 1
-    return Stratum(number, block, THIRDS[third], Operation(operation), decade, fault, silent)
+    version = VERSIONS[block // 2 % len(VERSIONS)]
+    return Stratum(number, block, KINDS[kind], decade, length, near, fault, turn % _SILENT == _SILENT - 1, version)
 
 
 def random_network(fault: str, duration: float, rng: np.random.Generator) -> tuple[LinkDescription, int]:

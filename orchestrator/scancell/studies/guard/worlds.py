@@ -1,9 +1,10 @@
-"""Cells of a campaign, nominal (for the guard) and true, and parts that extend beyond the table."""
+"""Cells of a campaign: described, with parts that extend beyond the table, and with posts in the way of these."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -13,28 +14,43 @@ from scancell.cell.sensing import SENSOR_KEYS
 from scancell.config.cell import CellDescription
 from scancell.config.files import assets_dir
 from scancell.config.loading import load_setup
+from scancell.config.material import Material
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh, joined
-from scancell.geometry.reduction import ReducedMesh, reduced
+from scancell.geometry.reduction import decimated
 from scancell.guard.guard import Guard
+from scancell.guard.parts import movable_parts
 from scancell.guard.settings import GuardSettings
 from scancell.nominal.cell import Body, NominalCell, nominal_cell
-from scancell.proximity.scene import ProximityScene, arm_chain, cell_scene
-from scancell.scanning.guard import settings_of, with_finger_travel
+from scancell.nominal.gripper import gripper_from_finger
+from scancell.nominal.poses import pose_matrix
+from scancell.nominal.tools import flange_from_tool
+from scancell.proximity.judge import Judge
+from scancell.proximity.scene import ProximityScene, arm_chain
+from scancell.scanning.guard import settings_of, touching, with_finger_travel
 
 Array = NDArray[np.float64]
 
 _FOOT = (0.32, 0.05, 0.006)  # m: bounding boxes are centred on the table's axis
 _SEGMENTS = 14  # of the ring
-
-_MAX_FACES = 400  # of the guard's meshes
+_FEW_FACES = 400
+_DESCRIBED = 0.25  # share of the worlds with the meshes and encoders of the description
+_RANDOM, _NEARLY = 40, 3e-3  # random axes, and m, within which bodies are always nearly in contact
 _MOTORS = "default with motors"
-_MARGIN = 0.5e-3  # m between the guard's clearances and those of a start
-_TRUE = 0.25  # share of the worlds that are as described
+_FOUR_JOINTS = "four joints"
+_GRIPPED = box_mesh((0.04, 0.04, 0.03), "box").transformed(pose.translation((0.0, 0.0, 0.015)))
+_GRIPPED_AT = 123.0, (0.370, -0.312, 0.149)  # mm on the belt, and the gripper, m: fingers around the part
+
+POSTS = {  # m: fixed bodies by part, in its frame at the angle 0 of the table: post, and hook in an opening
+    "plate": ((0.012, 0.012, 0.16), (0.155, 0.0, 0.08), 1.1),
+    "post": ((0.012, 0.012, 0.25), (0.155, 0.0, 0.125), 1.1),
+    "ring": ((0.012, 0.012, 0.25), (0.072, 0.0, 0.14), 0.5),
+    "bracket": ((0.012, 0.012, 0.12), (0.09, 0.0, 0.10), 0.0),
+}
 
 
 def standing_parts() -> dict[str, Mesh]:
-    """Parts by name, m, each on a foot that is longer than the table: a vertical plate, a post, a segment of a ring."""
+    """Parts by name, m, each on a foot that is longer than the table: a plate, a post, a segment of a ring, a C."""
     plate = _box((0.004, 0.16, 0.15), (0.155, 0.0, 0.075))
     post = _box((0.01, 0.01, 0.22), (0.15, 0.0, 0.11))
     angles = np.radians(np.linspace(-30.0, 210.0, _SEGMENTS))
@@ -44,7 +60,14 @@ def standing_parts() -> dict[str, Mesh]:
     ]
     # The ring's plane is across the foot: the table moves it along its axis and across.
     legs = [_box((0.012, 0.012, 0.06), (0.06, side * 0.0606, 0.03)) for side in (-1, 1)]
-    found = {"plate": [plate], "post": [post], "ring": [*ring, *legs]}
+    around = np.radians(np.linspace(45.0, 315.0, _SEGMENTS))
+    bracket = [
+        box_mesh((0.012, 0.048, 0.1)).transformed(
+            pose.from_rotation(pose.rotation_about(2, a), (0.09 * np.cos(a), 0.09 * np.sin(a), 0.056))
+        )
+        for a in around
+    ]
+    found = {"plate": [plate], "post": [post], "ring": [*ring, *legs], "bracket": bracket}
     return {name: joined([box_mesh(_FOOT), *boxes], name) for name, boxes in found.items()}
 
 
@@ -53,67 +76,16 @@ def _box(size: tuple[float, float, float], centre: tuple[float, float, float], a
     return box_mesh(size).transformed(pose.from_rotation(pose.rotation_about(0, angle), centre))
 
 
-@dataclass(frozen=True)
-class KnownWorld:
-    """The nominal cell that a guard uses.
-
-    Attributes
-    ----------
-    described
-        Description; the encoders are as accurate as the settings state.
-    nominal
-        Geometry with the part on the table.
-    settings
-        Of the guard.
-    ignored
-        Pairs of bodies that may touch.
-    """
-
-    described: CellDescription
-    nominal: NominalCell
-    settings: GuardSettings
-    ignored: tuple[tuple[str, str], ...] = ()
-
-    @cached_property
-    def meshes(self) -> dict[str, ReducedMesh]:
-        """Meshes that the guard compares."""
-        bodies = self.nominal.bodies
-        return {body.name: reduced(body.mesh, _MAX_FACES, self.settings.mesh_error) for body in bodies}
-
-    @cached_property
-    def _scene(self) -> ProximityScene:
-        scene = cell_scene(self.nominal, {name: found.mesh for name, found in self.meshes.items()})
-        return scene.without([frozenset(pair) for pair in self.ignored])
-
-    def is_clear(self, axes: Array) -> bool:
-        """Whether all pairs keep the guard's clearances and a margin at axes (joints + 1,), rad."""
-        scene, errors = self._scene, {name: found.error for name, found in self.meshes.items()}
-        least = 2 * self.settings.position_error + np.array([errors[a] + errors[b] for a, b in scene.pairs]) + _MARGIN
-        poses = self.nominal.body_poses(axes[None, :-1], axes[None, -1])
-        return bool((scene.distances(poses, least, 1)[0] >= least).all())
-
-    def guard(self, kind: type[Guard] = Guard, settings: GuardSettings | None = None) -> Guard:
-        """A guard of this cell."""
-        nominal = with_finger_travel(self.nominal, self.described)
-        return kind(nominal, self.described.robot, settings or self.settings, self.ignored)
-
-
-def known_world(described: CellDescription, part: Mesh) -> KnownWorld:
-    """A described cell with a part clamped on its table, without sensors."""
-    clamped = described.part.model_copy(update={"fixture": "clamped", "arrival": None})
-    described = described.model_copy(update={"part": clamped, **dict.fromkeys(SENSOR_KEYS, ())})
-    nominal = nominal_cell(described, part)
-    fingers, parts = (
-        [body.name for body in nominal.bodies if body.moves_with.startswith(frame)] for frame in ("finger[", "part")
-    )
-    ignored = tuple((finger, part) for finger in fingers for part in parts)
-    return KnownWorld(described, nominal, settings_of(described), ignored)
-
-
 def shipped_cells() -> dict[str, CellDescription]:
-    """All shipped cells by name, and one whose arm has motors and gears."""
+    """All shipped cells, that of an arm with motors and gears, and that of an arm of four joints, by name.
+
+    The shipped arm of seven joints is one of a URDF.
+    """
     found = {path.stem: load_setup(path).cell for path in sorted((assets_dir() / "cells").glob("*.toml"))}
-    return {**found, _MOTORS: with_motors(found["default"])}
+    default = found["default"]
+    robot = default.robot.model_copy(update={"joint": default.robot.joint[:4], "home_deg": default.robot.home_deg[:4]})
+    four = default.model_copy(update={"robot": robot})
+    return {**found, _MOTORS: with_motors(default), _FOUR_JOINTS: four}
 
 
 def described_cells(cell: str | None) -> dict[str, CellDescription]:
@@ -131,7 +103,7 @@ def with_motors(described: CellDescription) -> CellDescription:
 
 def with_encoders(described: CellDescription, rng: np.random.Generator) -> CellDescription:
     """The cell with encoders whose noise and steps together are those of the guard's settings, or as described."""
-    if rng.random() < _TRUE:
+    if rng.random() < _DESCRIBED:
         return described
     sigma = float(np.degrees(settings_of(described).noise))
     steps = float(rng.choice([0.0, 0.5, 0.9]))
@@ -145,44 +117,150 @@ def with_encoders(described: CellDescription, rng: np.random.Generator) -> CellD
     return described.model_copy(update={"robot": robot, "table": described.table.model_copy(update=keys)})
 
 
-def true_world(known: KnownWorld, rng: np.random.Generator) -> NominalCell:
-    """A world with the errors that the guard assumes: bodies displaced, surfaces outside the guard's meshes.
+@dataclass(frozen=True)
+class World:
+    """A cell as the guard knows it; the true bodies deviate from it by their stated errors.
 
-    Either the bodies around the arm are displaced by up to `position_error`, or all by half of it, so that no two
-    bodies are nearer by more. Surfaces reach beyond the meshes that the guard compares by their known error.
-    One world in four is as described.
+    Attributes
+    ----------
+    described
+        Description.
+    nominal
+        Geometry of all bodies with the part, which the judge uses.
+    settings
+        Of the guard.
+    grips
+        Whether the robot has a gripper around a free part at the start.
     """
-    if rng.random() < _TRUE:
-        return known.nominal
-    chain = set(arm_chain(known.nominal)) if rng.random() < 0.5 else set()
-    farthest = known.settings.position_error * (1.0 if chain else 0.5)
-    bodies = []
-    for body in known.nominal.bodies:
-        found = known.meshes[body.name]
-        mesh = _inflated(found.mesh, found.error)
-        size = 0.0 if body.name in chain else farthest * rng.choice([1.0, rng.random()])
-        direction = rng.normal(size=3)
-        bodies.append(_displaced(body, mesh, size * direction / np.linalg.norm(direction)))
-    return replace(known.nominal, bodies=tuple(bodies))
+
+    described: CellDescription
+    nominal: NominalCell
+    settings: GuardSettings
+    grips: bool = False
+
+    def guard(
+        self,
+        kind: type[Guard] = Guard,
+        settings: GuardSettings | None = None,
+        ignored: tuple[tuple[str, str], ...] = (),
+    ) -> Guard:
+        """A guard of this cell, as `guard_of` makes it."""
+        known = with_finger_travel(self.nominal, self.described)
+        may_touch = (*touching(known, self.described), *ignored)
+        return kind(known, self.described.robot, settings or self.settings, may_touch, movable_parts(self.described))
+
+    @cached_property
+    def _touching(self) -> tuple[tuple[str, str], ...]:
+        """Fingers and what they may grip."""
+        fingers = [body.name for body in self.nominal.bodies if body.moves_with.startswith("finger[")]
+        return tuple((finger, "part") for finger in fingers)
+
+    @cached_property
+    def names(self) -> list[str]:
+        """Bodies in the order of their poses."""
+        return [body.name for body in self.nominal.bodies]
+
+    @cached_property
+    def pairs(self) -> list[tuple[str, str]]:
+        """Pairs of bodies that are judged: all whose relative pose can change.
+
+        Nothing of this list comes from that of the guard. Excepted are bodies on both sides of one joint, pairs that
+        are in contact or nearly so at all axes, fingers and what they may grip, and a free part and what it may stand
+        on.
+        """
+        frames = {body.name: self._carrier(body) for body in self.nominal.bodies}
+        arm = ["base", *(f"link{i}" for i in range(1, len(self.nominal.arm.joints) + 1))]
+        joined_pairs = {frozenset(pair) for pair in pairwise(arm)} | {frozenset(("table", "table_base"))}
+        joined_pairs |= {frozenset(pair) for pair in self._touching}
+        joined_pairs |= {frozenset(pair) for pair in combinations(("gripper", "finger1", "finger2"), 2)}
+        if self.grips:
+            supports = ("table", *(belt.name for belt in self.described.conveyor))
+            joined_pairs |= {frozenset((support, "part")) for support in supports}
+        pairs = [(a, b) for a, b in combinations(frames, 2) if frames[a] != frames[b] and {a, b} not in joined_pairs]
+        lower, upper = self.nominal.arm.limits
+        rng = np.random.default_rng(0)
+        q, table = rng.uniform(lower, upper, (_RANDOM, len(lower))), rng.uniform(-3.0, 3.0, _RANDOM)
+        scene = ProximityScene({body.name: body.mesh for body in self.nominal.bodies}, pairs)
+        farthest = scene.distances(self.nominal.body_poses(q, table), _NEARLY, 1).max(0)
+        return [pair for pair, distance in zip(pairs, farthest, strict=True) if distance >= _NEARLY]
+
+    def _carrier(self, body: Body) -> str:
+        frame = "table" if body.moves_with == "part" and not self.grips else body.moves_with
+        return f"link[{len(self.nominal.arm.joints)}]" if frame == "sensor" else frame
+
+    @cached_property
+    def scene(self) -> ProximityScene:
+        """Distances of the judged pairs."""
+        return ProximityScene({body.name: body.mesh for body in self.nominal.bodies}, self.pairs)
+
+    @cached_property
+    def judge(self) -> Judge:
+        """Contacts of the judged pairs by python-fcl."""
+        meshes, kept = {body.name: body.mesh for body in self.nominal.bodies}, {frozenset(pair) for pair in self.pairs}
+        others = [frozenset(pair) for pair in combinations(self.names, 2) if frozenset(pair) not in kept]
+        return Judge(meshes, self.names, self.nominal.body_poses(self.nominal.home, 0.0), others)
+
+    @cached_property
+    def inner(self) -> NDArray[np.bool_]:
+        """Which of the judged pairs are two bodies of the arm, or its gripper and what it grips."""
+        arm = {*arm_chain(self.nominal), *(("part",) if self.grips else ())}
+        return np.array([a in arm and b in arm for a, b in self.pairs])
+
+    @cached_property
+    def start(self) -> Array:
+        """Axes (joints + 1,), rad, with the fingers around the part."""
+        down = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+        flange = pose.from_rotation(down, _GRIPPED_AT[1]) @ pose.inverse(flange_from_tool(self.nominal, "gripper"))
+        branches = self.nominal.arm.ik(flange, self.nominal.home)[0]
+        return np.append(branches[np.nanargmin(np.abs(branches - self.nominal.home).max(-1))], 0.0)
+
+    def carrying(self, held: bool) -> NominalCell:
+        """The geometry with the free part in the gripper, as at `start`, or where it lies on the belt."""
+        assert self.nominal.belt is not None
+        placed, frame = self.nominal.world_from_part_on_belt(0.0), "world"
+        if held:
+            placed = pose.inverse(self.nominal.arm.fk(self.start[:-1])) @ placed
+            frame = f"link[{len(self.nominal.arm.joints)}]"
+        bodies = [
+            replace(body, moves_with=frame, mesh=body.mesh.transformed(placed), patches=())
+            if body.name == "part"
+            else body
+            for body in self.nominal.bodies
+        ]
+        return replace(self.nominal, bodies=tuple(bodies))
+
+    def opened(self, width: float) -> NominalCell:
+        """The geometry with the pads of the gripper `width` (m) apart."""
+        gripper = self.described.gripper
+        assert gripper is not None
+        return replace(self.nominal, flange_from_finger=pose_matrix(gripper.pose) @ gripper_from_finger(width))
 
 
-def _displaced(body: Body, mesh: Mesh, by: Array) -> Body:
-    return replace(body, mesh=Mesh(mesh.vertices + by, mesh.faces, mesh.source), patches=())
+def world_of(described: CellDescription, part: Mesh, name: str, rng: np.random.Generator) -> World:
+    """A described cell without sensors and with a part, named `name`: clamped on its table, or in its gripper.
 
-
-def _inflated(mesh: Mesh, by: float) -> Mesh:
-    """The mesh with its vertices displaced by `by`, m, outwards."""
-    if by <= 0.0:
-        return mesh
-    _, same = np.unique(mesh.vertices.round(9), axis=0, return_inverse=True)
-    normals = np.zeros((int(same.max()) + 1, 3))
-    for corner in range(3):
-        np.add.at(normals, same[mesh.faces[:, corner]], mesh.normals * mesh.areas[:, None])
-    size = np.linalg.norm(normals, axis=1, keepdims=True)
-    normals /= np.where(size > 0, size, 1.0)
-    return Mesh(mesh.vertices + by * normals[same], mesh.faces, mesh.source)
-
-
-def world_of(known: KnownWorld, rng: np.random.Generator) -> tuple[CellDescription, NominalCell]:
-    """The cell as it is: with its encoders, and true bodies."""
-    return with_encoders(known.described, rng), true_world(known, rng)
+    Half of the parts that extend beyond the table have a post or hook in their way. One world in four has the meshes
+    of the description, the others simplified ones, for which the guard has no margin.
+    """
+    grips = described.gripper is not None and bool(described.conveyor) and rng.random() < 0.5
+    if grips:
+        part, placed = _GRIPPED, {"x_mm": _GRIPPED_AT[0], "y_mm": 0.0}
+        arrival = described.part.arrival
+        assert arrival is not None
+        arrival = arrival.model_copy(update={"pose": arrival.pose.model_copy(update=placed)})
+        piece = described.part.model_copy(update={"arrival": arrival})
+    else:
+        piece = described.part.model_copy(update={"fixture": "clamped", "arrival": None})
+    gripper = described.gripper
+    if gripper is not None and not grips:
+        gripper = gripper.model_copy(update={"start_mm": float(rng.choice([0.1, 0.5, 1.0])) * gripper.stroke_mm})
+    cell = described.model_copy(update={"part": piece, "gripper": gripper, **dict.fromkeys(SENSOR_KEYS, ())})
+    nominal = nominal_cell(cell, part)
+    bodies = list(nominal.bodies)
+    if not grips and name in POSTS and rng.random() < 0.5:
+        size, centre, angle = POSTS[name]
+        placed_at = nominal.world_from_part(angle * rng.choice([-1.0, 1.0])) @ pose.translation(centre)
+        bodies.append(Body("fixed_post", "world", box_mesh(size).transformed(placed_at), Material(0.5)))
+    if rng.random() >= _DESCRIBED:
+        bodies = [replace(body, mesh=decimated(body.mesh, _FEW_FACES), patches=()) for body in bodies]
+    return World(with_encoders(cell, rng), replace(nominal, bodies=tuple(bodies)), settings_of(cell), grips)
