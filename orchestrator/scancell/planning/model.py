@@ -29,6 +29,7 @@ MOTION_SHARE = 0.8
 _MAX_FACES = 5000  # meshes with more are reduced
 _MAX_ERROR = 0.5e-3  # m: what a reduced mesh may leave out, which is added to the clearance
 _BLOCK = 512  # poses of inverse kinematics between two looks at the work
+_NUMERICAL_BLOCK = 96  # of an arm without closed form
 _MAX_JUDGED_FACES = 100_000  # python-fcl takes 3 s to prepare a million
 
 
@@ -233,8 +234,7 @@ class PlanningCell:
         shape = (len(targets), len(self.nominal.arm.joints))
         near = None if reference is None else np.broadcast_to(np.asarray(reference, float), shape)
         found = []
-        for start in range(0, max(1, len(targets)), _BLOCK):
-            rows = slice(start, start + _BLOCK)
+        for rows in self._blocks(len(targets)):
             self.work.spend(self._pose_work * len(targets[rows]))
             found.append(self.nominal.arm.ik(targets[rows], None if near is None else near[rows], filtered))
         return np.concatenate(found)
@@ -242,12 +242,24 @@ class PlanningCell:
     def ik_along(self, table_from_sensor: ArrayLike, reference: ArrayLike | None = None) -> Array:
         """Joints (n, k, branches, joints), rad, along paths of sensor poses (n, k, 4, 4), see `Arm.ik_along`."""
         targets = self._world_from_flange(table_from_sensor)
-        self.work.spend(self._pose_work * (len(targets) if self._is_numerical else targets[..., 0, 0].size))
 
         def step(solutions: int) -> None:
             self.work.spend(NUMERICAL_STEP + NUMERICAL_ROW * solutions)
 
-        return self.nominal.arm.ik_along(targets, reference, on_step=step)
+        shape = (len(targets), len(self.nominal.arm.joints))
+        near = None if reference is None else np.broadcast_to(np.asarray(reference, float), shape)
+        found = []
+        for rows in self._blocks(len(targets)):
+            self.work.spend(
+                self._pose_work * (targets[rows, 0, 0, 0] if self._is_numerical else targets[rows, ..., 0, 0]).size
+            )
+            found.append(self.nominal.arm.ik_along(targets[rows], None if near is None else near[rows], on_step=step))
+        return np.concatenate(found)
+
+    def _blocks(self, count: int) -> list[slice]:
+        """Rows of inverse kinematics between two looks at the work."""
+        size = _NUMERICAL_BLOCK if self._is_numerical else _BLOCK
+        return [slice(start, start + size) for start in range(0, max(1, count), size)]
 
     @cached_property
     def _is_numerical(self) -> bool:
