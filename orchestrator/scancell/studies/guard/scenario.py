@@ -174,7 +174,7 @@ class Operator:
         self._left = list(scenario.motions)
         axes = cell.axis_names("command.")
         self._targets, self._line = cell.real_group(axes), cell.real_group(_pose_names("target"))
-        self._commanded = cell.real_group(cell.axis_names("controller.ahead[1]."))
+        self._commanded = cell.path_ahead(1)
         self._jog = cell.real_group([f"command.jog[{i}]" for i in range(1, len(axes) + 1)])
         self._speed, self._rate = cell.real_group(["command.speed"]), cell.real_group(["controller.rate"])
         self._has_gripper = nominal.flange_from_finger is not None
@@ -310,7 +310,7 @@ class Operator:
             self._cell.set_integer("command.jog_frame", frame)
             self._cell.set(self._jog, motion.by)
             return
-        self._from = self._cell.get(self._commanded).copy()
+        self._from = self._cell.get(self._commanded)[: self._targets.count].copy()
         if motion.kind is Kind.SERVO:
             self._stream(time)
             return
