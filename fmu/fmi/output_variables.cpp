@@ -22,7 +22,9 @@ void add_solver(TableBuilder& table, CellOutputs& out) {
   table.add(
       "truth.contact.solver_fallbacks", Causality::kOutput, Variability::kDiscrete, kNone,
       "Number of contact problems since the start whose forces are approximate: Dantzig's method failed, "
-      "or the iteration on the friction cone did not converge",
+      "or the iteration on the friction cone did not converge; and of steps in which the friction of the "
+      "joints of "
+      "dynamic drives did not converge",
       out.solver_fallbacks);
   table.add(
       "truth.contact.truncated", Causality::kOutput, Variability::kDiscrete, kNone,

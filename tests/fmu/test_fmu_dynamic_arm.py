@@ -209,3 +209,14 @@ def test_initial_values_of_dynamic_arm_depend_on_geometry(build: Build) -> None:
 
 def test_gear_too_stiff_for_time_step_is_rejected() -> None:
     assert "robot.dynamics.drives[0].motor_inertia" in rejection(dynamic_cell(motor_inertia=1e-3))
+
+
+@pytest.mark.parametrize("friction", [1.0, 30.0])
+def test_friction_of_the_joints_converges_in_every_step(build: Build, friction: float) -> None:
+    """Steps where it does not are counted among the approximate contact forces."""
+    cell = build(3, dynamic_cell(coulomb_friction=friction, gear_stiffness=2000.0), loggingOn=True)
+    for k in range(40):
+        cell.command(START + 0.2 * np.sin(0.15 * k + np.arange(6)), 0.0)
+        cell.step(CYCLE_US)
+    assert cell.get_int("truth.contact.solver_fallbacks") == 0
+    assert not any("approximate" in text for text in cell.messages)

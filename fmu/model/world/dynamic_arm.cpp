@@ -82,7 +82,7 @@ void DynamicArm::before_step(const std::array<MotorCommand, kMaxJoints>& command
 /// With A = M + step D + step^2 K of the implicit rule the rates after the step are A^-1 (b + step f). Every
 /// f is within its bounds, and at them unless its rate is 0. Solved by projected Gauss-Seidel, which
 /// converges for a positive definite A. The joint friction of the engine ignores the springs in A.
-DynamicArm::Torques DynamicArm::friction_torques() const {
+DynamicArm::Torques DynamicArm::friction_torques() {
   const auto n = static_cast<int>(joints());
   Torques bound(n), push(n), friction = Torques::Zero(n);
   Inertias implicit = arm_->getMassMatrix().topLeftCorner(n, n);  // the arm without the gripper's fingers
@@ -107,8 +107,9 @@ DynamicArm::Torques DynamicArm::friction_torques() const {
       change = std::max(change, std::abs(next - friction[i]));
       friction[i] = next;
     }
-    if (change < kFrictionAccuracy * bound.maxCoeff()) break;
+    if (change < kFrictionAccuracy * bound.maxCoeff()) return friction;
   }
+  ++unconverged_;
   return friction;
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
 #include <dart/dynamics/SmartPointer.hpp>
 #include <vector>
 
@@ -26,6 +27,9 @@ class DynamicArm {
   void before_step(const std::array<MotorCommand, kMaxJoints>& command, double step);
   void after_step();
 
+  /// Number of steps since the construction in which the friction torques did not converge.
+  std::int32_t unconverged() const { return unconverged_; }
+
   const ArmDynamicsState& state() const { return state_; }
   void restore(const ArmDynamicsState& state);
 
@@ -34,7 +38,7 @@ class DynamicArm {
   using Inertias = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMaxJoints, kMaxJoints>;
   std::size_t joints() const { return limits_.size(); }
   void write_engine_state();
-  Torques friction_torques() const;
+  Torques friction_torques();
 
   dart::dynamics::SkeletonPtr arm_;
   ArmDynamicsDescription description_;
@@ -44,6 +48,7 @@ class DynamicArm {
   std::array<double, kMaxJoints>
       motor_damping_torque_{};  // N m, in the current step: gear damping torque from the rate of the motor
   ArmDynamicsState state_;
+  std::int32_t unconverged_ = 0;
 };
 
 }  // namespace robotcell

@@ -262,7 +262,10 @@ PartPlacement World::placement(std::size_t index) const {
   }
 }
 
-std::int32_t World::solver_fallbacks() const { return *engine_->solver_fallbacks; }
+std::int32_t World::solver_fallbacks() const {
+  const std::int32_t friction = engine_->dynamic_arm ? engine_->dynamic_arm->unconverged() : 0;
+  return *engine_->solver_fallbacks + friction;
+}
 
 std::int32_t World::truncated_contacts() const { return engine_->detector->truncated(); }
 

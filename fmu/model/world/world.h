@@ -84,7 +84,7 @@ class World {
   Eigen::Isometry3d link_pose(std::size_t link) const;
 
   /// Number of contact problems since the construction for which Dantzig's method failed or the sweeps on the
-  /// friction cone did not converge, so that the contact forces were approximate.
+  /// friction cone did not converge, or steps whose joint friction did not, so that forces were approximate.
   std::int32_t solver_fallbacks() const;
 
   /// Number of times since the construction that a pair of bodies had more contact points than the collision
