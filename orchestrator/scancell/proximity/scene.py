@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 
 _ON_ARM = ("link", "sensor", "finger")
 _CONTACT = 1e-9  # m: bodies closer than this intersect
+_UNTOLD = 0.025  # m: nearer measured space may belong to the body itself
 _RESTING = 1e-4  # m: bodies at rest that are closer stand on each other
 
 
@@ -129,9 +130,10 @@ def cell_scene(
 ) -> ProximityScene:
     """Scene of all bodies with the pairs of `moving_pairs`, except those that are in contact by construction.
 
-    These intersect at nearly every configuration: links that reach into each other, a platter in its bearing, measured
-    space that holds the platter. Parts, and measured space in all other pairs, are never excepted. Of the pairs that
-    only `loose` frames move, those that touch at the home position are excepted, too: one rests on the other.
+    These intersect at nearly every configuration: links that reach into each other, a platter in its bearing; never a
+    part. Measured space is always compared with the arm; of other bodies, it is not compared with those that are within
+    25 mm at the home position: it cannot be told from them, as the unseen space of a survey. Of the pairs that only
+    `loose` frames move, those that touch at the home position are excepted, too: one rests on the other.
 
     Parameters
     ----------
@@ -146,9 +148,13 @@ def cell_scene(
     rng = np.random.default_rng(0)
     q, table = rng.uniform(lower, upper, (100, len(lower))), rng.uniform(0.0, 2 * np.pi, 100)
     overlapping = intersecting_pairs(scene, nominal.body_poses(q, table))
-    excepted = {pair for pair in overlapping if not pair & parts and (not _measured(pair) or "table" in pair)}
+    excepted = {pair for pair in overlapping if not pair & parts and not _measured(pair)}
+    home, arm = nominal.body_poses(nominal.home, 0.0)[None], set(arm_chain(nominal)) - {"base"}
+    around = {pair for pair in map(frozenset, scene.pairs) if _measured(pair) and not pair & arm}
+    if around:
+        excepted |= around & {frozenset((c.body_a, c.body_b)) for c in scene.clearance_violations(home, _UNTOLD)}
     driven = set(map(frozenset, moving_pairs(nominal)))
-    at_home = scene.clearance_violations(nominal.body_poses(nominal.home, 0.0)[None], _RESTING) if loose else []
+    at_home = scene.clearance_violations(home, _RESTING) if loose else []
     excepted |= {frozenset((clash.body_a, clash.body_b)) for clash in at_home} - driven
     return scene.without(excepted) if excepted else scene
 
