@@ -258,3 +258,21 @@ def test_random_vibration_rms_at_any_step(build: Build) -> None:
                 found.append(cell.vector("truth.table.position", 3) - [0.45, 0.0, 0.1])
     np.testing.assert_array_equal(samples[1000], samples[700])
     np.testing.assert_allclose(np.std(samples[1000], axis=0), 5e-6, rtol=0.12)
+
+
+@pytest.mark.parametrize("scale", [0.1, 0.2, 5.0])
+def test_line_moves_of_small_and_large_arms_are_regular(build: Build, scale: float) -> None:
+    """The bound of the smallest singular value, with rows in m and rad, is that of the rates of the joints."""
+    description = cell_description()
+    for joint in description["robot"]["joints"]:
+        joint["a"] *= scale
+        joint["d"] *= scale
+    description["tool"]["flange_from_sensor"]["position"] = [0.01 * scale, -0.02 * scale, 0.08 * scale]
+    description["table"]["world_from_table"]["position"] = [5.0, 0.0, 0.1]  # out of the way
+    cell = build(2, description)
+    displacement = np.array([0.0, 0.0, 0.03 * scale])
+    target = cell.vector("truth.sensor.position", 3) + displacement
+    start_line(cell, displacement)
+    cell.step(CYCLE_US, 120)
+    assert cell.get_int("controller.error") == 0
+    np.testing.assert_allclose(cell.vector("truth.sensor.position", 3), target, rtol=0, atol=1e-8)
