@@ -78,6 +78,7 @@ void BackgroundLight::measure(ImageRows image, float black, const PixelNoise& no
   const float sigma = std::sqrt(noise.variance_floor + (noise.gain + noise.pattern * light) * light);
   // The median of digital numbers is an integer, the mean of those around it is not.
   double sum = 0.0;
+  double squares = 0.0;
   int near = 0;
   int around = 0;
   const float tolerance = 1.5f * sigma + 0.5f;
@@ -85,10 +86,13 @@ void BackgroundLight::measure(ImageRows image, float black, const PixelNoise& no
     const float distance = std::fabs(value - median);
     near += distance <= tolerance ? 1 : 0;
     if (distance > 4.0f * sigma + 1.0f) continue;
-    sum += static_cast<double>(value);
+    sum += static_cast<double>(value - median);
+    squares += static_cast<double>(distance * distance);
     ++around;
   }
-  level_ = static_cast<float>(sum / around);
+  const double mean = sum / around;
+  level_ = median + static_cast<float>(mean);
+  variance_ = std::min(sigma * sigma, static_cast<float>(squares / around - mean * mean));
   if (std::fabs(level_ - black) <= 4.0f * sigma / std::sqrt(static_cast<float>(around))) level_ = black;
   uniform_ = 4 * near >= 3 * kSamples * kSamples;
   if (uniform_) return;

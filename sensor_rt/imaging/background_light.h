@@ -21,6 +21,10 @@ class BackgroundLight {
   /// Returns the mean level, DN; exactly `black` unless the sample shows light.
   float level() const { return level_; }
 
+  /// Returns the variance of pixels at this level if it is uniform, DN²; at most that of `noise` with the
+  /// light. Digital numbers of a quiet pixel do not vary at all.
+  float variance() const { return variance_; }
+
   /// Returns the image less its background plus `pedestal`, from 0 to `largest`.
   ImageRows subtract(ImageRows image, int pedestal, int largest);
 
@@ -34,6 +38,7 @@ class BackgroundLight {
 
   bool uniform_ = true;
   float level_ = 0.0f;
+  float variance_ = 0.0f;
   int width_ = 0;
   int height_ = 0;
   int cell_rows_ = 1;

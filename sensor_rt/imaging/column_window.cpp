@@ -7,6 +7,7 @@ namespace sensor_rt {
 namespace {
 
 constexpr double kPixelVariance = 1.0 / 12.0;
+constexpr double kDark = 0.5;        // DN: a pixel without stripe
 constexpr float kShapeReach = 3.0f;  // standard deviations to either side in a typical window
 
 /// Subtracts the smaller of the signals at the ends: the halo of a stripe would govern
@@ -29,8 +30,8 @@ ColumnWindow gather(ImageRows image, const PixelNoise& noise, const Candidate& c
     const auto value = static_cast<float>(image.at(rows.first + i, candidate.column));
     w.signal[i] = static_cast<double>(value - candidate.background_at(rows.first + i));
     const double light = std::max(0.0, w.signal[i]);
-    w.variance[i] = static_cast<double>(noise.variance_floor + candidate.light_variance) +
-                    static_cast<double>(noise.gain) * light + relative * light * light;
+    w.variance[i] = noise.variance(w.signal[i]) + static_cast<double>(candidate.light_variance) +
+                    relative * light * light;
     w.clipped[i] = !(value < noise.saturation);
   }
   return w;

@@ -11,6 +11,7 @@
 #include "sensor_rt/imaging/background_light.h"
 #include "sensor_rt/imaging/background_subtraction.h"
 #include "sensor_rt/imaging/choose.h"
+#include "sensor_rt/imaging/interpolation_error.h"
 #include "sensor_rt/imaging/stripe.h"
 
 namespace sensor_rt {
@@ -82,7 +83,11 @@ bool chosen_by_rank(PeakChoice choice) {
 class Extractor::Impl {
  public:
   Impl(const ExtractionOptions& options, const ImageNoise& noise, SheetGeometry geometry, bool all_peaks)
-      : options_(options), image_noise_(noise), geometry_(std::move(geometry)), all_peaks_(all_peaks) {
+      : options_(options),
+        image_noise_(noise),
+        geometry_(std::move(geometry)),
+        all_peaks_(all_peaks),
+        interpolation_error_(*kLocators[static_cast<std::size_t>(options.detector)]) {
     validate(options, noise, geometry_);
     const double dark_dn = noise.gain_dn_per_e * std::hypot(noise.read_noise_e, noise.dsnu_e);
     noise_.variance_floor = static_cast<float>(dark_dn * dark_dn + 1.0 / 12.0);
@@ -104,6 +109,7 @@ class Extractor::Impl {
     const float light = noise.background - black;
     noise.variance_floor += (noise.gain + noise.pattern * light) * light;
     noise.gain += 2.0f * noise.pattern * light;
+    noise.dark_variance = light_.is_uniform() ? light_.variance() : noise.variance_floor;
     measure_stripe(image, noise, nullptr, 1.0f, camera);
   }
 
@@ -133,6 +139,7 @@ class Extractor::Impl {
     }
     noise.speckle = speckle_[static_cast<std::size_t>(camera)];
     const auto black = static_cast<float>(image_noise_.black_level_dn);
+    if (background != nullptr) noise.dark_variance = noise.variance_floor;
     PixelNoise lit_noise = noise;
     if (background != nullptr) {
       light_.measure(*background, black, noise_);
@@ -169,6 +176,7 @@ class Extractor::Impl {
     locate(image, noise, peaks.candidates.data(), peaks.candidates.size(), peaks.fits.data());
     for (StripeFit& fit : peaks.fits) {
       fit.amplitude *= dn_per_count;
+      fit.row_sigma = std::hypot(fit.row_sigma, interpolation_error_.at(fit.width));
       flag_shape(options_, fit);
     }
   }
@@ -253,6 +261,7 @@ class Extractor::Impl {
   PixelNoise noise_;
   std::unique_ptr<BackgroundSubtraction> difference_;
   std::vector<SpeckleNoise> speckle_;  // per camera
+  InterpolationError interpolation_error_;
   CandidateFinder finder_;
   BackgroundLight light_;
   std::vector<CameraPeaks> cameras_;

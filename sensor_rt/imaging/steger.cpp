@@ -123,9 +123,9 @@ class Ridge {
         const double light = std::max(0.0, value);
         const double influence =
             (across_.d1[i] * down.g[j] * nx + across_.g[i] * down.d1[j] * ny) / (bend * ny);
-        variance += influence * influence *
-                    (static_cast<double>(noise_.variance_floor + c_.light_variance) +
-                     static_cast<double>(noise_.gain) * light + relative * light * light);
+        variance +=
+            influence * influence *
+            (noise_.variance(value) + static_cast<double>(c_.light_variance) + relative * light * light);
       }
     }
     return variance;

@@ -1,6 +1,7 @@
 // Data shared by the steps of the stripe extraction. Internal to imaging.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -16,10 +17,18 @@ namespace sensor_rt {
 struct PixelNoise {
   float background = 0.0f;      ///< level of the image in which stripes are searched
   float variance_floor = 0.0f;  ///< read noise and quantisation, DN²
+  float dark_variance = 0.0f;   ///< the same without light of the stripe, where rounding need not vary, DN²
   float gain = 0.0f;            ///< DN per electron: shot noise has variance gain * signal
   float pattern = 0.0f;         ///< variance of the relative pixel sensitivities
   float saturation = 0.0f;      ///< larger values are ignored
   SpeckleNoise speckle;
+
+  /// Returns the variance of a pixel `signal` above the background, without pattern and speckle, DN².
+  double variance(double signal) const {
+    constexpr double kDark = 0.5;  // DN
+    const float floor = signal < kDark ? dark_variance : variance_floor;
+    return static_cast<double>(floor) + static_cast<double>(gain) * std::max(0.0, signal);
+  }
 
   /// Returns the relative variance of the light of a pixel in sums over the window, in which speckle is
   /// treated as independent between pixels.

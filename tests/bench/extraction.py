@@ -1,4 +1,4 @@
-"""`python -m bench.extraction` (in tests/): accuracy and time of stripe extraction, as tables in docs/extraction.md."""
+"""`python -m bench.extraction` (in tests/): accuracy, stated deviations and time of extraction (docs/extraction.md)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from benchmarks.tracks.stripe import FLOOR_E2
-from scancell.sensor import Scene, Sensor, extract
+from scancell.sensor import Scene, Sensor, extract, scan
 
 from .table import cpu_model, replace_paragraphs
 from .timing import measure
@@ -24,7 +24,7 @@ sys.path.append(str(TESTS / "sensor_rt"))
 import test_accuracy  # noqa: E402
 import test_edges  # noqa: E402
 import test_ghosts  # noqa: E402
-from scenes import pose  # noqa: E402
+from scenes import moving, plane, pose  # noqa: E402
 from stripe_images import OPEN, PEAK_E, accepted, images_of, make_sensor, mean_bound, stripe  # noqa: E402
 
 Array = NDArray[np.float64]
@@ -106,6 +106,50 @@ def detector_table() -> Iterator[str]:
         figures.append(f"{stripe_errors(sensor, 1.5, PEAK_E, ghost=0.25).bias:+.3f}")
         figures.append(f"{milliseconds(detector):.2f}")
         yield f"| {name} | " + " | ".join(figures) + " |"
+
+
+def stated_ratio(detector: str, sigma: float, height: float, full_well_e: float = 11_000.0) -> float:
+    """Standard deviation of the error over the stated one; height of the stripe in shares of PEAK_E."""
+    sensor = sensor_with(detector, detector={"full_well_e": full_well_e})
+    truth = np.stack([rows(f) for f in range(FRAMES // 2)])
+    light = np.stack([stripe(r, sigma, height * PEAK_E, HEIGHT) for r in truth])
+    peaks = extract(images_of(sensor, light, len(truth)), sensor)
+    keep = accepted(peaks)
+    if keep.sum() < WIDTH // 2:
+        return float("nan")
+    error, stated = (peaks.row - truth[peaks.frame, peaks.column])[keep], peaks.row_sigma[keep].astype(float)
+    return float(error.std() / np.sqrt(np.mean(stated**2)))
+
+
+def sigma_table() -> Iterator[str]:
+    """One line per detector: the range of observed over stated standard deviations."""
+    groups = {"σ = 0.6, 0.8 px": (0.6, 0.8), "σ = 1, 1.5 px": (1.0, 1.5), "σ = 3, 4 px": (3.0, 4.0)}
+    heads = ["observed / stated", *groups, "2.7 × saturated, σ = 0.8 to 3 px"]
+    yield "| " + " | ".join(heads) + " |"
+    yield "|---" * len(heads) + "|"
+    for detector in NAMES:
+        cells = [
+            [stated_ratio(detector, sigma, height) for sigma in widths for height in (0.133, 0.4, 0.889)]
+            for widths in groups.values()
+        ]
+        cells.append([stated_ratio(detector, s, 2.7, full_well_e=PEAK_E) for s in (0.8, 1.0, 1.5, 2.2, 3.0)])
+        ranges = ["none found" if np.isnan(c).all() else f"{np.nanmin(c):.2f} … {np.nanmax(c):.2f}" for c in cells]
+        yield f"| `{detector}` | " + " | ".join(ranges) + " |"
+
+
+def speckle_table() -> Iterator[str]:
+    """Observed over stated standard deviations of a speckled plane that moves along the sheet's normal."""
+    yield "| speckle, travel per exposure, µm | 0 | 25 | 50 | 100 | 200 | 400 |"
+    yield "|---|---|---|---|---|---|---|"
+    for contrast in (0.1, 0.5, 1.0):
+        sensor = make_sensor(speckle={"contrast": contrast}, laser={"power": 2e-3, "fan_half_angle": 0.28}, cameras=2)
+        ratios = []
+        for travel in (0.0, 25e-6, 50e-6, 100e-6, 200e-6, 400e-6):
+            poses = [pose((0.013 + s * travel, -0.021, 0.12)) for s in (-0.5, 0.5)]
+            points = scan(plane(), sensor, moving([[place] for place in poses], [np.eye(4)] * 2)).profiles
+            error = points.points_in_sensor[:, 2] - 0.12
+            ratios.append(error.std() / np.sqrt(np.mean(points.sigma.astype(float) ** 2)))
+        yield f"| contrast {contrast:g} | " + " | ".join(f"{ratio:.2f}" for ratio in ratios) + " |"
 
 
 def step_deviation() -> float:
@@ -204,11 +248,16 @@ def requirement_table() -> Iterator[str]:
 def main() -> None:
     """Measure and write."""
     parser = argparse.ArgumentParser(prog="python -m bench.extraction", description=__doc__)
+    parser.add_argument("--sigmas", action="store_true", help="only the tables of stated standard deviations")
     parser.add_argument("--page", type=Path, default=TESTS.parent / "docs" / "extraction.md")
-    page = parser.parse_args().page
+    arguments = parser.parse_args()
+    page = arguments.page
     command = "Written by `PYTHONPATH=tests python -m bench.extraction`."
-    tables = {"| detector |": list(detector_table()), "| quantity |": list(requirement_table())}
-    replace_paragraphs(page, {command: [f"{command} CPU: {cpu_model()}."], **tables})
+    tables = {"| observed / stated |": list(sigma_table()), "| speckle, travel": list(speckle_table())}
+    if not arguments.sigmas:
+        tables |= {"| detector |": list(detector_table()), "| quantity |": list(requirement_table())}
+        tables |= {command: [f"{command} CPU: {cpu_model()}."]}
+    replace_paragraphs(page, tables)
     print("\n".join(line for table in tables.values() for line in table))
 
 
