@@ -97,16 +97,18 @@ def _bars(kind: str, rng: np.random.Generator) -> tuple[list[trimesh.Trimesh], A
         ]
         return [back, *arms], np.array([0.6 * long.min(), rng.uniform(-0.2, 0.2) * wide, high])
     if kind == "ring":
-        inner, gap = rng.uniform(0.025, 0.05), rng.uniform(0.5, 1.5)
-        pieces = []
+        inner, gap = float(rng.uniform(0.025, 0.05)), float(rng.uniform(0.5, 1.5))
+        pieces, half = [], 0.19 * (inner + wall)
         for angle in np.arange(gap, 2 * np.pi - gap, 0.35):
-            piece = _box((inner, inner + wall), (-0.19 * (inner + wall), 0.19 * (inner + wall)), (0, high))
+            piece = _box((inner, inner + wall), (-half, half), (0, high))
             pieces.append(piece.apply_transform(pose.from_rotation(pose.rotation_about(2, angle))))
         return pieces, np.array([rng.uniform(0.3, 1.3) * inner, 0.0, high])
     if kind == "fin":
-        thick, long, tall = rng.uniform(0.001, 0.003), rng.uniform(0.05, 0.12), rng.uniform(0.06, 0.18)
+        thick, across, tall = rng.uniform(0.001, 0.003), rng.uniform(0.05, 0.12), rng.uniform(0.06, 0.18)
         foot = _box((-0.02, 0.02), (-0.03, 0.03), (0, 0.008))
-        return [foot, _box((-thick / 2, thick / 2), (-0.4 * long, 0.6 * long), (0, tall))], np.array([0.04, 0.03, tall])
+        return [foot, _box((-thick / 2, thick / 2), (-0.4 * across, 0.6 * across), (0, tall))], np.array(
+            [0.04, 0.03, tall]
+        )
     bar = _box((-0.03, 0.08), (-wall, wall), (0, 0.02))
     stand = _box((0.08 - wall, 0.08), (-wall, wall), (0, high + 0.03))
     nose = _box((0.03, 0.08), (-wall, wall), (high + 0.02, high + 0.03))
