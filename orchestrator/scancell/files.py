@@ -1,4 +1,4 @@
-"""Reading of files of unknown content, atomic writing, tables for files, and names for files."""
+"""Reading of files of unknown content, versions of formats, atomic writing, tables for files, names for files."""
 
 from __future__ import annotations
 
@@ -21,6 +21,11 @@ if TYPE_CHECKING:
 
 MAX_FILE_BYTES = 4 << 30  # of a file that a library reads by its name
 MAX_TEXT_BYTES = 256 << 20  # of a text that is read at once
+
+# Versions that are written, and the newest ones that are read: a version rises when earlier readers would misread it.
+PLAN_VERSION = 1
+RECORDING_VERSION = 1
+MANIFEST_VERSION = 1
 
 
 def require_file(
@@ -70,6 +75,26 @@ def read_json(path: str | Path, raises: type[ScancellError] = DescriptionError) 
         raise raises(f"cannot be read as JSON: {error}", file=path) from None
     except (RecursionError, MemoryError):
         raise raises("cannot be read as JSON: it is nested too deeply, or too large", file=path) from None
+
+
+def require_format_version(version: Any, newest: int, path: str | Path) -> None:
+    """Refuse a file whose `format_version` is not known; None: it has none, because it is older than the key.
+
+    Raises `DescriptionError` naming the file.
+    """
+    if version is None:
+        return
+    if type(version) is not int or version < 1:
+        raise DescriptionError(
+            file=path, key="format_version", value=version, expected=f"an integer from 1 to {newest}"
+        )
+    if version > newest:
+        raise DescriptionError(
+            f"is of a newer version of scancell, this one reads up to {newest}: update scancell",
+            file=path,
+            key="format_version",
+            value=version,
+        )
 
 
 def _regular_size(path: Path, raises: type[ScancellError], most_bytes: int) -> int:

@@ -228,6 +228,7 @@ class Scanner(Closing):
             if not isinstance(recording, Recording):
                 job = replace(job, recording_file=Path(recording))
                 recording = read_recording(Path(recording))
+            recording.measured.require_joints(len(job.setup.cell.robot.joint))
         scan = Scan(self.pipeline, job, engine, estimated, on_images, self.setup_warnings)
         return ScanResult.of(scan.of_recording(recording, None, as_progress(progress), watch))
 

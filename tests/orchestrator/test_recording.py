@@ -23,7 +23,12 @@ LAYOUT = RecordLayout()
 def recording(count: int = COUNT) -> Recording:
     rng = np.random.default_rng(5)
     columns = {name: rng.normal(size=count) for name in (*LAYOUT.measured, *LAYOUT.truth)}
+    columns["trigger.time"] = np.cumsum(rng.uniform(1e-3, 0.1, count))
     columns["trigger.exposure"] = np.full(count, 2e-3)
+    for frame in LAYOUT.frames:
+        names = [f"trigger.truth.{frame}.orientation[{i}]" for i in range(1, 5)]
+        quaternion = np.array([columns[name] for name in names])
+        columns |= dict(zip(names, quaternion / np.linalg.norm(quaternion, axis=0), strict=True))
     columns["trigger.index"] = np.arange(1, count + 1)
     columns["trigger.segment"] = np.repeat([3, 9], [count // 2, count - count // 2])
     return Recording(columns)

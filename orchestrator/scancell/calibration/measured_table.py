@@ -19,6 +19,7 @@ from scancell.files import atomic_write, read_text
 Array = NDArray[np.float64]
 
 _YAML = (".yaml", ".yml")
+_LARGEST = 1e12  # of any unit
 
 
 class MeasuredTable:
@@ -58,9 +59,9 @@ class MeasuredTable:
         else:
             values = np.array([self._number(name, row, value) for row, value in enumerate(column.to_pylist())], float)
         needed = np.ones(len(self), bool) if where is None else where
-        wrong = np.flatnonzero(~np.isfinite(values) & (needed | np.isinf(values)))
+        wrong = np.flatnonzero(np.where(np.isnan(values), needed, np.abs(values) > _LARGEST))
         if len(wrong):
-            self.refuse(int(wrong[0]), name, "a finite number")
+            self.refuse(int(wrong[0]), name, f"a finite number from {-_LARGEST:g} to {_LARGEST:g}")
         return values
 
     def words(self, name: str, default: str | None = None) -> list[str]:

@@ -5,10 +5,12 @@ A recording is a table whose columns are named like the FMU's variables, so that
 
 from __future__ import annotations
 
-import itertools
+import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 import pyarrow as pa
@@ -18,7 +20,7 @@ from numpy.typing import NDArray
 
 from scancell.arguments import checked_arguments
 from scancell.errors import DescriptionError
-from scancell.files import arrow_table, atomic_write, require_file
+from scancell.files import RECORDING_VERSION, arrow_table, atomic_write, require_file, require_format_version
 from scancell.geometry import pose
 from scancell.values import Value
 
@@ -28,6 +30,13 @@ _PARTS_OF_POSE = (("position", 3), ("orientation", 4), ("velocity", 3), ("angula
 _TRUTH = "trigger.truth."
 _BELT = "trigger.measured.conveyor[{}]"
 _SPAN = 0.01  # s
+_INDEXED = re.compile(r"trigger\.(?:measured|truth)\.(?P<kind>qd?|conveyor|link|part|finger)\[(?P<index>[0-9]{1,9})\]")
+_LARGEST = 1e6  # m, rad, m/s, rad/s or s of an exposure
+_LATEST = 1e10  # s: clocks may count from 1970
+_LARGEST_INTEGER = 2.0**32 - 1
+_VERSION_KEY = "format_version"
+_DIGITS = re.compile(r"[0-9]{1,9}")
+_UNIT = 1e-3  # deviation of the norm of a quaternion from 1, for files of few digits
 
 
 def _indexed(name: str, count: int) -> list[str]:
@@ -48,18 +57,19 @@ class RecordLayout:
 
     @classmethod
     def of(cls, columns: Iterable[str]) -> RecordLayout:
-        """Layout of columns or FMU variables; at least 4 joints and 1 part, so that missing ones are named."""
-        names = set(columns)
+        """Layout of columns or FMU variables, by the largest index of each; at least 4 joints and 1 part.
 
-        def count(first: int, name: str) -> int:
-            return next(n for n in itertools.count(first) if name.format(n + 1) not in names)
-
-        return cls(
-            count(4, "trigger.measured.q[{}]"),
-            count(1, _TRUTH + "part[{}].position[1]"),
-            count(0, _TRUTH + "finger[{}].position[1]"),
-            count(0, _BELT + ".travel"),
-        )
+        A column that is missing below the largest index is one of the layout.
+        """
+        largest = Counter({"q": 4, "part": 1})
+        names = list(columns)
+        for name in names:
+            found = _INDEXED.match(name)
+            if found:
+                kind = {"qd": "q", "link": "q"}.get(found["kind"], found["kind"])
+                # An index beyond the number of columns is wrong: no list of that length is needed to say so.
+                largest[kind] = max(largest[kind], min(int(found["index"]), len(names)))
+        return cls(largest["q"], largest["part"], largest["finger"], largest["conveyor"])
 
     @property
     def measured(self) -> tuple[str, ...]:
@@ -114,6 +124,13 @@ class TriggerRecords(Value):
     table_rate: Array
     belt: Array = field(default_factory=lambda: np.empty((0, 0)))
     belt_speed: Array = field(default_factory=lambda: np.empty((0, 0)))
+
+    def require_joints(self, joints: int) -> None:
+        """Raises `DescriptionError` if the records are of an arm with another number of joints."""
+        if self.q.shape[1] != joints:
+            raise DescriptionError(
+                f"states {self.q.shape[1]} joints", key="recording", expected=f"{joints}, as the arm of the cell"
+            )
 
     def on_belt(self, conveyor: int) -> TriggerRecords:
         """Records for a part on conveyor number `conveyor` (from 1): `table` is the travel of its belt, m, and
@@ -348,7 +365,7 @@ def write_recording(recording: Recording, path: Path) -> None:
     OutputError
         If the file cannot be written.
     """
-    table = arrow_table(recording.columns)
+    table = arrow_table(recording.columns).replace_schema_metadata({_VERSION_KEY: str(RECORDING_VERSION)})
     with atomic_write(path) as temporary:
         if path.suffix.lower() == ".csv":
             pyarrow.csv.write_csv(table, temporary)
@@ -365,7 +382,8 @@ def read_recording(path: str | Path) -> Recording:
     Raises
     ------
     DescriptionError
-        If the file is missing, not a table, lacks a column or holds values that are not finite numbers.
+        If the file is missing, not a table, of a newer version, lacks a column, or holds values that are not finite
+        numbers within bounds, or indices or times that do not rise.
 
     Examples
     --------
@@ -391,32 +409,75 @@ def read_exposure_times(path: Path) -> Array:
     Raises
     ------
     DescriptionError
-        If the file is missing, not a table, lacks this column or holds values that are not finite numbers.
+        If the file is missing, not a table, of a newer version, lacks this column or holds values that are not rising
+        numbers.
     """
-    table = read_table(path)
+    table = _read_recording_table(path)
     if "trigger.time" not in table.column_names:
         raise DescriptionError("the column 'trigger.time' is missing", file=path)
-    return _numbers(table, "trigger.time", path)
+    times = numbers(table, "trigger.time", path, _LATEST)
+    _require_rising(times, "trigger.time", np.arange(len(times)), path)
+    return times
 
 
 def _read(path: Path, with_truth: bool) -> Recording:
-    table = read_table(path)
+    table = _read_recording_table(path)
     layout = RecordLayout.of(table.column_names)
     with_truth |= any(name.startswith(_TRUTH) for name in table.column_names)
     wanted = (*INTEGER_COLUMNS, *layout.measured, *(layout.truth if with_truth else ()))
     missing = [name for name in wanted if name not in table.column_names]
     if missing:
         raise DescriptionError(f"{len(missing)} columns are missing, the first is '{missing[0]}'", file=path)
-    columns: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {}
-    for name in wanted:
-        columns[name] = _numbers(table, name, path)
-    index = columns["trigger.index"].astype(np.int64)
-    fresh = (index > 0) & (np.diff(index, prepend=0) != 0)
-    kept = {name: values[fresh] for name, values in columns.items()}
-    kept.update({name: kept[name].astype(np.int64) for name in INTEGER_COLUMNS})
-    if not len(kept["trigger.index"]):
+    columns: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {
+        name: integers(table, name, path) for name in INTEGER_COLUMNS
+    }
+    for name in (*layout.measured, *(layout.truth if with_truth else ())):
+        largest = _LATEST if name == "trigger.time" else _LARGEST
+        columns[name] = numbers(table, name, path, largest, nan=name.startswith(_TRUTH))
+    index = columns["trigger.index"]
+    rows = np.flatnonzero((index > 0) & (np.diff(index, prepend=0) != 0))
+    if not len(rows):
         raise DescriptionError(f"holds no trigger (trigger.index is 0 in all {len(index)} rows)", file=path)
+    kept = {name: values[rows] for name, values in columns.items()}
+    for name in ("trigger.index", "trigger.time"):
+        _require_rising(kept[name], name, rows, path)
+    short = np.flatnonzero(kept["trigger.exposure"] < 0.0)
+    if len(short):
+        row = int(short[0])
+        refuse_value(path, "trigger.exposure", int(rows[row]), kept["trigger.exposure"][row], "0 s or more")
+    for frame in layout.frames if with_truth else ():
+        norm = np.linalg.norm([kept[name] for name in _indexed(f"{_TRUTH}{frame}.orientation", 4)], axis=0)
+        wrong = np.flatnonzero(np.abs(norm - 1.0) > _UNIT)  # not where it is NaN
+        if len(wrong):
+            row = int(wrong[0])
+            expected = "the norm 1 of a quaternion"
+            refuse_value(path, f"{_TRUTH}{frame}.orientation[1] to [4]", int(rows[row]), float(norm[row]), expected)
     return Recording(kept)
+
+
+def _read_recording_table(path: Path) -> pa.Table:
+    table = read_table(path)
+    stated = (table.schema.metadata or {}).get(_VERSION_KEY.encode())
+    if stated is not None:
+        text = stated.decode(errors="replace")
+        require_format_version(int(text) if _DIGITS.fullmatch(text) else text, RECORDING_VERSION, path)
+    return table
+
+
+def _require_rising(
+    values: NDArray[np.float64] | NDArray[np.int64], name: str, rows: NDArray[np.intp], path: Path
+) -> None:
+    """Refuse values (n,) of the `rows` (n,) of a file that do not rise from each to the next."""
+    back = np.flatnonzero(np.diff(values) <= 0)
+    if len(back):
+        row = int(back[0]) + 1
+        expected = f"more than {values[row - 1].item()!r} of the exposure before"
+        refuse_value(path, name, int(rows[row]), values[row].item(), expected)
+
+
+def refuse_value(path: Path, name: str, row: int, value: object, expected: str) -> NoReturn:
+    """Raise a `DescriptionError` on a value of a table; `row` counts from 0."""
+    raise DescriptionError(file=path, key=f"column '{name}', row {row + 1}", value=value, expected=expected)
 
 
 def read_table(path: Path, convert: pyarrow.csv.ConvertOptions | None = None) -> pa.Table:
@@ -439,14 +500,29 @@ def read_table(path: Path, convert: pyarrow.csv.ConvertOptions | None = None) ->
     return table
 
 
-def _numbers(table: pa.Table, name: str, path: Path) -> NDArray[np.float64]:
+def numbers(table: pa.Table, name: str, path: Path, largest: float, *, nan: bool = False) -> NDArray[np.float64]:
+    """Values (n,) of a column of a table of the file `path`.
+
+    Raises `DescriptionError` if one is not a number from -`largest` to `largest`; with `nan`, NaN is accepted.
+    """
     try:
         values = np.asarray(table.column(name).to_numpy(), float)
     except (ValueError, TypeError):
         raise DescriptionError("holds values that are not numbers", file=path, key=f"column '{name}'") from None
-    if not name.startswith(_TRUTH) and not np.isfinite(values).all():
-        row = int(np.flatnonzero(~np.isfinite(values))[0])
-        raise DescriptionError(
-            file=path, key=f"column '{name}', row {row + 1}", value=float(values[row]), expected="a finite number"
-        )
+    except KeyError:
+        raise DescriptionError("is missing", file=path, key=f"column '{name}'") from None
+    wrong = np.flatnonzero(~((np.abs(values) <= largest) | (nan & np.isnan(values))))
+    if len(wrong):
+        row = int(wrong[0])
+        refuse_value(path, name, row, float(values[row]), f"a finite number from {-largest:g} to {largest:g}")
     return values
+
+
+def integers(table: pa.Table, name: str, path: Path) -> NDArray[np.int64]:
+    """Values (n,) of a column of integers from 0, see `numbers`."""
+    values = numbers(table, name, path, _LARGEST_INTEGER)
+    wrong = np.flatnonzero((values < 0) | (values != np.floor(values)))
+    if len(wrong):
+        row = int(wrong[0])
+        refuse_value(path, name, row, float(values[row]), "an integer, 0 or more")
+    return values.astype(np.int64)

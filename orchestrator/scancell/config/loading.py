@@ -16,6 +16,7 @@ from scancell.config.path import PathDescription
 from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
 from scancell.errors import DescriptionError
+from scancell.files import MANIFEST_VERSION, read_json, require_format_version
 
 __all__ = [
     "FILE_KEYS",
@@ -120,7 +121,7 @@ def with_path(setup: Setup, path: PathDescription | str | Path | None) -> Setup:
 
 
 def load_resolved(path: str | Path) -> tuple[Setup, dict[str, Any]]:
-    """Read the ``resolved.toml`` of a run folder.
+    """Read the ``resolved.toml`` of a run folder; its ``manifest.json``, if it has one, states the version.
 
     Raises `DescriptionError` naming file, key, value and what was expected.
 
@@ -131,6 +132,11 @@ def load_resolved(path: str | Path) -> tuple[Setup, dict[str, Any]]:
     run
         Its other inputs: part, unit, engine, as_built, seed, command line.
     """
+    manifest = Path(path).parent / "manifest.json"
+    if manifest.is_file():
+        stated = read_json(manifest)
+        version = stated.get("format_version") if isinstance(stated, dict) else None
+        require_format_version(version, MANIFEST_VERSION, manifest)
     run = read_toml(Path(path)).get("run")
     if not isinstance(run, dict):
         raise DescriptionError(file=path, expected="a section [run], as in the resolved.toml of a run folder")

@@ -19,6 +19,7 @@ from scancell.cell.fmu_file import runtime_dir
 from scancell.config.files import file_entries, plain_data, toml_text
 from scancell.config.loading import Setup
 from scancell.errors import CellError
+from scancell.files import MANIFEST_VERSION
 from scancell.proximity import _native as proximity_native
 from scancell.sensor import _native as sensor_native
 
@@ -118,7 +119,12 @@ def manifest(setup: Setup, inputs: Sequence[Path], run: Mapping[str, Any]) -> di
         Seed, engine, command line, FMU token, …
     """
     files = sorted({*inputs, *map(Path, named_files(setup))})
-    return {"versions": versions(), **run, "inputs": {str(path): sha256(path) for path in files}}
+    return {
+        "format_version": MANIFEST_VERSION,
+        "versions": versions(),
+        **run,
+        "inputs": {str(path): sha256(path) for path in files},
+    }
 
 
 def named_files(setup: Setup) -> list[str]:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -14,15 +16,21 @@ from pydantic import Field, model_validator
 from scancell.arguments import checked_arguments
 from scancell.cell.program import BeltRun, Program, Segment, TriggerKind, TriggerRule
 from scancell.cell.program_file import program_data
-from scancell.config.description import Description, Finite, NonNegative, validate
-from scancell.files import atomic_write, read_json
+from scancell.config.description import Description, validate
+from scancell.errors import DescriptionError
+from scancell.files import PLAN_VERSION, atomic_write, read_json, require_format_version
 from scancell.planning.path_map.path_planner import PlacedPath
 from scancell.planning.views.coverage import CoverageReport
 from scancell.values import Value
 
 Array = NDArray[np.float64]
 
-_Row = tuple[Finite, ...]
+_LARGEST = 1e6  # rad, s, m or m/s; that of angles is also the FMU's
+_Value = Annotated[float, Field(ge=-_LARGEST, le=_LARGEST, allow_inf_nan=False)]
+_Duration = Annotated[float, Field(ge=0.0, le=_LARGEST, allow_inf_nan=False)]
+_Number = Annotated[int, Field(ge=1, le=2**31 - 1)]
+_Row = tuple[_Value, ...]
+_Joints = Annotated[_Row, Field(min_length=1)]
 _UNITS = {"time": "s", "q": "rad", "table": "rad", "interval": "s, rad or m by kind"}
 
 
@@ -98,7 +106,10 @@ class Plan(Value):
             If the file cannot be read or holds no plan, naming key, value and what was expected.
         """
         file = Path(path)
-        read = validate(_PlanFile, read_json(file), str(file))
+        data = read_json(file)
+        if isinstance(data, dict):
+            require_format_version(data.get("format_version"), PLAN_VERSION, file)
+        read = validate(_PlanFile, data, str(file))
         segments = tuple(
             Segment(
                 item.id,
@@ -124,17 +135,28 @@ class Plan(Value):
             source=str(file.absolute()),
         )
 
+    def require_joints(self, joints: int) -> None:
+        """Raises `DescriptionError` if the plan is for an arm with another number of joints."""
+        for number, segment in enumerate(self.program.segments, 1):
+            if segment.q.shape[1] != joints:
+                raise DescriptionError(
+                    f"has rows of {segment.q.shape[1]} joints",
+                    file=self.source or None,
+                    key=f"segments[{number}].q",
+                    expected=f"{joints}, as the arm of the cell",
+                )
+
 
 class _Trigger(Description):
     kind: TriggerKind
-    interval: NonNegative
+    interval: _Duration
 
 
 class _BeltRun(Description):
-    conveyor: Annotated[int, Field(ge=1)]
-    speed: Finite
-    trigger_from: Finite
-    trigger_to: Finite
+    conveyor: _Number
+    speed: _Value
+    trigger_from: _Value
+    trigger_to: _Value
 
 
 class _Points(Description):
@@ -142,7 +164,7 @@ class _Points(Description):
 
     per_point: ClassVar[str]
 
-    q: tuple[_Row, ...]
+    q: tuple[_Joints, ...]
     table: _Row
 
     @model_validator(mode="after")
@@ -157,13 +179,22 @@ class _Points(Description):
 class _Segment(_Points):
     per_point: ClassVar[str] = "time"
 
-    id: Annotated[int, Field(ge=1)]
+    id: _Number
     name: str
     trigger: _Trigger
-    trigger_from: NonNegative
-    trigger_to: NonNegative
+    trigger_from: _Duration
+    trigger_to: _Duration
     belt: _BeltRun | None = None
     time: Annotated[_Row, Field(min_length=2)]
+
+    @model_validator(mode="after")
+    def _time_rises(self) -> Self:
+        if self.time[0] != 0.0:
+            raise ValueError(f"time[1] = {self.time[0]:g}: expected 0, the start of the segment")
+        for number, (before, after) in enumerate(pairwise(self.time), 2):
+            if after <= before:
+                raise ValueError(f"time[{number}] = {after:g}: expected more than time[{number - 1}] = {before:g}")
+        return self
 
     @model_validator(mode="after")
     def _belt_runs_where_it_triggers(self) -> Self:
@@ -182,8 +213,9 @@ class _Exposures(_Points):
 
 class _PlanFile(Description):
     format: Literal[2]
+    format_version: int | None = None
     units: dict[str, str]
-    settle: NonNegative
+    settle: _Duration
     segments: Annotated[tuple[_Segment, ...], Field(min_length=1)]
     exposures: _Exposures
 
@@ -195,10 +227,22 @@ class _PlanFile(Description):
             raise ValueError(f"q: rows of {sorted(numbers)} joints, expected one number of joints")
         return self
 
+    @model_validator(mode="after")
+    def _segments_are_known_by_their_ids(self) -> Self:
+        counts = Counter(segment.id for segment in self.segments)
+        for number, count in counts.items():
+            if count > 1:
+                raise ValueError(f"segments: {count} of them have id = {number}: expected an id of its own for each")
+        for row, segment in enumerate(self.exposures.segment, 1):
+            if segment not in counts:
+                raise ValueError(f"exposures.segment[{row}] = {segment}: expected the id of one of the segments")
+        return self
+
 
 def plan_json(plan: Plan) -> dict[str, Any]:
     """A plan as plain data for JSON, SI units: segments with their set-points, exposures; without loss of precision."""
     return {
+        "format_version": PLAN_VERSION,
         **program_data(plan.program),
         "units": _UNITS,
         "exposures": {"segment": plan.segment.tolist(), "q": plan.q.tolist(), "table": plan.table.tolist()},

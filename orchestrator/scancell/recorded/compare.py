@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from scancell.arguments import checked_arguments
 from scancell.calibration.cell.kinematics import AxisReadings
-from scancell.cell.recording import read_any_recording
+from scancell.cell.recording import integers, numbers, read_any_recording, read_table, refuse_value
 from scancell.config.loading import Setup, load_resolved
 from scancell.errors import DescriptionError, EmptyScanError
 from scancell.files import png_bytes
@@ -43,6 +43,7 @@ _FROM_EDGE = 1e-3 * np.array([0.0, 0.25, 0.5, 1.0, 2.0, 4.0])  # m
 _LEAST = 50  # points of a bin
 _NEIGHBOURS = 2  # columns between points whose difference is noise
 _SAME_POSITION, _SAME_TURN = 50e-6, np.radians(0.01)  # of poses that repeat
+_LARGEST_MM, _LARGEST_DN, _LARGEST_S = 1e9, 1e9, 1e6  # values of a table of profiles
 _NORMAL = 1.4826  # standard deviation by the median of absolute values
 
 
@@ -320,25 +321,34 @@ def compare_run(
 
 def _of_scan(folder: Path, setup: Setup) -> Measurements:
     """Measurements of a simulated scan."""
-    import pyarrow.parquet  # noqa: PLC0415  (takes 0.1 s to import)
-
     for name in ("recording.parquet", "profiles.parquet"):
         if not (folder / name).is_file():
             raise DescriptionError("no such file", file=folder / name, expected="the file of a run")
     measured = read_any_recording(folder / "recording.parquet").measured
-    table = pyarrow.parquet.read_table(folder / "profiles.parquet")
-    column = {name: np.asarray(table.column(name).to_numpy()) for name in table.column_names}
-    points = 1e-3 * np.column_stack([column[f"{axis}_mm"] for axis in "xyz"]).astype(float)
-    sigma = 1e-3 * column["sigma_mm"].astype(float)
+    measured.require_joints(len(setup.cell.robot.joint))
+    file = folder / "profiles.parquet"
+    table = read_table(file)
+    whole = {name: integers(table, name, file) for name in ("profile", "camera", "column", "flags")}
+    points = 1e-3 * np.column_stack([numbers(table, f"{axis}_mm", file, _LARGEST_MM) for axis in "xyz"])
+    sigma = 1e-3 * numbers(table, "sigma_mm", file, _LARGEST_MM)
+    unknown = np.flatnonzero(~np.isin(whole["profile"], measured.index))
+    if len(unknown):
+        row = int(unknown[0])
+        refuse_value(file, "profile", row, int(whole["profile"][row]), "a trigger.index of recording.parquet")
+    cameras = len(setup.sensor.camera)
+    strange = np.flatnonzero(whole["camera"] >= cameras)
+    if len(strange):
+        row = int(strange[0])
+        refuse_value(file, "camera", row, int(whole["camera"][row]), f"0 to {cameras - 1}, as the sensor has")
     profiles = ProfilePoints(
         points_in_sensor=points,
         sigma=sigma,
-        intensity=column["intensity_dn"],
-        camera=column["camera"].astype(np.int32),
-        column=column["column"],
-        frame=np.searchsorted(measured.index, column["profile"]).astype(np.int32),
-        flags=column["flags"],
-        time_offset=column["time_offset_s"].astype(float),
+        intensity=numbers(table, "intensity_dn", file, _LARGEST_DN),
+        camera=whole["camera"].astype(np.int32),
+        column=whole["column"].astype(np.int32),
+        frame=np.searchsorted(measured.index, whole["profile"]).astype(np.int32),
+        flags=whole["flags"].astype(np.uint32),
+        time_offset=numbers(table, "time_offset_s", file, _LARGEST_S),
     )
     readings = AxisReadings(
         measured.q, measured.table, measured.qd, measured.table_rate, measured.qdd, measured.table_acceleration

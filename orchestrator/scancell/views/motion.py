@@ -93,6 +93,7 @@ class RunMotion:
     ) -> None:
         self._cell, self._is_stopped = cell, is_stopped
         measured = recording.measured
+        measured.require_joints(len(cell.home))
         self.times = measured.time
         self.exposures = self.times if exposures is None else exposures
         self._axes = np.column_stack([measured.q, measured.table])

@@ -49,7 +49,7 @@ except ScancellError as error:
 """
 
 _START = "resolved.toml"
-_FILES = {_START, "recording.parquet", "motion.parquet", "plan.json", "cloud.ply"}
+_FILES = {_START, "manifest.json", "recording.parquet", "motion.parquet", "plan.json", "cloud.ply"}
 _PART = re.compile(r"\w[\w .+-]*\.(stl|obj|ply|toml)", re.IGNORECASE)
 
 
@@ -118,6 +118,8 @@ def _motion_of_scan(folder: Path, cell: NominalCell) -> RunMotion:
     file = folder / "recording.parquet"
     recording = read_any_recording(file)
     plan = Plan.load(folder / "plan.json") if (folder / "plan.json").is_file() else None
+    if plan is not None:
+        plan.require_joints(len(cell.home))
     with _naming(file):
         return scan_motion(cell, recording, plan)
 

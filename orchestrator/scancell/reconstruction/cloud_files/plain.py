@@ -11,7 +11,7 @@ import numpy as np
 from scancell.errors import DescriptionError, MeshError
 from scancell.files import require_file
 from scancell.reconstruction.cloud import Cloud
-from scancell.reconstruction.cloud_files.record import MM, RECORD, UNITS, record_of
+from scancell.reconstruction.cloud_files.record import MM, RECORD, UNITS, record_of, require_bounded
 
 _PCD_TYPES = {"f": "F", "i": "I", "u": "U"}
 _PCD_NAMES = {"nx": "normal_x", "ny": "normal_y", "nz": "normal_z"}
@@ -42,7 +42,7 @@ def read_npz(path: Path) -> Cloud:
     require_file(path, MeshError)
     try:
         with np.load(path) as archive:
-            return Cloud(
+            cloud = Cloud(
                 points_in_part=archive["points_in_part_mm"] / MM,
                 sigma=archive["sigma_mm"] / MM,
                 time=archive["time_s"],
@@ -61,6 +61,7 @@ def read_npz(path: Path) -> Cloud:
         DescriptionError,
     ) as error:
         raise MeshError(f"{path}: not a cloud of scancell: {error}") from None
+    return require_bounded(cloud, path)
 
 
 def write_pcd(path: Path, cloud: Cloud, comments: Sequence[str]) -> None:

@@ -15,6 +15,7 @@ from scancell.reconstruction.cloud_files.record import (
     WITHOUT_SATURATED,
     cloud_of_record,
     record_of,
+    require_bounded,
 )
 
 _BLOCK = 1 << 16  # points written at a time, which bounds the memory
@@ -50,7 +51,7 @@ def read_ply(path: str | Path) -> Cloud:
         record = np.fromfile(stream, kind, count)
     if len(record) < count:
         raise MeshError(f"file is truncated: {len(record)} of {count} points", file=path)
-    return cloud_of_record(record)
+    return require_bounded(cloud_of_record(record), path)
 
 
 def read_ply_comments(path: str | Path) -> list[str]:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.errors import MeshError
 from scancell.reconstruction.cloud import Cloud
 
 MM = 1e3
+_LARGEST_MM, _LATEST = 1e9, 1e10  # of a position, mm, and a time, s
 UNITS = "x y z sigma in mm, time in s; normals towards the sensor"
 
 # Positions in double precision: far from the origin single precision would lose micrometres.
@@ -47,6 +50,17 @@ def record_of(cloud: Cloud) -> NDArray[Any]:
     for name in _SAME:
         record[name] = getattr(cloud, name)
     return record
+
+
+def require_bounded(cloud: Cloud, path: Path) -> Cloud:
+    """The cloud of a file, whose positions and times are finite and bounded; else raises `MeshError`."""
+    for name, values, largest in (("x, y, z", cloud.points_in_part * MM, _LARGEST_MM), ("time", cloud.time, _LATEST)):
+        wrong = np.flatnonzero(~(np.abs(values.reshape(len(values), -1)) <= largest).all(1))
+        if len(wrong):
+            row = int(wrong[0])
+            expected = f"finite numbers from {-largest:g} to {largest:g}"
+            raise MeshError(file=path, key=f"{name} of point {row + 1}", value=values[row].tolist(), expected=expected)
+    return cloud
 
 
 def cloud_of_record(record: NDArray[Any]) -> Cloud:
