@@ -50,7 +50,7 @@ int main(int argc, char** argv) {
     return 2;
   }
   try {
-    const auto cell = robotcell::parse_cell(robotcell::read_text_file(argv[1]));
+    const auto cell = robotcell::parse_cell(robotcell::read_file_or_input(argv[1]));
     const std::string xml = robotcell::fmi::model_description(cell, *options);
     return std::fwrite(xml.data(), 1, xml.size(), stdout) == xml.size() ? 0 : 1;
   } catch (const std::exception& error) {

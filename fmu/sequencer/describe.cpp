@@ -15,7 +15,7 @@ int main(int argc, char** argv) {
     return 2;
   }
   try {
-    const robotcell::CellDescription cell = robotcell::parse_cell(robotcell::read_text_file(argv[1]));
+    const robotcell::CellDescription cell = robotcell::parse_cell(robotcell::read_file_or_input(argv[1]));
     const robotcell::sequencer::Sequencer sequencer(cell);
     robotcell::fmi::DescriptionOptions options;
     options.version = version[0] - '0';

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -213,6 +214,9 @@ def test_text_that_is_no_program_is_rejected(
         ("/no/such/file.json", 4, "cannot open the file '/no/such/file.json'"),
         ("", 4, "command.program is empty"),
         ("/", 4, "cannot read the file '/'"),
+        ("/dev/zero", 4, "cannot read the file '/dev/zero': expected a regular file"),
+        ("/proc/kmsg", 4, "not valid JSON"),  # its size is 0, and to read it waits for the kernel
+        ("-", 4, "cannot open the file"),  # not the standard input
         (None, 5, "no segment has the id 5"),
     ],
 )
@@ -222,6 +226,16 @@ def test_missing_file_and_segment_are_rejected(
     cell = build(loggingOn=True)
     start(cell, write(tmp_path, program_data()) if file is None else file, segment)
     expect_rejected(cell, NO_SEGMENT, message)
+
+
+def test_named_pipe_and_large_file_are_no_programs(build: Build, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with (tmp_path / "large").open("wb") as large:
+        large.truncate(257 << 20)
+    for name, message in {"pipe": "expected a regular file", "large": "257 MiB; expected at most 256"}.items():
+        cell = build(loggingOn=True)
+        start(cell, str(tmp_path / name), 4)
+        expect_rejected(cell, NO_SEGMENT, message)
 
 
 def test_segments_that_the_arm_cannot_follow_are_rejected(build: Build, tmp_path: Path) -> None:

@@ -63,6 +63,7 @@ FREE_WITHOUT_HULL = {**cell_description()["parts"][0], "fixture": "free", "hull"
         ("robot.joints", cell_description()["robot"]["joints"][:3], "robot.joints"),
         ("table.radius", "big", "table.radius"),
         ("table.world_from_table.position.0", 1e12, f"table.world_from_table.position[0]: {BOUNDED}"),
+        ("robot.joints.1.a", 1e300, f"robot.joints[1].a: {BOUNDED}"),
         ("gravity.2", -1e30, f"gravity[2]: {BOUNDED}"),
         ("parts.0", FREE_WITHOUT_HULL, "parts[0].hull: expected an object for a free part, got null"),
         ("parts.0.inertial.mass", 1e-300, "parts[0].inertial.mass: expected a number from 1e-06 to 1e+09, got"),
@@ -91,6 +92,14 @@ def test_file_without_description_is_rejected(build: Build, tmp_path: Path, text
     file.write_text(text)
     with pytest.raises(RuntimeError, match=str(file)):
         build(2, parameters={"cell.file": str(file)})
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_cell_file_must_be_a_regular_file(build: Build, tmp_path: Path, version: int) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for file in (tmp_path / "pipe", Path("/dev/zero")):
+        with pytest.raises(Exception, match="expected a regular file"):
+            build(version, parameters={"cell.file": str(file)})
 
 
 def test_cell_file_selects_another_description(build: Build, tmp_path: Path) -> None:

@@ -3,11 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#ifdef _WIN32
 #include <filesystem>
-#endif
 #include <limits>
 #include <memory>
+#include <system_error>
 
 #include "fmu/control/time_units.h"
 #include "fmu/model/description/json_reader.h"
@@ -17,21 +16,32 @@ namespace robotcell {
 namespace {
 
 constexpr std::size_t kMinJoints = 4;
-constexpr double kMaxJointPosition = 1e6;  // rad
-constexpr double kParallel = 1e-6;         // sine of the angle between parallel axes
+constexpr double kMaxJointPosition = 1e6;                           // rad
+constexpr double kParallel = 1e-6;                                  // sine of the angle between parallel axes
+constexpr std::uintmax_t kMaxTextSize = std::uintmax_t{256} << 20;  // bytes of a description or program
 
+/// Opens with the path in UTF-8; `fopen` of Windows reads it in the active code page.
+std::FILE* open_file(const std::filesystem::path& path) {
 #ifdef _WIN32
-/// `fopen` of Windows reads a path in the active code page, not in UTF-8.
-std::FILE* open_file(const std::string& path) {
-  try {
-    return _wfopen(std::filesystem::u8path(path).c_str(), L"rb");
-  } catch (const std::filesystem::filesystem_error&) {
-    return nullptr;  // not UTF-8
-  }
-}
+  return _wfopen(path.c_str(), L"rb");
 #else
-std::FILE* open_file(const std::string& path) { return std::fopen(path.c_str(), "rb"); }
+  return std::fopen(path.c_str(), "rb");
 #endif
+}
+
+/// The next bytes of a stream, at most `size`.
+std::string read_stream(std::FILE* stream, std::uintmax_t size, const std::string& name) {
+  std::string text;
+  char buffer[65536];
+  while (text.size() < size) {
+    const std::uintmax_t wanted = std::min<std::uintmax_t>(sizeof buffer, size - text.size());
+    const std::size_t n = std::fread(buffer, 1, static_cast<std::size_t>(wanted), stream);
+    if (n == 0) break;
+    text.append(buffer, n);
+  }
+  if (std::ferror(stream) != 0) throw DescriptionError("cannot read " + name);
+  return text;
+}
 
 MotionDescription parse_motion(const JsonReader& json) {
   json.expect_keys({"line_speed", "line_acceleration", "turn_speed", "turn_acceleration", "jog_speed",
@@ -53,11 +63,11 @@ JointDescription parse_joint(const JsonReader& json) {
   json.expect_keys({"a", "d", "alpha", "theta", "min", "max", "max_speed", "max_acceleration", "max_jerk",
                     "start", "encoder_resolution", "encoder_noise", "encoder_latency"});
   JointDescription joint;
-  joint.a = json.at("a").number();
-  joint.d = json.at("d").number();
-  joint.alpha = json.at("alpha").number();
-  joint.theta = json.at("theta").number();
-  joint.min = json.at("min").number();
+  joint.a = json.at("a").number(-kMaxCoordinate, kMaxCoordinate);
+  joint.d = json.at("d").number(-kMaxCoordinate, kMaxCoordinate);
+  joint.alpha = json.at("alpha").number(-kMaxJointPosition, kMaxJointPosition);
+  joint.theta = json.at("theta").number(-kMaxJointPosition, kMaxJointPosition);
+  joint.min = json.at("min").number(-kMaxJointPosition, kMaxJointPosition);
   joint.max = json.at("max").number(joint.min, kMaxJointPosition);
   joint.max_speed = json.at("max_speed").positive();
   joint.max_acceleration = json.at("max_acceleration").positive();
@@ -165,14 +175,34 @@ CellDescription parse_cell(const std::string& json) {
 }
 
 std::string read_text_file(const std::string& path) {
-  const std::string& actual = path == "-" ? "/dev/stdin" : path;
-  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(open_file(actual), &std::fclose);
-  if (!file) throw DescriptionError("cannot open the file '" + path + "'");
-  std::string text;
-  char buffer[65536];
-  for (std::size_t n = 0; (n = std::fread(buffer, 1, sizeof buffer, file.get())) > 0;) text.append(buffer, n);
-  if (std::ferror(file.get()) != 0) throw DescriptionError("cannot read the file '" + path + "'");
-  return text;
+  const std::string name = "the file '" + path + "'";
+  std::error_code error;
+  std::filesystem::path file;
+  try {
+    file = std::filesystem::u8path(path);
+  } catch (const std::filesystem::filesystem_error&) {  // Windows: not UTF-8
+    throw DescriptionError("cannot open " + name);
+  }
+  const std::filesystem::file_status status = std::filesystem::status(file, error);
+  if (!std::filesystem::exists(status)) throw DescriptionError("cannot open " + name);
+  // A device or a pipe may never end, and reading a file of the kernel, whose size is 0, may never return.
+  if (!std::filesystem::is_regular_file(status)) {
+    throw DescriptionError("cannot read " + name + ": expected a regular file");
+  }
+  const std::uintmax_t size = std::filesystem::file_size(file, error);
+  if (error) throw DescriptionError("cannot read " + name);
+  if (size == 0) return {};
+  if (size > kMaxTextSize) {
+    throw DescriptionError("cannot read " + name + ": it has " + std::to_string(size >> 20) +
+                           " MiB; expected at most " + std::to_string(kMaxTextSize >> 20));
+  }
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> stream(open_file(file), &std::fclose);
+  if (!stream) throw DescriptionError("cannot open " + name);
+  return read_stream(stream.get(), size, name);
+}
+
+std::string read_file_or_input(const std::string& path) {
+  return path == "-" ? read_stream(stdin, kMaxTextSize, "the standard input") : read_text_file(path);
 }
 
 }  // namespace robotcell

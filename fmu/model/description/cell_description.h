@@ -75,7 +75,10 @@ inline bool is_absolute(const std::string& path) {
   return path.front() == '/';
 }
 
-/// Content of a file, or of standard input for "-"; throws DescriptionError that names the file.
+/// Content of a regular file of limited size; throws DescriptionError that names the file.
 std::string read_text_file(const std::string& path);
+
+/// The same, or the standard input for "-".
+std::string read_file_or_input(const std::string& path);
 
 }  // namespace robotcell

@@ -4,6 +4,7 @@
 
 #include "fmu/model/description/json_reader.h"
 #include "fmu/model/description/value_limits.h"
+#include "fmu/model/quantization.h"
 
 namespace robotcell {
 
@@ -40,7 +41,7 @@ BeltState run_belt(const BeltState& from, double acceleration, double duration) 
 BeltReading read_encoder(const BeltState& belt, const BeltErrors& errors, double resolution, double lead) {
   const double scale = 1 + errors.encoder_scale;
   const double travel = scale * (belt.travel + lead * belt.speed);
-  return {resolution > 0 ? resolution * std::nearbyint(travel / resolution) : travel, scale * belt.speed};
+  return {quantized(travel, resolution), scale * belt.speed};
 }
 
 }  // namespace robotcell

@@ -5,6 +5,7 @@
 
 #include "fmu/model/description/json_reader.h"
 #include "fmu/model/description/value_limits.h"
+#include "fmu/model/quantization.h"
 
 namespace robotcell {
 namespace {
@@ -36,7 +37,7 @@ DistanceSensor::Reading DistanceSensor::read(const SensorView& view) const {
   if (view.cast_ray(hit_point, to_lens / return_distance, kOffSurface, return_distance)) return reading;
   double measured = *hit;
   if (noise > 0) measured += noise * view.noise();
-  if (resolution > 0) measured = resolution * std::nearbyint(measured / resolution);
+  measured = quantized(measured, resolution);
   reading.valid = true;
   reading.distance = measured;
   return reading;

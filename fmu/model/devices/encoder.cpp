@@ -6,6 +6,7 @@
 #include "fmu/control/time_units.h"
 #include "fmu/model/description/cell_description.h"
 #include "fmu/model/description/json_reader.h"
+#include "fmu/model/quantization.h"
 #include "fmu/model/random.h"
 
 namespace robotcell {
@@ -31,9 +32,7 @@ std::array<double, kAxes> Encoders::read(const std::array<double, kAxes>& positi
     if (encoder.noise > 0) {
       measured[i] += encoder.noise * normal(mixed(mixed(key_ + i) ^ static_cast<std::uint64_t>(time_us)));
     }
-    if (encoder.resolution > 0) {
-      measured[i] = encoder.resolution * std::nearbyint(measured[i] / encoder.resolution);
-    }
+    measured[i] = quantized(measured[i], encoder.resolution);
   }
   return measured;
 }
