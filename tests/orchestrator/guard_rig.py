@@ -24,6 +24,7 @@ from scancell.geometry.mesh import Mesh
 from scancell.guard.guard import Guard
 from scancell.guard.guarded_cell import GuardedCell
 from scancell.guard.link import Link
+from scancell.guard.parts import PartTracker
 from scancell.guard.transport import InProcess
 from scancell.nominal.cell import NominalCell, nominal_cell
 from scancell.proximity.scene import ProximityScene
@@ -190,7 +191,7 @@ def guard_rig(folder: Path, description: CellDescription, part: Mesh | None, sta
         cycle_us = description.world.controller_cycle_us
         link = Link(server, max_age)
         session = CellSession(cell, nominal, cycle_us)
-        guarded = GuardedCell(cell, cycle_us, link, max_age)
+        guarded = GuardedCell(cell, cycle_us, link, max_age, parts=PartTracker(description, nominal))
         yield GuardRig(description, nominal, session, server, link, guarded, folder)
 
 

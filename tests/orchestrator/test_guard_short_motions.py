@@ -175,7 +175,6 @@ def test_closed_fingers_keep_away_from_a_post(tmp_path: Path) -> None:
         assert not any("post" in pair for pair in rig.contacts())
 
 
-@unchecked
 def test_gripped_part_keeps_away_from_a_wall(tmp_path: Path) -> None:
     """A long bar between the fingers, lifted off the belt, reaches 40 mm farther than the gripper."""
     shipped, bar = assets_dir() / "cells" / "pick_and_place.toml", block(0.12, 0.03, 0.03)

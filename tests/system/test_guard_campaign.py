@@ -133,8 +133,8 @@ def test_summary_counts_collisions_false_stops_and_short_motions() -> None:
         row_of(4, decade=DECADES[2], stop="refused"),
     ]
     figures = summary(rows)
-    assert (figures["collisions"], figures["collisions_by_kind"]) == (1, {"joint jog": 1})
-    assert (figures["contacts_by_gripper"], figures["contacts_in_servo_mode"]) == (1, 1)
+    assert (figures["collisions"], figures["collisions_by_kind"]) == (2, {"joint jog": 1, "servo": 1})
+    assert figures["contacts_by_gripper"] == 1
     assert figures["probability_bound"] is None
     assert figures["false_stops_by_speed"] == {DECADES[0]: 0.0, DECADES[1]: None, DECADES[2]: 0.5}
     assert figures["false_stops_by_length"][LENGTHS[1]] == 1.0
@@ -142,7 +142,7 @@ def test_summary_counts_collisions_false_stops_and_short_motions() -> None:
     assert summary(rows[3:])["probability_bound"] == pytest.approx(1 - 0.05**0.5)
     header, _, slow, fast, *_ = tables(rows)
     assert header.startswith("| speed | runs | twins collided | collisions | stopped by the guard | refused | held |")
-    assert slow.startswith(f"| {DECADES[0]} | 3 | 1 | 1 | 0 | 0 | 0 |")
+    assert slow.startswith(f"| {DECADES[0]} | 3 | 1 | 2 | 0 | 0 | 0 |")
     assert fast.startswith(f"| {DECADES[2]} | 2 | 0 | 0 | 1 | 1 | 0 | 1 |")
 
 

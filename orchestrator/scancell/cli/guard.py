@@ -82,7 +82,7 @@ def guard_check(
 
 def _show(row: RunRow) -> None:
     if row.collided:
-        what = f"{row.contact or 'bodies'} ({row.cell}, {row.motion} at {row.speed:.2%}, network: {row.fault})"
+        what = f"{row.contact or 'bodies'} ({row.cell}, {row.contact_kind} at {row.speed:.2%}, network: {row.fault})"
         print(f"run {row.number}: COLLISION of {what}")
     elif row.number % 100 == 99:
         print(f"{row.number + 1} runs", flush=True)

@@ -119,8 +119,8 @@ class RunRow:
 
     @property
     def collided(self) -> bool:
-        """Whether the guarded robot collided in what the guard controls: neither fingers at rest nor servo mode."""
-        return bool(self.contact) and not self.by_gripper and self.contact_kind != Kind.SERVO
+        """Whether the guarded robot collided: a contact of a finger while the robot rests is none of its motion."""
+        return bool(self.contact) and not self.by_gripper
 
 
 class Campaign(Closing):

@@ -71,7 +71,6 @@ def summary(rows: Sequence[RunRow]) -> dict[str, Any]:
         "collisions": len(collisions),
         "collisions_by_kind": dict(Counter(row.contact_kind for row in collisions)),
         "contacts_by_gripper": sum(row.by_gripper for row in rows),
-        "contacts_in_servo_mode": sum(row.contact_kind == Kind.SERVO and not row.by_gripper for row in rows),
         "collisions_of_twins": sum(bool(row.twin_contact) for row in rows),
         "pairs_of_twins": len({row.twin_contact for row in rows if row.twin_contact}),
         # Upper end of the one-sided 95 % interval: that of the rule of three where nothing happened.
