@@ -230,6 +230,7 @@ class CellInstance(Closing):
         CellError
             If the FMU has no such variable.
         """
+        names = list(names)
         references = [self._reference(name) for name in names]
         sizes = [math.prod(int(d.start) for d in self._variables[name].dimensions) for name in names]
         return RealGroup(references, sizes)
