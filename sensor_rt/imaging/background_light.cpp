@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <numeric>
 
 #include "sensor_rt/geometry/multiversion.h"
 
@@ -76,31 +75,39 @@ void BackgroundLight::measure(ImageRows image, float black, const PixelNoise& no
   const float median = quantile(sorted_, 0.5);
   const float light = std::max(0.0f, median - black);
   const float sigma = std::sqrt(noise.variance_floor + (noise.gain + noise.pattern * light) * light);
-  // The median of digital numbers is an integer, the mean of those around it is not.
   double sum = 0.0;
   double squares = 0.0;
-  int near = 0;
   int around = 0;
-  const float tolerance = 1.5f * sigma + 0.5f;
   for (const float value : sample_) {
     const float distance = std::fabs(value - median);
-    near += distance <= tolerance ? 1 : 0;
     if (distance > 4.0f * sigma + 1.0f) continue;
     sum += static_cast<double>(value - median);
     squares += static_cast<double>(distance * distance);
     ++around;
   }
   const double mean = sum / around;
-  level_ = median + static_cast<float>(mean);
   variance_ = std::min(sigma * sigma, static_cast<float>(squares / around - mean * mean));
-  if (std::fabs(level_ - black) <= 4.0f * sigma / std::sqrt(static_cast<float>(around))) level_ = black;
+  // The median of digital numbers is an integer, the mean of those near it is not. The halo of a stripe is on
+  // one side: the window is narrow, and follows the mean.
+  const float tolerance = 1.5f * sigma + 0.5f;
+  int near = 0;
+  level_ = median;
+  for (int pass = 0; pass < kPasses; ++pass) {
+    sum = 0.0;
+    near = 0;
+    for (const float value : sample_) {
+      if (std::fabs(value - level_) > tolerance) continue;
+      sum += static_cast<double>(value - median);
+      ++near;
+    }
+    level_ = median + static_cast<float>(sum / std::max(1, near));
+  }
+  if (std::fabs(level_ - black) <= 4.0f * sigma / std::sqrt(static_cast<float>(std::max(1, near))))
+    level_ = black;
   uniform_ = 4 * near >= 3 * kSamples * kSamples;
   if (uniform_) return;
   fit_cells(sigma);
   uniform_ = !is_better(median, tolerance);
-  if (uniform_) return;
-  const double total = std::accumulate(cells_.begin(), cells_.end(), 0.0);
-  level_ = std::max(black, static_cast<float>(total / static_cast<double>(cells_.size())));
 }
 
 /// Sets the cells, between whose centres the background is linear, to what their pixels have beyond it.

@@ -18,7 +18,7 @@ class BackgroundLight {
   /// Whether the background is the same in the entire image, within its noise.
   bool is_uniform() const { return uniform_; }
 
-  /// Returns the mean level, DN; exactly `black` unless the sample shows light.
+  /// Returns the typical level, DN; exactly `black` unless the sample shows light.
   float level() const { return level_; }
 
   /// Returns the variance of pixels at this level if it is uniform, DN²; at most that of `noise` with the

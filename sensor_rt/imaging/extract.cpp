@@ -151,12 +151,24 @@ class Extractor::Impl {
     const auto threshold = static_cast<float>(std::max(options_.threshold_sigma * noise_of_sum, least));
     CameraPeaks& peaks = next();
     peaks.camera = camera;
-    const bool varies = background == nullptr && !light_.is_uniform();
-    std::vector<Candidate>& found = varies
-                                        ? find_above_light(image, lit_noise, threshold)
-                                        : finder_.find(image, lit_noise, threshold, image_noise_.bit_depth);
+    std::vector<Candidate>& found = finder_.find(image, lit_noise, threshold, image_noise_.bit_depth);
     if (background != nullptr)
       add_background_noise(*background, black, dn_per_count, noise, options_.threshold_sigma, found);
+    measure_candidates(image, noise, threshold, found, false, peaks);
+    if (background == nullptr && !light_.is_uniform()) {
+      // The halo of a stripe varies as well, but its core lies on one level.
+      above_light_.camera = camera;
+      measure_candidates(image, noise, threshold, find_above_light(image, lit_noise, threshold), true,
+                         above_light_);
+      if (valid(above_light_) >= valid(peaks)) std::swap(above_light_, peaks);
+    }
+    for (StripeFit& fit : peaks.fits) fit.amplitude *= dn_per_count;
+    for (StripeFit& fit : peaks.fits) flag_shape(options_, fit);
+  }
+
+  /// Measures the candidates `found` on one level, or each on the line through the levels beside it.
+  void measure_candidates(ImageRows image, const PixelNoise& noise, float threshold,
+                          std::vector<Candidate>& found, bool varies, CameraPeaks& peaks) {
     set_limits(found, image.height);
     peaks.candidates = found;
     // Candidates that cannot be chosen are not measured.
@@ -175,10 +187,18 @@ class Extractor::Impl {
     LocateFunction* const locate = kLocators[static_cast<std::size_t>(options_.detector)];
     locate(image, noise, peaks.candidates.data(), peaks.candidates.size(), peaks.fits.data());
     for (StripeFit& fit : peaks.fits) {
-      fit.amplitude *= dn_per_count;
       fit.row_sigma = std::hypot(fit.row_sigma, interpolation_error_.at(fit.width));
-      flag_shape(options_, fit);
     }
+  }
+
+  /// Returns the number of peaks that are not rejected by their shape.
+  std::size_t valid(const CameraPeaks& peaks) const {
+    std::size_t count = 0;
+    for (StripeFit fit : peaks.fits) {
+      flag_shape(options_, fit);
+      count += (fit.flags & kPeakRejected) == 0 ? 1 : 0;
+    }
+    return count;
   }
 
   /// Finds candidates in the image less its smooth background, which their `background` follows.
@@ -264,6 +284,7 @@ class Extractor::Impl {
   InterpolationError interpolation_error_;
   CandidateFinder finder_;
   BackgroundLight light_;
+  CameraPeaks above_light_;
   std::vector<CameraPeaks> cameras_;
   std::size_t measured_ = 0;  // number of entries of cameras_ of this exposure
   std::vector<Candidate> candidates_;
