@@ -50,7 +50,6 @@ class Judge {
         search_(memory.search),
         memory_(memory.pairs),
         dropped_(motion.pairs(), false),
-        enclosures_(motion.pairs()),
         begin_(memory.search.work()) {
     memory_.resize(motion.pairs());
     for (PairMemory& pair : memory_) {  // of other poses: only the faces are reusable
@@ -128,14 +127,18 @@ class Judge {
     const double least = required(number_, pair);
     const auto& [a, b] = scene_.pair(pair);
     const Eigen::Isometry3d a_from_b = relative_pose(pair);
-    if (encloses(pair, a_from_b)) return Verdict::kViolated;
     if (moved > kFarthestSearch + strayed) {
       return spheres_apart(scene_.body(a), scene_.body(b), a_from_b) < least + moved ? open
                                                                                      : Verdict::kProved;
     }
     const auto found = search_.near(scene_.body(a), scene_.body(b), a_from_b, least + moved, memory_[pair],
                                     least + strayed, kPatience, sweep(motion, a, least));
-    if (!found) return Verdict::kProved;
+    if (!found) {
+      // Surfaces that keep their distance may be those of a body inside the other one.
+      const bool inside =
+          search_.encloses(scene_.body(a), scene_.body(b), a_from_b, std::max(least, 0.0), memory_[pair]);
+      return inside ? Verdict::kViolated : Verdict::kProved;
+    }
     return found->distance < least + strayed ? Verdict::kViolated : open;
   }
 
@@ -151,28 +154,12 @@ class Judge {
   }
 
  private:
-  struct Enclosure {
-    std::size_t motion = std::numeric_limits<std::size_t>::max();  // for which it was found
-    bool encloses = false;
-  };
-
   /// A motion relative to body `a`, which is to keep `least` (m).
   Sweep sweep(const RelativeMotion& motion, std::size_t a, double least) const {
     const Eigen::Isometry3d& world_from_a = frames_.bodies[a];
     const Eigen::Matrix3d a_from_world = world_from_a.linear().transpose();
     return {motion.moving == a, a_from_world * (motion.at - world_from_a.translation()),
             a_from_world * motion.velocity, a_from_world * motion.turn, least + motion.rest};
-  }
-
-  /// Whether a body of a pair encloses the other one, found once for a motion: what enters or leaves the
-  /// other one meets its surface, which no proof permits.
-  bool encloses(std::size_t pair, const Eigen::Isometry3d& a_from_b) {
-    Enclosure& known = enclosures_[pair];
-    if (known.motion != number_) {
-      const auto& [a, b] = scene_.pair(pair);
-      known = {number_, search_.encloses(scene_.body(a), scene_.body(b), a_from_b, 0, memory_[pair])};
-    }
-    return known.encloses;
   }
 
   Eigen::Isometry3d relative_pose(std::size_t pair) const {
@@ -187,7 +174,6 @@ class Judge {
   PairSearch& search_;
   std::vector<PairMemory>& memory_;
   std::vector<bool> dropped_;
-  std::vector<Enclosure> enclosures_;
   std::size_t begin_;  // work before
   CellFrames frames_;
   std::vector<double> at_, half_, slack_, rest_;

@@ -145,7 +145,8 @@ def test_info_shows_every_variable_with_unit_start_and_description(fmu) -> None:
     assert any(info.token in line for line in lines)
     for variable in info.variables:
         assert variable.description
-        line = next(line for line in lines if line.split()[:1] == [variable.name])
+        shown = variable.name + (f"[{variable.size}]" if variable.size > 1 else "")
+        line = next(line for line in lines if line.split()[:1] == [shown])
         assert line.endswith(variable.description)
         assert (f"= {variable.start} " in line) == (variable.causality in {"parameter", "input"})
     latency = next(v for v in info.variables if v.name == "as_built.trigger.latency")

@@ -88,7 +88,8 @@ def test_recorded_poses_are_read_as_they_are(tmp_path: Path) -> None:
             "x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg\n0,0,1,0,0,0\n0,0,nan,0,0,0\n",
             "line 3, column 'z_mm' = 'nan': expected a",
         ),
-        ("", "0 poses; expected at least two"),
+        ("", "the file is empty"),
+        ("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg\n", "0 poses; expected at least two"),
     ],
 )
 def test_bad_recordings_are_refused_with_line_and_column(tmp_path: Path, text: str, message: str) -> None:
