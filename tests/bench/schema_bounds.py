@@ -3,8 +3,9 @@
 Each key of cell, robot, sensor, scan, path, artefact, study, batch and link is set to its smallest and largest value,
 all others kept, and the description is used: a scan by rays, rendered images, a trial, packets over a link. Each run is
 a process of its own with limits of processor time and memory. It may give an answer, whose figures are finite, or a
-`ScancellError`; a traceback, an abort, a NaN or infinite figure, and a run beyond a limit are faults. Finished runs are
-kept in OUT/runs.csv and not repeated; `--only PATTERN` selects keys, `--again` repeats the faults.
+`ScancellError`; a traceback, an abort, a NaN or infinite figure, and a run beyond a limit are faults, and so is a
+description that is refused without a change. Finished runs are kept in OUT/runs.csv and not repeated; `--only PATTERN`
+selects keys, `--again` repeats the faults.
 """
 
 from __future__ import annotations
@@ -18,13 +19,12 @@ import re
 import resource
 import signal
 import tempfile
-import time
 import traceback
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import chdir, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +51,7 @@ from scancell.studies.study import open_study, replay
 SECONDS = 60  # of processor time of a run
 ELAPSED = 240  # s on a busy machine
 MEMORY = 4 << 30  # bytes beyond those of the parent
+ODD_TEXT = re.compile(r"\b(inf|nan|invalid value|overflow|divide)\b")
 COLUMNS = ("case", "outcome", "seconds", "text")
 Data = dict[str, Any]
 
@@ -68,21 +69,25 @@ class Base:
 
 @dataclass(frozen=True)
 class Case:
-    """A key of a base and the value that it gets."""
+    """A key of a base and the value that it gets; without a path, the base itself."""
 
     base: Base
-    path: tuple[str | int, ...]
-    value: float
+    path: tuple[str | int, ...] = ()
+    value: float = math.nan
 
     @property
     def name(self) -> str:
         """Key and value."""
+        if not self.path:
+            return f"{self.base.name} unchanged"
         return f"{self.base.name}.{join_path(self.path)}={self.value!r}"
 
     @property
     def changed(self) -> Data:
         """Data of the base with the value."""
-        data = plain_data(self.base.data)
+        data: Data = plain_data(self.base.data)
+        if not self.path:
+            return data
         node: Any = data
         for part in self.path[:-1]:
             node = node[part] if isinstance(part, int) else node.setdefault(part, {})
@@ -134,7 +139,8 @@ def numeric_keys(model: type[Description], data: Data) -> Iterator[tuple[tuple[s
 
 
 def cases_of(base: Base) -> Iterator[Case]:
-    """The cases of a base: both ends of every numeric key, in the first of several equal tables."""
+    """The cases of a base: itself, and both ends of every numeric key in the first of several equal tables."""
+    yield Case(base)
     for path, schema in numeric_keys(base.model, base.data):
         is_equal = path[0] not in ("shape", "factor", "light")  # tables of these lists are of different kinds
         is_later = is_equal and any(isinstance(part, int) and part for part in path[:-1])
@@ -147,9 +153,11 @@ def cases_of(base: Base) -> Iterator[Case]:
 # --- bases ------------------------------------------------------------------------------------------------------------
 
 PART = box_mesh((0.04, 0.03, 0.02))
+PART = replace(PART, vertices=PART.vertices + np.array([0.0, 0.0, 0.01]))  # it stands on the table
 POSE = {"x_mm": 0.0, "y_mm": 0.0, "z_mm": 100.0, "rx_deg": 180.0, "ry_deg": 0.0, "rz_deg": 0.0}
 STILL = {"pose": [POSE], "mode": "stop-and-look", "sweep": {"enabled": False}, "raster": {"enabled": False}}
 SWEEP = {"max_profiles": 6, "raster": {"enabled": False}, "sweep": {"elevations_deg": [45.0]}}
+FAST = {**SWEEP, "max_profiles": 2, "sweep": {"elevations_deg": [45.0], "speed_deg_s": 170.0}}
 INERTIA = {"mass_kg": 1.0, "centre_of_mass_mm": [0.0, 0.0, 50.0], "inertia_kg_m2": [0.01, 0.01, 0.01]}
 GROOVES = {"model": "grooved_conductor", "reflectance": 0.9, "roughness": 0.3, "roughness_along": 0.1}
 GROOVES |= {"groove_axis": [0.0, 0.0, 1.0], "groove_centre_mm": [0.0, 0.0, 0.0]}
@@ -167,27 +175,54 @@ def shipped(model: Any, name: str) -> Data:
 
 
 def scanned(engine: Engine, **given: Data) -> Any:
-    """Figures of a scan of the part with descriptions as plain data."""
-    models = {"cell": scancell.CellDescription, "sensor": scancell.SensorDescription, "scan": ScanDescription}
+    """Figures and warnings of a scan of the part with descriptions as plain data."""
+    models: dict[str, Any] = {
+        "cell": scancell.CellDescription,
+        "sensor": scancell.SensorDescription,
+        "scan": ScanDescription,
+    }
     made: dict[str, Any] = {key: validate(models[key], data, key) for key, data in given.items()}
-    return scancell.scan(PART, engine=engine, **made).figures
+    result = scancell.scan(PART, engine=engine, **made)
+    return [result.figures, result.warnings]
 
 
-def both(first: Callable[[], Any], second: Callable[[], Any]) -> list[Any]:
-    """Results of two calls; the second one is made although the first one is refused."""
-    try:
-        result = first()
-    except ScancellError:
-        second()
-        raise
-    return [result, second()]
+def both(*calls: Callable[[], Any]) -> list[Any]:
+    """Results of those calls that are not refused, of which there is one at least."""
+    results, refusals = [], []
+    for call in calls:
+        try:
+            results.append(call())
+        except ScancellError as error:
+            refusals.append(error)
+    if not results:
+        raise refusals[0]
+    return results
 
 
 def use_cell(data: Data) -> Any:
-    """A planned sweep, and an exposure at rest with images."""
-    return both(
-        lambda: scanned("ray-traced", cell=data, scan=STILL), lambda: scanned("geometric", cell=data, scan=SWEEP)
-    )
+    """A planned sweep by rays."""
+    return scanned("geometric", cell=data, scan=FAST)
+
+
+def use_lit(data: Data) -> Any:
+    """An exposure with images."""
+    return scanned("ray-traced", cell=data, scan=STILL)
+
+
+def use_session(data: Data) -> Any:
+    """Commands to a belt, a gripper and an arm, and an exposure."""
+    cell = validate(scancell.CellDescription, data, "cell")
+    with scancell.Scanner(cell) as scanner, scanner.session(PART) as session:
+        session.run_conveyor(1, 0.05)
+        session.start_close_gripper(20.0)
+        session.start_move_joints(session.home + 0.02, 0.1)
+        session.wait(0.3)
+        session.start_open_gripper(0.02)
+        session.run_conveyor(1, 0.0)
+        session.wait(0.2)
+        values = [*session.joints, session.table_angle, session.gripper_width, session.conveyor_travel(1)]
+        values += session.snapshot(1e-3).truth_at_middle("part[2]").ravel().tolist()
+        return [*values, *session.profile("geometric").points_in_base.ravel()]
 
 
 def use_sensor(data: Data) -> Any:
@@ -202,9 +237,16 @@ def use_scan(data: Data) -> Any:
     return scanned("geometric", scan=data)
 
 
+def use_occupied(data: Data) -> Any:
+    """A planned sweep beside a cloud of points."""
+    with tempfile.TemporaryDirectory() as folder, chdir(folder):
+        np.savetxt("cloud.xyz", np.random.default_rng(1).uniform(-0.05, 0.05, (500, 3)) + np.array([0.0, 0.6, 0.1]))
+        return scanned("geometric", scan=data)
+
+
 def use_path(data: Data) -> Any:
     """A scan along a path."""
-    scan = {"max_profiles": 20, "sweep": {"enabled": False}, "raster": {"enabled": False}, "path": [data]}
+    scan = {"max_profiles": 200, "sweep": {"enabled": False}, "raster": {"enabled": False}, "path": [data]}
     return scanned("geometric", scan=scan)
 
 
@@ -248,30 +290,54 @@ def use_link(data: Data) -> Any:
     return [arrival.time for arrival in channel.receive(1e3)]
 
 
-def bases() -> list[Base]:
-    """The descriptions whose keys are varied."""
+def cell_bases() -> list[Base]:
+    """Cells whose keys are varied."""
     default = shipped(scancell.CellDescription, "default.toml")
     cell = plain_data(default)
     cell["tool"]["inertia"] = {**INERTIA, "products_kg_m2": [0.0, 0.0, 0.0]}
-    cell["part"] |= {"material": GROOVES, "material_region": [{"material": {"preset": "marble"}, "min_mm": [0.0] * 3}]}
+    cell["part"] |= {
+        "material": GROOVES,
+        "material_region": [{"material": {"preset": "marble"}, "min_mm": [0.0] * 3, "max_mm": [1.0] * 3}],
+    }
     cell["light"] = [
         {"kind": "rectangle", "power_mw": 10.0, "width_mm": 50.0, "height_mm": 50.0, "in_band": 0.1, "pose": POSE},
         {"kind": "disc", "power_mw": 10.0, "diameter_mm": 50.0, "wavelength_nm": 650.0, "bandwidth_nm": 50.0},
     ]
     cell["presence_sensor"] = [{"name": "gate", "x_size_mm": 10.0, "y_size_mm": 10.0, "z_size_mm": 10.0}]
     cell["distance_sensor"] = [{"name": "height", "farthest_mm": 300.0}]
-    cell["light_curtain"] = [{"name": "curtain", "width_mm": 500.0, "height_mm": 300.0, "beam_spacing_mm": 20.0}]
+    cell["light_curtain"] = [{"name": "curtain", "width_mm": 500.0, "height_mm": 300.0, "beam_spacing_mm": 60.0}]
     cell["conveyor"] = [{"name": "belt", "pose": {"x_mm": 900.0}, "length_mm": 400.0, "width_mm": 200.0}]
     cell["tcp"] = [{"name": "tip", "flange_from_tcp": {"z_mm": 80.0}}]
     cell["frame"] = [{"name": "corner", "pose": {"x_mm": 100.0}}]
     cell["estimated"] = {"tool": {}, "dh": [{} for _ in cell["robot"]["joint"]]}
     picking = shipped(scancell.CellDescription, "pick_and_place.toml")
+    block = str(assets_dir() / "parts/step_block.stl")
+    picking["further_part"] = [
+        {"name": "other", "mesh": block, "pose": {"x_mm": 80.0}, "soft": {"stiffness_n_mm": 0.1}}
+    ]
+    cell["obstacle"] = [{"name": "post", "mesh": block, "pose": {"y_mm": 700.0}}]
     dynamic = plain_data(default)
     dynamic["robot"]["drive"] = "dynamic"
     for joint in dynamic["robot"]["joint"]:
         joint["inertia"] = INERTIA
         joint["drive"] = {"motor_inertia_kg_m2": 0.1, "max_torque_n_m": 200.0, "gear_stiffness_n_m_rad": 2e4}
         joint["drive"] |= {"gear_damping_n_m_s_rad": 10.0}
+    seven: Data = shipped(scancell.CellDescription, "seven_axis.toml")
+    seven["robot"]["held"][0]["values_deg"] = [0.0]
+    cells = scancell.CellDescription
+    return [
+        Base("cell", cells, filled(cells, cell), use_cell, "(?!light|part.material)"),
+        Base("lit", cells, filled(cells, cell), use_lit, r"light(?!_)|part\.|.*reflectance|table\.(pose|radius|thick)"),
+        Base(
+            "picking", cells, filled(cells, picking), use_session, "gripper|conveyor|further_part|part.arrival|contact"
+        ),
+        Base("dynamic", cells, filled(cells, dynamic), use_cell, r"robot\.joint|robot\.link|world"),
+        Base("seven", cells, seven, use_cell, "robot.held"),
+    ]
+
+
+def bases() -> list[Base]:
+    """The descriptions whose keys are varied."""
     sensor = shipped(scancell.SensorDescription, "two_camera_probe.toml")
     wide = plain_data(sensor)
     wide["laser"] |= {"profile": "table", "profile_angle_deg": [-20.0, 0.0, 20.0], "profile_power": [1.0, 2.0, 1.0]}
@@ -285,9 +351,12 @@ def bases() -> list[Base]:
     }
     for camera in wide["camera"]:
         camera |= {"focus_mm": 120.0, "region_columns_px": [0, camera["width_px"]], "region_rows_px": [0, 512]}
-    path = {"waypoint": [{"x_mm": x, "y_mm": 0.0, "z_mm": 20.0} for x in (-10.0, 10.0)]}
+    burst = plain_data(sensor)
+    burst["exposure"] = {"mode": "multiple", "further_ms": [0.5]}
+    burst["laser"] |= {"profile": "gaussian", "profile_half_width_deg": 20.0}
+    path: Data = {"waypoint": [{"x_mm": x, "y_mm": 0.0, "z_mm": 20.0} for x in (-10.0, 10.0)]}
     path |= {"quality": {"pair": [{"bodies": ["sensor", "part"], "full_clearance_mm": 40.0}]}, "weights": {}}
-    study = {"name": "ends", "part": "part.stl", "seed": 1, "design": {"kind": "monte_carlo", "trials": 4}}
+    study: Data = {"name": "ends", "part": "part.stl", "seed": 1, "design": {"kind": "monte_carlo", "trials": 4}}
     study["set"] = ["scan.max_profiles=6", "scan.raster.enabled=false", "scan.sweep.elevations_deg=[45]"]
     kinds = [NORMAL, {"kind": "uniform", "low": -0.01, "high": 0.01}, {**NORMAL, "kind": "truncated_normal"}]
     kinds[2] |= {"low": -0.02, "high": 0.02}
@@ -306,22 +375,17 @@ def bases() -> list[Base]:
         {"kind": "cone", "name": "tip", "bottom_diameter_mm": 10.0, "top_diameter_mm": 5.0, "height_mm": 10.0},
         {"kind": "ring", "name": "ring", "inner_diameter_mm": 5.0, "outer_diameter_mm": 10.0, "height_mm": 5.0},
     ]
-    cells, sensors = scancell.CellDescription, scancell.SensorDescription
+    sensors = scancell.SensorDescription
+    occupied = {**SWEEP, "occupied": [{"file": "cloud.xyz"}]}
     raster = {"max_profiles": 6, "sweep": {"enabled": False}}
     scan = filled(ScanDescription, {**SWEEP, "pair_clearance": [{"bodies": ["sensor", "part"], "clearance_mm": 6.0}]})
     return [
-        Base("cell", cells, filled(cells, cell), use_cell),
-        Base("picking", cells, picking, use_cell, "gripper|conveyor|further_part|part.arrival|contact"),
-        Base("dynamic", cells, filled(cells, dynamic), use_cell, r"robot\.joint|robot\.link|world"),
+        *cell_bases(),
         Base("sensor", sensors, sensor, use_sensor),
         Base("wide", sensors, filled(sensors, wide), use_sensor, "laser|exposure|detector|camera"),
+        Base("burst", sensors, filled(sensors, burst), use_sensor, "exposure.further|laser.profile_half"),
         Base("scan", ScanDescription, scan, use_scan),
-        Base(
-            "raster",
-            ScanDescription,
-            filled(ScanDescription, raster),
-            use_scan,
-        ),
+        Base("raster", ScanDescription, filled(ScanDescription, raster), use_scan, "raster"),
         Base(
             "coverage",
             ScanDescription,
@@ -330,9 +394,16 @@ def bases() -> list[Base]:
             "coverage|sweep",
         ),
         Base("still", ScanDescription, filled(ScanDescription, STILL), use_scan, "pose|settle|table"),
+        Base("occupied", ScanDescription, filled(ScanDescription, occupied), use_occupied, "occupied"),
         Base("path", PathDescription, filled(PathDescription, path), use_path),
-        Base("spiral", PathDescription, filled(PathDescription, {"spiral": {}}), use_path),
-        Base("contour", PathDescription, filled(PathDescription, {"contour": {"height_mm": 10.0}}), use_path),
+        Base("spiral", PathDescription, filled(PathDescription, {"spiral": {}, "pitch_mm": 5.0}), use_path, "spiral"),
+        Base(
+            "contour",
+            PathDescription,
+            filled(PathDescription, {"contour": {"height_mm": 10.0}, "pitch_mm": 5.0}),
+            use_path,
+            "contour",
+        ),
         Base("artefact", ArtefactDescription, filled(ArtefactDescription, {"shape": shapes}), use_artefact),
         Base("study", StudyDescription, filled(StudyDescription, study), use_study),
         Base("batch", BatchDescription, filled(BatchDescription, batch), use_batch),
@@ -347,6 +418,8 @@ def odd_figures(value: Any, name: str = "") -> list[str]:
     """Names of the figures that are NaN or infinite."""
     if isinstance(value, Mapping):
         return [odd for key, item in value.items() for odd in odd_figures(item, f"{name}.{key}")]
+    if isinstance(value, str):
+        return [value] if ODD_TEXT.search(value) else []
     if isinstance(value, list | tuple):
         return [odd for number, item in enumerate(value) for odd in odd_figures(item, f"{name}[{number}]")]
     return [name] if isinstance(value, float | np.floating) and not math.isfinite(value) else []
@@ -359,13 +432,13 @@ def outcome_of(case: Case) -> tuple[str, str]:
         try:
             odd = odd_figures(case.base.use(case.changed))
         except ScancellError as error:
-            return "refused", str(error)
+            return ("refused" if case.path else "refused base"), str(error)
         except Exception as error:
             frames = traceback.extract_tb(error.__traceback__)
             where = next((f for f in reversed(frames) if "scancell" in f.filename), frames[-1])
             return "traceback", f"{Path(where.filename).name}:{where.lineno}: {type(error).__name__}: {error}"
     numerical = [str(item.message) for item in caught if issubclass(item.category, RuntimeWarning)]
-    odd += [text for text in numerical if re.search(r"\b(inf|nan|invalid value|overflow|divide)\b", text)]
+    odd += [text for text in numerical if ODD_TEXT.search(text)]
     return ("odd figure", ", ".join(dict.fromkeys(odd))) if odd else ("answer", "")
 
 
@@ -379,12 +452,17 @@ def _child(case: Case, sender: Any) -> None:
     sender.send(outcome_of(case))
 
 
+def _ended_processes() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
 def run_case(case: Case) -> tuple[str, float, str]:
-    """Outcome, elapsed time (s) and text of a case in a process of its own."""
+    """Outcome, processor time (s) and text of a case in a process of its own."""
     context = multiprocessing.get_context("fork")
     receiver, sender = context.Pipe(duplex=False)
     process = context.Process(target=_child, args=(case, sender))
-    start = time.monotonic()
+    start = _ended_processes()
     process.start()
     sender.close()
     outcome = ("aborted", "")
@@ -397,7 +475,7 @@ def run_case(case: Case) -> tuple[str, float, str]:
     if outcome[0] == "aborted" and process.exitcode is not None:
         ended = signal.Signals(-process.exitcode).name if process.exitcode < 0 else f"code {process.exitcode}"
         outcome = ("endless", f"{SECONDS} s of processor time") if ended == "SIGXCPU" else ("aborted", ended)
-    return outcome[0], time.monotonic() - start, outcome[1]
+    return outcome[0], _ended_processes() - start, outcome[1]
 
 
 def main() -> None:
@@ -429,7 +507,7 @@ def main() -> None:
         if outcome not in ("answer", "refused"):
             print(f"{case.name}: {outcome} after {seconds:.1f} s: {text}", flush=True)
     counts = Counter(rows[case.name]["outcome"] for case in cases if case.name in rows)
-    keys = len({(case.base.name, case.path) for case in cases})
+    keys = len({(case.base.name, case.path) for case in cases if case.path})
     print(f"{keys} keys, {len(cases)} cases, {sum(counts.values())} run: {dict(counts)}")
 
 

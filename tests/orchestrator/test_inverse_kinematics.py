@@ -144,6 +144,12 @@ def test_nearest_turn_is_the_best_of_all_turns() -> None:
     np.testing.assert_allclose(turned, np.take_along_axis(options, cost.argmin(-1)[..., None], -1)[..., 0], atol=1e-12)
 
 
+def test_turns_without_a_reference_are_near_zero_in_a_range_of_any_width() -> None:
+    q = RNG.uniform(-np.pi, np.pi, (100, 6))
+    joints = [replace(joint, min=-200 * np.pi, max=3 * np.pi) for joint in DEFAULT.joints]
+    np.testing.assert_allclose(replace(DEFAULT, joints=joints).nearest_turn(q + 4 * np.pi), q, atol=1e-12)
+
+
 @pytest.mark.parametrize("joints", [4, 5])
 def test_arm_of_fewer_joints_attains_its_own_poses_only(joints: int) -> None:
     arm = Arm(SKEW.joints[:joints])

@@ -82,7 +82,7 @@ class MotionDescription(Description):
     turn_acceleration_deg_s2: AngularAcceleration = Field(
         default=900.0, description="angular acceleration of the tool in a straight line, deg/s²"
     )
-    jog_speed_mm_s: Annotated[float, Field(gt=0.0, le=250.0)] = Field(
+    jog_speed_mm_s: Annotated[float, Field(ge=0.001, le=250.0)] = Field(
         default=250.0, description="Cartesian jog speed of the tool at full deflection, mm/s; ISO 10218-1 allows 250"
     )
     jog_acceleration_mm_s2: Acceleration = Field(

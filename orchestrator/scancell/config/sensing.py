@@ -13,7 +13,7 @@ FramedPose = Field(
     default=PoseDescription(), description="frame_from_sensor: pose of the sensor in the frame that it moves with"
 )
 MovesWith = Field(default="world", description="frame that the sensor moves with")
-Period = Annotated[float, Field(gt=0.0, le=1000.0)]
+Period = Annotated[float, Field(ge=0.001, le=1000.0)]
 
 
 class CellSensorDescription(Description):

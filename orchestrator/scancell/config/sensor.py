@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 _SMALLEST_IMAGE = 16  # px
 _Pixels = Annotated[int, Field(ge=_SMALLEST_IMAGE, le=16_384)]
-_ExposureTime = Annotated[float, Field(gt=0.0, le=1000.0)]
+_ExposureTime = Annotated[float, Field(ge=1e-6, le=1000.0)]  # ms
 _Lean = Annotated[float, Field(ge=-40.0, le=40.0)]
 _Coefficient = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 _Small = Annotated[float, Field(ge=-10.0, le=10.0)]
@@ -47,7 +47,7 @@ class LaserDescription(Description):
 
     wavelength_nm: Annotated[float, Field(ge=200.0, le=2000.0)] = Field(description="wavelength of the laser, nm")
     power_mw: Annotated[float, Field(ge=0.0, le=1e6)] = Field(description="optical power of the whole line, mW")
-    fan_half_angle_deg: Annotated[float, Field(gt=0.0, lt=80.0)] = Field(
+    fan_half_angle_deg: Annotated[float, Field(ge=0.001, lt=80.0)] = Field(
         description="half of the fan angle: the line covers -angle..angle from sensor Z in the YZ plane, deg"
     )
     source_z_mm: Coordinate = Field(
@@ -66,7 +66,7 @@ class LaserDescription(Description):
     profile: Literal["uniform", "gaussian", "table"] = Field(
         default="uniform", description="power per angle along the line; its integral is power_mw"
     )
-    profile_half_width_deg: Annotated[float, Field(gt=0.0, lt=180.0)] | None = Field(
+    profile_half_width_deg: Annotated[float, Field(ge=0.001, lt=180.0)] | None = Field(
         default=None, description="gaussian: angle from the centre where power per angle is 1/e² of its maximum, deg"
     )
     profile_angle_deg: Annotated[tuple[Annotated[float, Field(ge=-180.0, le=180.0)], ...], Field(max_length=1000)] = (
@@ -105,7 +105,9 @@ class RangeDescription(Description):
     """Measuring range along sensor Z; points outside it are discarded."""
 
     near_mm: Size = Field(description="start of the measuring range, sensor Z, mm")
-    far_mm: Annotated[float, Field(gt=0.0, le=10_000.0)] = Field(description="end of the measuring range, sensor Z, mm")
+    far_mm: Annotated[float, Field(ge=0.001, le=10_000.0)] = Field(
+        description="end of the measuring range, sensor Z, mm"
+    )
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -126,7 +128,7 @@ class CameraDescription(Description):
     side: Literal[1, -1] = Field(description="1: at sensor X = +baseline; -1: its mirror image")
     baseline_mm: Size = Field(description="distance of the optical centre from the laser sheet (a), mm")
     height_mm: Coordinate = Field(default=0.0, description="sensor Z of the optical centre (b), mm")
-    tilt_deg: Annotated[float, Field(gt=0.0, lt=90.0)] = Field(
+    tilt_deg: Annotated[float, Field(ge=0.001, lt=90.0)] = Field(
         description="angle of the optical axis from sensor Z towards the sheet (phi), deg"
     )
     half_angle_deg: Annotated[float, Field(gt=0.1, lt=60.0)] = Field(
@@ -216,7 +218,7 @@ class DetectorDescription(Description):
     exposure_ms: _ExposureTime = Field(
         description="exposure time of a pixel, ms; of the first image where section [exposure] asks for others"
     )
-    quantum_efficiency: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
+    quantum_efficiency: Annotated[float, Field(ge=1e-6, le=1.0)] = Field(
         description="electrons per photon at the laser's wavelength, 0..1"
     )
     full_well_e: Annotated[float, Field(ge=1.0, le=1e9)] = Field(
@@ -252,7 +254,7 @@ class DetectorDescription(Description):
     shutter: Literal["global", "rolling"] = Field(
         default="global", description="global: all rows at once; rolling: row after row"
     )
-    row_readout_us: Annotated[float, Field(gt=0.0, le=1000.0)] | None = Field(
+    row_readout_us: Annotated[float, Field(ge=1e-6, le=1000.0)] | None = Field(
         default=None,
         description="time in which a row is read, µs; rolling: the delay between the exposures of neighbouring rows;"
         " global: an image is read while the next one is exposed, and no time is taken unless given",
@@ -417,7 +419,7 @@ class ExtractionDescription(Description):
         default=4.0, description="smallest height of a peak above the background, digital numbers"
     )
     min_sigma_px: _Distance = Field(default=0.4, description="smallest standard deviation of a stripe, px")
-    max_sigma_px: Annotated[float, Field(gt=0.0, le=8.0)] = Field(
+    max_sigma_px: Annotated[float, Field(ge=1e-6, le=8.0)] = Field(
         default=6.0, description="largest standard deviation of a stripe, px"
     )
     max_asymmetry: _Limit = Field(

@@ -220,12 +220,13 @@ class Arm(Chain):
     def nearest_turn(self, q: ArrayLike, reference: ArrayLike | None = None) -> Array:
         """q (..., joints) with multiples of 2 pi added per joint: inside the limits if possible, near `reference`.
 
-        `reference` defaults to the middle of the joint range. A joint that cannot be brought inside its limits ends
+        `reference` defaults to 0, or the limit nearest to it: a range of many turns has its middle many turns away,
+        and a motion to there lasts for minutes. A joint that cannot be brought inside its limits ends
         as near to them as possible.
         """
         q = np.asarray(q, float)
         lower, upper = self.limits
-        goal = (lower + upper) / 2 if reference is None else np.asarray(reference, float)
+        goal = np.clip(0.0, lower, upper) if reference is None else np.asarray(reference, float)
         turn = 2 * np.pi
         # Between the fewest turns that reach the lower limit and the most that keep the upper one.
         least, most = np.ceil((lower - _AT_LIMIT - q) / turn), np.floor((upper + _AT_LIMIT - q) / turn)
