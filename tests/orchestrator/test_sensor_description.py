@@ -69,7 +69,7 @@ def test_straightness_displaces_line_ends() -> None:
         (['camera[2].name="plus"'], "2 cameras have the name 'plus'"),
         (['detector.shutter="rolling"'], "needs row_readout_us"),
         (["detector.hot_pixels_ppm=12.5"], "must be given together"),
-        (['detector.shutter="rolling"', "detector.row_readout_us=0"], "greater than 0"),
+        (['detector.shutter="rolling"', "detector.row_readout_us=0"], "greater than or equal to"),
         (['detector.shutter="rolling"', "detector.row_readout_us=12.5", "render.bounces=1"], "bounces must be 0"),
     ],
 )
