@@ -247,9 +247,8 @@ class CellInstance(Closing):
             return self.real_group(["controller.ahead"])
         if "controller.ahead[1].table" not in self._variables:
             raise CellError("the FMU does not describe the path ahead of the controller: build it with `ahead`")
-        return self.real_group(
-            [name for k in range(1, points + 1) for name in self.axis_names(f"controller.ahead[{k}].")]
-        )
+        axes = self.axis_names("")
+        return self.real_group([f"controller.ahead[{k}].{name}" for k in range(1, points + 1) for name in axes])
 
     def _reference(self, name: str) -> int:
         if name not in self._variables:

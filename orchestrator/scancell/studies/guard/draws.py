@@ -27,7 +27,7 @@ from scancell.studies.guard.worlds import World
 
 Array = NDArray[np.float64]
 
-_TRIES = 400  # starts of a run
+_TRIES = 4000  # starts of a run
 _RANDOM = 60  # axes by which the usual clearances are known
 _INSIDE = 0.02  # rad, of the limits
 _NEAR_HOME = 0.7  # rad
@@ -115,7 +115,7 @@ class Draws:
         silent_jogs = stratum.silent and (stratum.kind == MIXED or stratum.kind in JOGGED)
         start, direction, pair = self.anywhere(rng), np.zeros(len(nominal.home) + 1), -1
         contact, least = start, self.least
-        if not stratum.near and not self._is_free(nominal, scene, start, least):
+        if not self._is_free(nominal, scene, start, least):  # from there the contact is rarely behind other bodies
             return None
         if stratum.near or rng.random() < 0.5:
             pair = self._random_pair(rng)
