@@ -39,7 +39,6 @@ def campaign() -> Iterator[Campaign]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("block", range(len(FAULTS)))
-@pytest.mark.xfail(strict=False, reason="the guard does not yet check short motions and all pairs of bodies")
 def test_guarded_robots_do_not_collide(campaign: Campaign, block: int) -> None:
     """A fault of the network: a run in each decade of speed, of kinds that change from fault to fault."""
     kinds = [(4 * block + 5 * decade) % len(KINDS) for decade in range(len(DECADES))]
@@ -155,7 +154,6 @@ def test_a_folder_of_another_campaign_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=False, reason="the search draws other persons than before: its runs are not measured yet")
 def test_the_guard_holds_at_the_limits_of_its_assumptions() -> None:
     """Steered runs by hand in a cell that brakes as late and as weakly as the guard assumes."""
     found = search(OPTIONS, 7)
@@ -166,7 +164,6 @@ def test_the_guard_holds_at_the_limits_of_its_assumptions() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("error", QUICK)
-@pytest.mark.xfail(strict=False, reason="the search draws other persons than before: its runs are not measured yet")
 def test_a_search_finds_what_is_wrong_with_a_guard(error: str) -> None:
     assert search(QUICK[error], 40, error).contact
 
