@@ -133,13 +133,14 @@ class PlanningCell:
     @cached_property
     def reduced_meshes(self) -> dict[str, ReducedMesh]:
         """Mesh of each body by name with few faces; measured space as it is."""
-        self.work.spend(0.0)
-        return {
-            body.name: ReducedMesh(body.mesh, len(body.mesh.faces))
-            if body.name.startswith(OCCUPIED)
-            else reduced(body.mesh, _MAX_FACES, _MAX_ERROR)
-            for body in self.nominal.bodies
-        }
+        found = {}
+        for body in self.nominal.bodies:
+            self.work.spend(0.0)
+            is_kept = body.name.startswith(OCCUPIED)
+            found[body.name] = (
+                ReducedMesh(body.mesh, len(body.mesh.faces)) if is_kept else reduced(body.mesh, _MAX_FACES, _MAX_ERROR)
+            )
+        return found
 
     @property
     def judged_meshes(self) -> dict[str, Mesh]:
@@ -158,6 +159,7 @@ class PlanningCell:
     def motion_check(self, clearance: float) -> MotionCheck:
         """Check that motions keep `MOTION_SHARE` of the clearance of every pair, see `clearances`."""
         required = MOTION_SHARE * self.clearances(clearance) + self._errors
+        self.work.spend(0.0)
         return MotionCheck(self.nominal, self.proximity, required, self.threads, spend=self.work.spend)
 
     def table_clearances(self, clearance: float) -> Array:
@@ -218,8 +220,9 @@ class PlanningCell:
 
     def contacts(self, q: ArrayLike, table: ArrayLike) -> list[Clash]:
         """Pairs of bodies that touch (0.1 mm) at joints (n, joints) and table angles (n,), rad."""
-        poses = self.nominal.body_poses(q, table)
-        return self.proximity.clearance_violations(poses, _TOUCHING + self._errors, self.threads)
+        poses, scene = self.nominal.body_poses(q, table), self.proximity
+        self.work.spend(0.0)
+        return scene.clearance_violations(poses, _TOUCHING + self._errors, self.threads)
 
     def table_from_sensor(self, q: ArrayLike) -> Array:
         """Sensor poses (..., 4, 4), m, in the frame of the table at angle 0, for joints (..., joints), rad."""

@@ -50,7 +50,7 @@ class Judge:
         self._index = np.array(pairs, np.int64).reshape(-1, 2)
         self._middle = np.array([meshes[name].bounds.mean(0) for name in names])
         self._half = np.array([np.ptp(meshes[name].bounds, axis=0) / 2 for name in names])
-        self._models: dict[str, Any] = {}  # of bodies whose boxes have met those of others
+        self._objects: dict[str, Any] = {}  # of bodies whose boxes have met those of others
         self._index = self._index[~self._touching(np.asarray(start, float))]
 
     @property
@@ -87,15 +87,18 @@ class Judge:
         """Both bodies of a pair at poses (bodies, 4, 4)."""
         import fcl  # noqa: PLC0415  (most commands make no plan)
 
-        return [
-            fcl.CollisionObject(self._model(self._names[k]), fcl.Transform(poses[k, :3, :3], poses[k, :3, 3]))
-            for k in self._index[pair]
-        ]
+        placed = [self._object(self._names[k]) for k in self._index[pair]]
+        for body, k in zip(placed, self._index[pair], strict=True):
+            body.setTransform(fcl.Transform(poses[k, :3, :3], poses[k, :3, 3]))
+        return placed
 
-    def _model(self, name: str) -> Any:
-        if name not in self._models:
-            self._models[name] = fcl_model(self._meshes[name].vertices, self._meshes[name].faces)
-        return self._models[name]
+    def _object(self, name: str) -> Any:
+        """The body, which is kept and moved: a new one takes a pass over all vertices."""
+        import fcl  # noqa: PLC0415  (most commands make no plan)
+
+        if name not in self._objects:
+            self._objects[name] = fcl.CollisionObject(fcl_model(self._meshes[name].vertices, self._meshes[name].faces))
+        return self._objects[name]
 
     def _within_reach(self, poses: Array) -> NDArray[np.int64]:
         """Pairs whose bounding spheres overlap at one of the poses."""

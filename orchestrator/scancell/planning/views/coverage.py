@@ -172,7 +172,7 @@ class CoveragePlanner:
         if self._options.sweep:
             wide = replace(self._options.sweep, elevations=_ELEVATIONS)
             nothing = np.zeros(len(part.points), bool)
-            beside = sweeps_beside_axis(part, self._cell.range, wide, nothing)
+            beside = sweeps_beside_axis(part, self._cell.range, wide, nothing, self._cell.work)
             for view in (*sweeps(part, self._cell.range, wide), *beside):
                 self._add(view, self._sight.judge(view))
 

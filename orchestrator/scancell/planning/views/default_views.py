@@ -41,9 +41,10 @@ def default_views(
     lines = paths.passes(part, cell.range, options.raster) if options.raster else []
     if is_needed and not (turns or lines):
         raise PlanningError("no view sees the part: no surface faces the sensor")
+    cell.work.spend(0.0)
     if options.sweep:
         seen = seen_by([*turns, *lines], cell.range, part)
-        turns += paths.side_sweeps(part, cell.range, options.sweep, seen)
+        turns += paths.side_sweeps(part, cell.range, options.sweep, seen, cell.work)
     warnings: list[str] = []
     sweeps = _reach_sweeps(placer, turns, warnings)
     counts = exposure_counts([*(s.view for s in sweeps), *lines], options.spacing, max_profiles)

@@ -6,6 +6,8 @@ azimuth and the joints of the arm.
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +16,7 @@ from scancell.geometry import pose
 from scancell.planning.model import SensorRange
 from scancell.planning.options import RasterOptions, SweepOptions
 from scancell.planning.views.views import MIN_COSINE, Pass, Surface, Sweep, crossing_angles, seen_by, sweep_pose
+from scancell.planning.work import Work
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -33,14 +36,20 @@ def sweeps(part: Surface, sensor_range: SensorRange, options: SweepOptions) -> l
     return [view for e in options.elevations for view in _sweeps_at(part, sensor_range, options, e, 0.0, nothing)]
 
 
-def side_sweeps(part: Surface, sensor_range: SensorRange, options: SweepOptions, seen: Flags) -> list[Sweep]:
+def side_sweeps(
+    part: Surface, sensor_range: SensorRange, options: SweepOptions, seen: Flags, work: Work | None = None
+) -> list[Sweep]:
     """Sweeps with the laser sheet offset from the axis, for samples not yet `seen` (n,), such as radial walls.
 
     A sheet through the axis meets radial walls at grazing incidence. Greedy choice by added surface, at most
-    `_MAX_SIDE_SWEEPS`, until the best candidate adds less than `_MIN_SWEEP_GAIN`.
+    `_MAX_SIDE_SWEEPS`, until the best candidate adds less than `_MIN_SWEEP_GAIN`. `work` may cancel at each candidate.
     """
-    candidates = sweeps_beside_axis(part, sensor_range, options, seen)
-    sees = np.array([seen_by([view], sensor_range, part) for view in candidates])
+    work = work or Work()
+    candidates = sweeps_beside_axis(part, sensor_range, options, seen, work)
+    sees = np.zeros((len(candidates), len(seen)), bool)
+    for i, view in enumerate(candidates):
+        work.spend(0.0)
+        sees[i] = seen_by([view], sensor_range, part)
     chosen: list[Sweep] = []
     while candidates and len(chosen) < _MAX_SIDE_SWEEPS:
         gain = (sees & ~seen).mean(1)
@@ -52,16 +61,18 @@ def side_sweeps(part: Surface, sensor_range: SensorRange, options: SweepOptions,
     return chosen
 
 
-def sweeps_beside_axis(part: Surface, sensor_range: SensorRange, options: SweepOptions, seen: Flags) -> list[Sweep]:
+def sweeps_beside_axis(
+    part: Surface, sensor_range: SensorRange, options: SweepOptions, seen: Flags, work: Work | None = None
+) -> list[Sweep]:
     """Sweeps with the laser sheet at several offsets from the axis, for samples not yet `seen` (n,)."""
+    work = work or Work()
+    views: list[Sweep] = []
     radius = float(np.hypot(part.extremes[:, 0], part.extremes[:, 1]).max())
     offsets = [sign * share * radius for share in _SIDE_OFFSETS for sign in (1, -1)]
-    return [
-        view
-        for e in options.elevations
-        for y in offsets
-        for view in _sweeps_at(part, sensor_range, options, e, y, seen)
-    ]
+    for elevation, offset in product(options.elevations, offsets):
+        work.spend(0.0)
+        views += _sweeps_at(part, sensor_range, options, elevation, offset, seen)
+    return views
 
 
 def _sweeps_at(

@@ -195,8 +195,10 @@ class Placer:
 
             def attempt(choice: int, i: int = i, view: Pass = view) -> PlacedPass | Infeasible:
                 turned, number = divmod(choice, branches)
-                middle = q[i, turned, 1, number]
-                return self._try_pass(view, runs[i], counts[i], float(angles[turned]), middle, number)
+                at = q[i, turned, :, number]
+                # Most collisions occur at one of these poses: inverse kinematics along the pass takes much longer.
+                collision = self._collision(at, np.full(len(at), angles[turned]))
+                return collision or self._try_pass(view, runs[i], counts[i], float(angles[turned]), at[1], number)
 
             choices = order[usable[i][order]]
             if not len(choices) and (metric[i] > _MIN_METRIC).any():

@@ -1,0 +1,69 @@
+"""Effort of planning, in units of work: views that collide are refused early, and planning may be cancelled often."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from scancell.config.files import assets_dir
+from scancell.config.loading import load_setup
+from scancell.errors import CancelledError
+from scancell.geometry import pose
+from scancell.geometry.mesh import box_mesh
+from scancell.nominal.cell import Body, nominal_cell
+from scancell.planning.model import PlanningCell, SensorRange
+from scancell.planning.options import scan_options
+from scancell.planning.views import paths
+from scancell.planning.views.placement import Infeasible, Placer
+from scancell.planning.views.views import sample_part, seen_by
+from scancell.planning.work import Work
+from scancell.progress import NullProgress
+from scancell.scanning.sense import make_sensors
+
+
+class _CancelAfter(NullProgress):
+    def __init__(self, calls: int) -> None:
+        self.left = calls
+
+    def advance(self, steps: float) -> None:
+        self.left -= 1
+        if self.left < 0:
+            raise CancelledError
+
+
+def _cell(name: str, work: Work) -> PlanningCell:
+    """The cell with a plate over the part, through which no pass gets."""
+    setup = load_setup(assets_dir() / "cells" / f"{name}.toml")
+    nominal = nominal_cell(
+        setup.cell, box_mesh((0.08, 0.06, 0.03), "part").transformed(pose.translation((0, 0, 0.015)))
+    )
+    plate = box_mesh((0.5, 0.5, 0.004), "plate").transformed(nominal.world_from_table @ pose.translation((0, 0, 0.14)))
+    nominal = replace(nominal, bodies=(*nominal.bodies, Body("plate", "world", plate, nominal.bodies[0].material)))
+    sensor_range = SensorRange.of(make_sensors(setup.sensor, (), 0).nominal)
+    return PlanningCell(nominal, sensor_range, setup.cell.world.controller_cycle, work=work)
+
+
+def test_passes_that_collide_need_no_inverse_kinematics_along_them() -> None:
+    work, setup = Work(), load_setup()
+    cell = _cell("offset_wrist", work)
+    options = scan_options(setup.scan, setup.sensor)
+    assert options.raster is not None
+    part = sample_part(cell.nominal.part, cell.nominal.table_from_part)
+    views = paths.passes(part, cell.range, options.raster)[:1]
+    (found,) = Placer(cell, options.azimuth, options.clearance).passes(views, [40], options.raster.speed, None)
+    assert isinstance(found, Infeasible) and "plate" in found.reason
+    assert work.spent < 0.5
+
+
+@pytest.mark.parametrize("calls", [0, 5])
+def test_choice_of_side_sweeps_can_be_cancelled(calls: int) -> None:
+    work, setup = Work(progress=_CancelAfter(calls)), load_setup()
+    options, cell = scan_options(setup.scan, setup.sensor), _cell("default", Work())
+    assert options.sweep is not None
+    part = sample_part(cell.nominal.part, cell.nominal.table_from_part)
+    seen = seen_by(paths.sweeps(part, cell.range, options.sweep), cell.range, part)
+    with pytest.raises(CancelledError):
+        paths.side_sweeps(part, cell.range, options.sweep, seen, work)
+    assert np.isfinite(work.spent)
