@@ -57,3 +57,20 @@ def test_too_many_laser_lines_are_refused_before_memory_is_reserved() -> None:
     for step in (1e-5, 1e-15, 5e-324):
         with pytest.raises(PlanningError, match=r"scan\.sweep\.height_step_mm"):
             tile(0.0, 0.1, 0.02, step)
+
+
+def test_a_turn_at_the_smallest_jerk_lasts_half_a_minute_at_most() -> None:
+    base = BASES["cell"]
+    found = [
+        limits_of(schema)[0] for path, schema in numeric_keys(base.model, base.data) if path[-1] == "max_jerk_deg_s3"
+    ]
+    assert len(found) > 1
+    assert max((32 * 360.0 / low) ** (1 / 3) for low in found) < 30.0  # from rest to rest, s; each is simulated
+
+
+def test_exposure_times_and_angles_of_the_sensor_do_not_underflow() -> None:
+    base = BASES["burst"]
+    keys = {"further_ms", "exposure_ms", "row_readout_us", "fan_half_angle_deg", "tilt_deg", "far_mm", "period_ms"}
+    for path, schema in numeric_keys(base.model, base.data):
+        if keys & set(path):
+            assert limits_of(schema)[0] >= 1e-6

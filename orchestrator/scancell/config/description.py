@@ -29,7 +29,7 @@ Acceleration = Annotated[float, Field(ge=0.1, le=1e7)]  # mm/s²
 Angle = Annotated[float, Field(ge=-36_000.0, le=36_000.0)]  # deg
 AngularSpeed = Annotated[float, Field(ge=0.001, le=100_000.0)]  # deg/s
 AngularAcceleration = Annotated[float, Field(ge=0.1, le=1e7)]  # deg/s²
-AngularJerk = Annotated[float, Field(ge=0.1, le=1e9)]  # deg/s³
+AngularJerk = Annotated[float, Field(ge=1.0, le=1e9)]  # deg/s³
 Mass = Annotated[float, Field(ge=1e-6, le=100_000.0)]  # kg
 Density = Annotated[float, Field(ge=0.1, le=100_000.0)]  # kg/m³
 Stiffness = Annotated[float, Field(ge=1e-6, le=1e6)]  # N/mm
