@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bench.planner_campaign import make_cell
 from scancell.config.files import assets_dir
 from scancell.config.loading import load_setup
 from scancell.errors import CancelledError
@@ -15,6 +16,7 @@ from scancell.geometry.mesh import box_mesh
 from scancell.nominal.cell import Body, nominal_cell
 from scancell.planning.model import PlanningCell, SensorRange
 from scancell.planning.options import scan_options
+from scancell.planning.planner import plan
 from scancell.planning.views import paths
 from scancell.planning.views.placement import Infeasible, Placer
 from scancell.planning.views.views import sample_part, seen_by
@@ -67,3 +69,10 @@ def test_choice_of_side_sweeps_can_be_cancelled(calls: int) -> None:
     with pytest.raises(CancelledError):
         paths.side_sweeps(part, cell.range, options.sweep, seen, work)
     assert np.isfinite(work.spent)
+
+
+def test_sweeps_are_placed_at_azimuths_far_from_the_preferred_one() -> None:
+    """A hook beside the preferred azimuth is in the way of the first 24 choices: three azimuths of eight branches."""
+    _, _, _, setup, cell = make_cell(21)
+    options = replace(scan_options(setup.scan, setup.sensor), max_profiles=120)
+    assert not [text for text in plan(cell, options).warnings if "sweep at 60 deg" in text]

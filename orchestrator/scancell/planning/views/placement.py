@@ -30,7 +30,7 @@ _AZIMUTH_STEP = np.radians(15.0)
 _MIN_METRIC = 1e-3  # product of Eq. 7 below which a pose counts as infeasible: too near to a joint limit
 _TURN_CHECKS = 120  # table angles per turn at which collisions are checked
 _TURN_STEPS = 24  # parts of a turn of the table that are free or not
-_MAX_TRIES = 24
+_MAX_TRIES = 24  # of passes and poses; sweeps, whose choices are cheap to refuse, try all
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,9 @@ class Placer:
 
             choices = order[usable[i][order]]
             # Choices of equal roll have the same pose of the sensor relative to the part.
-            result.append(self._first_feasible(view.name, choices, choices // branches % 2, attempt, targets[i]))
+            result.append(
+                self._first_feasible(view.name, choices, choices // branches % 2, attempt, targets[i], len(choices))
+            )
         return result
 
     def passes(
@@ -251,7 +253,13 @@ class Placer:
         return self._first_feasible(name, choices, 0 * choices, attempt, table_from_sensor[None])
 
     def _first_feasible(
-        self, name: str, choices: Indices, groups: Indices, attempt: Callable[[int], _T | Infeasible], targets: Array
+        self,
+        name: str,
+        choices: Indices,
+        groups: Indices,
+        attempt: Callable[[int], _T | Infeasible],
+        targets: Array,
+        tries: int = _MAX_TRIES,
     ) -> _T | Infeasible:
         """The first feasible choice; else why the first is infeasible, or why there is no choice at all.
 
@@ -259,7 +267,7 @@ class Placer:
         """
         first: Infeasible | None = None
         excluded: set[int] = set()
-        for choice, group in zip(choices[:_MAX_TRIES].tolist(), groups.tolist(), strict=False):
+        for choice, group in zip(choices[:tries].tolist(), groups.tolist(), strict=False):
             if group in excluded:
                 continue
             placed = attempt(choice)
