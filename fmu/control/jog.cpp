@@ -37,10 +37,6 @@ Knot constant_acceleration_knot(const Knot& start, double speed, const AxisLimit
   return {inside, inside == end ? speed : 0};
 }
 
-bool jog_released(const Command& command) {
-  return std::all_of(command.jog.begin(), command.jog.end(), [](double j) { return j == 0; });
-}
-
 bool at_rest(const Knots& knots) {
   return std::all_of(knots.begin(), knots.end(), [](const Knot& knot) { return knot.velocity == 0; });
 }
@@ -61,6 +57,10 @@ bool stops_within_limits(const Knot& knot, const AxisLimits& limits, double cycl
 }
 
 }  // namespace
+
+bool jog_released(const Command& command) {
+  return std::all_of(command.jog.begin(), command.jog.end(), [](double j) { return j == 0; });
+}
 
 Knots brake_synchronously(double cycle, const Limits& limits, const Knots& present) {
   double cycles = 0;  // cycles that the slowest axis needs to stop
@@ -154,6 +154,13 @@ PathAhead Jog::path_ahead(const Command& command, const Knots& present, double s
   JogSpeed speed = commanded_speed(command, 0);
   if (state_.speed.norm() > speed.norm()) speed = state_.speed;
   bool straight = !joints && !state_.brakes_first && !state_.blocked;
+  if (straight && at_rest(present)) {
+    // A slower jog may begin where the first step of this one fails, and brakes along the axes from there.
+    const Jacobian columns = cartesian_columns(arm_, arm_.tool(position).jacobian);
+    const Axes rates = resolved_rates(arm_, columns, speed.head<6>());
+    for (std::size_t i = 0; i < kMaxJoints; ++i) change[i] = step * rates[i];
+    change[kTableAxis] = step * speed[6];
+  }
   Eigen::Isometry3d pose = arm_.tool(position).pose;
   PathAhead ahead;
   ahead[0] = position;
@@ -346,8 +353,8 @@ bool Jog::reaches_limit(const Attempt& attempt, double cycle, const Knots& prese
   return false;
 }
 
-Knots Jog::cartesian(double cycle, const Command& command, const Knots& present) {
-  const bool waits = state_.brakes_first || (state_.blocked && jog_released(command));
+Knots Jog::cartesian(double cycle, const Command& command, bool released, const Knots& present) {
+  const bool waits = state_.brakes_first || (state_.blocked && released);
   if (waits && at_rest(present)) enter(present);
   if (state_.blocked || state_.brakes_first) return brake_synchronously(cycle, limits_, present);
   const auto found = within_limits(cycle, command, present);

@@ -60,9 +60,11 @@ class Jog {
   /// The arm is moved by something else: a Cartesian jog that goes on comes to rest first.
   void interrupt() { state_.brakes_first = true; }
 
-  /// State of the axes at the end of the next cycle (`cycle` in seconds).
+  /// State of the axes at the end of the next cycle (`cycle` in seconds). A Cartesian jog that a limit has
+  /// ended goes on after the operator has `released` it, not where a guard merely permits no speed: its path
+  /// begins anew.
   Knots joints(double cycle, const Command& command, const Knots& present);
-  Knots cartesian(double cycle, const Command& command, const Knots& present);
+  Knots cartesian(double cycle, const Command& command, bool released, const Knots& present);
 
   const JogState& state() const { return state_; }
   void restore(const JogState& state) { state_ = state; }
@@ -86,6 +88,9 @@ class Jog {
   JogLimits jog_;
   JogState state_;
 };
+
+/// Whether no deflection is commanded.
+bool jog_released(const Command& command);
 
 /// One cycle of braking that scales the speeds of all axes by the same factor, so that the direction of the
 /// tool is kept and no axis exceeds its acceleration limit. An axis that would pass a position limit brakes

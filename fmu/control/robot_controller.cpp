@@ -187,8 +187,9 @@ void RobotController::run(std::int64_t now_us, const Command& command) {
 
 void RobotController::run_jog(std::int64_t now_us, const Command& command) {
   const Command permitted = state_.jog_permit.read(command, at_rest(), now_us, state_.guard);
-  const Knots end = state_.mode == Mode::kJointJog ? jog_.joints(cycle_, permitted, present())
-                                                   : jog_.cartesian(cycle_, permitted, present());
+  const Knots end = state_.mode == Mode::kJointJog
+                        ? jog_.joints(cycle_, permitted, present())
+                        : jog_.cartesian(cycle_, permitted, jog_released(command), present());
   servo_.advance(now_us, end, jog_.state().limit);
   state_.destination = present_position();
 }

@@ -37,6 +37,7 @@ _GAPS = 0.5e-3, 20e-3  # m between the true bodies at such a start
 _APART = 1e-3  # m before the contact, where the direction of the approach is taken
 _SILENT_GAP = 22e-3  # m: nearer, a controller that does not send its jogs may collide before the first answer
 _DESCENTS, _STEP, _DIFFERENCE = 25, 0.3, 1e-4  # steps to a contact, and rad
+_EARLIER_GAP = 6e-3  # m: nearer, version 1 of the protocol permits an approach within the errors of the measured angles
 _FLAT = 1e-3  # m/rad
 _SHORT = 0.01  # rad, in which the distance of a pair grows evenly
 _BACK = np.geomspace(1e-5, 0.8, 120)  # rad, from the contact back
@@ -130,7 +131,7 @@ class Draws:
         motions = self._motions(stratum, direction, contact, silent_jogs, span, rng)
         if stratum.near:
             wanted = self._gap(nominal, scene, contact, direction, pair, motions, rng)
-            wanted = max(wanted, _SILENT_GAP) if silent_jogs else wanted
+            wanted = max(wanted, _SILENT_GAP if silent_jogs else _EARLIER_GAP if stratum.version == 1 else 0.0)
             far = np.flatnonzero(self._distance(nominal, scene, before, pair, shifts) >= wanted)
             if not len(far):
                 return None
@@ -167,6 +168,7 @@ class Draws:
         shifts[world.names.index("part")] = 0.0
         creeping = self._motions(stratum, direction, contact, False, span, rng)
         wanted = 2 * self._gap(carrying, scene, contact, direction, pair, creeping, rng)
+        wanted = max(wanted, _EARLIER_GAP if stratum.version == 1 else 0.0)
         far = np.flatnonzero(self._distance(carrying, scene, before, pair, shifts) >= wanted)
         if not len(far):
             return None
@@ -354,17 +356,19 @@ class Draws:
             waits = pause * 2.0 * float(rng.random())
             motion = replace(motion, pause=waits if waits >= self._cycle else 0.0)
             if not silent_jogs and rng.random() < eventful:
-                motion = self._eventful(motion, rng)
+                motion = self._eventful(motion, rng, restarts=stratum.version > 1)
             motions.append(motion)
             span -= motion.pause + _ANSWER + motion.duration
             if span < 0:
                 break
         return motions
 
-    def _eventful(self, motion: Motion, rng: np.random.Generator) -> Motion:
+    def _eventful(self, motion: Motion, rng: np.random.Generator, restarts: bool) -> Motion:
         if self._stroke is not None and not self._world.grips and rng.random() < 0.4:
             return replace(motion, event=Event.GRIPPER, width=self._stroke * float(rng.random()))
-        return replace(motion, event=Event(rng.choice(_EVENTS)))
+        return replace(
+            motion, event=Event(rng.choice([event for event in _EVENTS if restarts or event is not Event.RESTART]))
+        )
 
     def along(self, direction: Array, rng: np.random.Generator) -> Array:
         drawn = rng.random()

@@ -26,8 +26,6 @@ class Servers:
     ----------
     make
         Makes a guard that knows nothing of the past.
-    first
-        The guard at the beginning; it is reset by the session that the cell opens.
     rival
         One of `RIVALS`: a second cell at rest at `home` (joints + 1,), rad, that asks the guard for a session all the
         time; or a second guard of the same cell that gets the same states, whose answers come 2 ms later.
@@ -38,10 +36,10 @@ class Servers:
         Decisions, with the times of their states on the controller's clock, s.
     """
 
-    def __init__(self, make: Callable[[], Guard], first: Guard, rival: str, home: np.ndarray) -> None:
+    def __init__(self, make: Callable[[], Guard], rival: str, home: np.ndarray) -> None:
         self.log: list[tuple[float, Decision]] = []
         self._make, self._home = make, home
-        self._guard = InProcess(_Observed(first, self.log), COMPUTE)
+        self._guard = InProcess(_Observed(make(), self.log), COMPUTE)
         self._second = InProcess(make(), COMPUTE + 2e-3) if rival == "guard" else None
         self._caller = CellEndpoint(_OTHER_AGE) if rival == "cell" else None
         self._calls = 0

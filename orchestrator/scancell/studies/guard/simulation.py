@@ -170,7 +170,6 @@ class Simulation(Closing):
         moving = ("finger[", "part[") if world.grips else ("finger[",)
         names = dict.fromkeys(body.fmu_frame for body in world.nominal.bodies)
         self._moving = [name for name in names if name.startswith(moving)]
-        self._guard: Guard | None = None
 
     @property
     def cycle(self) -> float:
@@ -188,9 +187,8 @@ class Simulation(Closing):
         """
         if network is None:
             return self._run(scenario, None, None)
-        self._guard = self._guard or self._new_guard()
         home = np.append(self.world.nominal.home, 0.0)
-        servers = Servers(self._new_guard, self._guard, network.rival, home)
+        servers = Servers(self._new_guard, network.rival, home)
         max_age = self._protection.patience * self.world.settings.max_age
         return self._run(
             scenario, servers, faulty_link(servers, network.faults, max_age, network.seed, self._protection.link)
