@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "sensor_rt/scene/light_parts.h"
+
 namespace sensor_rt {
 namespace {
 
@@ -60,6 +62,66 @@ int light_samples(const Light& light, const Rigid3& reference_from_light, LightS
     }
   }
   return kLightSamples;
+}
+
+LightPart LightPart::quarter(int number) const {
+  const Eigen::Vector2d middle = 0.5 * (low + high);
+  LightPart part{low, middle};
+  for (int k = 0; k < 2; ++k) {
+    if ((number >> k & 1) == 0) continue;
+    part.low[k] = middle[k];
+    part.high[k] = high[k];
+  }
+  return part;
+}
+
+LightPart whole(const Light& light) {
+  if (light.kind == LightKind::kDisc) return {Eigen::Vector2d::Zero(), {0.5 * light.size.x(), 2.0 * M_PI}};
+  return {-0.5 * light.size, 0.5 * light.size};
+}
+
+Eigen::Vector2d nearest_in_part(const Light& light, const LightPart& part, Eigen::Vector2d at) {
+  if (light.kind == LightKind::kDisc) {
+    const double middle = 0.5 * (part.low.y() + part.high.y());
+    at.y() = middle + std::remainder(at.y() - middle, 2.0 * M_PI);
+  }
+  return at.cwiseMax(part.low).cwiseMin(part.high);
+}
+
+double light_area(const Light& light) {
+  return light.size.x() * light.size.y() * (light.kind == LightKind::kDisc ? 0.25 * M_PI : 1.0);
+}
+
+LightSample light_sample_at(const Light& light, const Rigid3& reference_from_light,
+                            const Eigen::Vector2d& at) {
+  if (light.kind == LightKind::kRectangle)
+    return sample_at(reference_from_light, at.x(), at.y(), light.power);
+  return sample_at(reference_from_light, at.x() * std::cos(at.y()), at.x() * std::sin(at.y()), light.power);
+}
+
+void light_samples(const Light& light, const Rigid3& reference_from_light, const LightPart& part,
+                   LightSample* samples) {
+  const Eigen::Vector2d middle = 0.5 * (part.low + part.high);
+  const Eigen::Vector2d half = 0.5 * (part.high - part.low);
+  const double density = half.x() * half.y() / light_area(light);
+  for (int k = 0; k < kLightSamples; ++k) {
+    const Eigen::Vector2d at(middle.x() + half.x() * kNode4[k / 4], middle.y() + half.y() * kNode4[k % 4]);
+    samples[k] = light_sample_at(light, reference_from_light, at);
+    samples[k].power *= density * kWeight4[k / 4] * kWeight4[k % 4];
+    if (light.kind == LightKind::kDisc) samples[k].power *= at.x();
+  }
+}
+
+std::optional<Eigen::Vector2d> nearest_on_light(const Light& light, const Rigid3& reference_from_light,
+                                                const Eigen::Vector3d& origin,
+                                                const Eigen::Vector3d& direction) {
+  const Rigid3 light_from_reference = reference_from_light.inverse();
+  const Eigen::Vector3d from = light_from_reference * origin;
+  const Eigen::Vector3d way = light_from_reference.rotation * direction;
+  if (!(from.z() > 0.0) || !(way.z() < 0.0)) return std::nullopt;
+  const Eigen::Vector2d met = (from - from.z() / way.z() * way).head<2>();
+  if (light.kind == LightKind::kRectangle) return met.cwiseMax(-0.5 * light.size).cwiseMin(0.5 * light.size);
+  return Eigen::Vector2d(std::min(met.norm(), 0.5 * light.size.x()), std::atan2(met.y(), met.x()));
 }
 
 LightSample random_light_sample(const Light& light, const Rigid3& reference_from_light, double u, double v) {

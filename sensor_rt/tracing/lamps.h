@@ -1,6 +1,9 @@
 // Direct illumination by lamps.
 #pragma once
 
+#include <array>
+
+#include "sensor_rt/scene/light_parts.h"
 #include "sensor_rt/tracing/scene_query.h"
 #include "sensor_rt/tracing/surface_point.h"
 
@@ -16,15 +19,42 @@ class Lamps {
   bool any() const { return !query_.scene().lights().empty(); }
 
   /// Returns the light reflected at a point towards the ray's origin, with shadows, as the equivalent
-  /// irradiance on a white diffuse surface. Area lights are integrated with 16 samples.
+  /// irradiance on a white diffuse surface. An area light is divided where the reflected light varies too
+  /// much over it for the 16 samples of each part.
   double brightness(const SurfacePoint& at, const Bsdf& brdf, std::size_t instant) const;
 
-  /// Returns the contribution of a random sample of lamp `number`, without shadows, and the vector to the
-  /// sample: the caller has to test it for occlusion.
-  double sample(std::size_t number, const SurfacePoint& at, const Bsdf& brdf, std::size_t instant, double u,
-                double v, Eigen::Vector3d& to_light) const;
+  /// A random direction in which a lamp may be seen.
+  struct Sample {
+    double light = 0.0;  ///< contribution without shadows: the caller has to test `to_light` for occlusion
+    Eigen::Vector3d to_light = Eigen::Vector3d::Zero();  ///< up to the lamp
+  };
+
+  /// Returns a random sample of lamp `number`, chosen on the lamp by two uniform numbers. The sum with
+  /// sample_reflection, weighted by the balance heuristic (Veach 1997), has the expectation of the light.
+  Sample sample(std::size_t number, const SurfacePoint& at, const Bsdf& brdf, std::size_t instant, double u,
+                double v) const;
+
+  /// Returns one that three uniform numbers choose by the reflection of the surface; empty where it misses
+  /// the lamp, and for lamps and surfaces that do not need it.
+  Sample sample_reflection(std::size_t number, const SurfacePoint& at, const Bsdf& brdf, std::size_t instant,
+                           const std::array<double, 3>& u) const;
 
  private:
+  /// Samples of a part of an area light.
+  struct Part {
+    LightPart part;
+    LightSample samples[kLightSamples];
+    double light[kLightSamples];  ///< reflected, without shadows
+    double sum = 0.0;
+    double densest = 0.0;  ///< largest light per power
+    double faintest = 0.0;
+  };
+  struct AreaLight;
+
+  void evaluate(const AreaLight& lamp, Part& part) const;
+  double visible(const AreaLight& lamp, const LightSample* samples, const double* light, int count) const;
+  double refine(AreaLight& lamp, const Part& coarse, int depth) const;
+
   SceneQuery query_;
   Band filter_;
   double laser_wavelength_;

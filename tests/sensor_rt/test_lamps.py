@@ -115,6 +115,75 @@ def test_area_light_matches_form_factor(kind: str, distance: float) -> None:
     assert np.all(images == 0.0)  # area lights are one-sided
 
 
+def smith(cosine: Array, alpha: float) -> Array:
+    """Smith's lambda function of GGX facets."""
+    return np.asarray((np.sqrt(1 + alpha**2 * (1 / cosine**2 - 1)) - 1) / 2)
+
+
+def single_albedo(cosine: Array, alpha: float) -> Array:
+    """Albedo (n,) of lossless GGX facets, by quadrature over the normals that GGX distributes."""
+    u, around = np.meshgrid((np.arange(200) + 0.5) / 200, (np.arange(32) + 0.5) / 32 * np.pi)
+    tan2 = alpha**2 * u / (1 - u)
+    h = np.stack([np.sqrt(tan2) * np.cos(around), np.sqrt(tan2) * np.sin(around), np.ones_like(u)]) / np.sqrt(1 + tan2)
+    albedo = []
+    for c in np.atleast_1d(cosine):
+        facing = np.sqrt(1 - c * c) * h[0] + c * h[2]
+        out = 2 * facing * h[2] - c
+        up = (facing > 0) & (out > 1e-6)
+        g2 = 1 / (1 + smith(c, alpha) + smith(np.where(up, out, 1.0), alpha))
+        albedo.append(np.where(up, g2 * facing / (c * h[2]), 0.0).mean())
+    return np.array(albedo)
+
+
+def conductor(to_eye: Array, to_lamp: Array, alpha: float, reflectance: float) -> Array:
+    """pi times the BRDF of rough metal with the normal -z: directions (n, 3) to the eye, (n, m, 3) to the lamp."""
+    half = to_eye[:, None] + to_lamp
+    half /= np.linalg.norm(half, axis=-1)[..., None]
+    cos_eye, cos_lamp, cos_half = -to_eye[:, None, 2], -to_lamp[..., 2], -half[..., 2]
+    spread = alpha**2 / (np.pi * (1 - cos_half**2 * (1 - alpha**2)) ** 2)
+    masking = 1 / (1 + smith(cos_eye, alpha) + smith(cos_lamp, alpha))
+    fresnel = reflectance + (1 - reflectance) * (1 - (half * to_lamp).sum(axis=-1)) ** 5
+    single = np.pi * spread * masking * fresnel / (4 * cos_eye * cos_lamp)
+    grid, fine = np.linspace(0.3, 1.0, 15), (np.arange(50) + 0.5) / 50  # light that facets reflect more than once
+    lost = 1 - single_albedo(grid, alpha)
+    mean_lost = float((2 * fine * (1 - single_albedo(fine, alpha))).mean())
+    mean_fresnel = reflectance + (1 - reflectance) / 21
+    more = mean_fresnel**2 * (1 - mean_lost) / (1 - mean_fresnel * mean_lost) / mean_lost
+    return np.asarray(single + more * np.interp(cos_eye, grid, lost) * np.interp(cos_lamp, grid, lost))
+
+
+@pytest.mark.parametrize("kind", ["rectangle", "disc"])
+@pytest.mark.parametrize("roughness", [0.02, 0.05, 0.1, 0.2, 0.5])
+def test_area_light_on_metal_matches_its_integral(kind: str, roughness: float) -> None:
+    """Highlight of a lamp, by quadrature: pixels of a grid, and their mean; whole images of both modes."""
+    size, at = ([0.06, 0.04] if kind == "rectangle" else [0.05, 0.05]), pose((-0.058, 0.003, 0.004), (0.1, 0.3, 0.0))
+    reflectance, power, steps = 0.7, 2.0, 300 if roughness < 0.1 else 100
+    u, v = (axis.ravel() for axis in np.meshgrid(*[(np.arange(steps) + 0.5) / steps] * 2))
+    x, y = (u - 0.5) * size[0], (v - 0.5) * size[1]
+    if kind == "disc":
+        x, y = (size[0] / 2 * np.sqrt(u) * turn(2 * np.pi * v) for turn in (np.cos, np.sin))
+    lamp = np.stack([x, y, 0 * x], axis=1) @ at[:3, :3].T + at[:3, 3]
+    scene = plane(Material(reflectance, "rough_conductor", roughness, 1.0))
+    scene.add_light("lamp", kind, np.eye(4), size, power, in_band=1.0)
+    exposures = still(pose((0, 0, Z)), at)
+    tracing = sensor()
+    camera, image = tracing.cameras[0], expected_electrons(scene, tracing, exposures)[0, 0].astype(float)
+    points, electrons = seen(camera)
+    pick = np.s_[5::29, 3::31]
+    to_eye = camera.sensor_from_camera[:3, 3] - points[pick].reshape(-1, 3)
+    to_lamp = lamp[None] - points[pick].reshape(-1, 1, 3)
+    distance = np.linalg.norm(to_lamp, axis=-1)
+    to_eye, to_lamp = to_eye / np.linalg.norm(to_eye, axis=-1)[:, None], to_lamp / distance[..., None]
+    geometry = np.maximum(-to_lamp @ at[:3, 2], 0.0) * -to_lamp[..., 2] / distance**2
+    light = (conductor(to_eye, to_lamp, roughness, reflectance) * geometry).mean(axis=1)
+    expected = light * power / np.pi * electrons[pick].ravel()
+    measured = image[pick].ravel()
+    np.testing.assert_allclose(measured, expected, rtol=0.02)
+    assert measured.sum() == pytest.approx(expected.sum(), rel=0.005)
+    paths = expected_electrons(scene, sensor("path", 64), exposures)[0, 0].astype(float)
+    assert paths.sum() == pytest.approx(image.sum(), rel=0.01)
+
+
 def test_filter_transmits_in_band_fraction() -> None:
     tracing = sensor(band_pass={"centre": 655e-9, "width": 12e-9})
     place = pose((0.02, 0.0, 0.0))

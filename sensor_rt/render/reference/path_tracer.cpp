@@ -120,28 +120,35 @@ double PathTracer::lamp_light(const Packet& packet, int depth) const {
   const std::size_t* instants = packet.views.instants(packet.number);
   double sum = 0.0;
   for (std::size_t number = 0; number < query.scene().lights().size(); ++number) {
-    Lanes3 origin;
-    Lanes3 segment;
-    double light[kLanes];
-    alignas(64) int unoccluded[kLanes] = {};
-    for (int l = 0; l < kLanes; ++l) {
-      set_lane(origin, l, Eigen::Vector3d::Zero());
-      set_lane(segment, l, Eigen::Vector3d::UnitZ());
-      if (packet.alive[l] == 0) continue;
-      const SurfacePoint at = surface(packet, l);
-      const auto sample = static_cast<std::uint32_t>(packet.number) * kLanes + static_cast<std::uint32_t>(l);
-      const auto u = random.at(packet.pixel, sample,
-                               256 * static_cast<std::uint32_t>(number) + static_cast<std::uint32_t>(depth));
-      Eigen::Vector3d towards;
-      light[l] = packet.carried[l] * lamps.sample(number, at, packet.views.brdf(packet.hits.shape[l]),
-                                                  instants[l], u[0], u[1], towards);
-      if (!(light[l] > 0.0)) continue;
-      set_lane(origin, l, at.above());
-      set_lane(segment, l, towards);
-      unoccluded[l] = -1;
+    for (const bool on_lamp : {true, false}) {
+      Lanes3 origin;
+      Lanes3 segment;
+      double light[kLanes];
+      alignas(64) int unoccluded[kLanes] = {};
+      bool any = false;
+      for (int l = 0; l < kLanes; ++l) {
+        set_lane(origin, l, Eigen::Vector3d::Zero());
+        set_lane(segment, l, Eigen::Vector3d::UnitZ());
+        if (packet.alive[l] == 0) continue;
+        const SurfacePoint at = surface(packet, l);
+        const Bsdf& brdf = packet.views.brdf(packet.hits.shape[l]);
+        const auto path = static_cast<std::uint32_t>(packet.number) * kLanes + static_cast<std::uint32_t>(l);
+        const auto u = random.at(packet.pixel, path,
+                                 512 * static_cast<std::uint32_t>(number) + (on_lamp ? 0u : 256u) +
+                                     static_cast<std::uint32_t>(depth));
+        const Lamps::Sample sample = on_lamp ? lamps.sample(number, at, brdf, instants[l], u[0], u[1])
+                                             : lamps.sample_reflection(number, at, brdf, instants[l], u);
+        light[l] = packet.carried[l] * sample.light;
+        if (!(light[l] > 0.0)) continue;
+        set_lane(origin, l, at.above());
+        set_lane(segment, l, sample.to_light);
+        unoccluded[l] = -1;
+        any = true;
+      }
+      if (!any) continue;
+      query.occlude(instants, origin, segment, unoccluded);
+      for (int l = 0; l < kLanes; ++l) sum += unoccluded[l] != 0 ? light[l] : 0.0;
     }
-    query.occlude(instants, origin, segment, unoccluded);
-    for (int l = 0; l < kLanes; ++l) sum += unoccluded[l] != 0 ? light[l] : 0.0;
   }
   return sum;
 }
