@@ -21,7 +21,7 @@ struct Lamps::AreaLight {
   const SurfacePoint& at;
   const Bsdf& brdf;
   std::size_t instant;
-  double total = 0.0;  ///< largest estimate of the reflected light
+  double total = 0.0;  ///< present estimate of the reflected light
   int highlights = 0;
   Eigen::Vector2d highlight[2];  ///< where the light is likely to be brightest
 
@@ -94,7 +94,7 @@ double Lamps::refine(AreaLight& lamp, const Part& coarse, int depth) const {
     sum += quarters[k].sum;
     hidden = hidden || lamp.brightest_in(quarters[k].part) > kHidden * quarters[k].densest;
   }
-  lamp.total = std::max(lamp.total, sum);
+  lamp.total += sum - coarse.sum;
   if (!hidden && std::abs(sum - coarse.sum) <= kTolerance * lamp.total) {
     return visible(lamp, coarse.samples, coarse.light, kLightSamples);
   }
@@ -126,6 +126,7 @@ double Lamps::brightness(const SurfacePoint& at, const Bsdf& brdf, std::size_t i
     if (std::max(all.densest, lamp.brightest_in(all.part)) <= kSmooth * all.faintest) {
       sum += share * visible(lamp, all.samples, all.light, kLightSamples);
     } else {
+      lamp.total = all.sum;
       sum += share * refine(lamp, all, 0);
     }
   }
