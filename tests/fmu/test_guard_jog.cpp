@@ -336,8 +336,9 @@ TEST(GuardedJogs, ShowTheirPathUpToTheEndOfTheReach) {
   }
 }
 
-/// A jog that the end of the reach has ended stays there while the guard permits no speed and then full speed: the path
-/// of what would begin anew has not been answered. After its release it is shown again, and waits.
+/// A jog that the end of the reach has ended stays there while the guard permits no speed and then full
+/// speed: the path of what would begin anew has not been answered. After its release it is shown again, and
+/// waits.
 TEST(GuardedJogs, EndedAtTheReachGoOnOnlyAfterTheirRelease) {
   Drive drive;
   drive.command.operation = Operation::kManual;
