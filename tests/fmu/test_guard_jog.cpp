@@ -336,39 +336,48 @@ TEST(GuardedJogs, ShowTheirPathUpToTheEndOfTheReach) {
   }
 }
 
-/// A jog that the end of the reach has ended stays there while the guard permits no speed and then full
-/// speed: the path of what would begin anew has not been answered. After its release it is shown again, and
-/// waits.
-TEST(GuardedJogs, EndedAtTheReachGoOnOnlyAfterTheirRelease) {
-  Drive drive;
-  drive.command.operation = Operation::kManual;
-  drive.command.guard_max_age = kMaxAge;
-  drive.command.mode = Mode::kCartesianJog;
-  drive.command.jog[0] = 0.3;
-  const auto answered = [&drive](int cycles) {
-    for (int k = 0; k < cycles; ++k) {
-      drive.command.guard_us = drive.now;
-      drive.run(1);
-    }
-  };
-  const auto report = [&drive] { return drive.controller.report(drive.now); };
-  for (int k = 0; k < 10'000 && report().error == ControllerError::kNone; ++k) answered(1);
-  ASSERT_EQ(report().error, ControllerError::kSingular);
-  answered(50);
-  const Axes there = drive.position();
-  drive.command.monitor_speed = 0;
-  answered(10);
-  drive.command.monitor_speed = 1;
-  answered(20);
-  EXPECT_EQ(drive.position(), there);
-  drive.command.jog = {};
-  answered(2);
-  drive.command.jog[0] = -0.3;  // back
-  drive.run(1);
-  EXPECT_TRUE(report().guard_waits);
-  EXPECT_EQ(drive.position(), there);
-  answered(10);
-  EXPECT_NE(drive.position(), there);
+/// A jog that a singular position or a limit has ended stays there while the guard permits no speed and then
+/// full speed: the path of what would begin anew has not been answered. After its release it waits for that.
+TEST(GuardedJogs, EndedByALimitGoOnOnlyAfterTheirRelease) {
+  std::mt19937 random(3);
+  std::uniform_real_distribution<double> uniform(-1, 1);
+  int ended = 0, went_on = 0;
+  for (int run = 0; run < 40; ++run) {
+    Drive drive;
+    drive.command.operation = Operation::kManual;
+    drive.command.guard_max_age = kMaxAge;
+    drive.command.mode = Mode::kCartesianJog;
+    Axes jog{};
+    for (int i = 0; i < 6; ++i) jog[static_cast<std::size_t>(i)] = uniform(random);
+    const auto answered = [&drive](int cycles) {
+      for (int k = 0; k < cycles; ++k) {
+        drive.command.guard_us = drive.now;
+        drive.run(1);
+      }
+    };
+    const auto report = [&drive] { return drive.controller.report(drive.now); };
+    drive.command.jog = jog;
+    for (int k = 0; k < 1000 && report().error == ControllerError::kNone; ++k) answered(1);
+    if (report().error == ControllerError::kNone) continue;
+    ++ended;
+    answered(50);
+    const Axes there = drive.position();
+    drive.command.monitor_speed = 0;
+    answered(10);
+    drive.command.monitor_speed = 1;
+    answered(20);
+    EXPECT_EQ(drive.position(), there) << run;
+    drive.command.jog = {};
+    answered(2);
+    drive.command.jog = jog;
+    drive.run(1);
+    EXPECT_TRUE(report().guard_waits) << run;
+    EXPECT_EQ(drive.position(), there) << run;
+    answered(20);
+    went_on += drive.position() != there;
+  }
+  EXPECT_GT(ended, 10);
+  EXPECT_GT(went_on, 5);  // those could have begun anew before
 }
 
 }  // namespace
