@@ -147,21 +147,21 @@ bool Jog::move_on(double time, JogFrame frame, JogSpeed& speed, Eigen::Isometry3
 
 PathAhead Jog::path_ahead(const Command& command, const Knots& present, double step) const {
   Axes position = positions(present);
-  const bool joints = command.mode == Mode::kJointJog;
-  const double share = joints || at_rest(present) ? 1 : share_of_ahead(command, present);
+  const ToolState tool = arm_.tool(position);
+  const bool joints = command.mode == Mode::kJointJog, rests = at_rest(present);
+  const double share = joints || rests ? 1 : share_of_ahead(command, present);
   Axes change;  // in a step, of axes that keep their speeds
   for (std::size_t i = 0; i < kAxes; ++i) change[i] = step * present[i].velocity / share;
   JogSpeed speed = commanded_speed(command, 0);
   if (state_.speed.norm() > speed.norm()) speed = state_.speed;
   bool straight = !joints && !state_.brakes_first && !state_.blocked;
-  if (straight && at_rest(present)) {
+  if (straight && rests) {
     // A slower jog may begin where the first step of this one fails, and brakes along the axes from there.
-    const Jacobian columns = cartesian_columns(arm_, arm_.tool(position).jacobian);
-    const Axes rates = resolved_rates(arm_, columns, speed.head<6>());
+    const Axes rates = resolved_rates(arm_, cartesian_columns(arm_, tool.jacobian), speed.head<6>());
     for (std::size_t i = 0; i < kMaxJoints; ++i) change[i] = step * rates[i];
     change[kTableAxis] = step * speed[6];
   }
-  Eigen::Isometry3d pose = arm_.tool(position).pose;
+  Eigen::Isometry3d pose = tool.pose;
   PathAhead ahead;
   ahead[0] = position;
   for (std::size_t k = 1; k < kAheadPoints; ++k) {

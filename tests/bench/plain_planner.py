@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
-from typing import Any
 
 import fcl
 import numpy as np
@@ -20,7 +19,7 @@ from scancell.nominal.cell import NominalCell
 from scancell.planning.model import SensorRange
 from scancell.planning.plan import Plan
 from scancell.planning.views.views import Pass, Sweep
-from scancell.proximity.judge import Judge, fcl_model
+from scancell.proximity.judge import Judge
 
 Array = NDArray[np.float64]
 
@@ -56,8 +55,6 @@ class Cell:
         meshes = {body.name: body.mesh for body in nominal.bodies}
         home = nominal.body_poses(nominal.home, 0.0)
         self._judge = Judge(meshes, self.names, home)
-        # The boxes of a new object take a pass over all vertices: objects are kept and moved.
-        self._objects = [fcl.CollisionObject(fcl_model(mesh.vertices, mesh.faces)) for mesh in meshes.values()]
         self.corners = [
             body.mesh.bounds[np.indices((2, 2, 2)).reshape(3, 8), np.arange(3)[:, None]].T for body in nominal.bodies
         ]
@@ -65,11 +62,7 @@ class Cell:
 
     def within_reach(self, poses: Array, margin: float) -> NDArray[np.int64]:
         """Pairs (k, 2) whose bounding spheres are nearer than `margin`, m, at one of the poses (n, bodies, 4, 4)."""
-        centre = poses[..., :3, 3] + (poses[..., :3, :3] @ self._judge._middle[..., None])[..., 0]
-        radius = np.linalg.norm(self._judge._half, axis=1)
-        a, b = self.pairs.T
-        apart = np.linalg.norm(centre[:, a] - centre[:, b], axis=-1) - radius[a] - radius[b]
-        return np.asarray(self.pairs[(apart < margin).any(0)])
+        return np.asarray(self.pairs[self._judge._within_reach(poses, margin)])
 
     def near(self, poses: Array, pairs: NDArray[np.int64], margin: float) -> NDArray[np.bool_]:
         """Whether the oriented boxes of pairs (k, 2) are nearer than `margin`, m, at poses (n, bodies, 4, 4): (n, k).
@@ -80,16 +73,11 @@ class Cell:
 
     def distance(self, poses: Array, a: int, b: int) -> float:
         """Distance (m) of two bodies at poses (bodies, 4, 4)."""
-        return float(fcl.distance(*self._placed(poses, a, b), fcl.DistanceRequest(), fcl.DistanceResult()))
+        return float(fcl.distance(*self._judge._placed(poses, (a, b)), fcl.DistanceRequest(), fcl.DistanceResult()))
 
     def hits(self, poses: Array, a: int, b: int) -> bool:
         """Whether two bodies intersect at poses (bodies, 4, 4): much faster than their distance."""
-        return bool(fcl.collide(*self._placed(poses, a, b), fcl.CollisionRequest(), fcl.CollisionResult()))
-
-    def _placed(self, poses: Array, a: int, b: int) -> list[Any]:
-        for k in (a, b):
-            self._objects[k].setTransform(fcl.Transform(poses[k, :3, :3], poses[k, :3, 3]))
-        return [self._objects[a], self._objects[b]]
+        return bool(fcl.collide(*self._judge._placed(poses, (a, b)), fcl.CollisionRequest(), fcl.CollisionResult()))
 
 
 def judged(nominal: NominalCell, made: Plan, step: float, errors: dict[str, float]) -> Judgement:
@@ -123,7 +111,7 @@ def judged(nominal: NominalCell, made: Plan, step: float, errors: dict[str, floa
 
 
 def _judge_block(cell: Cell, poses: Array, off: Array) -> tuple[str, float]:
-    """What is in contact at one of the poses (n, bodies, 4, 4), and the smallest margin of the distances, m."""
+    """Name the bodies in contact at one of the poses (n, bodies, 4, 4), and return the smallest margin (m)."""
     margin, largest = np.inf, 2 * float(off.max()) + 1e-4
     pairs = cell.within_reach(poses, largest)
     near = cell.near(poses, pairs, largest)

@@ -269,7 +269,7 @@ class Gaps(NullProgress):
 
 @dataclass
 class Refusals:
-    """What the planner refuses, as it is noted while it plans."""
+    """Record of the views and motions that the planner refuses in one plan."""
 
     views: dict[str, tuple[Sweep | Pass, str]] = field(default_factory=dict)
     motions: list[tuple[Array, Array]] = field(default_factory=list)

@@ -21,6 +21,7 @@ from scancell.planning.views.views import (
     seen_by,
     sweep_pose,
 )
+from scancell.planning.work import Work
 
 SWEEP = SweepOptions(tuple(np.radians((30.0, 60.0))), np.radians(105), 0.08, 0.03, np.radians(1), 0.7)
 RASTER = RasterOptions(0.08, 0.0005, 0.004, 0.05)
@@ -100,7 +101,7 @@ def test_tiles_cover_span(low, high, half, step):
 )
 def test_views_cover_convex_parts(part):
     seen = seen_by([*paths.sweeps(part, RANGE, SWEEP), *paths.passes(part, RANGE, RASTER)], RANGE, part)
-    seen |= seen_by(paths.side_sweeps(part, RANGE, SWEEP, seen), RANGE, part)
+    seen |= seen_by(paths.side_sweeps(part, RANGE, SWEEP, seen, Work()), RANGE, part)
     # Samples with less than 65 degrees of incidence from some azimuth at 30 degrees of elevation, or from above.
     horizontal = np.hypot(part.normals[:, 0], part.normals[:, 1])
     best = horizontal * np.cos(np.radians(30)) + part.normals[:, 2] * np.sin(np.radians(30))
@@ -114,7 +115,7 @@ def test_side_sweeps_cover_radial_walls():
     walls = (np.abs(part.normals[:, 2]) < 0.1) & (np.hypot(part.points[:, 0], part.points[:, 1]) > 0.03)
     walls &= np.hypot(part.points[:, 0], part.points[:, 1]) < 0.0495
     main = seen_by(paths.sweeps(part, RANGE, SWEEP), RANGE, part)
-    beside = paths.side_sweeps(part, RANGE, SWEEP, main)
+    beside = paths.side_sweeps(part, RANGE, SWEEP, main, Work())
     assert main[walls].mean() < 0.1
     assert (main | seen_by(beside, RANGE, part))[walls].mean() > 0.9
     assert {np.sign(view.target[1]) for view in beside} == {1.0, -1.0}

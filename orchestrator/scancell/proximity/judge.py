@@ -68,7 +68,7 @@ class Judge:
         near[:, columns] = self._overlapping(poses, self._index[columns])
         request, result = fcl.CollisionRequest(), fcl.CollisionResult()
         for i, k in zip(*np.nonzero(near), strict=True):
-            if fcl.collide(*self._placed(poses[i], k), request, result):
+            if fcl.collide(*self._placed(poses[i], self._index[k]), request, result):
                 a, b = self._index[k]
                 return Clash(int(i), self._names[a], self._names[b], 0.0, 0.0)
         return None
@@ -80,15 +80,16 @@ class Judge:
         found = self._overlapping(poses[None], self._index, _TOUCHING)[0]
         for k in np.flatnonzero(found).tolist():
             request, result = fcl.DistanceRequest(), fcl.DistanceResult()
-            found[k] = fcl.distance(*self._placed(poses, k), request, result) < _TOUCHING
+            found[k] = fcl.distance(*self._placed(poses, self._index[k]), request, result) < _TOUCHING
         return np.asarray(found)
 
-    def _placed(self, poses: Array, pair: int) -> list[Any]:
-        """Both bodies of a pair at poses (bodies, 4, 4)."""
+    def _placed(self, poses: Array, pair: ArrayLike) -> list[Any]:
+        """The bodies of a pair of numbers at poses (bodies, 4, 4)."""
         import fcl  # noqa: PLC0415  (most commands make no plan)
 
-        placed = [self._object(self._names[k]) for k in self._index[pair]]
-        for body, k in zip(placed, self._index[pair], strict=True):
+        numbers = np.asarray(pair).tolist()
+        placed = [self._object(self._names[k]) for k in numbers]
+        for body, k in zip(placed, numbers, strict=True):
             body.setTransform(fcl.Transform(poses[k, :3, :3], poses[k, :3, 3]))
         return placed
 
@@ -100,14 +101,14 @@ class Judge:
             self._objects[name] = fcl.CollisionObject(fcl_model(self._meshes[name].vertices, self._meshes[name].faces))
         return self._objects[name]
 
-    def _within_reach(self, poses: Array) -> NDArray[np.int64]:
-        """Pairs whose bounding spheres overlap at one of the poses."""
+    def _within_reach(self, poses: Array, margin: float = 0.0) -> NDArray[np.int64]:
+        """Pairs whose bounding spheres are nearer than `margin` (m), or overlap, at one of the poses."""
         rotation, position = poses[..., :3, :3], poses[..., :3, 3]
         centre = position + (rotation @ self._middle[..., None])[..., 0]
         one, other = self._index.T
         between = np.linalg.norm(centre[:, one] - centre[:, other], axis=-1)
         radius = np.linalg.norm(self._half, axis=1)
-        return np.flatnonzero((between <= radius[one] + radius[other]).any(0))
+        return np.flatnonzero((between <= radius[one] + radius[other] + margin).any(0))
 
     def _overlapping(self, poses: Array, index: NDArray[np.int64], margin: float = 0.0) -> NDArray[np.bool_]:
         """Whether bodies (pairs, 2) moved since the pose before and their bounding boxes overlap, (n, pairs).

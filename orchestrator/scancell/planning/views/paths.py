@@ -37,14 +37,13 @@ def sweeps(part: Surface, sensor_range: SensorRange, options: SweepOptions) -> l
 
 
 def side_sweeps(
-    part: Surface, sensor_range: SensorRange, options: SweepOptions, seen: Flags, work: Work | None = None
+    part: Surface, sensor_range: SensorRange, options: SweepOptions, seen: Flags, work: Work
 ) -> list[Sweep]:
     """Sweeps with the laser sheet offset from the axis, for samples not yet `seen` (n,), such as radial walls.
 
     A sheet through the axis meets radial walls at grazing incidence. Greedy choice by added surface, at most
     `_MAX_SIDE_SWEEPS`, until the best candidate adds less than `_MIN_SWEEP_GAIN`. `work` may cancel at each candidate.
     """
-    work = work or Work()
     candidates = sweeps_beside_axis(part, sensor_range, options, seen, work)
     sees = np.zeros((len(candidates), len(seen)), bool)
     for i, view in enumerate(candidates):
@@ -62,10 +61,9 @@ def side_sweeps(
 
 
 def sweeps_beside_axis(
-    part: Surface, sensor_range: SensorRange, options: SweepOptions, seen: Flags, work: Work | None = None
+    part: Surface, sensor_range: SensorRange, options: SweepOptions, seen: Flags, work: Work
 ) -> list[Sweep]:
     """Sweeps with the laser sheet at several offsets from the axis, for samples not yet `seen` (n,)."""
-    work = work or Work()
     views: list[Sweep] = []
     radius = float(np.hypot(part.extremes[:, 0], part.extremes[:, 1]).max())
     offsets = [sign * share * radius for share in _SIDE_OFFSETS for sign in (1, -1)]
