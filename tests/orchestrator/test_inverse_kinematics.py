@@ -219,6 +219,22 @@ def test_branches_along_path_are_continuous(arm: Arm, start: list[float]) -> Non
         assert distance(along[:, None], single[None]).min(1).max() < 1e-6
 
 
+def test_path_is_followed_alike_at_any_spacing_of_its_poses() -> None:
+    """Coarse paths are followed in straight legs, fine ones many poses at a time, to where they leave the reach."""
+    q = np.array([0.4, -1.0, 1.3, 0.3, 0.8, 1.0])
+    length = np.linspace(0, 1.0, 1501) ** 2  # it begins with poses that hardly differ
+    path = pose.translation(length[:, None] * np.array([0.8, -0.3, 0.5])) @ THREE_PARALLEL.fk(q)
+    fine = THREE_PARALLEL.ik_along(path[None], filtered=False)[0]
+    coarse = THREE_PARALLEL.ik_along(path[None, ::100], filtered=False)[0]
+    own = int(np.nanargmin(distance(fine[0], q)))
+    end = int(np.isfinite(fine[:, own]).all(-1).sum())
+    assert 100 < end < 1500
+    assert np.isnan(fine[end:, own]).all()
+    assert np.abs(THREE_PARALLEL.fk(fine[:end, own]) - path[:end]).max() < 1e-9
+    assert np.isfinite(coarse[: (end - 1) // 100 + 1, own]).all()
+    np.testing.assert_allclose(coarse[: (end - 1) // 100 + 1, own], fine[:end:100, own], atol=1e-7)
+
+
 def test_hard_poses_do_not_change_others() -> None:
     """Poses are solved in blocks, and those that need more starts than others are among them."""
     q = np.tile([0.3, -1.0, 1.2, 0.4, 0.9, 0.7], (300, 1))

@@ -44,6 +44,13 @@ def test_clearance_violation_names_bodies_and_distance():
     assert near.distance == pytest.approx(0.003)
 
 
+def test_bodies_that_intersect_violate_a_clearance_of_0():
+    scene = ProximityScene({"a": BOX, "b": BOX}, [("a", "b")])
+    poses = _placed(np.zeros(3), np.array([[0.199, 0.0, 0.0], [0.201, 0.0, 0.0]]))
+    (clash,) = scene.clearance_violations(poses, 0.0)
+    assert (clash.index, clash.distance) == (0, 0.0)
+
+
 def test_unlisted_pairs_are_not_checked():
     scene = ProximityScene({"a": BOX, "b": BOX}, [])
     poses = _placed(np.zeros(3), np.zeros((2, 3)))

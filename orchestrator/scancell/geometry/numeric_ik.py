@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
@@ -125,28 +124,51 @@ def continued(arm: Kinematics, path: Array, start: Array, on_step: Callable[[int
     """Joints (k, n, joints), rad, along paths of poses (k, n, 4, 4) that begin at joints `start` (n, joints).
 
     Poses between are straight. NaN from where a path leaves the reach, or passes a singular pose on another branch.
-    `on_step` is called with the number of solutions before each step.
+    `on_step` is called with the number of solutions before they are looked for.
     """
-    q = [start]
-    for here, there in pairwise(path):
-        at = q[-1].copy()
-        legs = _legs(here, there)
+    q = np.concatenate([start[None], np.full((len(path) - 1, *start.shape), np.nan)])
+    travelled = np.append(0.0, np.cumsum(_legs(path[:-1], path[1:])))
+
+    def reached(targets: Array, seeds: Array) -> Array:
+        found, usable = np.full_like(seeds, np.nan), np.isfinite(seeds).all(-1)
+        if on_step is not None:
+            on_step(int(usable.sum()))
+        found[usable] = refine(arm, targets[usable], seeds[usable], iterations=12)
+        found[~(np.abs(found - seeds).max(-1) < _LARGEST_CHANGE)] = np.nan
+        return found
+
+    def follow(here: int, there: int) -> None:
+        """The end first, then all poses before it from a line between the ends; by halves where some are not found."""
+        rows = np.flatnonzero(np.isfinite(q[here]).all(-1))
+        begin, end, poses = q[here, rows], q[here, rows], path[here : there + 1, rows]
+        length = travelled[there] - travelled[here]
+        legs = max(1, int(np.ceil(length)))
         for k in range(1, legs + 1):
-            alive = np.isfinite(at).all(-1)
-            if on_step is not None:
-                on_step(int(alive.sum()))
-            between = there if k == legs else pose.interpolate_straight(here, there, np.full(len(here), k / legs))
-            reached = refine(arm, between[alive], at[alive], iterations=12)
-            reached[~(np.abs(reached - at[alive]).max(-1) < _LARGEST_CHANGE)] = np.nan
-            at[alive] = reached
-        q.append(at)
-    return np.stack(q)
+            end = reached(pose.interpolate_straight(poses[0], poses[-1], np.full(len(rows), k / legs)), end)
+        share = (travelled[here + 1 : there, None, None] - travelled[here]) / max(length, 1e-300)
+        between = np.concatenate([reached(poses[1:-1], begin + share * (end - begin)), end[None]])
+        if there == here + 1 or np.isfinite(between).all():
+            q[here + 1 : there + 1, rows] = between
+        else:
+            middle = (here + there) // 2
+            follow(here, middle)
+            follow(middle, there)
+
+    here = 0
+    while here < len(path) - 1:
+        farthest = int(np.searchsorted(travelled, travelled[here] + 1.0, "right")) - 1
+        there = min(max(here + 1, farthest), here + _BLOCK)
+        follow(here, there)
+        here = there
+    return q
 
 
-def _legs(here: Array, there: Array) -> int:
-    distance = np.linalg.norm(there[:, :3, 3] - here[:, :3, 3], axis=-1).max(initial=0.0)
-    turn = pose.log_rotation(np.swapaxes(here[:, :3, :3], -1, -2) @ there[:, :3, :3])
-    return max(1, int(np.ceil((np.array([distance, np.linalg.norm(turn, axis=-1).max(initial=0.0)]) / _LEG).max())))
+def _legs(here: Array, there: Array) -> Array:
+    """Steps (k,) that paths (k, n, 4, 4) need from poses to the next ones, as real numbers."""
+    distance = np.linalg.norm(there[..., :3, 3] - here[..., :3, 3], axis=-1).max(-1, initial=0.0)
+    turn = pose.log_rotation(np.swapaxes(here[..., :3, :3], -1, -2) @ there[..., :3, :3])
+    angle = np.linalg.norm(turn, axis=-1).max(-1, initial=0.0)
+    return np.asarray((np.stack([distance, angle], -1) / _LEG).max(-1))
 
 
 def _error(arm: Kinematics, targets: Array, q: Array) -> Array:

@@ -110,8 +110,11 @@ class ProximityScene:
         return self.native.collisions(poses, threads)
 
     def clearance_violations(self, poses: ArrayLike, clearance: ArrayLike, threads: int = 0) -> list[Clash]:
-        """All pairs nearer than `clearance` (m, one or (pairs,)) at poses (n, bodies, 4, 4), see `distances`."""
-        required = np.broadcast_to(np.asarray(clearance, float), (len(self.pairs),))
+        """All pairs that intersect or are nearer than `clearance` (m, one or (pairs,)) at poses (n, bodies, 4, 4).
+
+        Errors as in `distances`.
+        """
+        required = np.broadcast_to(np.maximum(np.asarray(clearance, float), _CONTACT), (len(self.pairs),))
         distance = self.distances(poses, required, threads)
         index, pair = np.nonzero(distance < required)
         return [

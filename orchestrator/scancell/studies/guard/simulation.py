@@ -207,8 +207,9 @@ class Simulation(Closing):
                 link.reset()
 
         operator = Operator(cell, self.world.nominal, scenario, self.cycle, Path(self._files.name), renew)
-        truth, frames = cell.real_group(cell.axis_names("truth.")), cell.real_group(self._frame_names())
-        times, axes, poses = [0.0], [cell.get(truth).copy()], [cell.get(frames).copy()]
+        names = cell.axis_names("truth.")
+        truth = cell.real_group([*names, *self._frame_names()])
+        times, poses = [0.0], [cell.get(truth).copy()]
         answers: list[tuple[float, GuardMessage]] = []
         stopped = refused = arrived = None
         rest_us = 0
@@ -226,18 +227,18 @@ class Simulation(Closing):
             for k in range(1, SAMPLES + 1):
                 cell.step_to(start_us + k * self._cycle_us // SAMPLES)
                 times.append(cell.time_us * 1e-6)
-                axes.append(cell.get(truth).copy())
-                poses.append(cell.get(frames).copy())
-            if np.abs(axes[-1] - axes[-1 - SAMPLES]).max() > _STILL or not operator.done:
+                poses.append(cell.get(truth).copy())
+            if np.abs(poses[-1] - poses[-1 - SAMPLES])[: len(names)].max() > _STILL or not operator.done:
                 rest_us = cell.time_us
             if operator.done and arrived is None:
                 arrived = now
             if cell.time_us - rest_us >= _REST * 1e6:
                 break
+        axes, frames = np.split(np.array(poses), [len(names)], 1)
         return MotionRecord(
             np.array(times),
-            np.array(axes),
-            np.array(poses).reshape(len(times), len(self._moving), 7),
+            axes,
+            frames.reshape(len(times), len(self._moving), 7),
             tuple(answers),
             tuple(servers.log) if servers else (),
             tuple(operator.begun),
