@@ -1,5 +1,6 @@
 // Parameters, and the initial values that depend on them.
 #include "fmu/fmi/table_groups.h"
+#include "fmu/model/description/value_limits.h"
 
 namespace robotcell::fmi {
 namespace {
@@ -124,7 +125,6 @@ VibrationDependencies add_vibration(TableBuilder& table, const std::string& plac
   }
   const auto frequency =
       table.add_deviation(name + ".frequency", kHertz, what + "frequency of the sine", vibration.frequency);
-  table.bound(0);
   both.push_back(
       table.add_deviation(name + ".phase", kRadian, what + "phase of the sine at time 0", vibration.phase));
   both.push_back(
@@ -132,16 +132,14 @@ VibrationDependencies add_vibration(TableBuilder& table, const std::string& plac
                           what + "root mean square displacement along each axis of the random part, a sum of "
                                  "sines in a frequency band that depends on the seed",
                           vibration.random_rms));
-  table.bound(0);
+  table.bound(0, kMaxCoordinate);
   const auto low =
       table.add_deviation(name + ".random_low", kHertz,
                           what + "lower frequency of the band of the random part", vibration.random_low);
-  table.bound(0);
   const auto width = table.add_deviation(
       name + ".random_width", kHertz,
       what + "width of the frequency band of the random part; above 0 where random_rms is",
       vibration.random_width);
-  table.bound(0);
   both.push_back(seed);
   VibrationDependencies dependencies{both, both};
   dependencies.velocity.insert(dependencies.velocity.end(), {frequency, low, width});

@@ -89,7 +89,10 @@ std::uint32_t TableBuilder::add_deviation(const std::string& name, Unit unit, co
                                           double& value) {
   const std::uint32_t reference = add("as_built." + name, Causality::kParameter, Variability::kFixed, unit,
                                       "Deviation as built from nominal: " + text, value);
-  if (std::string_view(unit.name) == kMetre.name) bound(-kMaxCoordinate, kMaxCoordinate);
+  const std::string_view symbol = unit.name;
+  if (symbol == kMetre.name) bound(-kMaxCoordinate, kMaxCoordinate);
+  if (symbol == kRadian.name) bound(-kMaxAngle, kMaxAngle);
+  if (symbol == kHertz.name) bound(0, kMaxFrequency);
   return reference;
 }
 

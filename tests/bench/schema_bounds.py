@@ -12,25 +12,33 @@ from __future__ import annotations
 
 import argparse
 import csv
+import importlib
 import math
 import multiprocessing
 import os
 import re
 import resource
 import signal
+import sys
 import tempfile
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import chdir, contextmanager, suppress
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import fmpy
 import numpy as np
+from pydantic import Field, create_model
 
 import scancell
+from scancell.cell.as_built import expected_keys
+from scancell.cell.fmu_file import build_fmu, cell_json
+from scancell.cell.fmu_package.contents import FmuOptions
 from scancell.config.artefact import ArtefactDescription
 from scancell.config.batch import BatchDescription
 from scancell.config.channel import LinkDescription
@@ -41,6 +49,7 @@ from scancell.config.keys import join_path
 from scancell.config.path import PathDescription
 from scancell.config.scan import ScanDescription
 from scancell.config.study import StudyDescription
+from scancell.config.units import split_unit
 from scancell.errors import ScancellError
 from scancell.geometry.mesh import box_mesh
 from scancell.geometry.mesh_files import write_stl
@@ -49,7 +58,7 @@ from scancell.studies.batch import open_batch
 from scancell.studies.study import open_study, replay
 
 SECONDS = 60  # of processor time of a run
-ELAPSED = 240  # s on a busy machine
+ELAPSED = 1200  # s, of a run that does not use the processor
 MEMORY = 4 << 30  # bytes beyond those of the parent
 ODD_TEXT = re.compile(r"\b(inf|nan|invalid value|overflow|divide)\b")
 COLUMNS = ("case", "outcome", "seconds", "text")
@@ -205,8 +214,11 @@ def use_cell(data: Data) -> Any:
 
 
 def use_lit(data: Data) -> Any:
-    """An exposure with images."""
-    return scanned("ray-traced", cell=data, scan=STILL)
+    """An exposure with images of few pixels, since lamps are integrated at each of them."""
+    sensor = shipped(scancell.SensorDescription, "two_camera_probe.toml")
+    for camera in sensor["camera"]:
+        camera |= {"width_px": 320, "height_px": 256, "pixel_pitch_um": 20.0, "psf_sigma_px": 0.8}
+    return scanned("ray-traced", cell=data, sensor=sensor, scan=STILL)
 
 
 def use_session(data: Data) -> Any:
@@ -232,6 +244,13 @@ def use_sensor(data: Data) -> Any:
     )
 
 
+def use_as_built(data: Data) -> Any:
+    """Figures of an exposure by rays in a cell with deviations."""
+    changed = {key: value for key, value in data.items() if value}
+    scan = validate(ScanDescription, STILL, "scan")
+    return scancell.scan(PART, scan=scan, engine="geometric", as_built=changed).figures
+
+
 def use_scan(data: Data) -> Any:
     """A planned scan by rays."""
     return scanned("geometric", scan=data)
@@ -245,8 +264,9 @@ def use_occupied(data: Data) -> Any:
 
 
 def use_path(data: Data) -> Any:
-    """A scan along a path."""
+    """A scan along a path, whose planning is limited to less work than the time of a run."""
     scan = {"max_profiles": 200, "sweep": {"enabled": False}, "raster": {"enabled": False}, "path": [data]}
+    scan["max_planning_work"] = 25.0
     return scanned("geometric", scan=scan)
 
 
@@ -312,9 +332,9 @@ def cell_bases() -> list[Base]:
     cell["estimated"] = {"tool": {}, "dh": [{} for _ in cell["robot"]["joint"]]}
     picking = shipped(scancell.CellDescription, "pick_and_place.toml")
     block = str(assets_dir() / "parts/step_block.stl")
-    picking["further_part"] = [
-        {"name": "other", "mesh": block, "pose": {"x_mm": 80.0}, "soft": {"stiffness_n_mm": 0.1}}
-    ]
+    picking["further_part"] = [{"name": "other", "mesh": block, "pose": {"x_mm": 80.0}}]
+    soft = plain_data(picking)
+    soft["further_part"][0]["soft"] = {"stiffness_n_mm": 0.1}
     cell["obstacle"] = [{"name": "post", "mesh": block, "pose": {"y_mm": 700.0}}]
     dynamic = plain_data(default)
     dynamic["robot"]["drive"] = "dynamic"
@@ -331,9 +351,28 @@ def cell_bases() -> list[Base]:
         Base(
             "picking", cells, filled(cells, picking), use_session, "gripper|conveyor|further_part|part.arrival|contact"
         ),
+        Base("soft", cells, filled(cells, soft), use_session, "further_part.*(soft|density)"),
         Base("dynamic", cells, filled(cells, dynamic), use_cell, r"robot\.joint|robot\.link|world"),
         Base("seven", cells, seven, use_cell, "robot.held"),
     ]
+
+
+@cache
+def as_built_model() -> type[Description]:
+    """Deviations as built of the default cell as a description, with the bounds that the FMU declares."""
+    cell = scancell.CellDescription.default()
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "cell.fmu"
+        build_fmu(cell_json(cell, scancell.nominal_cell(cell, PART), 0), file, 2, FmuOptions())
+        variables = fmpy.read_model_description(str(file)).modelVariables
+    found = {v.name: v for v in variables if v.name.startswith("as_built.")}
+    units = {name: v.declaredType.unit if v.declaredType else v.unit for name, v in found.items()}
+    fields: dict[str, Any] = {}
+    for key in expected_keys(units):
+        name, scale = split_unit(key)
+        low, high = (float(end) / scale for end in (found[f"as_built.{name}"].min, found[f"as_built.{name}"].max))
+        fields[key] = (Annotated[float, Field(ge=low, le=high)], 0.0)
+    return create_model("AsBuilt", __base__=Description, **fields)
 
 
 def bases() -> list[Base]:
@@ -381,6 +420,7 @@ def bases() -> list[Base]:
     scan = filled(ScanDescription, {**SWEEP, "pair_clearance": [{"bodies": ["sensor", "part"], "clearance_mm": 6.0}]})
     return [
         *cell_bases(),
+        Base("as_built", as_built_model(), filled(as_built_model(), {}), use_as_built),
         Base("sensor", sensors, sensor, use_sensor),
         Base("wide", sensors, filled(sensors, wide), use_sensor, "laser|exposure|detector|camera"),
         Base("burst", sensors, filled(sensors, burst), use_sensor, "exposure.further|laser.profile_half"),
@@ -449,7 +489,15 @@ def _child(case: Case, sender: Any) -> None:
     limit = pages * os.sysconf("SC_PAGE_SIZE") + MEMORY
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    sender.send(outcome_of(case))
+    sender.send((*outcome_of(case), sorted(sys.modules)))
+
+
+def _import(modules: Iterable[str]) -> None:
+    """Import what a run has imported, so that the following ones need not."""
+    for name in modules:
+        if name not in sys.modules and name.partition(".")[0] in ("scancell", "scipy", "numpy"):
+            with suppress(ImportError):
+                importlib.import_module(name)
 
 
 def _ended_processes() -> float:
@@ -467,7 +515,11 @@ def run_case(case: Case) -> tuple[str, float, str]:
     sender.close()
     outcome = ("aborted", "")
     with suppress(EOFError):
-        outcome = receiver.recv() if receiver.poll(ELAPSED) else ("endless", f"{ELAPSED} s")
+        if receiver.poll(ELAPSED):
+            *outcome, modules = receiver.recv()
+            _import(modules)
+        else:
+            outcome = ("endless", f"{ELAPSED} s")
     process.join(5)
     if process.is_alive():
         process.kill()

@@ -80,10 +80,34 @@ def test_invalid_description_is_rejected_by_key(
     assert message in str(caught.value)
 
 
-@pytest.mark.parametrize("name", ["table.x", "tool.z", "platter.y", "dh[2].a"])
-def test_deviations_out_of_range_are_rejected_by_name(build: Build, name: str) -> None:
-    with pytest.raises(RuntimeError, match=re.escape(f"as_built.{name} must be from -1000 to 1000 m")):
+@pytest.mark.parametrize(
+    ("name", "range_"),
+    [
+        ("table.x", "-1000 to 1000 m"),
+        ("platter.y", "-1000 to 1000 m"),
+        ("dh[2].a", "-1000 to 1000 m"),
+        ("dh[2].theta", "-629 to 629 rad"),
+        ("tool.rx", "-629 to 629 rad"),
+        ("table.wobble_phase", "-629 to 629 rad"),
+        ("vibration.base.frequency", "0 to 1e+06 Hz"),
+        ("vibration.table.random_rms", "0 to 1000 m"),
+    ],
+)
+def test_deviations_out_of_range_are_rejected_by_name(build: Build, name: str, range_: str) -> None:
+    with pytest.raises(RuntimeError, match=re.escape(f"as_built.{name} must be from {range_}, not")):
         build(3, FREE, {f"as_built.{name}": 1e9})
+
+
+@pytest.mark.parametrize("end", ["min", "max"])
+def test_a_cell_with_all_deviations_at_the_ends_of_their_ranges_has_finite_outputs(build: Build, end: str) -> None:
+    variables = build(3).variables.values()
+    numbers = [v for v in variables if v.causality == "parameter" and v.type == "Float64"]
+    assert len(numbers) > 40
+    values = {v.name: float(getattr(v, end)) for v in numbers}  # each has both bounds
+    values |= {name: 1.0 for name in values if name.endswith("random_width")}  # above 0 where random_rms is
+    cell = build(3, parameters=values)
+    cell.step(CYCLE_US, 2)
+    assert np.isfinite(all_reals(cell)).all()
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"format": 2}', "null"])

@@ -129,6 +129,12 @@ def test_too_stiff_or_too_many_points_are_rejected(build: Build) -> None:
         build(3, soft_cell(longest_edge=1e-3))
 
 
+def test_a_part_that_sinks_by_more_than_its_height_is_rejected_before_it_settles(build: Build) -> None:
+    expected = r"part 'box': soft\.stiffness = 0\.001 N/m: the part sinks by [0-9.]+ m .* expected at least [0-9.]+ N/m"
+    with pytest.raises(RuntimeError, match=expected):
+        build(3, soft_cell(stiffness=1e-3))  # settling takes minutes, with all points in contact
+
+
 @pytest.mark.parametrize(("key", "value"), [("stiffness", 0.0), ("damping_ratio", -1.0), ("longest_edge", None)])
 def test_invalid_soft_key_is_named(key: str, value: float | None) -> None:
     assert f"parts[0].soft.{key}" in rejection(soft_cell(**{key: value}))

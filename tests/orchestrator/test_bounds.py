@@ -20,6 +20,9 @@ RUNS = (
     "scan.sweep.height_step_mm=0.001",
     "scan.sweep.speed_deg_s=0.001",
     "sensor.camera[1].cy_px=-16384.0",
+    "spiral.spiral.turns=100.0",
+    "contour.contour.smoothing_mm=100000.0",
+    "soft.further_part[1].soft.stiffness_n_mm=1e-06",
 )
 
 

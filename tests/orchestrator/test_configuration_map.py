@@ -21,6 +21,7 @@ from scancell.planning.path_map.configuration_map import (
     singularity_distance,
 )
 from scancell.planning.views.views import sweep_pose
+from scancell.planning.work import QUERY
 
 PERIOD = 0.05
 ROWS = 24
@@ -44,6 +45,15 @@ def static(cell: PlanningCell, **changes: object) -> StaticConstraints:
 
 def a_map(cell: PlanningCell, branch: int = 0, **changes: object) -> ConfigurationMap:
     return ConfigurationMap(cell, circle(), PERIOD, branch, ROWS, static(cell, **changes))
+
+
+def test_queries_of_evaluated_cells_are_work_too(cell: PlanningCell) -> None:
+    judged = a_map(cell)
+    judged.require([0], [0])
+    before = cell.work.spent
+    for _ in range(100):
+        judged.require([0], [0])
+    assert cell.work.spent - before == pytest.approx(100 * QUERY)
 
 
 def test_the_quality_is_the_product_of_all_factors(cell: PlanningCell) -> None:

@@ -70,6 +70,12 @@ def test_a_contour_too_concave_for_the_stand_off_is_refused_with_its_place() -> 
         contour_poses(contour, l_shape(), STANDOFF)
 
 
+def test_smoothing_over_more_than_a_quarter_of_the_contour_is_refused() -> None:
+    expected = r"smoothing_mm = 100000.0: the contour is 188.\d mm long; expected at most 47.\d"
+    with pytest.raises(PlanningError, match=expected):
+        contour_poses(ContourDescription(height_mm=10.0, smoothing_mm=1e5), standing_cylinder(), STANDOFF)
+
+
 def test_a_height_beside_the_part_is_refused() -> None:
     with pytest.raises(PlanningError, match=r"height_mm = 50.0: the part has no closed contour there .* 0 to 40 mm"):
         contour_poses(ContourDescription(height_mm=50.0), standing_cylinder(), STANDOFF)

@@ -30,6 +30,7 @@ inline constexpr Enumeration enumeration_of<TriggerMode> = make_enumeration("Tri
 
 constexpr double kMaxPathClock = 1e9;  // s: longer than any segment
 constexpr double kMaxDuration = 1e9;   // s: the largest simulation time
+constexpr double kMaxLightDelay = 10;  // s, of the light as built
 
 struct TriggerCommand {
   std::int32_t mode = 0;
@@ -98,12 +99,12 @@ struct TriggerErrors {
                 {"latency", kSecond,
                  "Deviation as built from nominal: mean delay of the light of an exposure after its middle, "
                  "where the encoders are latched"},
-                0)),
+                0, kMaxLightDelay)),
         field(e.jitter,
               bounded({"jitter", kSecond,
                        "Deviation as built from nominal: standard deviation of the delay of the light from "
                        "exposure to exposure. The light never precedes the instant of firing"},
-                      0)));
+                      0, kMaxLightDelay)));
   }
 };
 

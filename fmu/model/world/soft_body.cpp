@@ -5,7 +5,9 @@
 #include <dart/dynamics/PointMass.hpp>
 #include <dart/dynamics/SoftBodyNode.hpp>
 #include <dart/dynamics/SoftMeshShape.hpp>
+#include <locale>
 #include <map>
+#include <sstream>
 #include <utility>
 
 #include "fmu/model/description/cell_description.h"
@@ -98,9 +100,11 @@ SoftBodyNode::UniqueProperties spring_properties(const PartDescription& part, do
   const SoftDescription& soft = *part.soft;
   const double max_stiffness = kMaxStiffnessFraction * point_mass / (time_step * time_step);
   if (soft.stiffness > max_stiffness) {
-    fail(part, ".stiffness must be at most " + std::to_string(max_stiffness) + " N/m for points of " +
-                   std::to_string(point_mass) + " kg and this time step, not " +
-                   std::to_string(soft.stiffness));
+    std::ostringstream text;
+    text.imbue(std::locale::classic());
+    text << ".stiffness must be at most " << max_stiffness << " N/m for points of " << point_mass
+         << " kg and this time step, not " << soft.stiffness << " N/m";
+    fail(part, text.str());
   }
   SoftBodyNode::UniqueProperties properties;
   properties.mKe = 0;

@@ -5,7 +5,10 @@
 #include <dart/dynamics/BodyNode.hpp>
 #include <dart/dynamics/FreeJoint.hpp>
 #include <dart/simulation/World.hpp>
+#include <limits>
+#include <locale>
 #include <mutex>
+#include <sstream>
 
 #include "fmu/control/time_units.h"
 #include "fmu/model/world/engine_locks.h"
@@ -36,6 +39,28 @@ bool contacts_occur(const CellDescription& cell) { return any_free(cell) || cell
 /// Static compression of a soft part that stands on three of its points.
 double static_compression(const PartDescription& part, double gravity) {
   return part.soft ? part.inertial.mass * gravity / (3 * part.soft->stiffness) : 0;
+}
+
+/// Rejects a soft part that sinks by more than its height: its points would be far inside the support, all of
+/// them in contact.
+void check_compression(const PartDescription& part, const Vector3d& gravity_in_part) {
+  const double gravity = gravity_in_part.norm();
+  const double compression = static_compression(part, gravity);
+  if (compression == 0) return;
+  double low = std::numeric_limits<double>::infinity(), high = -low;
+  for (const Vector3d& vertex : part.hull.vertices) {
+    const double height = vertex.dot(gravity_in_part) / gravity;
+    low = std::min(low, height);
+    high = std::max(high, height);
+  }
+  if (compression <= high - low) return;
+  std::ostringstream text;
+  text.imbue(std::locale::classic());
+  text << "part '" << part.name << "': soft.stiffness = " << part.soft->stiffness
+       << " N/m: the part sinks by " << compression << " m on three of its points, more than its height of "
+       << high - low << " m; expected at least " << part.soft->stiffness * compression / (high - low)
+       << " N/m";
+  throw DescriptionError(text.str());
 }
 
 }  // namespace
@@ -184,6 +209,9 @@ void World::settle(const CellDescription& cell, const PrescribedMotion& start) {
   still.axes.rate = {};
   std::vector<Isometry3d> before;
   for (const Part& part : engine_->parts) before.push_back(part.free ? part.pose() : Isometry3d::Identity());
+  for (std::size_t i = 0; i < before.size(); ++i) {
+    check_compression(cell.parts[i], before[i].linear().transpose() * cell.gravity);
+  }
   const auto steps = static_cast<int>(std::ceil(kSettlingTime / time_step_));
   for (int i = 0; i < steps; ++i) step(still, still);
   for (std::size_t i = 0; i < engine_->parts.size(); ++i) {

@@ -97,11 +97,12 @@ class CellInstance(Closing):
         # FMPy's function and value references by names; None where the types differ.
         self._integer_getters: dict[tuple[str, ...], tuple[Any, list[int]] | None] = {}
         self._unpacked: Path | None = None
+        self.folder = Path(fmu).absolute()
         self._time_us = 0
         self._is_closed = False
         try:
-            file = Path(fmu).absolute()
-            self.folder = file if file.is_dir() else self._unpack(file, folder)
+            if not self.folder.is_dir():
+                self.folder = self._unpack(self.folder, folder)
             self._load(self.folder)
             self._initialise(cell_file, parameters(self.units()) if parameters else {})
         except BaseException as error:  # an interrupt, too, must leave no unpacked files
@@ -197,7 +198,9 @@ class CellInstance(Closing):
             self._messages.append(message.decode(errors="replace"))
 
     def _explain(self, what: str, error: Exception) -> str:
-        reason = "; ".join(self._messages) or str(error)
+        # The keys of the FMU's own description are named, but not its file, which is temporary.
+        own = self.folder / "resources" / "cell.json"
+        reason = ("; ".join(self._messages) or str(error)).replace(f"{own}: ", "")
         self._messages.clear()
         return f"{what}: {reason}"
 

@@ -49,15 +49,7 @@ def plan(
         _plan_poses(cell, options, placer, assembly)
         return verified(cell, options, Plan(*assembly.finish(), None, (), reduced=_reductions(cell)))
     along = _place_paths(cell, options, quality_factors)
-    needed = sum(len(item.exposures) for item in along)
-    if needed > options.max_profiles:
-        raise PlanningError(
-            f"the paths need {needed} exposures",
-            key="scan.max_profiles",
-            value=options.max_profiles,
-            expected="a larger pitch_mm of the paths or a larger scan.max_profiles",
-        )
-    left = options.max_profiles - needed
+    left = options.max_profiles - sum(len(item.exposures) for item in along)
     part, report = sample_part(cell.nominal.part, cell.nominal.table_from_part), None
     warnings = []
     if options.coverage:
@@ -141,6 +133,14 @@ def _place_paths(
     found = [
         path for item in options.paths for path in sensor_paths(item, cell.nominal.part, cell.nominal.table_from_part)
     ]
+    needed = sum(path.count for path in found)
+    if needed > options.max_profiles:
+        raise PlanningError(
+            f"the paths need {needed} exposures",
+            key="scan.max_profiles",
+            value=options.max_profiles,
+            expected="a larger pitch_mm of the paths or a larger scan.max_profiles",
+        )
     planner = PathPlanner(cell, options.clearance, quality_factors)
     placed = []
     for number, path in enumerate(found, start=1):

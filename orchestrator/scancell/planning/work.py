@@ -13,6 +13,8 @@ NUMERICAL_POSE = 1.5e-3  # and by continuation
 NUMERICAL_STEP, NUMERICAL_ROW = 5e-4, 5e-5  # of a step along paths, and of each solution in it
 CONFIGURATION = 3e-5  # distances of all bodies
 CELL = 2e-4  # of a configuration map
+QUERY = 2e-3  # of cells of one, with the ranking of the ways over them
+PATH_POSE = 1e-5  # pose on a sensor path
 SIGHT = 1e-6  # judgement of a sample from a pose
 
 

@@ -17,7 +17,7 @@ from scancell.geometry import pose
 from scancell.planning.model import PlanningCell
 from scancell.planning.path_map import constraints
 from scancell.planning.reasons import out_of_reach
-from scancell.planning.work import CELL
+from scancell.planning.work import CELL, QUERY
 from scancell.proximity.scene import Clash, ProximityScene
 
 Array = NDArray[np.float64]
@@ -152,6 +152,7 @@ class ConfigurationMap:
 
     def require(self, column: ArrayLike, row: ArrayLike) -> None:
         """Evaluate those of the cells (k,) that are not yet."""
+        self._cell.work.spend(QUERY)
         column, row = np.broadcast_arrays(np.asarray(column, np.int64), np.asarray(row, np.int64))
         new = np.isnan(self.quality[column, row])
         if new.any():

@@ -24,6 +24,7 @@ from scancell.planning.path_map.ray_shooting import shoot
 from scancell.planning.path_map.table_motion import CostWeights, Lattice, TableMotion
 from scancell.planning.reasons import describe
 from scancell.planning.views.placement import LIMIT_FRACTION, PATH_ACCELERATION
+from scancell.planning.work import PATH_POSE
 from scancell.values import Value
 
 if TYPE_CHECKING:
@@ -175,7 +176,7 @@ class PathPlanner:
         )
 
     def _timing(self, path: SensorPath, speed: float) -> _Timing:
-        count = int(path.length / path.pitch + 1e-9) + 1
+        count = path.count
         run = trajectory.run(count, path.length / (count - 1), speed, PATH_ACCELERATION, self._cell.cycle)
         steps = int(np.clip(np.ceil(run.duration / _STEP), 2, _MOST_STEPS))
         columns = steps * _SAMPLES + 1
@@ -215,6 +216,7 @@ class PathPlanner:
         def positions(time: Array) -> Array:
             table = lattice.angle_at(motion, time - run.rest, window)
             turns = pose.from_rotation(pose.rotation_about(2, table))
+            self._cell.work.spend(PATH_POSE * len(table))
             q = self._cell.ik(turns @ path.at(run.at(time)), reference)[:, lattice.map.branch]
             return np.column_stack([q, table])
 

@@ -62,7 +62,15 @@ def contour_poses(contour: ContourDescription, part: Mesh, standoff: float) -> A
     at = np.linspace(0.0, length[-1], count, endpoint=False)
     fine = np.stack([np.interp(at, length, points[:, k]) for k in (0, 1)], -1)
     tangent = np.roll(fine, -1, axis=0) - np.roll(fine, 1, axis=0)
-    window = np.hanning(2 * max(1, round(1e-3 * contour.smoothing_mm / _STEP)) + 3)[1:-1]
+    half = 1e-3 * contour.smoothing_mm / _STEP
+    if half > count / 4:
+        raise PlanningError(
+            f"the contour is {1e3 * length[-1]:.4g} mm long",
+            key="contour.smoothing_mm",
+            value=contour.smoothing_mm,
+            expected=f"at most {250 * length[-1]:.4g}, a quarter of it",
+        )
+    window = np.hanning(2 * max(1, round(half)) + 3)[1:-1]
     # Counterclockwise: the outward normal is to the right of the tangent.
     normal = _averaged(np.stack([tangent[:, 1], -tangent[:, 0]], -1), window)
     azimuth = np.arctan2(normal[:, 1], normal[:, 0])
@@ -179,6 +187,11 @@ class SensorPath:
         """Distance from the first to the last pose, m."""
         return float(self.knots[-1])
 
+    @property
+    def count(self) -> int:
+        """Number of exposures, the first one at the first pose."""
+        return int(self.length / self.pitch + 1e-9) + 1
+
     def at(self, distance: Array) -> Array:
         """Poses (k, 4, 4) at distances (k,), m, from the start: splines, continued straight beyond both ends."""
         position, rotation = self._splines
@@ -208,7 +221,7 @@ class SensorPath:
 
     def exposures(self, spacing: Spacing) -> float:
         """Number of exposures: a path has a pitch of its own."""
-        return int(self.length / self.pitch + 1e-9) + 1
+        return self.count
 
     def crossings(self, points: Array) -> Array:
         """``table_from_sensor`` (k, n, 4, 4) where the laser sheet passes over the points, see `View`."""
