@@ -206,7 +206,7 @@ class _Reader:
         kind = "none" if shape is None else shape.tag
         if shape is not None and kind == "mesh":
             file = self._mesh_file(link, shape.get("filename", ""))
-            vertices, faces = read_mesh(file)
+            vertices, faces, _ = read_mesh(file)
             return np.asarray(vertices, float) * self._numbers(shape, "scale", "1 1 1", 3), faces
         if kind == "box":
             made = trimesh.creation.box(self._numbers(shape, "size", "nan nan nan", 3))

@@ -227,7 +227,7 @@ def load_mesh(path: str | Path, unit: str = "mm") -> Mesh:
     path = Path(path)
     if unit not in METRES_PER_UNIT:
         raise MeshError(key="unit", value=unit, expected=f"one of {', '.join(METRES_PER_UNIT)}")
-    vertices, faces = read_mesh(path)
+    vertices, faces, found = read_mesh(path)
     _check_mesh(vertices, faces, str(path))
     first, number = weld(vertices)
     faces = number[faces]
@@ -237,7 +237,7 @@ def load_mesh(path: str | Path, unit: str = "mm") -> Mesh:
     used[faces] = True
     faces = (np.cumsum(used) - 1)[faces]
     metres = vertices[first[used]].astype(float) * METRES_PER_UNIT[unit]
-    remarks = _size_remarks(float(np.ptp(metres, axis=0).max()), unit, str(path))
+    remarks = (*found, *_size_remarks(float(np.ptp(metres, axis=0).max()), unit, str(path)))
     once = _first_of_equal_faces(faces)
     if len(once) < len(faces):
         remarks = (*remarks, f"{path}: {len(faces) - len(once)} of {len(faces)} faces repeat another and were removed")

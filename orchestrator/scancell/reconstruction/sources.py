@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scancell.errors import DescriptionError
 from scancell.extras import require
 from scancell.files import require_file
+from scancell.geometry.mesh_files import read_ply_points
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import read_cloud
 from scancell.reconstruction.cloud_files.record import MM
@@ -85,9 +86,7 @@ def read_points(path: Path) -> Array:
 
 
 def _ply(path: Path) -> Array:
-    import trimesh  # noqa: PLC0415  (takes a while to import)
-
-    return np.asarray(getattr(trimesh.load(path, process=False), "vertices", ()), float) / MM
+    return np.asarray(read_ply_points(path)[0], float) / MM
 
 
 def _npz(path: Path) -> Array:
