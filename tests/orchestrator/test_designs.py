@@ -12,7 +12,8 @@ from scancell.config.variation import (
     TruncatedNormalDescription,
     UniformDescription,
 )
-from scancell.studies.designs import design, trial_seed
+from scancell.errors import DescriptionError
+from scancell.studies.designs import design, hashed, trial_seed
 from scancell.studies.distributions import correlated_normal, extremes, middles, quantiles
 
 EVEN = (np.arange(100_000) + 0.5) / 100_000
@@ -73,6 +74,22 @@ def test_equal_seeds_give_equal_points_and_others_do_not(kind) -> None:
 
 def test_a_longer_monte_carlo_begins_with_the_shorter() -> None:
     assert np.array_equal(cube_of("monte_carlo", trials=40)[:16], cube_of("monte_carlo"))
+
+
+def test_rows_of_monte_carlo_are_those_of_generators_with_their_keys() -> None:
+    drawn = design(DesignDescription(kind="monte_carlo", trials=5), [None] * 7, 3)
+    fresh = [np.random.Generator(np.random.Philox(key=hashed(3, 1, n))).random(7) for n in range(5)]
+    np.testing.assert_array_equal(drawn, fresh)
+
+
+@pytest.mark.parametrize(
+    ("kind", "key", "value"),
+    [("full_factorial", "levels", 1000), ("sobol", "trials", 2**19), ("morris", "trials", 10**6)],
+)
+def test_designs_of_too_many_trials_are_refused_before_they_are_drawn(kind: str, key: str, value: int) -> None:
+    description = DesignDescription.model_validate({"kind": kind, key: value})
+    with pytest.raises(DescriptionError, match=rf"design.{key} = {value}: \d+ trials of 20 factors; expected"):
+        design(description, [None] * 20, 1)
 
 
 def test_latin_hypercube_has_one_point_in_every_stratum() -> None:

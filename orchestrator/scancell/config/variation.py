@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 from scancell.config.description import Description, Fraction, Number
 
 VariationMode = Literal["additive", "relative", "absolute"]
-_Count = Annotated[int, Field(ge=1, le=10_000_000)]
+_Count = Annotated[int, Field(ge=1, le=1_000_000)]
 _Deviation = Annotated[float, Field(gt=0.0, le=1e15)]
 _WholeNumber = Annotated[int, Field(ge=-(10**15), le=10**15)]
 _Levels = Annotated[int, Field(ge=2, le=1000)]

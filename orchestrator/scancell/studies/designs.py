@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Sequence
 from itertools import product
 
@@ -10,11 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.config.variation import DesignDescription
+from scancell.errors import DescriptionError
 from scancell.extras import require
 
 Array = NDArray[np.float64]
 _DRAWS = 1
 _TRIALS = 2
+_MOST_TRIALS = 2_000_000
 
 
 def hashed(seed: int, stream: int, number: int) -> int:
@@ -37,7 +40,17 @@ def design(description: DesignDescription, levels_of: Sequence[Array | None], se
 
     The rows of ``sobol`` are Saltelli's scheme: for each base sample A, then A with column j taken from B for each j,
     then B; those of ``morris`` its trajectories; the first of ``one_at_a_time`` has all factors at their median.
+
+    Raises `DescriptionError` for more trials than memory holds.
     """
+    if (count := _count(description, levels_of)) > _MOST_TRIALS:
+        key = "levels" if description.kind == "full_factorial" else "trials"
+        raise DescriptionError(
+            f"{count} trials of {len(levels_of)} factors",
+            key=f"design.{key}",
+            value=getattr(description, key),
+            expected=f"a design of at most {_MOST_TRIALS} trials",
+        )
     match description.kind:
         case "monte_carlo":
             return _monte_carlo(description.trials, len(levels_of), seed)
@@ -53,6 +66,18 @@ def design(description: DesignDescription, levels_of: Sequence[Array | None], se
             return _morris(description, len(levels_of), seed)
 
 
+def _count(description: DesignDescription, levels_of: Sequence[Array | None]) -> int:
+    """Number of trials."""
+    factors, trials = len(levels_of), description.trials
+    levels = [description.levels if listed is None else len(listed) for listed in levels_of]
+    return {
+        "sobol": trials * (factors + 2),
+        "morris": trials * (factors + 1),
+        "full_factorial": math.prod(levels),
+        "one_at_a_time": 1 + sum(levels),
+    }.get(description.kind, trials)
+
+
 def _levels(description: DesignDescription, listed: Array | None) -> Array:
     """Probabilities of a factor's levels: equal steps between the quantiles, or those of its listed values."""
     return np.linspace(*description.quantiles, description.levels) if listed is None else listed
@@ -60,8 +85,15 @@ def _levels(description: DesignDescription, listed: Array | None) -> Array:
 
 def _monte_carlo(trials: int, factors: int, seed: int) -> Array:
     """Each row has its own counter, so that a longer study begins with the trials of a shorter one."""
-    rows = [np.random.Generator(np.random.Philox(key=hashed(seed, _DRAWS, n))).random(factors) for n in range(trials)]
-    return np.array(rows)
+    source = np.random.Philox(key=0)
+    generator, state = np.random.Generator(source), source.state
+    rows = np.empty((trials, factors))
+    for n in range(trials):
+        # As of a new generator with this key, whose making takes ten times as long.
+        state["state"]["key"][0] = hashed(seed, _DRAWS, n)
+        source.state = state
+        rows[n] = generator.random(factors)
+    return rows
 
 
 def _latin_hypercube(trials: int, factors: int, seed: int) -> Array:
