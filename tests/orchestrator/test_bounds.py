@@ -77,3 +77,10 @@ def test_exposure_times_and_angles_of_the_sensor_do_not_underflow() -> None:
     for path, schema in numeric_keys(base.model, base.data):
         if keys & set(path):
             assert limits_of(schema)[0] >= 1e-6
+
+
+def test_standard_deviations_of_factors_do_not_overflow_where_they_divide() -> None:
+    base = BASES["study"]
+    found = [limits_of(schema)[0] for path, schema in numeric_keys(base.model, base.data) if path[-1] == "std"]
+    assert len(found) > 1
+    assert min(found) >= 1e-15

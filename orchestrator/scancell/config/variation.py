@@ -13,7 +13,7 @@ from scancell.config.description import Description, Fraction, Number
 
 VariationMode = Literal["additive", "relative", "absolute"]
 _Count = Annotated[int, Field(ge=1, le=1_000_000)]
-_Deviation = Annotated[float, Field(gt=0.0, le=1e15)]
+_Deviation = Annotated[float, Field(ge=1e-15, le=1e15)]
 _WholeNumber = Annotated[int, Field(ge=-(10**15), le=10**15)]
 _Levels = Annotated[int, Field(ge=2, le=1000)]
 _MODE: Any = Field(
