@@ -472,7 +472,8 @@ def outcome_of(case: Case) -> tuple[str, str]:
         try:
             odd = odd_figures(case.base.use(case.changed))
         except ScancellError as error:
-            return ("refused" if case.path else "refused base"), str(error)
+            lacks_file = "no such file" in str(error)  # all files of the bases are there
+            return ("refused base" if lacks_file or not case.path else "refused"), str(error)
         except Exception as error:
             frames = traceback.extract_tb(error.__traceback__)
             where = next((f for f in reversed(frames) if "scancell" in f.filename), frames[-1])
