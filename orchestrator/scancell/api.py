@@ -35,6 +35,7 @@ from scancell.config.choices import (
     Engine,
     FlangeConvention,
     LatencyWord,
+    LengthUnit,
     Reconstruction,
     SensorTarget,
 )
@@ -505,6 +506,7 @@ def evaluate(
     datum: Sequence[str | int] = (),
     out: str | Path | None = None,
     unit: str = "mm",
+    cloud_unit: LengthUnit | None = None,
     threads: Threads = 0,
 ) -> MeshEvaluation | ArtefactEvaluation:
     """Compare a cloud with a mesh or with an artefact of exact shape.
@@ -512,7 +514,8 @@ def evaluate(
     Parameters
     ----------
     cloud
-        A scan, cloud file (mm), run folder, `Cloud` or points (n, 3), m, in the frame of the part.
+        A scan, cloud file, run folder, `Cloud` or points (n, 3), m, in the frame of the part. Records of a file that
+        hold no usable point are left out and counted.
     mesh, artefact
         What to compare with; one of them. A mesh file in `unit`; an artefact description (TOML). By default the part
         of the scan.
@@ -522,6 +525,8 @@ def evaluate(
         Datum faces of the artefact, or numbers of plane regions of the mesh, in order of precedence.
     out
         Folder for figures (JSON, CSV) and a picture.
+    cloud_unit
+        Unit of the cloud file: mm, m or inch; by default what the file states, or else mm.
     threads
         Threads of the distance queries; 0 uses all cores.
 
@@ -544,7 +549,8 @@ def evaluate(
         mesh = cloud.nominal.part
     if (mesh is None) == (artefact is None):
         raise DescriptionError("evaluate: expected either a mesh or an artefact to compare with")
-    points = checked_value("cloud", points_of(cloud), Points)
+    source = points_of(cloud, cloud_unit)
+    points = checked_value("cloud", source.points, Points)
     if not len(points):
         raise DescriptionError("cloud: holds no points; expected at least one")
     found: MeshEvaluation | ArtefactEvaluation
@@ -555,6 +561,7 @@ def evaluate(
         assert artefact is not None
         group = artefact if isinstance(artefact, ShapeGroup) else load_artefact(artefact)
         found = evaluate_against_artefact(points, group, align, [str(name) for name in datum])
+    found = replace(found, source=source.figures, warnings=(*source.warnings, *found.warnings))
     if out is not None:
         found.save(out)
     return found

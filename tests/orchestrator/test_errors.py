@@ -25,7 +25,7 @@ from scancell.guard.messages import CellState, Mode, Operation
 from scancell.output.image_files import read_index
 from scancell.planning.plan import Plan
 from scancell.reconstruction.cloud_files import parse_formats
-from scancell.reconstruction.sources import read_points
+from scancell.reconstruction.cloud_files.read import read_cloud_file
 
 TREE = [one for one in vars(errors).values() if inspect.isclass(one) and issubclass(one, ScancellError)]
 ABOUT_VALUES = {"DescriptionError", "MeshError", "SensorError", "ImageError", "MessageError", "FitError"}
@@ -36,6 +36,11 @@ def raised(work) -> ScancellError:
     with pytest.raises(ScancellError) as caught:
         work()
     return caught.value
+
+
+def written(path: Path, content: bytes) -> Path:
+    path.write_bytes(content)
+    return path
 
 
 def scan_file(folder: Path, text: str) -> Path:
@@ -105,8 +110,8 @@ def test_message_is_composed_of_what_the_error_carries(parts, message) -> None:
         ),
         (lambda _: parse_formats("las", "formats"), (None, "formats", "las", "ply, npz, laz, e57, pcd or xyz")),
         (
-            lambda _: read_points(Path("a.txt")),
-            ("a.txt", None, None, "a point cloud: .ply, .npz, .xyz, .pcd, .laz, .e57"),
+            lambda folder: read_cloud_file(written(folder / "a.gif", b"GIF89a")),
+            ("{}/a.gif", None, None, "a point cloud: .ply, .pcd, .las, .laz, .e57, .npz, .xyz, .txt, .asc, .csv, .pts"),
         ),
         (lambda _: read_index(Path("no.csv")), ("no.csv", None, None, None)),
         (

@@ -24,7 +24,7 @@ from scancell.output.image_files import read_index
 from scancell.planning.views.sensor_paths import recorded_poses
 from scancell.programs.taught_file import TaughtFile
 from scancell.reconstruction.cloud_files.plain import read_npz
-from scancell.reconstruction.sources import read_points
+from scancell.reconstruction.cloud_files.read import read_cloud_file
 from scancell.recorded.calibrated import read_calibration
 
 
@@ -71,8 +71,8 @@ READERS: dict[str, Callable[[Path], object]] = {
     "poses": recorded_poses,
     "mesh": lambda path: scancell.load_part(named(path, ".stl")),
     "obj": lambda path: scancell.load_part(named(path, ".obj")),
-    "points": lambda path: read_points(named(path, ".xyz")),
-    "npz": lambda path: read_points(named(path, ".npz")),
+    "points": lambda path: read_cloud_file(named(path, ".xyz")),
+    "npz": lambda path: read_cloud_file(named(path, ".npz")),
     "index": read_index,
     "archive": read_npz,
     "taught program": lambda path: TaughtFile(path).program.steps,

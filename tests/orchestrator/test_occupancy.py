@@ -14,7 +14,7 @@ from scancell.nominal.cell import nominal_cell
 from scancell.planning.model import PlanningCell
 from scancell.planning.occupancy import read_voxels, with_occupied_space, write_voxels
 from scancell.reconstruction.cloud_files import FORMATS, write_cloud
-from scancell.reconstruction.sources import read_points
+from scancell.reconstruction.cloud_files.read import read_cloud_file
 from scancell.scanner import Scanner
 
 BLOCK = box_mesh((0.04, 0.03, 0.02), "block")
@@ -78,7 +78,7 @@ def test_voxels_are_read_as_written(tmp_path) -> None:
 def test_points_of_every_cloud_file_are_read(tmp_path, kind) -> None:
     points = np.random.default_rng(5).uniform(-0.1, 0.1, (200, 3))
     write_cloud(tmp_path / f"cloud.{kind}", cloud_of(points))
-    np.testing.assert_allclose(read_points(tmp_path / f"cloud.{kind}"), points, atol=2e-8)
+    np.testing.assert_allclose(read_cloud_file(tmp_path / f"cloud.{kind}").points, points, atol=2e-8)
 
 
 @pytest.mark.parametrize(("frame", "moves_with"), [("world", "world"), ("base", "world"), ("table", "table")])

@@ -11,6 +11,7 @@ from scancell.cli.common import Outcome, command, show_progress
 from scancell.cli.options import (
     AsBuiltOption,
     CellOption,
+    CloudUnitOption,
     EngineOption,
     OutOption,
     ScanOption,
@@ -24,7 +25,7 @@ from scancell.config.choices import Align, Reconstruction
 
 @command("evaluate")
 def evaluate(
-    cloud: Annotated[Path, typer.Argument(help="point cloud (PLY, NPZ, XYZ, PCD, LAZ, E57; mm) or run folder")],
+    cloud: Annotated[Path, typer.Argument(help="point cloud (PLY, PCD, LAS, LAZ, E57, NPZ, text, CSV) or run folder")],
     mesh: Annotated[Path | None, typer.Option("--mesh", help="nominal part: mesh (STL, OBJ, PLY)")] = None,
     artefact: Annotated[Path | None, typer.Option("--artefact", help="nominal artefact (TOML)")] = None,
     align: Annotated[
@@ -38,6 +39,7 @@ def evaluate(
     ] = None,
     out: OutOption = Path("out/evaluate"),
     unit: UnitOption = "mm",
+    cloud_unit: CloudUnitOption = None,
     threads: ThreadsOption = 0,
 ) -> Outcome:
     """Compare a cloud with a mesh or an artefact: figures as JSON and CSV, and a picture."""
@@ -45,10 +47,19 @@ def evaluate(
 
     words = [word.strip() for word in datum.split(",")] if datum else []
     found = evaluate_cloud(
-        cloud, mesh=mesh, artefact=artefact, align=align, datum=words, out=out, unit=unit, threads=threads
+        cloud,
+        mesh=mesh,
+        artefact=artefact,
+        align=align,
+        datum=words,
+        out=out,
+        unit=unit,
+        cloud_unit=cloud_unit,
+        threads=threads,
     )
     files = [str(out / f"evaluation.{suffix}") for suffix in ("json", "csv", "png")]
-    lines = [f"{cloud}: {len(found.distance)} points", found.summary()]
+    kind = found.source["format"]
+    lines = [f"{cloud} ({kind}): {len(found.distance)} points", found.summary()]
     return Outcome(lines, found.figures, files, list(found.warnings))
 
 

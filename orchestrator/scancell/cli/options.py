@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from scancell.cli.common import JsonOption, Outcome
-from scancell.config.choices import CloudFrame, Engine
+from scancell.config.choices import CloudFrame, Engine, LengthUnit
 from scancell.errors import DescriptionError
 
 if TYPE_CHECKING:
@@ -41,6 +41,10 @@ EngineOption = Annotated[Engine, typer.Option("--engine", help="rendered camera 
 IdealOption = Annotated[bool, typer.Option("--ideal", help="switch off all noise")]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, max=2**31 - 1, help="random seed")]
 UnitOption = Annotated[str, typer.Option("--unit", help="unit of the mesh file: mm, m or inch")]
+CloudUnitOption = Annotated[
+    LengthUnit | None,
+    typer.Option("--cloud-unit", help="unit of the cloud file; by default what the file states, or else mm"),
+]
 ThreadsOption = Annotated[int, typer.Option("--threads", min=0, help="number of threads; 0 for one per core")]
 WorkersOption = Annotated[int, typer.Option("--workers", min=0, help="processes on this machine; 0: one per core")]
 OutOption = Annotated[Path, typer.Option("--out", help="folder for the results")]

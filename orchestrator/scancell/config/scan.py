@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from scancell.config.choices import OccupiedFrame, ScanMode
+from scancell.config.choices import LengthUnit, OccupiedFrame, ScanMode
 from scancell.config.description import (
     Angle,
     AngularSpeed,
@@ -27,11 +27,17 @@ _Elevation = Annotated[float, Field(ge=0.0, le=85.0)]
 class OccupiedDescription(Description):
     """Space that planning keeps clear of, from a file: voxels of `scancell survey`, or a point cloud."""
 
-    file: str = Field(description="voxels (NPZ) of `scancell survey`, or a point cloud (ply, npz, xyz, pcd, laz, e57)")
+    file: str = Field(
+        description="voxels (NPZ) of `scancell survey`, or a point cloud (ply, pcd, las, laz, e57, npz, text)"
+    )
     frame: OccupiedFrame = Field(
         default="part",
         description="frame of the points of a cloud, as --frame of the scan that made it; points in the frames of part"
         " and table turn with the table",
+    )
+    unit: LengthUnit | None = Field(
+        default=None,
+        description="unit of the coordinates of a cloud; by default what the file states, or else mm",
     )
     voxel_mm: Size = Field(default=5.0, description="edge length of the voxels of a cloud, mm")
     inflate_mm: Length = Field(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -65,7 +65,9 @@ class ArtefactEvaluation(Evaluation):
     datum
         Names of the datum faces.
     warnings
-        What is doubtful about the alignment.
+        What is doubtful about the cloud and the alignment.
+    source
+        Format of the cloud's file, its records, and those without a usable point by reason.
 
     Examples
     --------
@@ -93,6 +95,7 @@ class ArtefactEvaluation(Evaluation):
     guard: float
     datum: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    source: Mapping[str, Any] = field(default_factory=dict)
 
     def _drawn(self) -> tuple[Array, Deviation, Mesh]:
         """What the picture shows: points on measured faces, their deviations, and the artefact as a mesh."""
@@ -108,6 +111,7 @@ class ArtefactEvaluation(Evaluation):
             "artefact": self.artefact.source,
             "what": "figures in the style of VDI/VDE 2634-2 and -3, ISO 10360-8 and -13; least-squares elements; "
             "standard uncertainties from the covariance of the fits",
+            "cloud": dict(self.source),
             "alignment": alignment_json(self.align, self.artefact_from_cloud, self.datum),
             "reach_mm": 1e3 * self.reach,
             "edge_guard_mm": 1e3 * self.guard,

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import permutations
 from pathlib import Path
 from typing import Any
@@ -102,6 +102,8 @@ class MeshEvaluation(Evaluation):
         Numbers of the datum regions in order of precedence.
     warnings
         What is doubtful about mesh, cloud and alignment.
+    source
+        Format of the cloud's file, its records, and those without a usable point by reason.
 
     Examples
     --------
@@ -128,6 +130,7 @@ class MeshEvaluation(Evaluation):
     is_signed: bool
     datum: tuple[int, ...] = ()
     warnings: tuple[str, ...] = ()
+    source: Mapping[str, Any] = field(default_factory=dict)
 
     def _drawn(self) -> tuple[Array, Deviation, Mesh]:
         """What the picture shows: all points, their deviations, and the mesh."""
@@ -141,6 +144,7 @@ class MeshEvaluation(Evaluation):
             "mesh": self.mesh.source,
             "what": "distance from each point to the nearest point of the part, "
             + ("positive outside" if self.is_signed else "unsigned because the mesh is not closed"),
+            "cloud": dict(self.source),
             "alignment": alignment_json(self.align, self.part_from_cloud, self.datum),
             "all": self.statistics.as_um(),
             "coverage": {"fraction": self.coverage, "tolerance_mm": 1e3 * self.tolerance},
@@ -377,7 +381,7 @@ def _size_warnings(points: Array, mesh: Mesh) -> list[str]:
     return [
         f"{mesh.source}: the largest extent of the mesh is {1e3 * part:.3g} mm, that of the cloud {1e3 * cloud:.3g} mm"
         + (f", which differ as {explained} do" if same else "")
-        + ": is the unit of the mesh (`unit`) right?"
+        + ": are the unit of the mesh (`unit`) and that of the cloud (`cloud_unit`) right?"
     ]
 
 

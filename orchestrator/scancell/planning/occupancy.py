@@ -18,7 +18,7 @@ from scancell.files import atomic_write, require_file
 from scancell.geometry.pose import transform_points
 from scancell.geometry.voxels import VoxelGrid
 from scancell.nominal.cell import OCCUPIED, Body, NominalCell
-from scancell.reconstruction.sources import read_points
+from scancell.reconstruction.cloud_files.read import read_cloud_file
 
 Array = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ def _grids(item: OccupiedDescription, nominal: NominalCell) -> dict[str, VoxelGr
     path, inflation = Path(item.file), si_value(item, "inflate_mm")
     if path.suffix.lower() == ".npz" and _holds_voxels(path):
         return {frame: grid.inflated(inflation) for frame, grid in read_voxels(path).items()}
-    points = read_points(path)
+    points = read_cloud_file(path, item.unit).points
     frame, frame_from_points = {
         "world": ("world", np.eye(4)),
         "base": ("world", nominal.arm.world_from_base),
