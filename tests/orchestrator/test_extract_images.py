@@ -12,6 +12,7 @@ import pytest
 from scancell import sensor as sensor_rt
 from scancell.cli import app
 from scancell.config.loading import assets_dir, load_setup
+from scancell.config.sensor import DetectorDescription
 from scancell.errors import ImageError
 from scancell.output.extract_images import ExtractionRequest, extract_to_folder
 from scancell.output.image_files import ImageSet
@@ -127,13 +128,71 @@ def test_twelve_bit_images_and_greys_stored_as_colours(tmp_path):
     assert run(files, tmp_path / "colour").figures["points"] > 2500
 
 
+@pytest.mark.parametrize(("wavelength", "channel"), [(450.0, 0), (520.0, 1), (660.0, 2), (850.0, 2)])
+def test_channel_of_the_laser_is_taken_of_colours(tmp_path, wavelength, channel):
+    colour = np.stack([stripe_image(row) for row in (200.0, 500.0, 800.0)], axis=-1)
+    for camera in ("plus", "minus"):
+        cv2.imwrite(str(tmp_path / f"{camera}.png"), colour)
+    report = run([tmp_path], tmp_path / "out", f"sensor.laser.wavelength_nm={wavelength}")
+    rows = [float(row["row_px"]) for row in table(tmp_path / "out" / "profiles.csv")]
+    np.testing.assert_allclose(rows, (200.0, 500.0, 800.0)[channel], atol=0.02)
+    assert ("blue", "green", "red")[channel] in "".join(report.lines)
+
+
+def test_images_of_all_formats_in_a_folder_are_read_and_pages_are_refused(tmp_path):
+    for name, suffix in (("a", ".png"), ("b", ".jpg"), ("c", ".tif"), ("d", ".jpeg"), ("e", ".pgm")):
+        write_pair(tmp_path, name, 400.3, suffix)
+    assert run([tmp_path], tmp_path / "out").figures["exposures"] == 5
+    pages = tmp_path / "pages_plus.tif"
+    cv2.imwritemulti(str(pages), [stripe_image(400.0)] * 3)
+    write_pair(tmp_path, "pages", 400.0)
+    (tmp_path / "pages_plus.png").unlink()
+    with pytest.raises(ImageError, match=r"pages_plus\.tif: holds 3 images"):
+        run([tmp_path], tmp_path / "more")
+
+
+def test_images_beyond_full_scale_name_the_gain_that_reads_them(tmp_path):
+    deep = stripe_image(400.3).astype(np.uint16) * 16
+    for camera in ("plus", "minus"):
+        cv2.imwrite(str(tmp_path / f"{camera}.png"), deep)
+    with pytest.raises(ImageError, match="gain_dn_per_e of this camera") as caught:
+        run([tmp_path], tmp_path / "out", "sensor.detector.bit_depth=12")
+    gain = str(caught.value).partition("camera, ")[2].split()[0]
+    more = ("sensor.detector.bit_depth=12", f"sensor.detector.gain_dn_per_e={gain}")
+    assert run([tmp_path], tmp_path / "out", *more).figures["points"] > 2500
+
+
+@pytest.mark.parametrize("bits", [8, 10, 12, 16])
+def test_bit_depth_sets_full_scale_without_a_gain(bits):
+    words = load_setup().sensor.detector.model_dump(exclude={"gain_dn_per_e"}) | {"bit_depth": bits}
+    made = DetectorDescription.model_validate(words)
+    assert made.black_level_dn + made.full_well_e * made.gain_dn_per_e == pytest.approx(2**bits - 1)
+
+
+def test_rejected_columns_are_counted_with_the_key_that_accepts_them(tmp_path):
+    """A wide stripe is found in all columns; the proposed limit gives its points."""
+    write_pair(tmp_path, "a", 400.3)
+    strict = "sensor.extraction.max_sigma_px=1"
+    report = run([tmp_path], tmp_path / "out", strict)
+    (warning,) = report.warnings
+    assert "2560 of 2560 columns" in warning
+    assert "2560 wide (sensor.extraction.max_sigma_px = 1; " in warning
+    proposed = warning.partition("max_sigma_px = 1; ")[2].split()[0]
+    accepted = run([tmp_path], tmp_path / "more", f"sensor.extraction.max_sigma_px={proposed}")
+    assert accepted.figures["points"] > 0.9 * 2560
+    some = stripe_image(400.3)
+    some[:, 600:700] = cv2.GaussianBlur(some, (1, 41), 12)[:, 600:700]
+    cv2.imwrite(str(tmp_path / "a_plus.png"), some)
+    partial = run([tmp_path], tmp_path / "some")
+    assert "columns with a peak give no point" in partial.lines[1]
+    assert "sensor.extraction." in partial.lines[1]
+
+
 def wrong_cases():
     image = stripe_image(400.0)
-    colour = np.stack([image, image, image // 2], axis=-1)
     return [
         ({"a_plus.png": image}, "no image of camera 'minus'"),
         ({"a_plus.png": image, "a_minus.png": image[:100]}, "a_minus.png: is 1280 x 100 pixels, camera 'minus' has"),
-        ({"a_plus.png": image, "a_minus.png": colour}, "expected a grey image"),
         ({"a_plus.png": image, "a_minus.png": image.astype(np.uint16) * 16}, r"holds the value 2\d+, but detector"),
         ({"a_plus.png": image, "b.png": image}, "b.png: names no camera; expected one of the words plus, minus"),
         ({"a_plus_minus.png": image}, "names several cameras"),

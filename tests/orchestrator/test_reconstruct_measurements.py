@@ -102,6 +102,48 @@ def test_table_with_joints_gives_the_cloud_of_the_scan(scanned, tmp_path, suffix
     assert found.data.made.dropped.as_json() == scanned.dropped.as_json()
 
 
+@pytest.mark.parametrize(
+    ("separator", "decimal", "encoding", "above"),
+    [
+        (";", ",", "utf-8", ""),
+        ("\t", ".", "utf-16", ""),
+        (";", ".", "utf-8-sig", "Device;LLT\nPoints;9\n\n"),
+        (" ", ".", "ascii", ""),
+    ],
+)
+def test_tables_of_other_programs_give_the_same_cloud(scanned, tmp_path, separator, decimal, encoding, above) -> None:
+    table = write_table(scanned, tmp_path / "points.csv", joint_columns(scanned))
+    text = table.read_text().replace(".", decimal).replace(",", separator) if decimal == "." else None
+    if text is None:
+        text = table.read_text().replace(",", separator).replace(".", decimal)
+    other = tmp_path / "points.txt"
+    other.write_bytes((above + text.replace('"', "")).encode(encoding))
+    expected, found = (scancell.reconstruct(path).cloud for path in (table, other))
+    np.testing.assert_allclose(found.points_in_part, expected.points_in_part, atol=1e-12)
+
+
+@pytest.mark.parametrize("value", [-98.304, 0.0, -99999.99])
+def test_values_of_missing_points_are_left_out_and_counted(scanned, tmp_path, value) -> None:
+    table = write_table(scanned, tmp_path / "points.parquet", joint_columns(scanned))
+    columns = {name: np.array(column) for name, column in pyarrow.parquet.read_table(table).to_pydict().items()}
+    missing = np.arange(len(columns["z_mm"])) % 5 == 3
+    write_measured_table(tmp_path / "holes.csv", columns | {"z_mm": np.where(missing, value, columns["z_mm"])})
+    write_measured_table(tmp_path / "rest.csv", {name: column[~missing] for name, column in columns.items()})
+    found, expected = (scancell.reconstruct(tmp_path / f"{name}.csv", part=PART) for name in ("holes", "rest"))
+    np.testing.assert_array_equal(found.cloud.points_in_part, expected.cloud.points_in_part)
+    assert f"{int(missing.sum())} of {len(missing)} points are left out: their z_mm = {value:.10g}" in found.warnings[0]
+
+
+def test_surface_without_poses_is_a_cloud_in_the_base_frame(tmp_path) -> None:
+    (tmp_path / "surface.csv").write_text("Info\n1,2\nY\\X,0.0,10.0,20.0\n0.0,1.0,2.0,3.0\n5.0,4.0,,6.0\nEnd\n")
+    result = scancell.reconstruct(tmp_path / "surface.csv")
+    expected = np.array([[0, 0, 1], [10, 0, 2], [20, 0, 3], [0, 5, 4], [20, 5, 6]]) * 1e-3
+    np.testing.assert_allclose(result.cloud.points_in_part, expected, atol=1e-9)
+    assert "states no poses" in result.warnings[0]
+    assert "1 of 6 records" in result.warnings[1]
+    result.save(tmp_path / "out")
+
+
 def test_scan_on_a_belt_is_refused(scanned, tmp_path) -> None:
     table = write_table(scanned, tmp_path / "points.csv", joint_columns(scanned))
     with pytest.raises(DescriptionError, match="no travel of a belt"):

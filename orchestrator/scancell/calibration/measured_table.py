@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from scancell.cell.recording import read_table
 from scancell.errors import DescriptionError
 from scancell.extras import require
-from scancell.files import atomic_write, read_text
+from scancell.files import atomic_write, read_text, require_file
+from scancell.text_table import read_text_table
 
 Array = NDArray[np.float64]
 
@@ -30,9 +31,13 @@ class MeasuredTable:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        # Only an empty field is none: ``nan`` is a value, which messages show.
-        options = pyarrow.csv.ConvertOptions(null_values=[""], strings_can_be_null=False)
-        self._table = _read_yaml(path) if path.suffix.lower() in _YAML else read_table(path, options)
+        if path.suffix.lower() in _YAML:
+            self._table = _read_yaml(path)
+        else:
+            require_file(path)
+            with path.open("rb") as stream:
+                is_parquet = stream.read(4) == b"PAR1" or path.suffix.lower() == ".parquet"
+            self._table = read_table(path) if is_parquet else _read_csv(path)
         if not len(self):
             raise DescriptionError("holds no rows below its header", file=path, expected="at least one")
 
@@ -94,6 +99,26 @@ class MeasuredTable:
             return float(value)
         except (ValueError, TypeError):
             self.refuse(row, name, "a number")
+
+
+def _read_csv(path: Path) -> pa.Table:
+    """Table of a text with any separator, decimal mark and encoding, whose header names the columns."""
+    text = read_text_table(path)
+    if not text.names:
+        raise DescriptionError("has no header", file=path, expected="names of the columns in the first line")
+    separator = "\t" if text.separator == " " else text.separator
+    rows = (["\t".join(row.split()) for row in text.rows]) if text.separator == " " else text.rows
+    # Only an empty field is none: ``nan`` is a value, which messages show.
+    options = pyarrow.csv.ConvertOptions(null_values=[""], strings_can_be_null=False, decimal_point=text.decimal)
+    header = separator.join(f'"{name}"' for name in text.names)
+    try:
+        return pyarrow.csv.read_csv(
+            pa.BufferReader("\n".join([header, *rows, ""]).encode()),
+            parse_options=pyarrow.csv.ParseOptions(delimiter=separator),
+            convert_options=options,
+        )
+    except pa.ArrowException as error:
+        raise DescriptionError(str(error), file=path, expected="a table of numbers and words") from None
 
 
 def _read_yaml(path: Path) -> pa.Table:

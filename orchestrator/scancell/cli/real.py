@@ -8,7 +8,16 @@ from typing import Annotated
 import typer
 
 from scancell.cli.common import Outcome, command, show_progress
-from scancell.cli.options import CellOption, OutOption, SeedOption, SensorOption, SetOption, ThreadsOption, UnitOption
+from scancell.cli.options import (
+    CellOption,
+    CloudUnitOption,
+    OutOption,
+    SeedOption,
+    SensorOption,
+    SetOption,
+    ThreadsOption,
+    UnitOption,
+)
 from scancell.config.choices import FlangeConvention, LatencyWord
 from scancell.errors import DescriptionError
 
@@ -20,7 +29,7 @@ def reconstruct(
         typer.Argument(
             metavar="DATA",
             help="table of profile points (CSV, Parquet, YAML), or folder of images with poses.csv;"
-            " both with joints or flange poses",
+            " both with joints or flange poses; or cloud or surface without poses",
         ),
     ],
     cell: CellOption = None,
@@ -72,6 +81,7 @@ def reconstruct(
     ] = "ply",
     out: OutOption = Path("out/reconstruct"),
     unit: UnitOption = "mm",
+    cloud_unit: CloudUnitOption = None,
     set_: SetOption = None,
     threads: ThreadsOption = 0,
     as_json: bool = False,
@@ -89,6 +99,7 @@ def reconstruct(
             settings=set_ or [],
             part=part,
             unit=unit,
+            cloud_unit=cloud_unit,
             calibration=calibration,
             flange=flange,
             convention=convention,

@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from scancell.config.description import Bandwidth, Coordinate, Description, FileDescription, Fraction, Size
 from scancell.config.units import si_value, to_si
@@ -215,6 +215,8 @@ class DetectorDescription(Description):
     is exposed around the trigger's latch instant.
     """
 
+    model_config = ConfigDict(json_schema_extra=lambda schema: schema["required"].remove("gain_dn_per_e"))
+
     exposure_ms: _ExposureTime = Field(
         description="exposure time of a pixel, ms; of the first image where section [exposure] asks for others"
     )
@@ -227,7 +229,8 @@ class DetectorDescription(Description):
     read_noise_e: _Electrons = Field(description="standard deviation of the temporal dark noise, electrons")
     dark_current_e_per_s: _DarkCurrent = Field(default=0.0, description="dark current of a pixel, electrons/s")
     gain_dn_per_e: Annotated[float, Field(ge=1e-6, le=1e4)] = Field(
-        description="system gain, digital numbers per electron"
+        description="system gain, digital numbers per electron; without this key that at which full_well_e fills the"
+        " bit depth"
     )
     bit_depth: Annotated[int, Field(ge=8, le=16)] = Field(description="bits per pixel of the digital image")
     black_level_dn: _DigitalNumber = Field(description="digital number without light")
@@ -272,6 +275,19 @@ class DetectorDescription(Description):
         description="take a second (background) image with the laser off after each exposure and extract from the"
         " difference",
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _bit_depth_sets_full_scale(cls, data: Any) -> Any:
+        """Without a gain, the one at which the full well fills the bit depth."""
+        if not isinstance(data, dict) or "gain_dn_per_e" in data:
+            return data
+        keys = ("full_well_e", "black_level_dn", "bit_depth")
+        given = [float(data[key]) for key in keys if type(data.get(key)) in (int, float)]
+        if len(given) < len(keys) or not (0.0 < given[2] <= 16.0 and given[0] > 0.0):
+            return data  # whose keys are refused
+        full_well, black, bits = given
+        return {**data, "gain_dn_per_e": (2.0**bits - 1.0 - black) / full_well}
 
     @model_validator(mode="after")
     def _shutter_is_complete(self) -> Self:

@@ -14,7 +14,7 @@ from scancell import sensor as sensor_rt
 from scancell.config.sensor import SensorDescription
 from scancell.errors import SensorError
 from scancell.evaluation.sheet_check import sheet_deviation
-from scancell.output.image_files import INDEX, ImageSet, read_images
+from scancell.output.image_files import INDEX, ImageSet, holds_colours, laser_channel, read_images
 from scancell.output.run_folder import RunFolder, RunReport, run_into
 from scancell.output.tables import write_csv
 from scancell.reconstruction.cloud import Cloud
@@ -26,6 +26,21 @@ from scancell.stopwatch import Stopwatch
 _BATCH = 16  # frames in memory at a time
 _MM = 1e3
 _MAX_LISTED = 3  # ignored files listed by name
+_NEARLY_ALL = 0.95  # share of the rejected peaks that a proposed limit accepts
+# Flags of rejected peaks: key of the limit, column of the value, and whether the limit is the least value.
+_LIMITS = {
+    "asymmetric": ("max_asymmetry", "asymmetry", False),
+    "wide": ("max_sigma_px", "width", False),
+    "narrow": ("min_sigma_px", "width", True),
+    "weak": ("min_amplitude_dn", "amplitude", True),
+    "residual": ("max_residual", "residual", False),
+}
+_OTHER_KEYS = {
+    "step": ("max_row_jump_px", "max_amplitude_jump", "max_width_jump"),
+    "end": ("end_columns", "min_run_columns"),
+    "passed_over": ("peak",),
+    "unconfirmed": ("peak", "agreement_px"),
+}
 # Columns of peaks and profiles; those of peaks alone with their units.
 _OF_BOTH = ("frame", "camera", "column", "flags")
 _PROFILE_COLUMNS = (*_OF_BOTH, "row", "points_in_sensor", "sigma", "intensity")
@@ -88,15 +103,71 @@ def extract_to_folder(request: ExtractionRequest, out: Path) -> RunReport:
         figures = _figures(found, sets, len(sensor.cameras))
         if request.sheet_um is not None:
             figures["sheet_deviation"] = _sheet_figures(found.profiles["sheet_deviation"], request.sheet_um)
-        lines = [f"{len(sets)} exposures: {len(cloud)} points", *_ignored_line(sets), f"  results    {out}"]
-        return RunReport(figures, lines, _warnings(figures))
+        rejected = rejection_text(found.peaks, request.sensor)
+        lines = [f"{len(sets)} exposures: {len(cloud)} points", *_ignored_line(sets)]
+        lines += [f"  {rejected}"] if rejected and len(cloud) else []
+        if holds_colours(sets.files[0][0]):
+            wavelength = request.sensor.laser.wavelength_nm
+            lines.append(
+                f"  colours: the {laser_channel(wavelength)} channel is used (laser.wavelength_nm = {wavelength:g})"
+            )
+        return RunReport(figures, [*lines, f"  results    {out}"], _warnings(figures, rejected))
 
     return run_into(out, work)
 
 
-def _warnings(figures: Mapping[str, Any]) -> list[str]:
+def rejection_text(peaks: Mapping[str, NDArray[Any]], sensor: SensorDescription) -> str:
+    """Columns whose peaks were all rejected, by reason, with the keys and the values that would accept them.
+
+    Empty if there are none. A column counts once for each reason for which its highest peak was rejected.
+    """
+    place = np.stack([peaks[name].astype(np.int64) for name in ("frame", "camera", "column")])
+    order = np.lexsort((-peaks["amplitude"], *place[::-1]))
+    first = np.ones(len(order), bool)
+    first[1:] = (np.diff(place[:, order], axis=1) != 0).any(0)
+    flags = peaks["flags"].astype(np.int64)
+    column = np.cumsum(first) - 1
+    is_used = (
+        np.bincount(column, (flags[order] & sensor_rt.PEAK_REJECTED) == 0) > 0 if len(order) else np.zeros(0, bool)
+    )
+    highest = order[first][~is_used]
+    if not len(highest):
+        return ""
+    reasons = []
+    for name, bit in sensor_rt.PEAK_FLAGS.items():
+        rows = highest[(flags[highest] & bit & sensor_rt.PEAK_REJECTED) != 0]
+        if len(rows):
+            reasons.append((len(rows), _reason(name, peaks, rows, sensor)))
+    reasons.sort(key=lambda one: -one[0])
+    texts = "; ".join(f"{count} {text}" for count, text in reasons)
+    return f"{len(highest)} of {len(is_used)} columns with a peak give no point, rejected as: {texts}"
+
+
+def _reason(name: str, peaks: Mapping[str, NDArray[Any]], rows: NDArray[Any], sensor: SensorDescription) -> str:
+    """A reason of rejection with its key, the value of the key, and the one that accepts nearly all of the peaks."""
+    limits = sensor.extraction
+    if name in _LIMITS:
+        key, column, is_least = _LIMITS[name]
+        values = np.abs(peaks[column][rows].astype(float))
+        values = values[np.isfinite(values)]
+        text = f"{name} (sensor.extraction.{key} = {getattr(limits, key):g}"
+        if not len(values):
+            return f"{text})"
+        limit = float(np.quantile(values, 1.0 - _NEARLY_ALL if is_least else _NEARLY_ALL))
+        return f"{text}; {_rounded(limit, up=not is_least):g} accepts {100 * _NEARLY_ALL:.0f} %)"
+    keys = ", ".join(f"sensor.extraction.{key} = {getattr(limits, key)}" for key in _OTHER_KEYS.get(name, ()))
+    return f"{name} ({keys})" if keys else name
+
+
+def _rounded(value: float, *, up: bool) -> float:
+    """The number of two digits next to a positive value, above or below it."""
+    step = 10.0 ** (np.floor(np.log10(value)) - 1) if value > 0 else 1.0
+    return float((np.ceil if up else np.floor)(value / step) * step)
+
+
+def _warnings(figures: Mapping[str, Any], rejected: str) -> list[str]:
     if figures["points"] == 0:
-        return ["no stripe was found in any image"]
+        return [f"no point: {rejected}" if rejected else "no stripe was found in any image"]
     warnings = []
     if figures["frames_without_points"]:
         warnings.append(f"{figures['frames_without_points']} of {figures['exposures']} exposures give no point")
@@ -145,14 +216,16 @@ def extract_profiles(
 
     Raises `ImageError` if an image does not fit the camera; `SensorError` if the library reports an error.
     """
-    depth, turns = request.sensor.detector.bit_depth, request.quarter_turns
+    turns = request.quarter_turns
     all_peaks, all_profiles = [], []
     for first in range(0, len(sets), _BATCH):
         rows = range(first, min(first + _BATCH, len(sets)))
-        images = read_images(sets, rows, sensor, depth, turns)
-        background = None if background_sets is None else read_images(background_sets, rows, sensor, depth, turns)
+        images = read_images(sets, rows, sensor, request.sensor, turns)
+        background = (
+            None if background_sets is None else read_images(background_sets, rows, sensor, request.sensor, turns)
+        )
         try:
-            peaks = sensor_rt.extract(images, sensor, request.threads, request.peaks, background)
+            peaks = sensor_rt.extract(images, sensor, request.threads, True, background)
             profiles = sensor_rt.triangulate(peaks, sensor)
             columns = _columns(profiles, (*_PROFILE_COLUMNS, *further), first)
             if request.sheet_um is not None:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
+from scancell.config.sensor import SensorDescription
 from scancell.errors import ImageError, OutputError
 from scancell.files import require_file
 from scancell.output.run_folder import RunFolder
@@ -24,7 +25,10 @@ INDEX = "frames.csv"
 Laser = Literal["on", "off"]
 _LASER: dict[str, Laser] = {"on": "on", "off": "off"}
 
-SUFFIXES = (".png", ".tif", ".tiff", ".bmp")
+SUFFIXES = (".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg", ".pgm", ".webp")
+_TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+_GREEN_NM = (490.0, 580.0)  # wavelengths that a colour camera sees best in its green channel
+_CLEARLY_ABOVE = 1.25  # times full scale, from which on the described gain is not that of the images
 
 
 @dataclass(frozen=True)
@@ -149,16 +153,17 @@ class ImageSet:
 
 
 def read_images(
-    sets: ImageSet, rows: range, sensor: sensor_rt.Sensor, bit_depth: int, quarter_turns: int = 0
+    sets: ImageSet, rows: range, sensor: sensor_rt.Sensor, described: SensorDescription, quarter_turns: int = 0
 ) -> NDArray[np.uint16]:
     """Images (exposures, cameras, height, width) of the exposures `rows`, digital numbers.
 
-    `quarter_turns` counter-clockwise (``numpy.rot90``) turn the images of the files into those of the cameras.
+    `quarter_turns` counter-clockwise (``numpy.rot90``) turn the images of the files into those of the cameras. Of a
+    colour image the channel of the laser's wavelength is taken: conversions to grey hide its saturation.
 
     Raises
     ------
     ImageError
-        If a file is not a greyscale image of the camera's size and bit depth, or the cameras differ in size.
+        If a file is no single image of the camera's size, bit depth and full scale, or the cameras differ in size.
     """
     sizes = {(camera.height_px, camera.width_px) for camera in sensor.cameras}
     if len(sizes) > 1:
@@ -168,29 +173,61 @@ def read_images(
     images = np.empty((len(rows), len(sensor.cameras), *size), np.uint16)
     for i, row in enumerate(rows):
         for k, path in enumerate(sets.files[row]):
-            images[i, k] = np.rot90(_read(path, stored, sensor.cameras[k].name, bit_depth), quarter_turns)
+            images[i, k] = np.rot90(_read(path, stored, sensor.cameras[k].name, described), quarter_turns)
     return images
 
 
-def _read(path: Path, size: tuple[int, int], camera: str, bit_depth: int) -> NDArray[np.uint16]:
+def laser_channel(wavelength_nm: float) -> str:
+    """Channel of a colour camera that sees the laser: red (near infrared, too), green or blue."""
+    low, high = _GREEN_NM
+    return "blue" if wavelength_nm < low else "green" if wavelength_nm < high else "red"
+
+
+def holds_colours(path: Path) -> bool:
+    """Whether the channels of an image differ."""
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    return image is not None and image.ndim == 3 and bool((image[:, :, :3] != image[:, :, :1]).any())
+
+
+def _read(path: Path, size: tuple[int, int], camera: str, described: SensorDescription) -> NDArray[np.uint16]:
     require_file(path, ImageError)
+    with path.open("rb") as stream:
+        is_tiff = stream.read(4) in _TIFF
+    if is_tiff and (pages := cv2.imcount(str(path))) > 1:
+        raise ImageError(f"holds {pages} images", file=path, expected="one: save each page as a file of its own")
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if image is None:
         raise ImageError("cannot be read as an image", file=path)
     if image.dtype not in (np.uint8, np.uint16):
         raise ImageError(f"found {image.dtype}", file=path, expected="8 or 16 bits per pixel")
-    if image.ndim == 3:  # grey values stored as colours
-        colours = image[:, :, :3]
-        if (colours != colours[:, :, :1]).any():
-            raise ImageError("found colours", file=path, expected="a grey image")
-        image = colours[:, :, 0]
+    if image.ndim == 3:
+        channel = ("blue", "green", "red").index(laser_channel(described.laser.wavelength_nm))
+        image = image[:, :, channel if image.shape[2] >= 3 else 0]
     if image.shape != size:
         found, expected = (f"{shape[1]} x {shape[0]}" for shape in (image.shape, size))
         raise ImageError(f"is {found} pixels, camera '{camera}' has {expected}", file=path, expected=expected)
-    highest, limit = int(image.max()), (1 << bit_depth) - 1
-    if highest > limit:
-        raise ImageError(f"holds the value {highest}, but detector.bit_depth = {bit_depth} ends at {limit}", file=path)
+    _require_range(path, int(image.max()), described)
     return np.asarray(image, np.uint16)
+
+
+def _require_range(path: Path, highest: int, described: SensorDescription) -> None:
+    """Refuse values beyond the bit depth, or clearly beyond full scale, above which all pixels count as saturated."""
+    detector = described.detector
+    limit = (1 << detector.bit_depth) - 1
+    if highest > limit:
+        raise ImageError(
+            f"holds the value {highest}, but detector.bit_depth = {detector.bit_depth} ends at {limit}", file=path
+        )
+    full_scale = detector.black_level_dn + detector.full_well_e * detector.gain_dn_per_e
+    if highest > _CLEARLY_ABOVE * full_scale:
+        gain = (limit - detector.black_level_dn) / detector.full_well_e
+        raise ImageError(
+            f"holds the value {highest}; all above {full_scale:.0f} counts as saturated, which is full_well_e"
+            " * gain_dn_per_e + black_level_dn",
+            file=path,
+            expected=f"sensor.detector.gain_dn_per_e of this camera, {gain:.3g} for {detector.bit_depth} bits (without"
+            " this key the bit depth sets the full scale)",
+        )
 
 
 def _classified(

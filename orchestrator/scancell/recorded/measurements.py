@@ -17,10 +17,12 @@ from scancell.calibration.flange_poses import flange_columns, has_flange, read_f
 from scancell.calibration.measured_table import MeasuredTable, write_measured_table
 from scancell.config.sensor import SensorDescription
 from scancell.errors import DescriptionError
+from scancell.geometry import pose
 from scancell.geometry.pose_conventions import StatedPoses
-from scancell.output.extract_images import ExtractionRequest, extract_profiles
+from scancell.output.extract_images import ExtractionRequest, extract_profiles, rejection_text
 from scancell.output.image_files import ImageSet
 from scancell.progress import Progress
+from scancell.reconstruction.cloud_files.read import missing_value, read_cloud_file
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.sense import make_sensor, row_time_offset
 from scancell.values import Value
@@ -29,6 +31,7 @@ Array = NDArray[np.float64]
 
 _MOST_RAD = 2.0 * np.pi + 1e-6  # of an angle; degrees exceed it
 _MOST_NUMBER = 2**31 - 1
+_LEAST_GAP = 0.2  # of the range of all heights, between them and the value of missing points
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -49,6 +52,8 @@ class Measurements(Value):
         Poses of the flange as stated, None where joints are given; and the table of poses or joints.
     files
         All files that were read.
+    notes
+        What was left out of them, and why.
     """
 
     names: tuple[str, ...]
@@ -60,6 +65,7 @@ class Measurements(Value):
     stated: StatedPoses | None
     poses_file: Path
     files: tuple[Path, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def moves(self) -> bool:
@@ -156,6 +162,7 @@ def read_table_of(path: Path, joints: int, flange: Path | None = None, conventio
     table = MeasuredTable(path)
     _require_one_kind(table, flange)
     found = read_points(path, joints, flange, convention)
+    kept, notes = _with_a_height(path, found.observations.points_in_sensor)
     if found.flange is not None:
         _require_radians(found.flange, found.flange_path or path)
     observed = found.observations
@@ -166,26 +173,71 @@ def read_table_of(path: Path, joints: int, flange: Path | None = None, conventio
     if "column_px" not in table.names:
         per_point["column_px"] = _order_within(observed.frame)
     profiles = ProfilePoints(
-        points_in_sensor=observed.points_in_sensor,
-        sigma=observed.sigma,
-        intensity=table.numbers("intensity_dn", 0.0),
-        camera=per_point["camera"].astype(np.int32),
-        column=per_point["column_px"].astype(np.int32),
-        frame=observed.frame.astype(np.int32),
-        flags=per_point["flags"].astype(np.uint32),
-        time_offset=observed.time_offset,
+        points_in_sensor=observed.points_in_sensor[kept],
+        sigma=observed.sigma[kept],
+        intensity=table.numbers("intensity_dn", 0.0)[kept],
+        camera=per_point["camera"].astype(np.int32)[kept],
+        column=per_point["column_px"].astype(np.int32)[kept],
+        frame=observed.frame.astype(np.int32)[kept],
+        flags=per_point["flags"].astype(np.uint32)[kept],
+        time_offset=observed.time_offset[kept],
     )
-    outer = observed.direction[:, :, None] * observed.direction[:, None, :]
+    outer = (observed.direction[:, :, None] * observed.direction[:, None, :])[kept]
     return Measurements(
         names=tuple(f"exposure {number:g}" for number in numbers),
         index=numbers.astype(np.int64) if whole else np.arange(1, len(numbers) + 1),
         time=_times(table, first, len(numbers)),
         readings=observed.readings,
         profiles=profiles,
-        covariance=observed.sigma[:, None, None] ** 2 * outer,
+        covariance=observed.sigma[kept, None, None] ** 2 * outer,
         stated=found.flange,
         poses_file=found.flange_path or path,
         files=(path, *([] if flange is None else [flange])),
+        notes=notes,
+    )
+
+
+def _with_a_height(path: Path, points: Array) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
+    """Whether points (m, 3) have a measured z, and a note on those with the value that marks missing ones."""
+    marked, value = missing_value(points[:, 2], gap=_LEAST_GAP)
+    if not marked.any():
+        return ~marked, ()
+    note = (
+        f"{path}: {int(marked.sum())} of {len(points)} points are left out: their z_mm = {1e3 * value:.10g} is the same"
+        " number and far from all others, which marks missing points"
+    )
+    return ~marked, (note,)
+
+
+def read_cloud_of(path: Path, unit: str | None, flange_from_sensor: Array) -> Measurements:
+    """Measurements of a cloud or a surface without poses, whose frame is taken as that of the robot's base.
+
+    Raises `DescriptionError` if the file cannot be read.
+    """
+    found = read_cloud_file(path, unit)
+    count = len(found.points)
+    zeros = np.zeros(count, np.int32)
+    note = f"{path}: {found.kind}, which states no poses: its frame is taken as that of the robot's base"
+    return Measurements(
+        names=("cloud",),
+        index=np.ones(1, np.int64),
+        time=np.zeros(1),
+        readings=AxisReadings.of_flange(pose.inverse(flange_from_sensor)[None], np.zeros(1)),
+        profiles=ProfilePoints(
+            points_in_sensor=found.points,
+            sigma=np.zeros(count),
+            intensity=np.zeros(count),
+            camera=zeros,
+            column=np.arange(count, dtype=np.int32),
+            frame=zeros,
+            flags=zeros.astype(np.uint32),
+            time_offset=np.zeros(count),
+        ),
+        covariance=np.zeros((count, 3, 3)),
+        stated=None,
+        poses_file=path,
+        files=(path,),
+        notes=(note, *found.warnings),
     )
 
 
@@ -227,7 +279,8 @@ def read_images_of(
         axes = axes.rows(rows)
     progress.stage("extracting", 1, "profiles")
     request = ExtractionRequest([folder], sensor, peaks=False, threads=threads, quarter_turns=quarter_turns)
-    found = extract_profiles(sets, background, native, request, ("covariance",)).profiles
+    extracted = extract_profiles(sets, background, native, request, ("covariance",))
+    found, rejected = extracted.profiles, rejection_text(extracted.peaks, sensor)
     progress.advance(1)
     profiles = ProfilePoints(
         points_in_sensor=found["points_in_sensor"],
@@ -249,6 +302,7 @@ def read_images_of(
         stated=stated,
         poses_file=table.path,
         files=(table.path, *(file for files in sets.files for file in files)),
+        notes=(rejected,) if rejected else (),
     )
 
 

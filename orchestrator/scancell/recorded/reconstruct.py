@@ -184,13 +184,14 @@ def reconstruct_measurements(
     )
     if not len(made.cloud):
         why = why_empty(made.dropped, envelope) if len(found.profiles.frame) else ["no stripe was found in any image"]
+        why = [*why, *found.notes]
         raise EmptyScanError(f"the measurements give no point: {'; '.join(why)}", file=found.files[0])
     frame = np.asarray(found.profiles.frame, np.intp)[made.rows]
     if surface is not None:
         check_exposures(found, frame, surface.distances(made.cloud.points_in_part, threads)[0])
     turn = made.part_from_sensor[frame, :3, :3]
     covariance = turn @ found.covariance[made.rows] @ np.swapaxes(turn, 1, 2)
-    warnings = [] if whole else table_warnings(made.dropped, setup.scan.table_margin_mm)
+    warnings = [*found.notes, *([] if whole else table_warnings(made.dropped, setup.scan.table_margin_mm))]
     empty = len(found.index) - len(np.unique(found.profiles.frame))
     if empty:
         warnings.append(f"{empty} of {len(found.index)} exposures give no point")

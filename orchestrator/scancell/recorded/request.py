@@ -13,9 +13,10 @@ from scancell.errors import DescriptionError
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.parts import load_part
 from scancell.progress import Progress
+from scancell.reconstruction.cloud_files.read import holds_cloud
 from scancell.recorded.calibrated import read_calibration, with_sensor_at
-from scancell.recorded.measurements import read_measurements
-from scancell.recorded.reconstruct import reconstruct_measurements
+from scancell.recorded.measurements import Measurements, read_cloud_of, read_measurements
+from scancell.recorded.reconstruct import MeasuredCell, reconstruct_measurements
 from scancell.recorded.result import ReconstructionResult
 from scancell.recorded.uncertainty import ValueCovariance
 
@@ -30,6 +31,7 @@ class ReconstructRequest:
     data: Path
     part: Path | Mesh | None = None
     unit: str = "mm"
+    cloud_unit: str | None = None
     calibration: Path | None = None
     flange: Path | None = None
     convention: FlangeConvention | None = None
@@ -67,17 +69,22 @@ def _files(*given: object) -> list[Path]:
     return [Path(item) for item in given if isinstance(item, str | Path)]
 
 
-def reconstruct_request(
-    request: ReconstructRequest, cell: Cell, sensor: Sensor, settings: list[str], progress: Progress
-) -> ReconstructionResult:
-    """Reconstruct measurements, see `scancell.reconstruct`.
-
-    Raises `ScancellError` naming what is wrong and what was expected.
-    """
-    setup, turns, uncertainty, inputs = calibrated_setup(cell, sensor, request.calibration, settings)
-    part = request.part
-    mesh = part.usable if isinstance(part, Mesh) else None if part is None else load_part(part, request.unit)
-    found = read_measurements(
+def _measurements(
+    request: ReconstructRequest, setup: Setup, mesh: Mesh | None, turns: int, progress: Progress
+) -> Measurements:
+    """Measurements of a table, a folder of images, or a cloud without poses."""
+    if request.data.is_file() and holds_cloud(request.data):
+        for key in ("flange", "convention", "laser_off", "quarter_turns"):
+            if getattr(request, key) is not None:
+                raise DescriptionError("does not apply to a cloud", key=key, value=str(getattr(request, key)))
+        return read_cloud_of(request.data, request.cloud_unit, MeasuredCell.of(setup, mesh).cell.flange_from_sensor)
+    if request.cloud_unit is not None:
+        raise DescriptionError(
+            "applies to a cloud; the names of columns of a table state their units",
+            key="cloud_unit",
+            value=request.cloud_unit,
+        )
+    return read_measurements(
         request.data,
         setup.sensor,
         len(setup.cell.robot.joint),
@@ -90,6 +97,19 @@ def reconstruct_request(
         threads=request.threads,
         progress=progress,
     )
+
+
+def reconstruct_request(
+    request: ReconstructRequest, cell: Cell, sensor: Sensor, settings: list[str], progress: Progress
+) -> ReconstructionResult:
+    """Reconstruct measurements, see `scancell.reconstruct`.
+
+    Raises `ScancellError` naming what is wrong and what was expected.
+    """
+    setup, turns, uncertainty, inputs = calibrated_setup(cell, sensor, request.calibration, settings)
+    part = request.part
+    mesh = part.usable if isinstance(part, Mesh) else None if part is None else load_part(part, request.unit)
+    found = _measurements(request, setup, mesh, turns, progress)
     progress.stage("reconstructing", 1, "cloud")
     latency = request.latency_ms
     made = reconstruct_measurements(

@@ -22,6 +22,7 @@ from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.geometry.shapes import ShapeGroup
 from scancell.nominal.parts import load_artefact
+from scancell.sensor import PEAK_FLAGS, PEAK_REJECTED
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -84,7 +85,7 @@ def read_exposures(path: Path, sensor: SensorDescription) -> MeasuredExposures:
     out of bounds, or the rows of an exposure state different targets or poses.
     """
     table = MeasuredTable(path)
-    accepted = np.array([not word for word in table.words("flags", "")], bool)
+    accepted = np.array([_is_accepted(words) for words in table.words("flags", "")], bool)
     number, peaks, corner = table.numbers("exposure"), _peaks(table, sensor), _corner_points(table)
     groups = [np.flatnonzero((number == one) & accepted) for one in np.unique(number[accepted])]
     is_view = np.isfinite(corner[:, 0])
@@ -106,6 +107,11 @@ def read_exposures(path: Path, sensor: SensorDescription) -> MeasuredExposures:
             placed, mount = np.eye(4), views + len(found)
         found.append(TargetExposure(targets[names[first]], placed, stripe, corners, mount))
     return MeasuredExposures(tuple(found), (path, *files))
+
+
+def _is_accepted(flags: str) -> bool:
+    """Whether a peak with these words is used: notes such as ``multiple`` reject none, other words do."""
+    return all(word in PEAK_FLAGS and not PEAK_FLAGS[word] & PEAK_REJECTED for word in flags.split())
 
 
 def _corner_points(table: MeasuredTable) -> Array:

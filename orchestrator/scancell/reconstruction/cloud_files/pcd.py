@@ -13,6 +13,7 @@ from scancell.text_table import decoded, lines_of, numbers_of_lines
 
 Array = NDArray[np.float64]
 
+_KEYS = {"VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA"}
 _SIZES = {"F": (4, 8), "I": (1, 2, 4, 8), "U": (1, 2, 4, 8)}
 _HEADER = 1 << 20  # bytes in which a header ends
 _MOST_POINTS = 2**31
@@ -77,7 +78,8 @@ def _require_size(path: Path, body: bytes, size: int) -> None:
         raise DescriptionError(f"holds {len(body) - size} bytes behind the points that its header states", file=path)
 
 
-def _read_header(path: Path, data: bytes) -> PcdHeader:
+def _header_words(path: Path, data: bytes) -> tuple[dict[str, list[str]], int]:
+    """Values of the lines of a header by their keys, and the byte at which the points begin."""
     words: dict[str, list[str]] = {}
     start = 0
     while "DATA" not in words:
@@ -89,9 +91,16 @@ def _read_header(path: Path, data: bytes) -> PcdHeader:
         if key.startswith("#"):
             continue
         key = {"COLUMNS": "FIELDS"}.get(key.upper(), key.upper())
+        if key not in _KEYS:
+            raise DescriptionError(file=path, key="header", value=key[:40], expected=", ".join(sorted(_KEYS)))
         if key in words:
             raise DescriptionError("is there twice", file=path, key=key)
         words[key] = values
+    return words, start
+
+
+def _read_header(path: Path, data: bytes) -> PcdHeader:
+    words, start = _header_words(path, data)
     names = words.get("FIELDS", [])
     sizes, kinds = (words.get(key, []) for key in ("SIZE", "TYPE"))
     counts = words.get("COUNT", ["1"] * len(names))

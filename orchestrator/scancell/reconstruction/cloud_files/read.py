@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,7 @@ _HEAD = 1 << 12
 _MATRIX = 16  # columns of numbers without a header from which on they may be a matrix of heights
 _LEAST_ZEROS = 2  # points at exactly 0, 0, 0 from which on they mark missing points
 _PCD_BEGIN = re.compile(rb"\s*(#[^\n]*\n\s*)*(VERSION|FIELDS|COLUMNS)\b")
+_MATRIX_BEGIN = re.compile(r'\s*"?y\s*[\\/]\s*x"?\s*([,;\t])', re.IGNORECASE)
 # Columns of x, y and z by their names; the last ones of ParaView and of maps.
 _AXES: tuple[tuple[str, str, str], ...] = (
     *((f"{p}x{s}", f"{p}y{s}", f"{p}z{s}") for p in ("", "pos_", "position_", "point_", "coord_") for s in
@@ -119,6 +121,17 @@ def read_cloud_file(path: Path, unit: str | None = None) -> CloudFile:
     return _cloud_of(path, found, unit)
 
 
+def holds_cloud(path: Path) -> bool:
+    """Whether a file holds a cloud by its content: all formats but text with columns, which may hold other tables."""
+    with path.open("rb") as stream:
+        head = stream.read(_HEAD)
+    if any(matches for matches, _, _ in _kinds(head)):
+        return True
+    with suppress(DescriptionError):
+        return any(_MATRIX_BEGIN.match(line) for line in lines_of(decoded(head[: len(head) // 2 * 2], path)[0]))
+    return False
+
+
 def _cloud_of(path: Path, found: _Found, unit: str | None) -> CloudFile:
     positions = np.asarray(found.positions, float)
     if not len(positions):
@@ -163,11 +176,11 @@ def _cloud_of(path: Path, found: _Found, unit: str | None) -> CloudFile:
     return CloudFile(points, found.kind, len(positions), dropped, tuple(notes))
 
 
-def missing_value(values: Array) -> tuple[NDArray[np.bool_], float]:
+def missing_value(values: Array, gap: float = 1.0) -> tuple[NDArray[np.bool_], float]:
     """Whether each of the values (n,) is the one that marks missing points, and this value.
 
     Devices write the same number, such as -32768 steps, -99999.99 or 0, where they found nothing: the smallest or
-    largest value, several times exactly the same, and farther from all others than these lie apart.
+    largest value, which repeats more often than others do, and farther from all others than `gap` times their range.
     """
     none = np.zeros(len(values), bool)
     if len(values) < 4:
@@ -175,10 +188,13 @@ def missing_value(values: Array) -> tuple[NDArray[np.bool_], float]:
     for extreme in (values.min(), values.max()):
         marked = values == extreme
         others = values[~marked]
-        if marked.sum() < 2 or len(others) < 2:
+        count = int(marked.sum())
+        if count < 2 or len(others) < 2:
             continue
         apart = np.abs(others - extreme).min()
-        if apart > max(float(np.ptp(others)), 1e-9 * abs(extreme)):
+        if apart <= max(gap * float(np.ptp(others)), 1e-9 * abs(extreme)):
+            continue
+        if np.unique(others, return_counts=True)[1].max() < max(count, 2):  # planes repeat a height, too
             return marked, float(extreme)
     return none, np.nan
 
@@ -187,14 +203,7 @@ def _reader(path: Path) -> Callable[[Path], _Found]:
     """Reader of the format that the content has; a name that states another one is refused."""
     with path.open("rb") as stream:
         head = stream.read(_HEAD)
-    suffix = path.suffix.lower()
-    kinds: list[tuple[bool, tuple[str, ...], Callable[[Path], _Found]]] = [
-        (re.match(rb"\s*ply\s", head) is not None, (".ply",), _ply),
-        (head[:4] == b"LASF", (".las", ".laz"), _las),
-        (head[:8] == b"ASTM-E57", (".e57",), _e57),
-        (head[:4] in (b"PK\3\4", b"PK\5\6"), (".npz",), _npz),
-        (_PCD_BEGIN.match(head) is not None, (".pcd",), _pcd),
-    ]
+    suffix, kinds = path.suffix.lower(), _kinds(head)
     for matches, _, reader in kinds:
         if matches:
             return reader
@@ -204,6 +213,17 @@ def _reader(path: Path) -> Callable[[Path], _Found]:
     if suffix not in SUFFIXES:
         raise DescriptionError(file=path, expected=f"a point cloud: {', '.join(SUFFIXES)}")
     return _text
+
+
+def _kinds(head: bytes) -> list[tuple[bool, tuple[str, ...], Callable[[Path], _Found]]]:
+    """Whether the beginning of a file is that of each binary format, the suffixes of the format, and its reader."""
+    return [
+        (re.match(rb"\s*ply\s", head) is not None, (".ply",), _ply),
+        (head[:4] == b"LASF", (".las", ".laz"), _las),
+        (head[:8] == b"ASTM-E57", (".e57",), _e57),
+        (head[:4] in (b"PK\3\4", b"PK\5\6"), (".npz",), _npz),
+        (_PCD_BEGIN.match(head) is not None, (".pcd",), _pcd),
+    ]
 
 
 def _ply(path: Path) -> _Found:
@@ -303,8 +323,7 @@ def _surfaces(path: Path, text: str) -> _Found | None:
     None if the text holds none.
     """
     lines = lines_of(text)
-    begin = re.compile(r'\s*"?y\s*[\\/]\s*x"?\s*([,;\t])', re.IGNORECASE)
-    starts = [(index, found[1]) for index, line in enumerate(lines) if (found := begin.match(line))]
+    starts = [(index, found[1]) for index, line in enumerate(lines) if (found := _MATRIX_BEGIN.match(line))]
     if not starts:
         return None
     blocks, empty = [], 0
