@@ -110,8 +110,9 @@ def read_exposures(path: Path, sensor: SensorDescription) -> MeasuredExposures:
 
 
 def _is_accepted(flags: str) -> bool:
-    """Whether a peak with these words is used: notes such as ``multiple`` reject none, other words do."""
-    return all(word in PEAK_FLAGS and not PEAK_FLAGS[word] & PEAK_REJECTED for word in flags.split())
+    """Whether a peak with these words is used: notes such as ``multiple`` reject none; saturation shifts the centre."""
+    rejected = PEAK_REJECTED | PEAK_FLAGS["saturated"]
+    return all(word in PEAK_FLAGS and not PEAK_FLAGS[word] & rejected for word in flags.split())
 
 
 def _corner_points(table: MeasuredTable) -> Array:
