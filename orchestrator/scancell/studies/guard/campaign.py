@@ -65,7 +65,8 @@ class RunRow:
     contact_at, contact
         The same of the guarded run.
     by_gripper
-        Whether the robot rested when a finger came into contact: the guard does not control fingers.
+        Whether the robot rested when a finger came into contact, or a finger had pushed the part that did: the guard
+        controls no fingers, and they may touch parts.
     contact_kind, contact_length
         Kind of the motion in which the contact came, and its largest angle, rad.
     clearance
@@ -242,7 +243,7 @@ class _Pair:
             twin_contact=" - ".join(contacts[0][1]) if contacts[0] else "",
             contact_at=contacts[1][0] if contacts[1] else np.nan,
             contact=" - ".join(contacts[1][1]) if contacts[1] else "",
-            by_gripper=contacts[1] is not None and self._rests_before(*contacts[1]),
+            by_gripper=contacts[1] is not None and (self._rests_before(*contacts[1]) or self._pushed(*contacts[1])),
             contact_kind=motion.motion.kind.value if motion else "",
             contact_length=motion.motion.length if motion else np.nan,
             clearance=smallest,
@@ -255,6 +256,11 @@ class _Pair:
             resets=guarded.resets,
             sessions=guarded.sessions,
         )
+
+    def _pushed(self, time: float, pair: tuple[str, str]) -> bool:
+        """Whether the part of a `pair` in contact at `time`, s, had been pushed by a finger, which may touch it."""
+        pushed_at = self.guarded.pushed_at
+        return "part" in pair and pushed_at is not None and pushed_at <= time
 
     def _motion_at(self, time: float) -> Begun | None:
         """Motion of the guarded run that had begun last at `time`, s."""

@@ -36,6 +36,7 @@ _REACH = 1.2  # m: no point of arm or table is further from an axis
 _REST = 1.0  # s without motion after which a run is over
 _STILL = 1e-7  # rad in a cycle
 _EMERGENCY_STOP = 3  # of controller.state
+_SETTLING, _PUSHED = 0.3, 1e-3  # s for which a released part comes to rest, and m by which one has been pushed then
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,9 @@ class MotionRecord:
         Time at which all motions had ended, s; None: they had not.
     resets, sessions
         Numbers of resets of the controller and of new sessions.
+    pushed_at
+        Time, s, from which on the part that the gripper does not hold lay elsewhere than where it was released, because
+        a finger pushed it; None: it did not, or was gripped again.
     """
 
     times: Array
@@ -75,6 +79,7 @@ class MotionRecord:
     arrived_at: float | None
     resets: int
     sessions: int
+    pushed_at: float | None = None
 
     def spaced(self, distance: float) -> NDArray[np.int64]:
         """Numbers of samples between which no point moves further than `distance`, m, or which are consecutive."""
@@ -211,8 +216,10 @@ class Simulation(Closing):
         truth = cell.real_group([*names, *self._frame_names()])
         times, poses = [0.0], [cell.get(truth).copy()]
         answers: list[tuple[float, GuardMessage]] = []
-        stopped = refused = arrived = None
-        rest_us = 0
+        stopped = refused = arrived = pushed = None
+        rest_us = released_us = 0
+        part_at = len(names) + 7 * self._moving.index("part[1]") if parts is not None else 0
+        lies_at = poses[0][part_at : part_at + 3]
         while cell.time_us < scenario.duration * 1e6:
             start_us = cell.time_us
             now = start_us * 1e-6
@@ -228,6 +235,14 @@ class Simulation(Closing):
                 cell.step_to(start_us + k * self._cycle_us // SAMPLES)
                 times.append(cell.time_us * 1e-6)
                 poses.append(cell.get(truth).copy())
+            if parts is not None:
+                place = poses[-1][part_at : part_at + 3]
+                if cell.get_boolean("measured.gripper.gripped"):
+                    released_us, pushed = cell.time_us, None
+                elif cell.time_us - released_us < _SETTLING * 1e6:
+                    lies_at = place
+                elif pushed is None and np.linalg.norm(place - lies_at) > _PUSHED:
+                    pushed = cell.time_us * 1e-6
             if np.abs(poses[-1] - poses[-1 - SAMPLES])[: len(names)].max() > _STILL or not operator.done:
                 rest_us = cell.time_us
             if operator.done and arrived is None:
@@ -248,6 +263,7 @@ class Simulation(Closing):
             arrived,
             operator.resets,
             operator.sessions,
+            pushed,
         )
 
     def _frame_names(self) -> list[str]:
