@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from scancell.config.description import plain_data
+from scancell.config.files import plain_data
 from scancell.config.loading import assets_dir, load_setup
 from scancell.config.robot import RobotDescription
 from scancell.config.urdf import ConvertedRobot, robot_from_urdf
@@ -222,7 +223,7 @@ def test_rounded_right_angles_are_right(tmp_path: Path) -> None:
 
 def test_joint_beside_chain_is_reported(tmp_path: Path) -> None:
     made, _ = converted(any_arm(tmp_path, 5), tmp_path, 5)
-    assert made.unused == ("grip",)
+    assert made.warnings == ("left out joint 'grip' and what it carries: it is beside the chain",)
     assert len(made.description.joint) == 5
 
 
@@ -241,10 +242,13 @@ def test_joint_beside_chain_is_reported(tmp_path: Path) -> None:
         ),
         ("meshes/link3.stl", "seven_axis.urdf", "expected a file of .stl, .obj, .ply"),
         ('name="joint4" type="revolute"', 'name="joint4" type="prismatic"', "joint 'joint4': type 'prismatic'"),
-        ('velocity="1.71042266695"', "", "joint 'joint1': no <limit> with a velocity"),
+        ('velocity="1.71042266695"', 'velocity="-1"', "joint 'joint1': velocity -1 rad/s"),
+        ('velocity="1.71042266695"', 'velocity="fast"', "joint 'joint1': velocity = 'fast': expected 1 number"),
+        ('<link name="link2">', '<link name="link1">', "link 'link1': 2 of this name"),
+        ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><mimic joint="joint7"/>', "joint 'joint1': follows joint 'joint7'"),
         ('<parent link="link3"/>', '<parent link="link9"/>', "joint 'joint4': parent 'link9' is not a link"),
         ('<parent link="link0"/>', '<parent link="flange"/>', "is part of a loop"),
-        ('xyz="0 0.08 0"', 'xyz="0 eight 0"', "xyz = '0 eight 0': expected 3 numbers"),
+        ('xyz="0 0.08 0"', 'xyz="0 eight 0"', ": xyz = '0 eight 0': expected 3 numbers"),
         ('"flange"', '"hand"', "no link 'flange'; expected one of link0"),
         ("<robot", "<model", "not readable as URDF"),
         ('name="joint3" type="revolute"', 'name="joint3" type="fixed"', "held names 1 joints: expected 0"),
@@ -267,3 +271,71 @@ def test_faults_are_named(tmp_path: Path, old: str, new: str, expected: str) -> 
 def test_missing_urdf_is_named(tmp_path: Path) -> None:
     with pytest.raises(DescriptionError, match=r"none\.urdf: no such file"):
         robot_from_urdf(tmp_path / "none.urdf", "flange", tmp_path / "arm.toml")
+
+
+def changed(folder: Path, *changes: tuple[str, str]) -> Path:
+    """The shipped URDF file in `folder` with parts of its text replaced."""
+    shutil.copytree(FOLDER, folder / "seven_axis_urdf", dirs_exist_ok=True)
+    text = SEVEN.read_text()
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new, 1)
+    file = folder / "seven_axis_urdf" / "changed.urdf"
+    file.write_text(text)
+    return file
+
+
+def test_quaternions_are_the_rotations_of_their_angles(tmp_path: Path) -> None:
+    arm = any_arm(tmp_path, 6)
+    text = arm.read_text()
+
+    def as_quaternion(found: re.Match[str]) -> str:
+        r, p, y = map(float, found[1].split())
+        rotation = pose.rotation_about(2, y) @ pose.rotation_about(1, p) @ pose.rotation_about(0, r)
+        w, *xyz = pose.quaternion_from_rotation(rotation)
+        return f'quat_xyzw="{xyz[0]!r} {xyz[1]!r} {xyz[2]!r} {w!r}"'.replace("np.float64(", "").replace(")", "")
+
+    other = tmp_path / "quaternions.urdf"
+    other.write_text(re.sub('rpy="([^"]*)"', as_quaternion, text))
+    assert other.read_text() != text
+    one, two = (arm_of(robot_from_urdf(file, "link6", tmp_path / "a.toml").description) for file in (arm, other))
+    q = RNG.uniform(-2, 2, (20, 6))
+    np.testing.assert_allclose(two.fk(q), one.fk(q), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ('velocity="1.71042266695"', "", "joint 'joint1' states no velocity: 90 deg/s are assumed"),
+        ('velocity="1.71042266695"', 'velocity="98"', "joint 'joint1': velocity 98 rad/s: is it in degrees?"),
+        ('lower="-2.96705972839"', 'lower="-170"', "joint 'joint1': limits -170 to 2.96706 rad: are they in degrees?"),
+        ('xyz="0 0.08 0"', 'xyz="0 80 0"', "apart along the arm: are the lengths in mm?"),
+        ('scale="0.001 0.001 0.001"', "", ": its mesh is"),
+    ],
+)
+def test_what_is_assumed_or_not_plausible_is_a_warning(tmp_path: Path, old: str, new: str, expected: str) -> None:
+    made = robot_from_urdf(changed(tmp_path, (old, new)), "flange", tmp_path / "arm.toml", hold=[3])
+    assert any(expected in warning for warning in made.warnings), made.warnings
+
+
+def test_meshes_for_collisions_stand_for_formats_that_are_not_read(tmp_path: Path) -> None:
+    text = SEVEN.read_text()
+    (found,) = re.findall(r"<visual>(?:(?!</visual>).)*link3\.stl.*?</visual>", text, re.S)
+    collada = found.replace("link3.stl", "link3.dae") + found.replace("visual>", "collision>")
+    made = robot_from_urdf(changed(tmp_path, (found, collada)), "flange", tmp_path / "arm.toml", hold=[3])
+    assert made.warnings == (
+        "link 'link3': the meshes for collisions stand for 'package://seven_axis_urdf/meshes/link3.dae', "
+        "which is not read",
+    )
+    plain = robot_from_urdf(changed(tmp_path), "flange", tmp_path / "plain.toml", hold=[3])
+    for one, two in zip(made.files[1:], plain.files[1:], strict=True):
+        assert one.read_bytes() == two.read_bytes()
+
+
+def test_packages_are_found_by_their_package_file(tmp_path: Path) -> None:
+    file = changed(tmp_path)
+    (tmp_path / "seven_axis_urdf").rename(tmp_path / "checkout")
+    (tmp_path / "checkout" / "package.xml").write_text("<package><name>seven_axis_urdf</name></package>")
+    made = robot_from_urdf(tmp_path / "checkout" / file.name, "flange", tmp_path / "arm.toml", hold=[3])
+    assert len(made.files) > 5
+    assert made.warnings == ()

@@ -40,7 +40,7 @@ def from_urdf(
         f"  written to {out}",
         f"  accelerations are assumed: full speed in {RAMP_TIME:g} s (joint.max_acceleration_deg_s2)",
     ]
-    warnings = [f"left out joint '{name}' and what it carries: it is beside the chain" for name in made.unused]
+    warnings = list(made.warnings)
     remainder = made.flange_from_tip
     if np.abs(remainder - np.eye(4)).max() > 1e-9:
         x, y, z = 1e3 * remainder[:3, 3]

@@ -6,8 +6,9 @@ Angles of origins within 1e-5 rad of a multiple of 90 degrees count as that mult
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +26,15 @@ from scancell.geometry.mesh_files import FORMATS, read_mesh, write_stl
 Array = NDArray[np.float64]
 
 _ROUNDED = 1e-5  # rad
+_UNIT = 1e-3  # by which the length of a quaternion may differ from 1
+_NO_INERTIA = 1e-3  # relative: by which moments of inertia may be negative, or one exceed the sum of the others
 
 RAMP_TIME = 0.25  # s: to full speed, because a URDF file contains no accelerations
+_ASSUMED_SPEED = np.pi / 2  # rad/s, where a file states none
 _DIGITS = 10  # decimal places of lengths in mm and angles in deg
+# What is larger, m, rad and rad/s, is probably in mm and degrees.
+_MOST_REACH, _MOST_MESH, _MOST_ANGLE, _MOST_SPEED = 10.0, 10.0, 20.0, 20.0
+_NEAREST = 4  # folders above a file in which packages are looked for
 
 
 @dataclass(frozen=True)
@@ -63,8 +70,8 @@ class UrdfArm:
         (4, 4) ``root_from_tip``.
     bodies
         n + 1: the fixed base, then what each joint moves.
-    unused
-        Joints beside the chain, which were left out with all that they carry.
+    warnings
+        What was assumed, left out or is not plausible, as sentences.
     """
 
     name: str
@@ -73,14 +80,16 @@ class UrdfArm:
     axes: Array
     tip: Array
     bodies: tuple[UrdfBody, ...]
-    unused: tuple[str, ...]
+    warnings: tuple[str, ...]
 
 
 def read_urdf(path: str | Path, tip: str) -> UrdfArm:
     """Read the chain from the root of a URDF file to its link `tip`.
 
-    Raises `DescriptionError` naming the file, the link or joint and what was expected: not URDF, no such link, a joint
-    that is not revolute, missing limits, a mesh that does not exist or cannot be read.
+    What the specification makes optional has its defaults: a limit of 0, a mass of 0 where none is stated.
+
+    Raises `DescriptionError` naming the file, the link or joint and what was expected: not URDF, no such link, equal
+    names, a joint that is not revolute, missing limits, a mesh that does not exist or cannot be read.
     """
     return _Reader(Path(path)).arm(tip)
 
@@ -88,15 +97,28 @@ def read_urdf(path: str | Path, tip: str) -> UrdfArm:
 class _Reader:
     def __init__(self, path: Path) -> None:
         self._path = path
+        self._warnings: list[str] = []
+        content = read_file(path)
         try:
-            root = ET.fromstring(read_file(path))
+            root = ET.fromstring(content)
         except (ET.ParseError, ValueError, LookupError) as error:  # the last two: an encoding that is not known
             raise DescriptionError(f"not readable as URDF: {error}", file=path) from None
         if root.tag != "robot":
             raise DescriptionError(f"<{root.tag}>", file=path, expected="<robot>, as in a URDF file")
+        if any(element.tag.startswith("{") and "xacro" in element.tag for element in root.iter()):
+            raise DescriptionError(
+                "is a xacro file, which other files complete", file=path, expected="what `xacro` makes of it"
+            )
         self._name = root.get("name", path.stem)
         self._links = {str(link.get("name")): link for link in root.findall("link")}
         self._joints = list(root.findall("joint"))
+        for kind in ("link", "joint"):
+            names = [str(element.get("name")) for element in root.findall(kind)]
+            repeated = next((name for name in names if names.count(name) > 1), None)
+            if repeated is not None:
+                raise DescriptionError(
+                    f"{names.count(repeated)} of this name", file=path, key=f"{kind} '{repeated}'", expected="one"
+                )
         self._above = {self._end(joint, "child"): joint for joint in self._joints}
 
     def arm(self, tip: str) -> UrdfArm:
@@ -104,7 +126,7 @@ class _Reader:
         moving = [joint for joint in chain if joint.get("type") != "fixed"]
         root = self._end(chain[0], "parent") if chain else tip
         bodies = [UrdfBody() for _ in range(len(moving) + 1)]
-        points, axes, unused = [], [], []
+        points, axes = [], []
         frames = {root: np.eye(4)}
         bodies_of = {root: 0}
         for link in self._from_root(root):
@@ -113,17 +135,25 @@ class _Reader:
                 if self._end(joint, "parent") != link:
                     continue
                 child, number = self._end(joint, "child"), bodies_of[link]
-                frame = frames[link] @ self._origin(joint)
+                frame = frames[link] @ self._origin(f"joint '{joint.get('name')}'", joint)
                 if joint in moving:
                     number += 1
                     points.append(frame[:3, 3])
                     axes.append(frame[:3, :3] @ self._axis(joint))
                 elif joint.get("type") != "fixed":
-                    unused.append(str(joint.get("name")))
+                    self._warn(f"left out joint '{joint.get('name')}' and what it carries: it is beside the chain")
                     continue
                 frames[child], bodies_of[child] = frame, number
         joints = tuple(self._joint(joint) for joint in moving)
-        return UrdfArm(self._name, joints, np.array(points), np.array(axes), frames[tip], tuple(bodies), tuple(unused))
+        stations = [np.zeros(3), *points, frames[tip][:3, 3]]
+        reach = sum(float(np.linalg.norm(b - a)) for a, b in pairwise(stations))
+        if reach > _MOST_REACH:
+            self._warn(f"the joints and '{tip}' are {reach:.4g} m apart along the arm: are the lengths in mm?")
+        warnings = tuple(dict.fromkeys(self._warnings))
+        return UrdfArm(self._name, joints, np.array(points), np.array(axes), frames[tip], tuple(bodies), warnings)
+
+    def _warn(self, text: str) -> None:
+        self._warnings.append(text)
 
     def _from_root(self, root: str) -> list[str]:
         """Links that fixed joints and those of the chain connect to the root, each after the one that carries it."""
@@ -149,83 +179,146 @@ class _Reader:
             link = self._end(joint, "parent")
         for joint in chain:
             kind = joint.get("type")
-            if kind not in ("revolute", "continuous", "fixed") or joint.find("mimic") is not None:
+            if kind not in ("revolute", "continuous", "fixed"):
                 raise self._fault(joint, f"type '{kind}' between root and tip; expected revolute, continuous or fixed")
+            mimic = joint.find("mimic")
+            if mimic is not None:
+                raise self._fault(
+                    joint,
+                    f"follows joint '{mimic.get('joint')}' (<mimic>) between root and tip; expected a joint of its own",
+                )
         self._on_chain = chain
         return chain
 
     def _joint(self, joint: ET.Element) -> UrdfJoint:
-        limit = joint.find("limit")
-        speed = self._numbers(limit, "velocity", "nan", 1)[0] if limit is not None else np.nan
-        if limit is None or not speed > 0:
-            raise self._fault(joint, "no <limit> with a velocity above 0")
+        limit, name = joint.find("limit"), f"joint '{joint.get('name')}'"
+        speed = self._numbers(name, limit, "velocity", "0", 1)[0]
+        if not speed >= 0:
+            raise self._fault(joint, f"velocity {speed:g} rad/s; expected a number above 0")
+        if speed == 0:
+            speed = _ASSUMED_SPEED
+            self._warn(f"{name} states no velocity: {np.degrees(speed):g} deg/s are assumed (max_speed_deg_s)")
+        if speed > _MOST_SPEED:
+            self._warn(f"{name}: velocity {speed:g} rad/s: is it in degrees?")
         if joint.get("type") == "continuous":
-            lower, upper = -2 * np.pi, 2 * np.pi
-        else:
-            lower, upper = (self._numbers(limit, key, "nan", 1)[0] for key in ("lower", "upper"))
-            if not lower < upper:
-                raise self._fault(joint, f"limits {lower:g} to {upper:g} rad; expected lower below upper")
-        return UrdfJoint(str(joint.get("name")), float(lower), float(upper), float(speed))
+            return UrdfJoint(str(joint.get("name")), -2 * np.pi, 2 * np.pi, float(speed))
+        lower, upper = (float(self._numbers(name, limit, key, "0", 1)[0]) for key in ("lower", "upper"))
+        if not lower < upper:
+            raise self._fault(joint, f"limits {lower:g} to {upper:g} rad; expected lower below upper")
+        if max(-lower, upper) > _MOST_ANGLE:
+            self._warn(f"{name}: limits {lower:g} to {upper:g} rad: are they in degrees?")
+        return UrdfJoint(str(joint.get("name")), lower, upper, float(speed))
 
     def _axis(self, joint: ET.Element) -> Array:
-        axis = self._numbers(joint.find("axis"), "xyz", "1 0 0", 3)
+        axis = self._numbers(f"joint '{joint.get('name')}'", joint.find("axis"), "xyz", "1 0 0", 3)
         if not np.linalg.norm(axis) > 0:
             raise self._fault(joint, "an axis of zero length has no direction")
         return np.asarray(axis / np.linalg.norm(axis))
 
-    def _origin(self, owner: ET.Element) -> Array:
+    def _origin(self, name: str, owner: ET.Element) -> Array:
+        """Pose (4, 4) of the <origin> of an element of the link or joint `name`."""
         origin = owner.find("origin")
-        rpy = self._numbers(origin, "rpy", "0 0 0", 3)
+        given = set() if origin is None else set(origin.keys())
+        if given - {"xyz", "rpy", "quat_xyzw"} or {"rpy", "quat_xyzw"} <= given:
+            raise DescriptionError(
+                f"<origin> with {', '.join(sorted(given))}",
+                file=self._path,
+                key=name,
+                expected="xyz, and rpy or quat_xyzw",
+            )
+        position = self._numbers(name, origin, "xyz", "0 0 0", 3)
+        if "quat_xyzw" in given:
+            quaternion = self._numbers(name, origin, "quat_xyzw", "", 4)
+            length = float(np.linalg.norm(quaternion))
+            if not abs(length - 1) < _UNIT:
+                raise DescriptionError(
+                    f"quat_xyzw of length {length:.6g}", file=self._path, key=name, expected="a unit quaternion"
+                )
+            # Rz(y) Ry(p) Rx(r) is the inverse of Rx(-r) Ry(-p) Rz(-y).
+            rpy = -pose.euler_xyz_from_rotation(pose.rotation_from_quaternion(np.roll(quaternion, 1)).T)
+        else:
+            rpy = self._numbers(name, origin, "rpy", "0 0 0", 3)
         right = np.round(rpy / (np.pi / 2)) * (np.pi / 2)
         r, p, y = np.where(np.abs(rpy - right) < _ROUNDED, right, rpy)
         rotation = pose.rotation_about(2, y) @ pose.rotation_about(1, p) @ pose.rotation_about(0, r)
-        return pose.from_rotation(rotation, self._numbers(origin, "xyz", "0 0 0", 3))
+        return pose.from_rotation(rotation, position)
 
     def _add_link(self, name: str, root_from_link: Array, body: UrdfBody) -> None:
-        link = self._links[name]
-        inertial = link.find("inertial")
-        if inertial is not None:
-            frame = root_from_link @ self._origin(inertial)
-            mass = self._numbers(inertial.find("mass"), "value", "nan", 1)[0]
-            keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-            xx, xy, xz, yy, yz, zz = (self._numbers(inertial.find("inertia"), key, "nan", 1)[0] for key in keys)
-            inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-            if not (mass > 0 and np.isfinite(inertia).all()):
-                raise DescriptionError(
-                    "<inertial>", file=self._path, key=f"link '{name}'", expected="a mass above 0 and an inertia"
-                )
-            body.masses.append((float(mass), frame[:3, 3], frame[:3, :3] @ inertia @ frame[:3, :3].T))
-        for visual in link.findall("visual") or link.findall("collision"):
-            vertices, faces = self._geometry(name, visual)
-            body.meshes.append((pose.transform_points(root_from_link @ self._origin(visual), vertices), faces))
+        link, key = self._links[name], f"link '{name}'"
+        if (inertial := link.find("inertial")) is not None:
+            body.masses += self._mass(key, inertial, root_from_link)
+        shapes = link.findall("visual") or link.findall("collision")
+        unread = [file for shape in shapes if (file := self._file_of(shape)) and not file.lower().endswith(FORMATS)]
+        if unread and link.findall("collision"):
+            self._warn(f"{key}: the meshes for collisions stand for '{unread[0]}', which is not read")
+            shapes = link.findall("collision")
+        for shape in shapes:
+            vertices, faces = self._geometry(name, shape)
+            if np.ptp(vertices, axis=0).max(initial=0.0) > _MOST_MESH:
+                size = float(np.ptp(vertices, axis=0).max())
+                self._warn(f"{key}: its mesh is {size:.4g} m large: is it in mm, without a scale of 0.001?")
+            body.meshes.append((pose.transform_points(root_from_link @ self._origin(key, shape), vertices), faces))
+
+    def _mass(self, key: str, inertial: ET.Element, root_from_link: Array) -> list[tuple[float, Array, Array]]:
+        """Mass, centre of mass and inertia of a link; nothing of one without mass."""
+        frame, tensor = root_from_link @ self._origin(key, inertial), inertial.find("inertia")
+        mass = float(self._numbers(key, inertial.find("mass"), "value", "0", 1)[0])
+        names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        xx, xy, xz, yy, yz, zz = (self._numbers(key, tensor, name, "0", 1)[0] for name in names)
+        inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        if not (mass >= 0 and np.isfinite(mass) and np.isfinite(inertia).all()):
+            raise DescriptionError(
+                "<inertial>", file=self._path, key=key, expected="a mass of at least 0 and a finite inertia"
+            )
+        if mass == 0:
+            return []
+        if tensor is None:
+            self._warn(f"{key} states a mass without inertia: a point of this mass is assumed")
+        low, middle, high = np.linalg.eigvalsh(inertia)
+        if low < -_NO_INERTIA * abs(high) or high > (low + middle) * (1 + _NO_INERTIA):
+            self._warn(
+                f"{key}: no body has the principal moments of inertia {low:.4g}, {middle:.4g} and {high:.4g} kg m²"
+            )
+        return [(mass, frame[:3, 3], frame[:3, :3] @ inertia @ frame[:3, :3].T)]
+
+    @staticmethod
+    def _file_of(owner: ET.Element) -> str:
+        """Name of the mesh of a <visual> or <collision>; empty if it has none."""
+        shape = owner.find("geometry/mesh")
+        return "" if shape is None else shape.get("filename", "")
 
     def _geometry(self, link: str, owner: ET.Element) -> tuple[Array, NDArray[np.int64]]:
         import trimesh  # noqa: PLC0415  (half a second)
 
-        shape = owner.find("geometry/*")
+        shape, key = owner.find("geometry/*"), f"link '{link}'"
         kind = "none" if shape is None else shape.tag
         if shape is not None and kind == "mesh":
             file = self._mesh_file(link, shape.get("filename", ""))
             vertices, faces, _ = read_mesh(file)
-            return np.asarray(vertices, float) * self._numbers(shape, "scale", "1 1 1", 3), faces
+            return np.asarray(vertices, float) * self._numbers(key, shape, "scale", "1 1 1", 3), faces
         if kind == "box":
-            made = trimesh.creation.box(self._numbers(shape, "size", "nan nan nan", 3))
+            made = trimesh.creation.box(self._numbers(key, shape, "size", "nan nan nan", 3))
         elif kind == "cylinder":
-            made = trimesh.creation.cylinder(*(self._numbers(shape, key, "nan", 1)[0] for key in ("radius", "length")))
+            sizes = (self._numbers(key, shape, name, "nan", 1)[0] for name in ("radius", "length"))
+            made = trimesh.creation.cylinder(*sizes)
         elif kind == "sphere":
-            made = trimesh.creation.icosphere(3, self._numbers(shape, "radius", "nan", 1)[0])
+            made = trimesh.creation.icosphere(3, self._numbers(key, shape, "radius", "nan", 1)[0])
         else:
             raise DescriptionError(
-                f"geometry '{kind}'", file=self._path, key=f"link '{link}'", expected="mesh, box, cylinder or sphere"
+                f"geometry '{kind}'", file=self._path, key=key, expected="mesh, box, cylinder or sphere"
             )
         return np.asarray(made.vertices, float), np.asarray(made.faces, np.int64)
 
     def _mesh_file(self, link: str, name: str) -> Path:
-        """The file of a mesh: beside the URDF file, or for package:// in a folder of that name around it."""
+        """The file of a mesh: beside the URDF file, or for package:// in that package around it.
+
+        A package is a folder of that name, or one whose package.xml states it.
+        """
         folders = [self._path.resolve().parent, *self._path.resolve().parent.parents]
         if name.startswith("package://"):
             package, _, rest = name.removeprefix("package://").partition("/")
             places = [folder / rest if folder.name == package else folder / package / rest for folder in folders]
+            places += [folder / rest for folder in _packages(folders[:_NEAREST], package)]
         else:
             places = [folders[0] / name.removeprefix("file://")]
         key = f"link '{link}': mesh '{name}'"
@@ -236,14 +329,20 @@ class _Reader:
                 return place
         raise DescriptionError(f"no such file; tried {' and '.join(map(str, places[:4]))}", file=self._path, key=key)
 
-    def _numbers(self, element: ET.Element | None, key: str, default: str, count: int) -> Array:
+    def _numbers(self, owner: str, element: ET.Element | None, key: str, default: str, count: int) -> Array:
+        """Numbers of an attribute in the link or joint `owner`."""
         text = default if element is None else element.get(key, default)
         try:
             values = np.array([float(word) for word in text.split()])
         except ValueError:
             values = np.zeros(0)
         if len(values) != count:
-            raise DescriptionError(file=self._path, key=key, value=text, expected=f"{count} numbers")
+            raise DescriptionError(
+                file=self._path,
+                key=f"{owner}: {key}",
+                value=text,
+                expected="1 number" if count == 1 else f"{count} numbers",
+            )
         return values
 
     def _end(self, joint: ET.Element, which: str) -> str:
@@ -255,6 +354,18 @@ class _Reader:
 
     def _fault(self, joint: ET.Element, text: str) -> DescriptionError:
         return DescriptionError(text, file=self._path, key=f"joint '{joint.get('name')}'")
+
+
+def _packages(folders: Sequence[Path], name: str) -> Iterator[Path]:
+    """The folders, and those in them, whose package.xml states a name."""
+    for folder in folders:
+        for file in (folder / "package.xml", *sorted(folder.glob("*/package.xml"))):
+            try:
+                stated = ET.fromstring(read_file(file)).findtext("name", "")
+            except (ET.ParseError, DescriptionError):
+                continue
+            if stated.strip() == name:
+                yield file.parent
 
 
 @dataclass(frozen=True)
@@ -270,14 +381,14 @@ class ConvertedRobot:
     flange_from_tip
         (4, 4), m: what four parameters cannot express of the tip's pose, to be put before the tool; identity for a tip
         whose z is the last axis.
-    unused
-        Joints of the URDF file beside the chain.
+    warnings
+        What was assumed, left out or is not plausible, as sentences.
     """
 
     description: RobotDescription
     files: tuple[Path, ...]
     flange_from_tip: Array
-    unused: tuple[str, ...]
+    warnings: tuple[str, ...]
 
 
 def robot_from_urdf(
@@ -325,7 +436,7 @@ def robot_from_urdf(
     for k, file in names.items():
         _write_mesh(file, bodies[k])
     description.to_toml(out)
-    return ConvertedRobot(description, (out, *names.values()), last_from_tip, arm.unused)
+    return ConvertedRobot(description, (out, *names.values()), last_from_tip, arm.warnings)
 
 
 def _bodies(urdf: UrdfArm, chain: Chain) -> list[UrdfBody]:
