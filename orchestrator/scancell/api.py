@@ -613,7 +613,7 @@ def mesh(
 
 
 def _region_numbers(words: Sequence[str | int]) -> list[int]:
-    if not all(str(word).isdigit() for word in words):
+    if not all(str(word).isdecimal() for word in words):
         raise DescriptionError(f"datum: {', '.join(map(str, words))}: expected numbers of plane regions of the mesh")
     return [int(word) for word in words]
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-import os
 import re
+import secrets
 import stat
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -113,6 +113,15 @@ def _regular_size(path: Path, raises: type[ScancellError], most_bytes: int) -> i
     return status.st_size
 
 
+def file_state(path: Path) -> tuple[str, int, int]:
+    """What differs after a change of a file: its path, size and time of modification (ns), or zeros without one."""
+    try:
+        status = path.stat()
+    except OSError:
+        return str(path.absolute()), 0, 0
+    return str(path.absolute()), status.st_size, status.st_mtime_ns
+
+
 @contextmanager
 def atomic_write(path: str | Path) -> Iterator[Path]:
     """Context manager: yields a temporary path in the folder of `path`, renamed to `path` when the block succeeds.
@@ -125,7 +134,7 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
     path = Path(path)
     if not path.name:
         raise OutputError(file=path, expected="the name of a file")
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    temporary = path.with_name(f".{path.stem}.{secrets.token_hex(4)}.part{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary

@@ -224,9 +224,10 @@ class ScanResult(ScanData, Result):
         DescriptionError
             If a format or frame is unknown.
         """
+        from scancell.output.run_files import OPTIONAL_FILES  # noqa: PLC0415
         from scancell.output.run_folder import RunFolder  # noqa: PLC0415
 
-        with RunFolder(Path(folder)) as run:
+        with RunFolder(Path(folder), OPTIONAL_FILES) as run:
             self.save_into(run, formats, frame=frame, command_line=command_line)
         return run.paths
 
@@ -249,6 +250,8 @@ class ScanResult(ScanData, Result):
             "engine": self.engine,
             "as_built": list(self.as_built),
             "seed": self.seed,
+            "formats": list(parse_formats(",".join(formats), "formats")),
+            "frame": frame,
             "command_line": command_words(command_line),
         }
         if self.recording_file is not None:
@@ -258,7 +261,7 @@ class ScanResult(ScanData, Result):
         if self.estimated_sensor is not None:
             run["estimated_sensor"] = plain_data(self.estimated_sensor)
         inputs = [file for file in (self.part_file, self.recording_file) if file is not None]
-        record = RunRecord(inputs, run, parse_formats(",".join(formats), "formats"), frame)
+        record = RunRecord(inputs, run, run["formats"], frame)
         write_run(self, self.deviation, self.coverage, record, folder, Stopwatch(self.timings))
 
     def picture(self) -> bytes:

@@ -190,12 +190,12 @@ class Scanner(Closing):
         reporter, watch = as_progress(progress), Stopwatch()
         with watch.measure("load"):
             reporter.stage("loading", 1, "cell")
-            job = self._job(part, unit, as_built, seed, setup, estimated_sensor)
+            job = self._job(part, unit, as_built, seed, setup, estimated_sensor, estimated)
             reporter.advance(1)
         saved = Plan.load(plan) if isinstance(plan, str | Path) else plan
         # Descriptions of this scan alone are not checked again.
-        warnings = self.setup_warnings if job.setup is self.setup else ()
-        scan = Scan(self.pipeline, job, engine, estimated, on_images, warnings, normals, samples)
+        warnings = self.setup_warnings if setup is None else ()
+        scan = Scan(self.pipeline, job, engine, on_images, warnings, normals, samples)
         return ScanResult.of(scan.run(saved, reporter, watch, hook))
 
     @checked_arguments
@@ -224,12 +224,12 @@ class Scanner(Closing):
         require_sensor_words(assignments(as_built), "the recording states what the cell did")
         watch = Stopwatch()
         with watch.measure("load"):
-            job = self._job(part, unit, as_built, seed, None, estimated_sensor)
+            job = self._job(part, unit, as_built, seed, None, estimated_sensor, estimated)
             if not isinstance(recording, Recording):
                 job = replace(job, recording_file=Path(recording))
                 recording = read_recording(Path(recording))
             recording.measured.require_joints(len(job.setup.cell.robot.joint))
-        scan = Scan(self.pipeline, job, engine, estimated, on_images, self.setup_warnings)
+        scan = Scan(self.pipeline, job, engine, on_images, self.setup_warnings)
         return ScanResult.of(scan.of_recording(recording, None, as_progress(progress), watch))
 
     @checked_arguments
@@ -518,9 +518,12 @@ class Scanner(Closing):
         seed: int = 0,
         setup: Setup | None = None,
         estimated_sensor: SensorDescription | None = None,
+        estimated: EstimatedDescription | None = None,
     ) -> Job:
-        """The part, or an empty table, in the scanner's cell or in that of `setup`."""
+        """The part, or an empty table, in the scanner's cell or in that of `setup`, as it is `estimated`."""
         setup, words = setup or self.setup, tuple(assignments(as_built))
+        if estimated is not None:
+            setup = replace(setup, cell=setup.cell.model_copy(update={"estimated": estimated}))
         if part is None and setup.cell.part.fixture == "free":
             raise DescriptionError(
                 "there is no part", key="part.fixture", value="free", expected='its mesh, or "clamped"'

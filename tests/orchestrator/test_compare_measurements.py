@@ -16,7 +16,7 @@ from scancell.errors import DescriptionError
 from scancell.geometry.mesh import Mesh, box_mesh
 from scancell.output.manifest import resolved_toml
 from scancell.output.run_files import write_profiles
-from scancell.recorded.compare import Residuals, _from_edges, _scatter_of_means
+from scancell.recorded.compare import Residuals, _from_edges, _repeated, _scatter_of_means
 
 PART = assets_dir() / "parts" / "sphere_on_foot.stl"
 SMALL = {
@@ -137,3 +137,24 @@ def test_run_without_a_part_is_refused(run, tmp_path) -> None:
     (tmp_path / "resolved.toml").write_text(text.replace(json.dumps(str(PART)), '""').replace(f"'{PART}'", '""'))
     with pytest.raises(DescriptionError, match="nothing of known shape"):
         scancell.compare(tmp_path)
+
+
+def test_rolling_shutter_of_a_moving_sensor_agrees_with_its_simulation_at_rest(tmp_path) -> None:
+    rolling = {
+        **{"sensor.detector.shutter": "rolling", "sensor.detector.row_readout_us": 40, "sensor.render.bounces": 0},
+        **{"scan.raster.speed_mm_s": 200.0},
+    }
+    compared = scancell.compare(run_of(tmp_path, PART, **rolling))
+    real, simulated = (float(np.median(np.abs(one.distance))) for one in (compared.real, compared.simulated))
+    assert simulated == pytest.approx(real, rel=0.15)
+
+
+def test_groups_of_equal_poses_are_those_of_a_comparison_of_all_pairs() -> None:
+    rng = np.random.default_rng(3)
+    poses = np.tile(np.eye(4), (200, 1, 1))
+    poses[:, :3, 3] = rng.integers(0, 4, (200, 3)) * 1e-3 + rng.uniform(-1e-6, 1e-6, (200, 3))
+    turn = rng.integers(0, 3, 200) * 1e-3
+    poses[:, :3, :3] = scancell.pose.rotation_about(2, turn)
+    key = [(*np.rint(one[:3, 3] * 1e3).astype(int), round(t * 1e3)) for one, t in zip(poses, turn, strict=True)]
+    expected = {tuple(i for i, other in enumerate(key) if other == own) for own in key if key.count(own) > 1}
+    assert {tuple(group) for group in _repeated(poses)} == expected

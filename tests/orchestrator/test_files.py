@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from scancell.cell.fmu_info import describe_fmu
 from scancell.cell.recording import read_table
 from scancell.config.files import read_toml
 from scancell.config.urdf import read_urdf
-from scancell.files import arrow_table, read_json
+from scancell.files import arrow_table, atomic_write, read_json
 from scancell.output.image_files import read_index
 from scancell.planning.views.sensor_paths import recorded_poses
 from scancell.programs.taught_file import TaughtFile
@@ -103,3 +104,17 @@ def test_readers_refuse_what_is_no_file_of_theirs_by_name(tmp_path: Path, reader
         assert not READERS[reader](path)  # a file of size 0 is read as empty
     except scancell.ScancellError as error:
         assert re.search(r"\b(file|link)\b", str(error))
+
+
+def test_threads_that_write_one_file_leave_one_of_their_contents(tmp_path: Path) -> None:
+    file, texts = tmp_path / "table.csv", [letter * 200_000 for letter in "abcd"]
+
+    def write(text: str) -> None:
+        for _ in range(10):
+            with atomic_write(file) as temporary:
+                temporary.write_text(text)
+            assert file.read_text() in texts
+
+    with ThreadPoolExecutor(len(texts)) as pool:
+        list(pool.map(write, texts))
+    assert os.listdir(tmp_path) == ["table.csv"]

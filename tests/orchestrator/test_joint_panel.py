@@ -96,3 +96,17 @@ def test_sliders_follow_the_robot_and_return_after_a_refused_motion(rig: Any) ->
         rig.panel.show(state(np.radians([12.0, 20.0])))
     assert len(rig.operator.submitted) == 1
     assert slider.value == 12.0
+
+
+def test_whole_turns_of_the_table_stay_when_a_joint_is_moved(rig: Any) -> None:
+    turned = SimpleNamespace(joints=HOME, table_angle=np.radians(2295.0), moving=False)
+    rig.panel.show(turned)
+    assert rig.gui.sliders[2].value == pytest.approx(135.0)
+    for slider, value, expected in ((0, 35.0, None), (2, 165.0, 2325.0)):
+        rig.gui.sliders[slider].value = value
+        rig.gui.sliders[slider].call_back()
+        rig.now.time += 1.0
+        rig.panel.show(turned)
+        asked = rig.operator.submitted[-1].table_angle
+        assert asked is None if expected is None else asked == pytest.approx(np.radians(expected))
+        rig.panel.show(turned)

@@ -174,6 +174,23 @@ def test_failed_plan_says_why_and_leaves_the_last_one(rig: Rig, map_: Configurat
     assert "clearance" in rig.plan.state.error
     assert rig.plan.plan is last
     assert rig.plan.map_of(0, map_.branch) is map_
+
+
+def test_failed_evaluation_of_a_new_plan_leaves_the_last_plan_and_its_maps(
+    rig: Rig, map_: ConfigurationMap, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    last, evaluated = rig.plan.plan, rig.plan.map_of(0, map_.branch)
+
+    def fails(*_: object) -> None:
+        raise PlanningError("interrupted")
+
+    monkeypatch.setattr(rig.plan, "_evaluated", fails)
+    rig.plan.start()
+    rig.until_done()
+    monkeypatch.undo()
+    assert rig.plan.state.error == "interrupted"
+    assert rig.plan.plan is last
+    assert rig.plan.map_of(0, map_.branch) is evaluated
     rig.planned()
 
 

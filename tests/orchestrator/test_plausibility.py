@@ -12,6 +12,7 @@ import trimesh
 
 from scancell.config.cell import CellDescription
 from scancell.config.loading import Setup, assets_dir, load_setup
+from scancell.config.path import PathDescription
 from scancell.errors import DescriptionError
 from scancell.nominal.plausibility import setup_warnings
 
@@ -153,3 +154,11 @@ def test_exposure_speed_and_standoff_warnings(words: list[str], expected: list[s
     assert len(found) == len(expected)
     for text, start in zip(found, expected, strict=True):
         assert text.startswith(start)
+
+
+@pytest.mark.parametrize(("pitch", "count"), [(0.001, 1), (0.5, 0)])
+def test_sensor_paths_faster_than_the_sensor_give_a_warning(pitch: float, count: int) -> None:
+    setup, path = load_setup(), PathDescription.default().replace({"pitch_mm": pitch})
+    scan = setup.scan.model_copy(update={"path": (path,)})
+    found = [line for line in setup_warnings(Setup(setup.cell, setup.sensor, scan)) if "path[1].pitch_mm" in line]
+    assert len(found) == count

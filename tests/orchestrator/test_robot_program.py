@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -260,3 +261,17 @@ def test_output_of_a_program_is_forwarded(
         run_program(file, session, "geometric", tmp_path, printed=printed.append)
     assert printed == ["at=1.5", ""]
     assert capsys.readouterr().out == ""
+
+
+def test_changed_helper_module_is_read_again(ideal_scanner: Scanner, tmp_path: Path) -> None:
+    said: list[str] = []
+    for word in ("one", "two"):
+        (tmp_path / "own_helper.py").write_text(f"WORD = {word!r}\n")
+        with ideal_scanner.session() as session:
+            printed: list[str] = []
+            file = tmp_path / "program.py"
+            file.write_text("import own_helper\ndef main(robot):\n    print(own_helper.WORD)\n")
+            run_program(file, session, "geometric", tmp_path, printed=printed.append)
+        said += printed
+    assert said == ["one", "two"]
+    assert "own_helper" not in sys.modules

@@ -61,3 +61,21 @@ def test_file_as_target_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="cannot be written"), RunFolder(tmp_path / "run" / "deeper"):
         pytest.fail("the block must not start")
     assert (tmp_path / "run").read_text() == "mine"
+
+
+def test_optional_files_of_an_earlier_run_do_not_stay(tmp_path: Path) -> None:
+    target = tmp_path / "run"
+    for names in (("cloud.ply", "cloud.npz", "images/one.png", "notes.txt"), ("cloud.ply",)):
+        with RunFolder(target, ("cloud.ply", "cloud.npz", "images")) as folder:
+            for name in names:
+                folder.path(name).write_text(names[0])
+    assert sorted(os.listdir(target)) == ["cloud.ply", "notes.txt"]
+
+
+def test_folder_that_a_killed_process_left_does_not_block_the_next(tmp_path: Path) -> None:
+    """Numbers of processes repeat, in containers at once."""
+    killed = RunFolder(tmp_path / "run").__enter__()
+    killed.path("cloud.ply").write_text("half")
+    with RunFolder(tmp_path / "run") as folder:
+        folder.path("cloud.ply").write_text("whole")
+    assert (tmp_path / "run" / "cloud.ply").read_text() == "whole"

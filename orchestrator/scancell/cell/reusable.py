@@ -13,8 +13,8 @@ from typing import Any
 from scancell.cell.as_built import parse_as_built
 from scancell.cell.fmu_file import make_temporary_fmu
 from scancell.cell.instance import CellInstance
-from scancell.cell.sensing import SENSOR_KEYS
 from scancell.closing import Closing
+from scancell.errors import ScancellError
 
 
 class ReusableCell(Closing):
@@ -26,7 +26,6 @@ class ReusableCell(Closing):
     def __init__(self, folder: Path | None = None) -> None:
         self._folder = Path(tempfile.mkdtemp(prefix="scancell-cell-", dir=folder))
         self._instance: CellInstance | None = None
-        self._layout: Any = None
         self._built = 0
 
     def start(self, description: Mapping[str, Any], as_built: Sequence[str] = ()) -> CellInstance:
@@ -41,22 +40,21 @@ class ReusableCell(Closing):
         CellError
             If the FMU cannot be built or refuses the cell.
         """
-        layout = _layout(description)
-        if self._instance is None or layout != self._layout:
-            self.discard()
-            fmu = make_temporary_fmu(description, self._folder / f"fmu{self._built}")
-            self._built += 1
-            self._instance = CellInstance(fmu, parameters=lambda units: parse_as_built(as_built, units))
-            self._layout = layout
-            return self._instance
-        parameters = parse_as_built(as_built, self._instance.units())
-        file = self._folder / "cell.json"
-        file.write_text(json.dumps(description))
-        try:
-            self._instance.reset(file, parameters)
-        except BaseException:
-            self.discard()
-            raise
+        if self._instance is not None:
+            file = self._folder / "cell.json"
+            file.write_text(json.dumps(description))
+            try:
+                self._instance.reset(file, parse_as_built(as_built, self._instance.units()))
+            except ScancellError:  # its variables are others, or a new FMU refuses the cell, too
+                self.discard()
+            except BaseException:
+                self.discard()
+                raise
+            else:
+                return self._instance
+        fmu = make_temporary_fmu(description, self._folder / f"fmu{self._built}")
+        self._built += 1
+        self._instance = CellInstance(fmu, parameters=lambda units: parse_as_built(as_built, units))
         return self._instance
 
     def discard(self) -> None:
@@ -70,15 +68,3 @@ class ReusableCell(Closing):
         """Free the instance and its files."""
         self.discard()
         shutil.rmtree(self._folder, ignore_errors=True)
-
-
-def _layout(description: Mapping[str, Any]) -> tuple[Any, ...]:
-    """Properties that determine the variables of an FMU; cells with equal ones can share an instance."""
-    collisions = description["collision"]["outputs"]
-    return (
-        [part["stands_on"] == "table" for part in description["parts"]],
-        *(len(description[devices]) for devices in ("conveyors", *(f"{key}s" for key in SENSOR_KEYS))),
-        description["gripper"] is None,
-        description["robot"]["dynamics"] is None,
-        [body["name"] for body in description["bodies"]] if collisions else None,
-    )

@@ -21,7 +21,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scancell.arguments import Count, Length, Share, checked_arguments
+from scancell.arguments import Count, Duration, Length, Share, checked_arguments, checked_value
 from scancell.cell.controller import (
     BeltSpeed,
     Deflections,
@@ -697,8 +697,9 @@ class CellSession:
         started = -(-self._cell.time_us // self._cycle_us)
         self._step_to((started + 1) * self._cycle_us)
 
-    def wait(self, duration: float) -> None:
-        """Step on for `duration`, s, at least one cycle."""
+    @checked_arguments
+    def wait(self, duration: Duration) -> None:
+        """Step on for `duration`, s, at least one cycle; `DescriptionError` if it is negative or not finite."""
         for _ in range(max(1, round(duration * 1e6 / self._cycle_us))):
             self.step()
 
@@ -719,7 +720,8 @@ class CellSession:
     # Implementation
 
     def _end(self, timeout: float) -> int:
-        return self._cell.time_us + round(timeout * 1e6)
+        checked: float = checked_value("timeout", timeout, Duration)
+        return self._cell.time_us + round(checked * 1e6)
 
     def _refuse(self, command: str) -> None:
         reason = refusal(self._cell)

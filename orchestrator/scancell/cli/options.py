@@ -125,6 +125,7 @@ class CloudOptions(CellOptions):
         """Make a scan with the options and write its files into `out`, all or none."""
         from scancell.config.sensor import SensorDescription  # noqa: PLC0415
         from scancell.output.image_files import ImageWriter  # noqa: PLC0415
+        from scancell.output.run_files import OPTIONAL_FILES  # noqa: PLC0415
         from scancell.output.run_folder import RunFolder  # noqa: PLC0415
         from scancell.reconstruction.cloud_files import parse_formats  # noqa: PLC0415
 
@@ -137,7 +138,7 @@ class CloudOptions(CellOptions):
         }
         if self.estimated_sensor is not None:
             given["estimated_sensor"] = SensorDescription.from_toml(self.estimated_sensor)
-        with RunFolder(out) as folder:
+        with RunFolder(out, OPTIONAL_FILES) as folder:
             if self.images and self.engine == "geometric":
                 raise DescriptionError(
                     "the geometric engine makes no images", key="images", expected="--engine ray-traced"

@@ -68,7 +68,9 @@ def rerun(
         raise DescriptionError(
             file=resolved, key="run.program", value=made["program"], expected="the run of a scan; see `scancell run`"
         )
-    options = CloudOptions(**{key: made[key] for key in ("engine", "as_built", "seed", "unit")}, as_json=as_json)
+    written = {"format_": ",".join(made.get("formats", ["ply"])), "frame": made.get("frame", "part")}
+    repeated_options = {key: made[key] for key in ("engine", "as_built", "seed", "unit")}
+    options = CloudOptions(**repeated_options, **written, as_json=as_json)
     calibrated = None
     if "estimated_sensor" in made:
         calibrated = validate(SensorDescription, made["estimated_sensor"], f"{resolved}: run.estimated_sensor")

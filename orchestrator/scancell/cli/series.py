@@ -67,7 +67,7 @@ class ExecutionOptions:
         if self.shard is None:
             return ExecutionTarget(self.workers, self.scheduler)
         first, slash, count = self.shard.partition("/")
-        if not (slash and first.isdigit() and count.isdigit() and 1 <= int(first) <= int(count)):
+        if not (slash and first.isdecimal() and count.isdecimal() and 1 <= int(first) <= int(count)):
             raise DescriptionError(key="shard", value=self.shard, expected="i/n with 1 <= i <= n, for example 3/8")
         return ExecutionTarget(shard=(int(first), int(count)))
 

@@ -85,7 +85,7 @@ def split_path(key: str) -> list[str | int]:
         parts.append(name)
         if bracket:
             digits = rest.removesuffix("]")
-            if not rest.endswith("]") or not digits.isdigit() or int(digits) < 1:
+            if not rest.endswith("]") or not digits.isdecimal() or int(digits) < 1:
                 raise DescriptionError(key=key, expected=f"an index like [1], counting from 1, in '{piece}'")
             parts.append(int(digits) - 1)
     return parts

@@ -45,7 +45,7 @@ _BLOCK = 1 << 14  # faces worked on at a time, which stay in the cache
 @checked_fields
 @dataclass(frozen=True, eq=False, repr=False)
 class Mesh(Value):
-    """Triangle mesh, as `load_part` reads it or of your own arrays.
+    """Triangle mesh, as `load_part` reads it or of your own arrays, which are copied: a mesh does not change.
 
     Attributes
     ----------
@@ -79,6 +79,13 @@ class Mesh(Value):
     faces: Annotated[NDArray[np.int64], Shape((None, 3), int)]
     source: str = ""
     warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        # What follows from the arrays is kept, so that they must not change: arrays that could are copied.
+        for name in ("vertices", "faces"):
+            array = np.array(getattr(self, name), copy=None if not getattr(self, name).flags.writeable else True)
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
 
     @cached_property
     def usable(self) -> Mesh:

@@ -147,7 +147,11 @@ class LivePlan:
             if number >= count:
                 raise DescriptionError(key=name, value=number, expected=f"a number below {count}")
         if (path, branch) not in self._maps:
-            self._begin("evaluating", lambda: self._evaluate(plan, path, branch))
+
+            def work() -> None:
+                self._maps[path, branch] = self._evaluated(plan, path, branch)
+
+            self._begin("evaluating", work)
 
     @checked_arguments
     def judge(self, path: Index, branch: Index, share: float, angle: float) -> MapPose:
@@ -220,12 +224,11 @@ class LivePlan:
         job = self._session.job
         plan = self._session.pipeline.plan(job.loaded, job.setup, job.sensors.nominal, progress=self._progress)
         self._enter("evaluating")
-        self._maps = {}
-        for number, placed in enumerate(plan.paths):
-            self._evaluate(plan, number, placed.lattice.map.branch)
-        self._plan = plan
+        branches = [placed.lattice.map.branch for placed in plan.paths]
+        maps = {(path, branch): self._evaluated(plan, path, branch) for path, branch in enumerate(branches)}
+        self._maps, self._plan = maps, plan
 
-    def _evaluate(self, plan: Plan, path: int, branch: int) -> None:
+    def _evaluated(self, plan: Plan, path: int, branch: int) -> ConfigurationMap:
         planned = plan.paths[path].lattice.map
         map_ = planned if branch == planned.branch else planned.of_branch(branch)
         rows = np.arange(map_.rows)
@@ -233,7 +236,7 @@ class LivePlan:
             self._share = number / _PIECES
             self._progress.advance(0.0)
             map_.require(*(cells.ravel() for cells in np.meshgrid(columns, rows)))
-        self._maps[path, branch] = map_
+        return map_
 
 
 def nearest_turn(axes: Array, table: float) -> Array:

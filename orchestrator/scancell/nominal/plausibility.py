@@ -187,6 +187,10 @@ def _motion_warnings(setup: Setup) -> list[str]:
     views = [
         (sweep.enabled, "sweep", "angle_step_deg", sweep.angle_step_deg, "speed_deg_s", speed),
         (raster.enabled, "raster", "pitch_mm", raster.pitch_mm, "speed_mm_s", raster.speed_mm_s),
+        *(
+            (True, f"path[{number}]", "pitch_mm", path.pitch_mm, "speed_mm_s", path.speed_mm_s)
+            for number, path in enumerate(scan.path, start=1)
+        ),
     ]
     for enabled, name, step, spacing, key, rate in views:
         if not enabled or spacing == "sensor":

@@ -113,7 +113,7 @@ def extract_to_folder(request: ExtractionRequest, out: Path) -> RunReport:
             )
         return RunReport(figures, [*lines, f"  results    {out}"], _warnings(figures, rejected))
 
-    return run_into(out, work)
+    return run_into(out, work, ("peaks.csv",))
 
 
 def rejection_text(peaks: Mapping[str, NDArray[Any]], sensor: SensorDescription) -> str:

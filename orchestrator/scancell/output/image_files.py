@@ -281,7 +281,7 @@ def _camera_and_exposure(path: Path, cameras: Sequence[str]) -> tuple[str, str]:
 
 def _natural(name: str) -> list[tuple[int, str]]:
     """Sort key for natural order: scan_2 before scan_10."""
-    return [(int(piece), "") if piece.isdigit() else (-1, piece) for piece in re.split(r"(\d+)", name)]
+    return [(int(piece), "") if piece.isdecimal() else (-1, piece) for piece in re.split(r"([0-9]+)", name)]
 
 
 class FrameFiles:

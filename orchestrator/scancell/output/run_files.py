@@ -24,12 +24,18 @@ from scancell.output.manifest import manifest, resolved_toml
 from scancell.output.run_folder import RunFolder
 from scancell.output.tables import write_profile_csv
 from scancell.planning.plan import plan_json
-from scancell.reconstruction.cloud_files import write_cloud
+from scancell.reconstruction.cloud_files import FORMATS, write_cloud
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.scan import ScanData
 from scancell.scanning.sense import ExposureImages
 from scancell.stopwatch import Stopwatch
 
+# Files that scans, reconstructions and programs write into the folder of their run, each some of them.
+OPTIONAL_FILES = (
+    *(f"cloud.{suffix}" for suffix in FORMATS),
+    *("profiles.parquet", "recording.parquet", "motion.parquet", "points.parquet", "covariance.parquet"),
+    *("plan.json", "deviation.json", "deviation.png", "reconstruction.json", "images", "laser_off"),
+)
 _ROWS = 1 << 18  # of a table written at a time, which bounds the memory
 
 

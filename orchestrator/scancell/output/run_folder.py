@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import secrets
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -40,8 +41,10 @@ class RunReport(Result):
         return "\n".join(self.lines)
 
 
-def run_into(out: Path, work: Callable[[RunFolder, Stopwatch], RunReport]) -> RunReport:
+def run_into(out: Path, work: Callable[[RunFolder, Stopwatch], RunReport], optional: Sequence[str] = ()) -> RunReport:
     """Report of `work`, completed with its files and timings; the files appear in `out` only if it succeeds.
+
+    `optional` is that of `RunFolder`.
 
     Raises
     ------
@@ -49,7 +52,7 @@ def run_into(out: Path, work: Callable[[RunFolder, Stopwatch], RunReport]) -> Ru
         If `out` cannot be created or written.
     """
     watch = Stopwatch()
-    with RunFolder(out) as folder:
+    with RunFolder(out, optional) as folder:
         report = work(folder, watch)
     report.files = [str(path) for path in folder.paths]
     report.timings = dict(watch.seconds)
@@ -59,7 +62,14 @@ def run_into(out: Path, work: Callable[[RunFolder, Stopwatch], RunReport]) -> Ru
 class RunFolder:
     """Context manager that stages files in a hidden folder beside `target` and moves them there on success.
 
-    Folders of an earlier run with the same name are replaced; other files in `target` remain.
+    Files and folders of an earlier run are replaced; others in `target` remain.
+
+    Parameters
+    ----------
+    target
+        The folder of the run.
+    optional
+        Names that not every run of this kind writes: those of an earlier run that this one does not write are removed.
 
     Attributes
     ----------
@@ -72,9 +82,10 @@ class RunFolder:
         On entry, if `target` cannot be created or written.
     """
 
-    def __init__(self, target: Path) -> None:
+    def __init__(self, target: Path, optional: Sequence[str] = ()) -> None:
         self.target = target
-        self._staging = target.parent / f".{target.name}.partial-{os.getpid()}"
+        self._optional = optional
+        self._staging = target.parent / f".{target.name}.partial-{secrets.token_hex(4)}"
         self.names: list[str] = []
         self._created: list[Path] = []
 
@@ -131,11 +142,14 @@ class RunFolder:
     def _publish(self) -> None:
         try:
             self.target.mkdir(exist_ok=True)
-            for item in sorted(self._staging.iterdir()):
-                destination = self.target / item.name
-                if item.is_dir() and destination.is_dir():
-                    shutil.rmtree(destination)
-                item.replace(destination)
-                self.names.append(item.name)
+            written = sorted(item.name for item in self._staging.iterdir())
+            for name in {*written, *self._optional}:
+                if (self.target / name).is_dir():
+                    shutil.rmtree(self.target / name)
+                elif name not in written:
+                    (self.target / name).unlink(missing_ok=True)
+            for name in written:
+                (self._staging / name).replace(self.target / name)
+                self.names.append(name)
         except OSError as error:
             raise OutputError(f"cannot be written: {error.strerror}", file=self.target) from None

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import inspect
 import io
+import os
 import sys
 import traceback
 from collections.abc import Callable, Iterator
@@ -157,21 +159,29 @@ def _require_main(module: ModuleType, program: Path) -> None:
 
 @contextmanager
 def _loaded(program: Path, printed: Callable[[str], None] | None) -> Iterator[ModuleType]:
-    """The program as a module; it may import modules from its folder."""
+    """The program as a module; it may import modules from its folder, which are read again in every run."""
     source = read_file(program, ProgramError)
     module = ModuleType(_MODULE)
     module.__file__ = str(program)
     if printed is not None:
         module.__dict__["print"] = _printing_to(printed)
     folder = str(program.resolve().parent)
+    before, keeps_bytecode = set(sys.modules), sys.dont_write_bytecode
     sys.path.insert(0, folder)
+    sys.dont_write_bytecode = True  # that of a module changed within a second would be taken for its own
+    importlib.invalidate_caches()
     sys.modules[_MODULE] = module  # dataclasses look their module up
     try:
         exec(compile(source, str(program), "exec"), module.__dict__)
         yield module
     finally:
         sys.path.remove(folder)
+        sys.dont_write_bytecode = keeps_bytecode
         del sys.modules[_MODULE]
+        for name in set(sys.modules) - before:
+            top, file = name.partition(".")[0], getattr(sys.modules[name], "__file__", None) or ""
+            if file.startswith((f"{folder}{os.sep}{top}.py", f"{folder}{os.sep}{top}{os.sep}")):
+                del sys.modules[name]
 
 
 def _printing_to(printed: Callable[[str], None]) -> Callable[..., None]:

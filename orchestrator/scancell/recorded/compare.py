@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from scancell.arguments import checked_arguments
 from scancell.calibration.cell.kinematics import AxisReadings
@@ -190,7 +192,7 @@ class ComparisonResult(Result):
         """Quantiles (k, 2) of the distances of real and simulated points at the shares `SHARES`, m."""
         return np.column_stack([np.quantile(one.distance, SHARES) for one in (self.real, self.simulated)])
 
-    @property
+    @cached_property
     def repeatability(self) -> Pair | None:
         """Standard deviation of the mean distance of a profile where poses repeat; None where none does."""
         groups = _repeated(self.poses)
@@ -298,7 +300,7 @@ def compare_run(
     else:
         source = folder / "points.parquet"
         measurements = read_table_of(source, len(setup.cell.robot.joint))
-        latency = 1e-3 * float(made["latency_ms"]) or None
+        latency = 1e-3 * float(made["latency_ms"])
     real = reconstruct_measurements(measurements, setup, mesh, latency, keep_all, threads)
     simulated = simulate(measurements, real.readings, real.measured_cell, setup, seed, threads, progress)
     if not len(simulated.profiles.frame):
@@ -377,16 +379,20 @@ def _from_edges(points: Array, part: Mesh, threads: int) -> Array:
 
 def _repeated(poses: Array) -> list[list[int]]:
     """Rows of poses that repeat, two or more each."""
-    left, groups = list(range(len(poses))), []
-    while left:
-        own = poses[left[0]]
-        moved = np.linalg.norm(poses[left, :3, 3] - own[:3, 3], axis=1)
-        turned = np.linalg.norm(pose.log_rotation(own[:3, :3].T @ poses[left, :3, :3]), axis=1)
-        same = (moved < _SAME_POSITION) & (turned < _SAME_TURN)
-        group = [row for row, is_same in zip(left, same, strict=True) if is_same]
-        left = [row for row, is_same in zip(left, same, strict=True) if not is_same]
+    # Matrices of rotations differ by at most 1.42 times their angle.
+    scaled = np.hstack([poses[:, :3, 3] / _SAME_POSITION, poses[:, :3, :3].reshape(-1, 9) / (1.42 * _SAME_TURN)])
+    tree, grouped, groups = KDTree(scaled), np.zeros(len(poses), bool), []
+    for first, own in enumerate(poses):
+        if grouped[first]:
+            continue
+        near = np.array(sorted(tree.query_ball_point(scaled[first], np.sqrt(2.0))), np.int64)
+        near = near[~grouped[near]]
+        moved = np.linalg.norm(poses[near, :3, 3] - own[:3, 3], axis=1)
+        turned = np.linalg.norm(pose.log_rotation(own[:3, :3].T @ poses[near, :3, :3]), axis=1)
+        group = near[(moved < _SAME_POSITION) & (turned < _SAME_TURN)]
+        grouped[group] = True
         if len(group) > 1:
-            groups.append(group)
+            groups.append(group.tolist())
     return groups
 
 

@@ -19,7 +19,7 @@ from scancell.files import arrow_table, png_bytes
 from scancell.geometry.mesh import Mesh
 from scancell.output.deviation_picture import deviation_picture
 from scancell.output.manifest import command_words, manifest, resolved_toml
-from scancell.output.run_files import covariance_columns, write_json, write_profiles
+from scancell.output.run_files import OPTIONAL_FILES, covariance_columns, write_json, write_profiles
 from scancell.output.run_folder import RunFolder
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import parse_formats, write_cloud
@@ -160,7 +160,7 @@ class ReconstructionResult(Result):
         """
         data, chosen = self.data, parse_formats(",".join(formats), "formats")
         run = {**self.run, "command_line": command_words(command_line)}
-        with RunFolder(Path(folder)) as files:
+        with RunFolder(Path(folder), OPTIONAL_FILES) as files:
             comments = ("scancell reconstruct", f"frame {data.measured_cell.frame}")
             for suffix in chosen:
                 write_cloud(files.path(f"cloud.{suffix}"), self.cloud, comments)

@@ -60,8 +60,9 @@ def simulate(
         )
         result = expose(scene, sensors, exposures, "ray-traced", threads, images=False)
         points = points_of(result.profiles, sensor, "ray-traced")
-        # The library numbers exposures by trigger index.
-        made.append(replace(points, frame=(np.asarray(points.frame, np.int64) - 1).astype(np.int32)))
+        # The library numbers exposures by trigger index. At rest all rows are seen from the same pose.
+        frame = (np.asarray(points.frame, np.int64) - 1).astype(np.int32)
+        made.append(replace(points, frame=frame, time_offset=np.zeros_like(points.time_offset)))
         covariance.append(np.array(result.profiles.covariance, float))
         progress.advance(rows.stop - first)
     return replace(

@@ -24,9 +24,11 @@ from scancell.cell.recording import Recording, TriggerRecords
 from scancell.closing import Closing
 from scancell.config.cell import CellDescription
 from scancell.config.choices import Engine
+from scancell.config.files import file_entries, plain_data
 from scancell.config.loading import Setup
 from scancell.config.sensor import SensorDescription
 from scancell.config.units import si_value
+from scancell.files import file_state
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import PartSurface
@@ -97,6 +99,12 @@ class Job:
     recording_file: Path | None = None
     estimated_sensor: SensorDescription | None = None
 
+    @cached_property
+    def estimated(self) -> NominalCell:
+        """The nominal cell with what calibration found, which reconstruction assumes."""
+        nominal, found = self.loaded.nominal, self.setup.cell.estimated
+        return nominal if found is None else estimated_cell(nominal, found.deviations())
+
     @property
     def part(self) -> str:
         """Name of the part: its file, or the name of its mesh."""
@@ -112,12 +120,10 @@ class Job:
 class LoadedCell:
     """A nominal cell around a part, and the bodies that light can meet in the order of `scene`.
 
-    `estimated` is the nominal cell with what calibration found, `true` the nominal one with the obstacles that planning
-    and reconstruction do not know.
+    `true` is the nominal cell with the obstacles that planning and reconstruction do not know.
     """
 
     nominal: NominalCell
-    estimated: NominalCell
     true: NominalCell
     bodies: tuple[Body | Lamp, ...]
     scene: sensor_rt.Scene
@@ -168,12 +174,12 @@ class ScanPipeline(Closing):
             true = with_unknown_obstacles(nominal, cell)
             check_cell(true)
             bodies = visible_bodies(true)
-            found = cell.estimated
-            estimated = nominal if found is None else estimated_cell(nominal, found.deviations())
-            return part, LoadedCell(nominal, estimated, true, bodies, build_scene(bodies), cell)
+            return part, LoadedCell(nominal, true, bodies, build_scene(bodies), cell)
 
+        described = cell.model_dump_json(exclude={"estimated"})
+        files = [file_state(Path(table[key])) for table, key, _ in file_entries(plain_data(cell))]
         # The cached reference to the mesh prevents reuse of its id.
-        return _kept(self._cells, f"{id(part)} {cell.model_dump_json()}", _MAX_CELLS, make)[1]
+        return _kept(self._cells, f"{id(part)} {described} {files}", _MAX_CELLS, make)[1]
 
     def plan(
         self,
@@ -275,7 +281,7 @@ class ScanPipeline(Closing):
     ) -> tuple[Cloud, Dropped]:
         """Cloud from measured joints and nominal geometry alone, and the points that are not the part's.
 
-        `nominal` may be an estimated (calibrated) cell, see `LoadedCell.estimated`.
+        `nominal` may be an estimated (calibrated) cell, see `Job.estimated`.
         """
         belt, (measured, poses_after) = belt_of(nominal, setup), _measured_poses(nominal, recording, setup)
         made = reconstruct_points(
@@ -371,8 +377,8 @@ def _update(digest: Any, value: Any) -> None:
         digest.update(type(value).__name__.encode())
         _update(digest, [getattr(value, field.name) for field in fields(value)])
     elif isinstance(value, list | tuple):
-        digest.update(f"[{len(value)}".encode())
+        digest.update(f"[{len(value)},".encode())
         for item in value:
             _update(digest, item)
     else:
-        digest.update(repr(value).encode())
+        digest.update(f"{value!r},".encode())

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -16,14 +15,12 @@ from numpy.typing import NDArray
 from scancell.arguments import checked_arguments
 from scancell.cell.recording import Recording
 from scancell.config.choices import CloudFrame, Engine
-from scancell.config.estimated import EstimatedDescription
 from scancell.config.loading import Setup
 from scancell.config.sensor import SensorDescription, ignored_by_geometric_engine
 from scancell.errors import DescriptionError, EmptyScanError
 from scancell.geometry import pose
 from scancell.geometry.shapes import PartSurface
 from scancell.nominal.cell import Body, NominalCell
-from scancell.nominal.estimated import estimated_cell
 from scancell.planning.path_map.configuration_map import QualityFactor
 from scancell.planning.plan import Plan
 from scancell.progress import Progress
@@ -135,8 +132,6 @@ class Scan:
 
     Attributes
     ----------
-    estimated
-        Deviations of the cell that reconstruction assumes, in place of those of its description.
     on_images
         Receives the images of every exposure.
     setup_warnings
@@ -148,7 +143,6 @@ class Scan:
     pipeline: ScanPipeline
     job: Job
     engine: Engine
-    estimated: EstimatedDescription | None = None
     on_images: OnImages | None = None
     setup_warnings: tuple[str, ...] = ()
     normals: bool = True
@@ -201,24 +195,16 @@ class Scan:
     def of_parts(self, exposed: Exposed, cloud: Cloud, dropped: Dropped, plan: Plan, watch: Stopwatch) -> ScanData:
         """As `of_profiles`, of exposures of which `points_of` gave the cloud and what was dropped, part by part."""
         with watch.measure("reconstruct"):
-            cloud = self.pipeline.with_normals(self._reconstructed_by, exposed.recording, cloud, self.job.setup)
+            cloud = self.pipeline.with_normals(self.job.estimated, exposed.recording, cloud, self.job.setup)
         return self._data(exposed, cloud, dropped, plan, watch)
 
-    @cached_property
-    def _reconstructed_by(self) -> NominalCell:
-        """The cell that reconstruction assumes."""
-        loaded = self.job.loaded
-        if self.estimated is None:
-            return loaded.estimated
-        return estimated_cell(loaded.nominal, self.estimated.deviations())
-
     def _reconstruct(self, recording: Recording, profiles: ProfilePoints, normals: bool) -> tuple[Cloud, Dropped]:
-        return self.pipeline.reconstruct(self._reconstructed_by, recording, profiles, self.job.setup, normals)
+        return self.pipeline.reconstruct(self.job.estimated, recording, profiles, self.job.setup, normals)
 
     def _data(self, exposed: Exposed, cloud: Cloud, dropped: Dropped, plan: Plan | None, watch: Stopwatch) -> ScanData:
-        job, estimated, sensed = self.job, self._reconstructed_by, exposed.sensed
+        job, sensed = self.job, exposed.sensed
         if not len(cloud):
-            reasons = why_empty(dropped, envelope_of(estimated, job.setup))
+            reasons = why_empty(dropped, envelope_of(job.estimated, job.setup))
             raise EmptyScanError(f"the scan gave no point: {'; '.join(reasons)}", file=job.part)
         return ScanData(
             part=job.part,
@@ -227,7 +213,7 @@ class Scan:
             seed=job.seed,
             as_built=job.as_built,
             nominal=job.loaded.nominal,
-            estimated=estimated,
+            estimated=job.estimated,
             sensors=job.sensors,
             plan=plan,
             recording=exposed.recording,

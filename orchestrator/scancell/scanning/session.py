@@ -150,7 +150,8 @@ class ScanSession(CellSession):
         Returns
         -------
         Cloud
-            In the frame of the part. It has no point where the sensor saw nothing of the part.
+            In the frame of the part. It has no point where the sensor saw nothing of the part. On an empty table it
+            holds what stands in the place of a part, in the frame that ``cell.part`` states.
 
         Raises
         ------
@@ -173,7 +174,7 @@ class ScanSession(CellSession):
         finally:
             sensing.shutdown(cancel_futures=True)
         sensed = SensingResult.joined(parts, [count for count, _ in taken])
-        cloud = self.pipeline.reconstruct(job.loaded.estimated, recording, sensed.profiles, job.setup)[0]
+        cloud = self.pipeline.reconstruct(job.estimated, recording, sensed.profiles, job.setup)[0]
         self.on_exposures(recording, cloud)
         return cloud
 
@@ -182,7 +183,7 @@ class ScanSession(CellSession):
         sensed = pipeline.sense(job.loaded, batch, job.sensors, engine, NullProgress(), control=control)
         if self.on_points is not None:
             profiles = sensed.profiles
-            self.on_points(pipeline.reconstruct(job.loaded.estimated, batch, profiles, job.setup, normals=False)[0])
+            self.on_points(pipeline.reconstruct(job.estimated, batch, profiles, job.setup, normals=False)[0])
         return sensed
 
     def _sensed(self, count: int, batch: Future[SensingResult]) -> SensingResult:

@@ -66,7 +66,7 @@ def measure_profile(
 
     `sensors` may differ from those of the `job`. Raises `SensorError` if the sensor library reports an error.
     """
-    loaded, cell = job.loaded, job.loaded.estimated
+    loaded, cell = job.loaded, job.estimated
     measured = measured_motion(cell, recording, job.setup)
     part_from_sensor = sensor_poses(cell, job.setup)(measured.q[0], measured.table[0])
     control = control or sensors.control()

@@ -24,6 +24,7 @@ from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import NominalCell, nominal_cell, with_unknown_obstacles
+from scancell.nominal.estimated import estimated_cell
 from scancell.nominal.parts import load_part
 from scancell.planning.plan import Plan
 from scancell.reconstruction.cloud import Cloud
@@ -108,9 +109,11 @@ def open_run(folder: str | Path, most_points: int = 200_000) -> RecordedRun:
             raise DescriptionError(
                 file=folder / _START, key=f"run.{key}", value=made.get(key), expected="a text, as of a scan or program"
             )
-    cell = with_unknown_obstacles(nominal_cell(setup.cell, _part(folder, made)), setup.cell)
+    nominal, found = nominal_cell(setup.cell, _part(folder, made)), setup.cell.estimated
+    cell = with_unknown_obstacles(nominal, setup.cell)
+    estimated = nominal if found is None else estimated_cell(nominal, found.deviations())
     motion = (_motion_of_program if "program" in made else _motion_of_scan)(folder, cell)
-    cloud, count = _cloud(folder / "cloud.ply", cell, most_points, on_belt=setup.scan.belt is not None)
+    cloud, count = _cloud(folder / "cloud.ply", estimated, most_points, on_belt=setup.scan.belt is not None)
     return RecordedRun(Path(made["part"] or folder).name, setup, cell, motion, cloud, count)
 
 
@@ -151,7 +154,10 @@ def _part(folder: Path, made: dict[str, Any]) -> Mesh | None:
 
 
 def _cloud(path: Path, cell: NominalCell, most: int, *, on_belt: bool) -> tuple[Cloud | None, int]:
-    """The thinned cloud in the part frame, from any frame of the file, and the number of points there."""
+    """The thinned cloud in the part frame, from any frame of the file, and the number of points there.
+
+    The cell is the one that reconstruction assumed, as it was estimated.
+    """
     if not path.is_file():
         return None, 0
     frame = next((note.split()[1] for note in read_ply_comments(path) if note.startswith("frame ")), "part")

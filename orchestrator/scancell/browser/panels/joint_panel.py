@@ -12,7 +12,7 @@ from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.live.commands import MoveJoints
 from scancell.live.state import LiveState
 
-_TABLE_DEG = 360.0  # range of the slider; the table has no limits
+_TABLE_DEG = 360.0  # range of the slider; the table has no limits: beyond it, whole turns are left out
 
 
 class JointPanel:
@@ -40,9 +40,11 @@ class JointPanel:
         """Show a state, and move to the values of released sliders."""
         if self._debounce.is_pending:
             if not state.moving and self._debounce.take():
-                self._last = [slider.value for slider in self._sliders]
-                axes = np.radians(self._last)
-                self._move(axes[:-1], float(axes[-1]))
+                before, self._last = self._last, [slider.value for slider in self._sliders]
+                turn = self._last[-1] - before[-1]
+                # A table that nobody moves keeps its whole turns.
+                table = state.table_angle + np.radians(turn) if turn else None
+                self._move(np.radians(self._last[:-1]), table)
             return
         if [slider.value for slider in self._sliders] != self._last:
             return  # a user has changed one, and its callback follows
@@ -53,7 +55,9 @@ class JointPanel:
 
     def _shown(self, state: LiveState) -> list[float]:
         joints = np.clip(np.degrees(state.joints), *self._limits)
-        table = np.clip(np.degrees(state.table_angle), -_TABLE_DEG, _TABLE_DEG)
+        table = np.degrees(state.table_angle)
+        if abs(table) > _TABLE_DEG:
+            table -= 360.0 * round(table / 360.0)
         return [round(value, 1) for value in (*joints.tolist(), float(table))]
 
     def _move_home(self) -> None:

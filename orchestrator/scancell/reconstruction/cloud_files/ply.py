@@ -87,6 +87,6 @@ def _read_header(start: bytes) -> tuple[int, np.dtype[np.void], int] | None:
     elements = [line.split() for line in lines if line.startswith("element")]
     kinds = [kind for kind in (RECORD, WITHOUT_SATURATED) if properties == _properties(kind)]
     ours = mark and lines[:2] == ["ply", "format binary_little_endian 1.0"] and kinds
-    if not ours or len(elements) != 1 or not elements[0][-1].isdigit():
+    if not ours or len(elements) != 1 or not elements[0][-1].isdecimal():
         return None
     return int(elements[0][-1]), kinds[0], len(head) + len(mark)
