@@ -14,7 +14,7 @@ from scancell.nominal.cell import nominal_cell
 from scancell.scanning.guard import settings_of
 from scancell.studies.guard.draws import Draw, Draws
 from scancell.studies.guard.scenario import JOGGED, Kind
-from scancell.studies.guard.simulation import shifted
+from scancell.studies.guard.simulation import MotionRecord, Simulation, shifted
 from scancell.studies.guard.strata import BLOCK, KINDS, LENGTHS, MIXED, stratum_of
 from scancell.studies.guard.worlds import World, described_cells, standing_parts, world_of
 
@@ -109,10 +109,29 @@ def test_judged_pairs_hold_what_turns_with_the_table_and_what_does_not() -> None
     assert not pairs & {frozenset(pair) for pair in (("table", "part"), ("link1", "link2"), ("table", "table_base"))}
 
 
-def test_fingers_are_around_the_part_of_a_gripping_robot() -> None:
+@pytest.fixture(scope="module")
+def gripping() -> World:
     cell = described_cells(None)["pick_and_place"]
-    worlds = (world_of(cell, block(0.03, 0.03, 0.03), "block", np.random.default_rng(seed)) for seed in range(9))
-    world = next(world for world in worlds if world.grips)
+    worlds = (world_of(cell, block(0.03, 0.03, 0.03), "block", np.random.default_rng(seed)) for seed in range(40))
+    return next(world for world in worlds if world.grips)
+
+
+def test_part_is_displaced_by_what_it_moves_after_the_gripper_has_closed_or_opened(gripping: World) -> None:
+    times = np.arange(0.0, 2.2, 0.004)
+    moved = np.interp(times, [0.6, 0.7, 1.0, 1.2, 1.8, 1.9], [0.0, 2e-3, 2e-3, 7e-3, 7e-3, 1e-2])
+    with Simulation(gripping) as simulation:
+        frames = np.zeros((len(times), 3, 7))  # two fingers and the part
+        frames[..., 3] = 1.0
+        frames[..., 0] = moved[:, None]
+        axes = np.tile(gripping.start, (len(times), 1))
+        gripped = (times > 0.1) & (times < 1.0)
+        record = MotionRecord(times, axes, frames, (), (), (), None, None, None, None, 0, 0, gripped)
+        found = [simulation.displacement(record, time) for time in (0.5, 0.75, 1.5, 2.0)]
+    np.testing.assert_allclose(found, [0.0, 2e-3, 0.0, 3e-3], atol=1e-9)
+
+
+def test_fingers_are_around_the_part_of_a_gripping_robot(gripping: World) -> None:
+    world = gripping
     carrying = world.carrying(held=False)
     names, poses = world.names, carrying.body_poses(world.start[:-1], world.start[-1])
     centres = [

@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 _SEEN = 0.02  # m: clearances of guarded runs are not looked for beyond
 _FALSE = 5e-3  # m beyond the stated distance
 _RIVALS = 0.1  # share of the runs with each
+_DISPLACED = 1e-3  # m: a part that has moved by more is not where the guard assumes it
 _REST, _REST_TIME = 1e-5, 0.05  # rad and s: a robot that moves less before a contact of its fingers rests
 
 # Distance, m, at which a robot that moves towards a body comes to rest (docs/guard.md): on a known path or with a
@@ -65,8 +66,8 @@ class RunRow:
     contact_at, contact
         The same of the guarded run.
     by_gripper
-        Whether the robot rested when a finger came into contact, or a finger had pushed the part that did: the guard
-        controls no fingers, and they may touch parts.
+        Whether the robot rested when a finger came into contact, or the part that did had slipped in the gripper or
+        been pushed by a finger: the guard controls no fingers, and they may touch parts.
     contact_kind, contact_length
         Kind of the motion in which the contact came, and its largest angle, rad.
     clearance
@@ -243,7 +244,8 @@ class _Pair:
             twin_contact=" - ".join(contacts[0][1]) if contacts[0] else "",
             contact_at=contacts[1][0] if contacts[1] else np.nan,
             contact=" - ".join(contacts[1][1]) if contacts[1] else "",
-            by_gripper=contacts[1] is not None and (self._rests_before(*contacts[1]) or self._pushed(*contacts[1])),
+            by_gripper=contacts[1] is not None
+            and (self._rests_before(*contacts[1]) or self._is_displaced(*contacts[1])),
             contact_kind=motion.motion.kind.value if motion else "",
             contact_length=motion.motion.length if motion else np.nan,
             clearance=smallest,
@@ -257,10 +259,10 @@ class _Pair:
             sessions=guarded.sessions,
         )
 
-    def _pushed(self, time: float, pair: tuple[str, str]) -> bool:
-        """Whether the part of a `pair` in contact at `time`, s, had been pushed by a finger, which may touch it."""
-        pushed_at = self.guarded.pushed_at
-        return "part" in pair and pushed_at is not None and pushed_at <= time
+    def _is_displaced(self, time: float, pair: tuple[str, str]) -> bool:
+        """Whether the part of a `pair` in contact at `time`, s, is not where the gripper took it or left it."""
+        grips = self.block.world.grips and "part" in pair
+        return grips and self.block.simulation.displacement(self.guarded, time) > _DISPLACED
 
     def _motion_at(self, time: float) -> Begun | None:
         """Motion of the guarded run that had begun last at `time`, s."""

@@ -36,7 +36,7 @@ _REACH = 1.2  # m: no point of arm or table is further from an axis
 _REST = 1.0  # s without motion after which a run is over
 _STILL = 1e-7  # rad in a cycle
 _EMERGENCY_STOP = 3  # of controller.state
-_SETTLING, _PUSHED = 0.3, 1e-3  # s for which a released part comes to rest, and m by which one has been pushed then
+_SETTLING = 0.3  # s after a gripper has closed or opened, for which a part still moves
 
 
 @dataclass(frozen=True)
@@ -62,9 +62,8 @@ class MotionRecord:
         Time at which all motions had ended, s; None: they had not.
     resets, sessions
         Numbers of resets of the controller and of new sessions.
-    pushed_at
-        Time, s, from which on the part that the gripper does not hold lay elsewhere than where it was released, because
-        a finger pushed it; None: it did not, or was gripped again.
+    gripped
+        Whether the gripper held a part, (n,).
     """
 
     times: Array
@@ -79,7 +78,7 @@ class MotionRecord:
     arrived_at: float | None
     resets: int
     sessions: int
-    pushed_at: float | None = None
+    gripped: NDArray[np.bool_]
 
     def spaced(self, distance: float) -> NDArray[np.int64]:
         """Numbers of samples between which no point moves further than `distance`, m, or which are consecutive."""
@@ -216,10 +215,9 @@ class Simulation(Closing):
         truth = cell.real_group([*names, *self._frame_names()])
         times, poses = [0.0], [cell.get(truth).copy()]
         answers: list[tuple[float, GuardMessage]] = []
-        stopped = refused = arrived = pushed = None
-        rest_us = released_us = 0
-        part_at = len(names) + 7 * self._moving.index("part[1]") if parts is not None else 0
-        lies_at = poses[0][part_at : part_at + 3]
+        gripped = [False]
+        stopped = refused = arrived = None
+        rest_us = 0
         while cell.time_us < scenario.duration * 1e6:
             start_us = cell.time_us
             now = start_us * 1e-6
@@ -235,14 +233,7 @@ class Simulation(Closing):
                 cell.step_to(start_us + k * self._cycle_us // SAMPLES)
                 times.append(cell.time_us * 1e-6)
                 poses.append(cell.get(truth).copy())
-            if parts is not None:
-                place = poses[-1][part_at : part_at + 3]
-                if cell.get_boolean("measured.gripper.gripped"):
-                    released_us, pushed = cell.time_us, None
-                elif cell.time_us - released_us < _SETTLING * 1e6:
-                    lies_at = place
-                elif pushed is None and np.linalg.norm(place - lies_at) > _PUSHED:
-                    pushed = cell.time_us * 1e-6
+            gripped += [parts is not None and cell.get_boolean("measured.gripper.gripped")] * SAMPLES
             if np.abs(poses[-1] - poses[-1 - SAMPLES])[: len(names)].max() > _STILL or not operator.done:
                 rest_us = cell.time_us
             if operator.done and arrived is None:
@@ -263,7 +254,7 @@ class Simulation(Closing):
             arrived,
             operator.resets,
             operator.sessions,
-            pushed,
+            np.array(gripped),
         )
 
     def _frame_names(self) -> list[str]:
@@ -286,6 +277,23 @@ class Simulation(Closing):
             placed[:, :3, :3], placed[:, :3, 3] = pose.rotation_from_quaternion(row[:, 3:]), row[:, :3]
             frames["part" if frame == "part[1]" else frame] = placed
         return shifted(np.stack([frames[body.moves_with] for body in nominal.bodies], 1), shifts)
+
+    def displacement(self, record: MotionRecord, time: float) -> float:
+        """Distance, m, by which the part has moved since it was gripped or released last, until `time`, s.
+
+        In the gripper while it holds the part, else in the world; what it moves in the first `_SETTLING` is none.
+        """
+        end = int(np.searchsorted(record.times, time, "right"))
+        held = record.gripped[:end]
+        changes = np.flatnonzero(np.diff(held))
+        begin = int(changes[-1]) + 1 if len(changes) else 0
+        begin = min(int(np.searchsorted(record.times, record.times[begin] + _SETTLING)), end - 1)
+        rows = np.arange(begin, end)
+        names, poses = self.world.names, self.poses(record, rows, np.zeros((len(self.world.names), 3)))
+        seen = poses[:, names.index("part")]
+        if held[-1]:
+            seen = np.linalg.inv(poses[:, names.index("gripper")]) @ seen
+        return float(np.linalg.norm(seen[:, :3, 3] - seen[0, :3, 3], axis=1).max())
 
     def contact(self, record: MotionRecord, shifts: Array) -> tuple[float, tuple[str, str]] | None:
         """Time and pair of the first contact that python-fcl finds in the recorded motion."""
