@@ -35,6 +35,7 @@ _LIMITS = {
     "weak": ("min_amplitude_dn", "amplitude", True),
     "residual": ("max_residual", "residual", False),
 }
+_LARGEST_LIMITS = {"max_sigma_px": 8.0, "max_asymmetry": 1.0, "max_residual": 1.0}  # that can be meant
 _OTHER_KEYS = {
     "step": ("max_row_jump_px", "max_amplitude_jump", "max_width_jump"),
     "end": ("end_columns", "min_run_columns"),
@@ -154,6 +155,8 @@ def _reason(name: str, peaks: Mapping[str, NDArray[Any]], rows: NDArray[Any], se
         if not len(values):
             return f"{text})"
         limit = float(np.quantile(values, 1.0 - _NEARLY_ALL if is_least else _NEARLY_ALL))
+        if limit > _LARGEST_LIMITS.get(key, np.inf):  # no stripe, or one wider than the extraction measures
+            return f"{text}, largest value {_LARGEST_LIMITS[key]:g})"
         return f"{text}; {_rounded(limit, up=not is_least):g} accepts {100 * _NEARLY_ALL:.0f} %)"
     keys = ", ".join(f"sensor.extraction.{key} = {getattr(limits, key)}" for key in _OTHER_KEYS.get(name, ()))
     return f"{name} ({keys})" if keys else name
