@@ -260,6 +260,17 @@ def test_single_origin_and_planes_are_kept(tmp_path: Path) -> None:
     assert not found.warnings
 
 
+def test_plane_of_repeated_heights_is_kept_and_said(tmp_path: Path) -> None:
+    """A flat face in coarse steps above a rough one is no value of missing points."""
+    rng = np.random.default_rng(2)
+    points = np.column_stack([rng.uniform(0, 60, (200, 2)), rng.uniform(-0.05, 0.05, 200)])
+    points[:80, 2] = 10.0
+    (tmp_path / "a.xyz").write_text("\n".join(" ".join(map(str, point)) for point in points.tolist()))
+    found = read_cloud_file(tmp_path / "a.xyz")
+    assert len(found.points) == 200
+    assert "80 points have z = 10, apart from all others" in found.warnings[0]
+
+
 @pytest.mark.parametrize(("unit", "factor"), [(None, 1.0), ("mm", 1.0), ("m", 1e3), ("inch", 25.4)])
 def test_unit_of_the_cloud(tmp_path: Path, unit: str | None, factor: float) -> None:
     write_pcd(tmp_path / "a.pcd", POINTS, LAYOUTS[1], "binary")

@@ -155,8 +155,14 @@ def _cloud_of(path: Path, found: _Found, unit: str | None) -> CloudFile:
         finite &= ~at_origin
     marked, value = missing_value(positions[finite, 2])
     if marked.any():
-        dropped[f"with z = {value:.10g}, far from all others"] = int(marked.sum())
-        finite[np.flatnonzero(finite)[marked]] = False
+        others = positions[finite][~marked]
+        count = int(marked.sum())
+        # A plane of repeated heights can stand apart from the rest of a part, but not by more than the part's size.
+        if np.abs(others[:, 2] - value).min() > np.ptp(others, axis=0).max():
+            dropped[f"with z = {value:.10g}, far from all others"] = count
+            finite[np.flatnonzero(finite)[marked]] = False
+        else:
+            notes.append(f"{path}: {count} points have z = {value:.10g}, apart from all others: were they measured?")
     if not finite.any():
         reasons = ", ".join(f"{count} {reason}" for reason, count in dropped.items())
         raise DescriptionError(f"holds no usable point: of {len(positions)}, {reasons}", file=path)
