@@ -164,13 +164,13 @@ def test_wrong_voxel_file_is_refused_by_name_and_array(tmp_path, changes, messag
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("cloud.xyz", "1 2 nan\n", "point 1 is not finite"),
-        ("cloud.xyz", "one two three\n", "not a point cloud that can be read"),
+        ("cloud.xyz", "1 2 nan\n", "holds no usable point: of 1, 1 not finite"),
+        ("cloud.xyz", "one two three\n", "lacks a column of positions"),
         ("cloud.xyz", "", "the file is empty"),
         ("cloud.npz", "no archive", "not a file of voxels or points"),
-        ("cloud.ply", "ply\nformat ascii 1.0\nend_header\n", "holds no points"),
-        ("cloud.pcd", "VERSION 0.7\n", "expected binary PCD"),
-        ("cloud.step", "", "expected a point cloud: .ply, .npz"),
+        ("cloud.ply", "ply\nformat ascii 1.0\nend_header\n", "no element vertex with x, y and z"),
+        ("cloud.pcd", "VERSION 0.7\n", "has no line DATA"),
+        ("cloud.step", "", "the file is empty"),
         ("cloud.xyz", "0 0 0\n900000 900000 900000\n", "voxels of 5 mm would be needed"),
     ],
 )
