@@ -67,9 +67,21 @@ def test_optional_files_of_an_earlier_run_do_not_stay(tmp_path: Path) -> None:
     target = tmp_path / "run"
     for names in (("cloud.ply", "cloud.npz", "images/one.png", "notes.txt"), ("cloud.ply",)):
         with RunFolder(target, ("cloud.ply", "cloud.npz", "images")) as folder:
+            folder.path("manifest.json").write_text("{}")
             for name in names:
                 folder.path(name).write_text(names[0])
-    assert sorted(os.listdir(target)) == ["cloud.ply", "notes.txt"]
+    assert sorted(os.listdir(target)) == ["cloud.ply", "manifest.json", "notes.txt"]
+
+
+@pytest.mark.parametrize("manifest", ["", "{}", '{"files": 3}', '{"files": ["cloud.ply", 1]}', "[" * 9000])
+def test_files_of_others_with_the_names_of_optional_files_stay(tmp_path: Path, manifest: str) -> None:
+    """Images of a user, from which a run may be made, lie where it is written."""
+    (tmp_path / "images").mkdir()
+    (tmp_path / "images" / "own.png").write_text("mine")
+    (tmp_path / "manifest.json").write_text(manifest)
+    with RunFolder(tmp_path, ("cloud.ply", "images")) as folder:
+        folder.path("manifest.json").write_text("{}")
+    assert (tmp_path / "images" / "own.png").read_text() == "mine"
 
 
 def test_folder_that_a_killed_process_left_does_not_block_the_next(tmp_path: Path) -> None:

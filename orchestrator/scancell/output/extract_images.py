@@ -114,7 +114,7 @@ def extract_to_folder(request: ExtractionRequest, out: Path) -> RunReport:
             )
         return RunReport(figures, [*lines, f"  results    {out}"], _warnings(figures, rejected))
 
-    return run_into(out, work, ("peaks.csv",))
+    return run_into(out, work)
 
 
 def rejection_text(peaks: Mapping[str, NDArray[Any]], sensor: SensorDescription) -> str:

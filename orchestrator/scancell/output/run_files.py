@@ -30,10 +30,10 @@ from scancell.scanning.scan import ScanData
 from scancell.scanning.sense import ExposureImages
 from scancell.stopwatch import Stopwatch
 
-# Files that scans, reconstructions and programs write into the folder of their run, each some of them.
+# Files that scans and reconstructions write into the folder of their run, each some of them.
 OPTIONAL_FILES = (
     *(f"cloud.{suffix}" for suffix in FORMATS),
-    *("profiles.parquet", "recording.parquet", "motion.parquet", "points.parquet", "covariance.parquet"),
+    *("profiles.parquet", "recording.parquet", "points.parquet", "covariance.parquet"),
     *("plan.json", "deviation.json", "deviation.png", "reconstruction.json", "images", "laser_off"),
 )
 _ROWS = 1 << 18  # of a table written at a time, which bounds the memory

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import secrets
 import shutil
@@ -12,9 +13,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from scancell.errors import OutputError
+from scancell.errors import DescriptionError, OutputError
+from scancell.files import read_json
 from scancell.stopwatch import Stopwatch
 from scancell.values import Result
+
+MANIFEST = "manifest.json"
 
 
 @dataclass(eq=False, repr=False)
@@ -41,10 +45,8 @@ class RunReport(Result):
         return "\n".join(self.lines)
 
 
-def run_into(out: Path, work: Callable[[RunFolder, Stopwatch], RunReport], optional: Sequence[str] = ()) -> RunReport:
+def run_into(out: Path, work: Callable[[RunFolder, Stopwatch], RunReport]) -> RunReport:
     """Report of `work`, completed with its files and timings; the files appear in `out` only if it succeeds.
-
-    `optional` is that of `RunFolder`.
 
     Raises
     ------
@@ -52,7 +54,7 @@ def run_into(out: Path, work: Callable[[RunFolder, Stopwatch], RunReport], optio
         If `out` cannot be created or written.
     """
     watch = Stopwatch()
-    with RunFolder(out, optional) as folder:
+    with RunFolder(out) as folder:
         report = work(folder, watch)
     report.files = [str(path) for path in folder.paths]
     report.timings = dict(watch.seconds)
@@ -69,7 +71,8 @@ class RunFolder:
     target
         The folder of the run.
     optional
-        Names that not every run of this kind writes: those of an earlier run that this one does not write are removed.
+        Names that not every run of this kind writes: those that the manifest of an earlier run in `target` states as
+        its files are removed, unless this run writes them, too. Files of others with such names remain.
 
     Attributes
     ----------
@@ -139,11 +142,22 @@ class RunFolder:
             with suppress(OSError):  # not empty
                 folder.rmdir()
 
+    def _files_of_earlier_run(self) -> set[str]:
+        with suppress(DescriptionError):
+            stated = read_json(self.target / MANIFEST)
+            files = stated.get("files") if isinstance(stated, dict) else None
+            return {name for name in files if isinstance(name, str)} if isinstance(files, list) else set()
+        return set()
+
     def _publish(self) -> None:
         try:
             self.target.mkdir(exist_ok=True)
             written = sorted(item.name for item in self._staging.iterdir())
-            for name in {*written, *self._optional}:
+            former = self._files_of_earlier_run().intersection(self._optional)
+            if (self._staging / MANIFEST).is_file():
+                stated = {**read_json(self._staging / MANIFEST), "files": written}
+                (self._staging / MANIFEST).write_text(json.dumps(stated, indent=1) + "\n")
+            for name in {*written, *former}:
                 if (self.target / name).is_dir():
                     shutil.rmtree(self.target / name)
                 elif name not in written:

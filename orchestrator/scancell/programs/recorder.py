@@ -8,7 +8,7 @@ from scancell.cell.recording import Recording, write_recording
 from scancell.cell.snapshot import MotionLog
 from scancell.config.choices import Engine
 from scancell.output.manifest import command_words, manifest, resolved_toml
-from scancell.output.run_files import OPTIONAL_FILES, write_json
+from scancell.output.run_files import write_json
 from scancell.output.run_folder import RunFolder
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import write_cloud
@@ -64,12 +64,14 @@ class ProgramRecorder:
             "command_line": command_words(None),
         }
         inputs = [program.absolute(), *([] if file is None else [file])]
-        with RunFolder(target, OPTIONAL_FILES) as folder:
+        with RunFolder(target) as folder:
             write_recording(motion, folder.path("motion.parquet"))
             write_recording(Recording.joined([motion[:0], *self._exposures]), folder.path("recording.parquet"))
             if with_cloud and self._clouds:
                 comments = (f"scancell run of {program.name}", "frame part")
                 write_cloud(folder.path(CLOUD), Cloud.concatenate(self._clouds), comments)
+            elif with_cloud:
+                (target / CLOUD).unlink(missing_ok=True)  # of an earlier run
             folder.path("resolved.toml").write_text(resolved_toml(job.setup, run))
             write_json(folder.path("manifest.json"), manifest(job.setup, inputs, run))
         return folder.paths
