@@ -114,7 +114,7 @@ def _regular_size(path: Path, raises: type[ScancellError], most_bytes: int) -> i
 
 
 def file_state(path: Path) -> tuple[str, int, int]:
-    """What differs after a change of a file: its path, size and time of modification (ns), or zeros without one."""
+    """Path, size and time of modification (ns) of a file, which a change of it changes; zeros if there is none."""
     try:
         status = path.stat()
     except OSError:

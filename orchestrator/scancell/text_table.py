@@ -71,7 +71,7 @@ class TextTable:
 
     @property
     def kind(self) -> str:
-        """What the file was taken for, as text."""
+        """Description of the format that was recognised."""
         details = [f"separated by {_SEPARATOR_NAMES[self.separator]}", *["decimal commas"] * (self.decimal == ",")]
         if self.encoding != "utf-8":
             details.append(self.encoding.upper().removesuffix("-LE").removesuffix("-BE"))
@@ -269,7 +269,7 @@ def _first_row(lines: Sequence[str], counts: Sequence[int], width: int, separato
 
 
 def _is_row(fields: Sequence[str], decimal: str) -> bool:
-    """Whether fields are numbers, at least one of them, or all stand for missing ones."""
+    """Whether at least one field is a number, or all are marks of missing values."""
     return _numeric(fields, decimal) > 0 or all(field.lower() in _MISSING for field in fields)
 
 
@@ -280,7 +280,7 @@ def _require_words_above(
     separator, decimal = dialect
     for line, number in zip(above, numbers, strict=False):
         fields = [field for field in _split(line, separator) if field]
-        is_count = len(fields) == 1 and fields[0].isdigit()
+        is_count = len(fields) == 1 and fields[0].isdecimal()
         if is_count and int(fields[0]) != rows:
             raise DescriptionError(
                 file=path, key=f"line {number}", value=fields[0], expected=f"the number of rows, which is {rows}"

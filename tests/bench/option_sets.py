@@ -28,6 +28,7 @@ from scancell.config.sensor import SensorDescription
 from scancell.errors import ScancellError
 from scancell.geometry.mesh import METRES_PER_UNIT, Mesh, load_mesh
 from scancell.reconstruction.cloud_files import FORMATS
+from scancell.reconstruction.cloud_files.read import read_cloud_file
 from scancell.results import ScanResult
 from system.commands import scancell_here
 
@@ -179,7 +180,9 @@ def _content(file: Path) -> Any:
     if file.suffix == ".npz":  # an archive with times
         with np.load(file) as arrays:
             return {name: arrays[name].tobytes() for name in arrays.files}
-    return b"" if file.suffix in (".e57", ".laz") else file.read_bytes()  # they state when they were written
+    if file.suffix in (".e57", ".laz"):  # they state when they were written
+        return read_cloud_file(file).points.tobytes()
+    return file.read_bytes()
 
 
 def same(one: ScanResult, other: ScanResult) -> list[str]:

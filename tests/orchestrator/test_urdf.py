@@ -324,7 +324,7 @@ def test_meshes_for_collisions_stand_for_formats_that_are_not_read(tmp_path: Pat
     collada = found.replace("link3.stl", "link3.dae") + found.replace("visual>", "collision>")
     made = robot_from_urdf(changed(tmp_path, (found, collada)), "flange", tmp_path / "arm.toml", hold=[3])
     assert made.warnings == (
-        "link 'link3': the meshes for collisions stand for 'package://seven_axis_urdf/meshes/link3.dae', "
+        "link 'link3': its collision meshes are used instead of 'package://seven_axis_urdf/meshes/link3.dae', "
         "which is not read",
     )
     plain = robot_from_urdf(changed(tmp_path), "flange", tmp_path / "plain.toml", hold=[3])

@@ -135,25 +135,26 @@ class _Reader:
                 if self._end(joint, "parent") != link:
                     continue
                 child, number = self._end(joint, "child"), bodies_of[link]
-                frame = frames[link] @ self._origin(f"joint '{joint.get('name')}'", joint)
+                frame = frames[link] @ self._origin(_name(joint), joint)
                 if joint in moving:
                     number += 1
                     points.append(frame[:3, 3])
                     axes.append(frame[:3, :3] @ self._axis(joint))
                 elif joint.get("type") != "fixed":
-                    self._warn(f"left out joint '{joint.get('name')}' and what it carries: it is beside the chain")
+                    self._warnings.append(
+                        f"left out joint '{joint.get('name')}' and what it carries: it is beside the chain"
+                    )
                     continue
                 frames[child], bodies_of[child] = frame, number
         joints = tuple(self._joint(joint) for joint in moving)
         stations = [np.zeros(3), *points, frames[tip][:3, 3]]
         reach = sum(float(np.linalg.norm(b - a)) for a, b in pairwise(stations))
         if reach > _MOST_REACH:
-            self._warn(f"the joints and '{tip}' are {reach:.4g} m apart along the arm: are the lengths in mm?")
+            self._warnings.append(
+                f"the joints and '{tip}' are {reach:.4g} m apart along the arm: are the lengths in mm?"
+            )
         warnings = tuple(dict.fromkeys(self._warnings))
         return UrdfArm(self._name, joints, np.array(points), np.array(axes), frames[tip], tuple(bodies), warnings)
-
-    def _warn(self, text: str) -> None:
-        self._warnings.append(text)
 
     def _from_root(self, root: str) -> list[str]:
         """Links that fixed joints and those of the chain connect to the root, each after the one that carries it."""
@@ -191,26 +192,28 @@ class _Reader:
         return chain
 
     def _joint(self, joint: ET.Element) -> UrdfJoint:
-        limit, name = joint.find("limit"), f"joint '{joint.get('name')}'"
+        limit, name = joint.find("limit"), _name(joint)
         speed = self._numbers(name, limit, "velocity", "0", 1)[0]
         if not speed >= 0:
             raise self._fault(joint, f"velocity {speed:g} rad/s; expected a number above 0")
         if speed == 0:
             speed = _ASSUMED_SPEED
-            self._warn(f"{name} states no velocity: {np.degrees(speed):g} deg/s are assumed (max_speed_deg_s)")
+            self._warnings.append(
+                f"{name} states no velocity: {np.degrees(speed):g} deg/s are assumed (max_speed_deg_s)"
+            )
         if speed > _MOST_SPEED:
-            self._warn(f"{name}: velocity {speed:g} rad/s: is it in degrees?")
+            self._warnings.append(f"{name}: velocity {speed:g} rad/s: is it in degrees?")
         if joint.get("type") == "continuous":
             return UrdfJoint(str(joint.get("name")), -2 * np.pi, 2 * np.pi, float(speed))
         lower, upper = (float(self._numbers(name, limit, key, "0", 1)[0]) for key in ("lower", "upper"))
         if not lower < upper:
             raise self._fault(joint, f"limits {lower:g} to {upper:g} rad; expected lower below upper")
         if max(-lower, upper) > _MOST_ANGLE:
-            self._warn(f"{name}: limits {lower:g} to {upper:g} rad: are they in degrees?")
+            self._warnings.append(f"{name}: limits {lower:g} to {upper:g} rad: are they in degrees?")
         return UrdfJoint(str(joint.get("name")), lower, upper, float(speed))
 
     def _axis(self, joint: ET.Element) -> Array:
-        axis = self._numbers(f"joint '{joint.get('name')}'", joint.find("axis"), "xyz", "1 0 0", 3)
+        axis = self._numbers(_name(joint), joint.find("axis"), "xyz", "1 0 0", 3)
         if not np.linalg.norm(axis) > 0:
             raise self._fault(joint, "an axis of zero length has no direction")
         return np.asarray(axis / np.linalg.norm(axis))
@@ -244,19 +247,19 @@ class _Reader:
         return pose.from_rotation(rotation, position)
 
     def _add_link(self, name: str, root_from_link: Array, body: UrdfBody) -> None:
-        link, key = self._links[name], f"link '{name}'"
+        link, key = self._links[name], _name(self._links[name])
         if (inertial := link.find("inertial")) is not None:
             body.masses += self._mass(key, inertial, root_from_link)
         shapes = link.findall("visual") or link.findall("collision")
         unread = [file for shape in shapes if (file := self._file_of(shape)) and not file.lower().endswith(FORMATS)]
         if unread and link.findall("collision"):
-            self._warn(f"{key}: the meshes for collisions stand for '{unread[0]}', which is not read")
+            self._warnings.append(f"{key}: its collision meshes are used instead of '{unread[0]}', which is not read")
             shapes = link.findall("collision")
         for shape in shapes:
             vertices, faces = self._geometry(name, shape)
-            if np.ptp(vertices, axis=0).max(initial=0.0) > _MOST_MESH:
-                size = float(np.ptp(vertices, axis=0).max())
-                self._warn(f"{key}: its mesh is {size:.4g} m large: is it in mm, without a scale of 0.001?")
+            size = float(np.ptp(vertices, axis=0).max()) if len(vertices) else 0.0
+            if size > _MOST_MESH:
+                self._warnings.append(f"{key}: its mesh is {size:.4g} m large: is it in mm, without a scale of 0.001?")
             body.meshes.append((pose.transform_points(root_from_link @ self._origin(key, shape), vertices), faces))
 
     def _mass(self, key: str, inertial: ET.Element, root_from_link: Array) -> list[tuple[float, Array, Array]]:
@@ -273,10 +276,10 @@ class _Reader:
         if mass == 0:
             return []
         if tensor is None:
-            self._warn(f"{key} states a mass without inertia: a point of this mass is assumed")
+            self._warnings.append(f"{key} states a mass without inertia: a point of this mass is assumed")
         low, middle, high = np.linalg.eigvalsh(inertia)
         if low < -_NO_INERTIA * abs(high) or high > (low + middle) * (1 + _NO_INERTIA):
-            self._warn(
+            self._warnings.append(
                 f"{key}: no body has the principal moments of inertia {low:.4g}, {middle:.4g} and {high:.4g} kg m²"
             )
         return [(mass, frame[:3, 3], frame[:3, :3] @ inertia @ frame[:3, :3].T)]
@@ -353,7 +356,12 @@ class _Reader:
         return str(link)
 
     def _fault(self, joint: ET.Element, text: str) -> DescriptionError:
-        return DescriptionError(text, file=self._path, key=f"joint '{joint.get('name')}'")
+        return DescriptionError(text, file=self._path, key=_name(joint))
+
+
+def _name(element: ET.Element) -> str:
+    """Name of a link or joint, for messages."""
+    return f"{element.tag} '{element.get('name')}'"
 
 
 def _packages(folders: Sequence[Path], name: str) -> Iterator[Path]:

@@ -82,10 +82,11 @@ class Mesh(Value):
 
     def __post_init__(self) -> None:
         # What follows from the arrays is kept, so that they must not change: arrays that could are copied.
-        for name in ("vertices", "faces"):
-            array = np.array(getattr(self, name), copy=None if not getattr(self, name).flags.writeable else True)
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
+        for name, array in (("vertices", self.vertices), ("faces", self.faces)):
+            if array.flags.writeable:
+                kept = array.copy()
+                kept.flags.writeable = False
+                object.__setattr__(self, name, kept)
 
     @cached_property
     def usable(self) -> Mesh:

@@ -24,7 +24,7 @@ from scancell.geometry.polygons import ROUNDING, triangulated
 Vertices = NDArray[np.floating[Any]]
 Faces = NDArray[np.int64]
 Remarks = tuple[str, ...]
-Mesh = tuple[Vertices, Faces, Remarks]
+MeshContent = tuple[Vertices, Faces, Remarks]
 
 FORMATS = (".stl", ".obj", ".ply")
 
@@ -55,7 +55,7 @@ _OTHER_CONTENTS = {
 }
 
 
-def read_mesh(path: Path) -> Mesh:
+def read_mesh(path: Path) -> MeshContent:
     """Vertices (n, 3) in the unit of the file, faces (m, 3), neither welded nor validated, and remarks.
 
     Polygons are divided into triangles, see `scancell.geometry.polygons.triangulated`.
@@ -66,7 +66,7 @@ def read_mesh(path: Path) -> Mesh:
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
         raise MeshError(f"{suffix or 'no suffix'} is not a mesh format", file=path, expected=", ".join(FORMATS))
-    readers: dict[str, Callable[[bytes], Mesh]] = {".stl": _read_stl, ".obj": _read_obj, ".ply": _read_ply}
+    readers: dict[str, Callable[[bytes], MeshContent]] = {".stl": _read_stl, ".obj": _read_obj, ".ply": _read_ply}
     with _content(path, f"a readable {suffix[1:].upper()} mesh") as data:
         vertices, faces, remarks = readers[suffix](data)
     return vertices, faces, tuple(f"{path}: {remark}" for remark in remarks)
@@ -218,7 +218,7 @@ _STL_FACET = re.compile(
 )
 
 
-def _read_stl(data: bytes) -> Mesh:
+def _read_stl(data: bytes) -> MeshContent:
     count = int.from_bytes(data[80:_STL_HEAD], "little")
     if len(data) >= _STL_HEAD and len(data) == _STL_HEAD + count * _STL_TRIANGLE.itemsize:
         corners: Vertices = np.frombuffer(data, _STL_TRIANGLE, count, _STL_HEAD)["corners"].reshape(-1, 3)
@@ -284,7 +284,7 @@ _OBJ_NO_SURFACE = frozenset(
 _OBJ_NAMES = frozenset(b"g o usemtl mtllib usemap maplib shadow_obj trace_obj".split())
 
 
-def _read_obj(data: bytes) -> Mesh:
+def _read_obj(data: bytes) -> MeshContent:
     text = re.sub(rb"#[^\n]*", b"", _text(data))
     places: list[bytes] = []
     polygons: list[bytes] = []
@@ -361,7 +361,7 @@ class _Column(NamedTuple):
     lengths: NDArray[np.int64] | None = None
 
 
-def _read_ply(data: bytes) -> Mesh:
+def _read_ply(data: bytes) -> MeshContent:
     elements, remarks = _ply_elements(data)
     vertices = _ply_vertices(elements)
     if any(len(column.values) for column in elements.get("tristrips", {}).values()):
@@ -501,7 +501,7 @@ def _gathered(raw: NDArray[np.uint8], at: NDArray[np.int64], kind: np.dtype[Any]
 def _row_starts(
     raw: NDArray[np.uint8], at: int, name: str, rows: int, properties: list[_Property]
 ) -> NDArray[np.int64]:
-    """Where the rows of an element, and what follows them, begin (rows + 1,).
+    """Bytes (rows + 1,) at which the rows of an element begin, and the data behind them.
 
     Usually all rows have lists of the same length; only where they have not, each row is looked at.
     """
@@ -526,7 +526,7 @@ def _row_starts(
 
 
 def _walked(raw: NDArray[np.uint8], at: int, name: str, rows: int, properties: list[_Property]) -> list[int]:
-    """As `_row_starts`, row by row; raises `ValueError` at a row that is not complete."""
+    """Bytes of `_row_starts`, found row by row; raises `ValueError` at a row that is not complete."""
     lengths = [(p.length and struct.Struct(_struct_format(p.length)), p.type.itemsize) for p in properties]
     starts, total, view = [at], len(raw), raw.data
     for row in range(rows):

@@ -144,7 +144,8 @@ def continued(arm: Kinematics, path: Array, start: Array, on_step: Callable[[int
         length = travelled[there] - travelled[here]
         legs = max(1, int(np.ceil(length)))
         for k in range(1, legs + 1):
-            end = reached(pose.interpolate_straight(poses[0], poses[-1], np.full(len(rows), k / legs)), end)
+            way = np.full(len(rows), k / legs)
+            end = reached(poses[-1] if k == legs else pose.interpolate_straight(poses[0], poses[-1], way), end)
         share = (travelled[here + 1 : there, None, None] - travelled[here]) / max(length, 1e-300)
         between = np.concatenate([reached(poses[1:-1], begin + share * (end - begin)), end[None]])
         if there == here + 1 or np.isfinite(between).all():

@@ -8,12 +8,18 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.config.cell import CellDescription
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
 
 _DH = ("theta", "d", "a", "alpha", "beta")
 _POSE = ("x", "y", "z", "rx", "ry", "rz")
 WOBBLE = ("rx_cos", "rx_sin", "ry_cos", "ry_sin")
+
+
+def as_estimated(nominal: NominalCell, cell: CellDescription) -> NominalCell:
+    """The nominal cell with the deviations that its description states as estimated, if it does."""
+    return nominal if cell.estimated is None else estimated_cell(nominal, cell.estimated.deviations())
 
 
 def estimated_cell(nominal: NominalCell, deviations: Mapping[str, float]) -> NominalCell:

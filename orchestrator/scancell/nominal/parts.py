@@ -11,6 +11,7 @@ from scancell.arguments import checked_arguments
 from scancell.config.artefact import ArtefactDescription
 from scancell.config.units import to_si
 from scancell.errors import MeshError
+from scancell.files import file_state
 from scancell.geometry.mesh import FORMATS, METRES_PER_UNIT, Mesh, load_mesh
 from scancell.geometry.shapes import Box, Cone, Cylinder, PlacedShape, Plane, Ring, Shape, ShapeGroup, Sphere
 from scancell.nominal.poses import pose_matrix
@@ -101,7 +102,7 @@ class PartCache:
     """Parts from files; the two used last are kept."""
 
     def __init__(self) -> None:
-        self._load = lru_cache(_MOST_KEPT)(lambda path, unit, _place, _size, _modified: load_part(path, unit))
+        self._load = lru_cache(_MOST_KEPT)(lambda path, unit, _state: load_part(path, unit))
 
     def part(self, part: str | Path | Mesh, unit: str) -> Mesh:
         """The part of a file, see `load_part`, or the mesh itself; a file is read again only when it has changed.
@@ -111,10 +112,7 @@ class PartCache:
         if isinstance(part, Mesh):
             return part.usable
         path = Path(part)
-        if not path.is_file():
-            return load_part(path, unit)
-        status = path.stat()
-        return self._load(path, unit, path.absolute(), status.st_size, status.st_mtime_ns)
+        return self._load(path, unit, file_state(path)) if path.is_file() else load_part(path, unit)
 
     def clear(self) -> None:
         """Forget all parts."""

@@ -33,7 +33,7 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import PartSurface
 from scancell.nominal.cell import Belt, Body, Lamp, NominalCell, nominal_cell, with_unknown_obstacles
-from scancell.nominal.estimated import estimated_cell
+from scancell.nominal.estimated import as_estimated
 from scancell.planning.model import PlanningCell, SensorRange
 from scancell.planning.motion.assembly import approach
 from scancell.planning.motion.torques import TorqueLimits
@@ -102,8 +102,7 @@ class Job:
     @cached_property
     def estimated(self) -> NominalCell:
         """The nominal cell with what calibration found, which reconstruction assumes."""
-        nominal, found = self.loaded.nominal, self.setup.cell.estimated
-        return nominal if found is None else estimated_cell(nominal, found.deviations())
+        return as_estimated(self.loaded.nominal, self.setup.cell)
 
     @property
     def part(self) -> str:

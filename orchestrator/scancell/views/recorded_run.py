@@ -24,7 +24,7 @@ from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import NominalCell, nominal_cell, with_unknown_obstacles
-from scancell.nominal.estimated import estimated_cell
+from scancell.nominal.estimated import as_estimated
 from scancell.nominal.parts import load_part
 from scancell.planning.plan import Plan
 from scancell.reconstruction.cloud import Cloud
@@ -109,9 +109,8 @@ def open_run(folder: str | Path, most_points: int = 200_000) -> RecordedRun:
             raise DescriptionError(
                 file=folder / _START, key=f"run.{key}", value=made.get(key), expected="a text, as of a scan or program"
             )
-    nominal, found = nominal_cell(setup.cell, _part(folder, made)), setup.cell.estimated
-    cell = with_unknown_obstacles(nominal, setup.cell)
-    estimated = nominal if found is None else estimated_cell(nominal, found.deviations())
+    nominal = nominal_cell(setup.cell, _part(folder, made))
+    cell, estimated = with_unknown_obstacles(nominal, setup.cell), as_estimated(nominal, setup.cell)
     motion = (_motion_of_program if "program" in made else _motion_of_scan)(folder, cell)
     cloud, count = _cloud(folder / "cloud.ply", estimated, most_points, on_belt=setup.scan.belt is not None)
     return RecordedRun(Path(made["part"] or folder).name, setup, cell, motion, cloud, count)

@@ -29,7 +29,7 @@ class _Field:
 
 @dataclass(frozen=True)
 class PcdHeader:
-    """What the header of a PCD file states; `body` is the byte at which the points begin."""
+    """Header of a PCD file; `body` is the byte at which the points begin."""
 
     fields: tuple[_Field, ...]
     points: int
@@ -109,12 +109,12 @@ def _read_header(path: Path, data: bytes) -> PcdHeader:
             raise DescriptionError(file=path, key=key, value=" ".join(values), expected=f"{len(names)}, one a field")
     fields = []
     for name, size, kind, count in zip(names, sizes, kinds, counts, strict=True):
-        if kind.upper() not in _SIZES or not size.isdigit() or int(size) not in _SIZES[kind.upper()]:
+        if kind.upper() not in _SIZES or not size.isdecimal() or int(size) not in _SIZES[kind.upper()]:
             raise DescriptionError(
                 file=path, key=f"TYPE and SIZE of {name}", value=f"{kind} {size}",
                 expected="F 4, F 8, I or U with 1, 2, 4, 8",
             )  # fmt: skip
-        if not count.isdigit() or int(count) > _MOST_COUNT:
+        if not count.isdecimal() or int(count) > _MOST_COUNT:
             raise DescriptionError(file=path, key=f"COUNT of {name}", value=count, expected="a number of values")
         fields.append(_Field(name, np.dtype(f"<{kind.lower()}{size}"), int(count)))
     for axis in "xyz":
@@ -136,7 +136,7 @@ def _count(path: Path, words: dict[str, list[str]]) -> int:
         if key not in words:
             return None
         text = " ".join(words[key])
-        if not (text.isascii() and text.isdigit()) or len(text) > 10 or int(text) > _MOST_POINTS:
+        if not text.isdecimal() or len(text) > 10 or int(text) > _MOST_POINTS:
             raise DescriptionError(file=path, key=key, value=text, expected="a number of points")
         return int(text)
 

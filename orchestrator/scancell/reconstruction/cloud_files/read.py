@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from scancell.errors import DescriptionError, MeshError
 from scancell.extras import require
-from scancell.files import read_file, require_file
+from scancell.files import MAX_FILE_BYTES, read_file, require_file
 from scancell.geometry.mesh import METRES_PER_UNIT
 from scancell.geometry.mesh_files import read_ply_points
 from scancell.reconstruction.cloud_files.pcd import read_pcd
@@ -30,7 +30,6 @@ Array = NDArray[np.float64]
 
 SUFFIXES = (".ply", ".pcd", ".las", ".laz", ".e57", ".npz", ".xyz", ".txt", ".asc", ".csv", ".pts")
 FARTHEST = 1e6  # m from the origin, beyond which no point is accepted
-_MOST_BYTES = 4 << 30
 _HEAD = 1 << 12
 _MATRIX = 16  # columns of numbers without a header from which on they may be a matrix of heights
 _LEAST_ZEROS = 2  # points at exactly 0, 0, 0 from which on they mark missing points
@@ -58,7 +57,7 @@ class CloudFile:
     points
         (n, 3), m.
     kind
-        What the file was taken for.
+        Format that was recognised.
     records
         Number of points that the file holds.
     dropped
@@ -238,7 +237,7 @@ def _ply(path: Path) -> _Found:
 
 
 def _pcd(path: Path) -> _Found:
-    positions, header = read_pcd(path, read_file(path, most_bytes=_MOST_BYTES))
+    positions, header = read_pcd(path, read_file(path, most_bytes=MAX_FILE_BYTES))
     warnings = (f"{path}: its VIEWPOINT is not applied to the points",) if header.moved_viewpoint else ()
     return _Found(positions, f"PCD, {header.encoding}", warnings=warnings)
 
