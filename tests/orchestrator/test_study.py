@@ -36,7 +36,7 @@ def discrete(path: str, values: str, mode: str = "absolute") -> str:
         (factor("cell.part.reflectance", "additive", 'kind = "uniform", low = -0.1, high = 0.9'), "less than or equal"),
         (discrete("cell.part.material.preset", '["matt_white", "chrome"]'), "chrome"),
         (OFFSET + OFFSET, "is given twice"),
-        (factor("as_built.tool.x_mm", distribution='kind = "normal", std = -1'), "greater than 0"),
+        (factor("as_built.tool.x_mm", distribution='kind = "normal", std = -1'), "greater than or equal to 0.00"),
         (factor("as_built.tool.x_mm", distribution='kind = "uniform", low = 2, high = 1'), "must be below"),
         (discrete("as_built.tool.x_mm", '["far"]', "additive"), "is not a number"),
         ("", "nothing varies"),

@@ -97,7 +97,7 @@ def test_index_matches_files(made) -> None:
         assert listed == there
         if row["part"] == "broken":
             assert row["status"] == "failed"
-            assert "broken.stl: holds no STL mesh" in row["message"]
+            assert "broken.stl: no triangles (0 vertices, 0 faces)" in row["message"]
             continue
         assert row["status"] == "ok", row["message"]
         words = dict(word.split("=") for word in row["as_built"])

@@ -79,7 +79,7 @@ def test_points_handed_over_are_those_of_saved_cloud(session: ScanSession, tmp_p
     for name in ("intensity", "quality", "sigma", "camera", "time"):
         np.testing.assert_allclose(joined(rig.chunks, name), getattr(cloud, name), rtol=1e-6)
     job = session.job
-    whole, dropped = session.pipeline.reconstruct(job.loaded.estimated, result.recording, result.profiles, job.setup)
+    whole, dropped = session.pipeline.reconstruct(job.estimated, result.recording, result.profiles, job.setup)
     np.testing.assert_allclose(whole.normals, cloud.normals, atol=1e-9)
     assert dropped.as_json() == result.dropped.as_json()
     state = rig.scan.state

@@ -111,7 +111,7 @@ def test_name_of_the_loopback_is_not_warned_of(tmp_path: Path) -> None:
     ("words", "message"),
     [
         (["none.stl"], "none.stl: no such file"),
-        (["broken.stl"], "broken.stl: holds no STL mesh"),
+        (["broken.stl"], "broken.stl: not a readable STL mesh: 'solid x' has no 'endsolid'"),
         (["out/scan_7"], "out/scan_7: no such file"),
         (["."], "expected a run folder with resolved.toml and recording.parquet"),
         (["huge.stl"], "'base' and 'part' intersect"),
