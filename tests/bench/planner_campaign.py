@@ -232,7 +232,7 @@ def _keeps(nominal: NominalCell, margin: float, angles: Any) -> bool:
         and bodies[a].moves_with != bodies[b].moves_with
         and {bodies[a].moves_with, bodies[b].moves_with} != {"part", "table"}
     ]
-    index = np.array(pairs)
+    index = np.array(pairs, np.int64).reshape(-1, 2)
     for angle in angles:
         poses = nominal.body_poses(nominal.home, angle)
         for a, b in index[cell.near(poses[None], index, margin)[0]]:
