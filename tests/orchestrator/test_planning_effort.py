@@ -76,3 +76,10 @@ def test_sweeps_are_placed_at_azimuths_far_from_the_preferred_one() -> None:
     _, _, _, setup, cell = make_cell(21)
     options = replace(scan_options(setup.scan, setup.sensor), max_profiles=120)
     assert not [text for text in plan(cell, options).warnings if "sweep at 60 deg" in text]
+
+
+def test_passes_are_placed_where_the_first_choices_collide() -> None:
+    """A beam is in the way of the arm in the branches of the first 24 choices."""
+    _, _, _, setup, cell = make_cell(33)
+    options = replace(scan_options(setup.scan, setup.sensor), max_profiles=120, max_lost_share=1.0)
+    assert not [text for text in plan(cell, options).warnings if "pass at y = 27 mm" in text]

@@ -30,7 +30,7 @@ _AZIMUTH_STEP = np.radians(15.0)
 _MIN_METRIC = 1e-3  # product of Eq. 7 below which a pose counts as infeasible: too near to a joint limit
 _TURN_CHECKS = 120  # table angles per turn at which collisions are checked
 _TURN_STEPS = 24  # parts of a turn of the table that are free or not
-_MAX_TRIES = 24  # of passes and poses; sweeps, whose choices are cheap to refuse, try all
+_MAX_TRIES = 24  # choices that keep the clearance where it is checked first
 
 
 @dataclass(frozen=True)
@@ -142,18 +142,17 @@ class Placer:
         result: list[PlacedSweep | Infeasible] = []
         for i, view in enumerate(views):
 
-            def attempt(choice: int, i: int = i, view: Sweep = view) -> PlacedSweep | Infeasible:
+            def check(choice: int, i: int = i) -> Infeasible | None:
                 joints = np.repeat(q[i, choice][None], len(table), 0)
                 # Most collisions occur at every table angle: check one first.
-                collision = self._collision(joints[:1], table[:1]) or self._collision(joints, table)
-                collision = collision or self._collision_of_turn(q[i, choice])
-                return collision or PlacedSweep(view, q[i, choice], choice % branches)
+                return self._collision(joints[:1], table[:1]) or self._collision(joints, table)
+
+            def place(choice: int, i: int = i, view: Sweep = view) -> PlacedSweep | Infeasible:
+                return self._collision_of_turn(q[i, choice]) or PlacedSweep(view, q[i, choice], choice % branches)
 
             choices = order[usable[i][order]]
             # Choices of equal roll have the same pose of the sensor relative to the part.
-            result.append(
-                self._first_feasible(view.name, choices, choices // branches % 2, attempt, targets[i], len(choices))
-            )
+            result.append(self._first_feasible(view.name, choices, choices // branches % 2, check, place, targets[i]))
         return result
 
     def passes(
@@ -195,19 +194,23 @@ class Placer:
         result: list[PlacedPass | Infeasible] = []
         for i, view in enumerate(views):
 
-            def attempt(choice: int, i: int = i, view: Pass = view) -> PlacedPass | Infeasible:
+            def check(choice: int, i: int = i) -> Infeasible | None:
                 turned, number = divmod(choice, branches)
-                at = q[i, turned, :, number]
                 # Most collisions occur at one of these poses: inverse kinematics along the pass takes much longer.
-                collision = self._collision(at, np.full(len(at), angles[turned]))
-                return collision or self._try_pass(view, runs[i], counts[i], float(angles[turned]), at[1], number)
+                at = q[i, turned, :, number]
+                return self._collision(at, np.full(len(at), angles[turned]))
+
+            def place(choice: int, i: int = i, view: Pass = view) -> PlacedPass | Infeasible:
+                turned, number = divmod(choice, branches)
+                middle = q[i, turned, 1, number]
+                return self._try_pass(view, runs[i], counts[i], float(angles[turned]), middle, number)
 
             choices = order[usable[i][order]]
             if not len(choices) and (metric[i] > _MIN_METRIC).any():
                 result.append(Infeasible(f"{view.name}: {self._blocked_turn()}"))
                 continue
             ends = targets[i, :, ::2].reshape(-1, 4, 4)
-            result.append(self._first_feasible(view.name, choices, 0 * choices, attempt, ends))
+            result.append(self._first_feasible(view.name, choices, 0 * choices, check, place, ends))
         return result
 
     def poses(self, part_from_sensor: Array) -> list[PlacedPose | Infeasible]:
@@ -232,12 +235,14 @@ class Placer:
         for i in range(len(targets)):
             name = f"pose {i + 1}"
 
-            def attempt(choice: int, i: int = i, name: str = name) -> PlacedPose | Infeasible:
-                table = float(angle[i, choice // branches])
-                return self._collision(q[i, choice][None], np.array([table])) or PlacedPose(name, q[i, choice], table)
+            def check(choice: int, i: int = i) -> Infeasible | None:
+                return self._collision(q[i, choice][None], angle[i, choice // branches][None])
+
+            def place(choice: int, i: int = i, name: str = name) -> PlacedPose:
+                return PlacedPose(name, q[i, choice], float(angle[i, choice // branches]))
 
             choices = order[i][metric[i][order[i]] > _MIN_METRIC]
-            result.append(self._first_feasible(name, choices, 0 * choices, attempt, targets[i]))
+            result.append(self._first_feasible(name, choices, 0 * choices, check, place, targets[i]))
         return result
 
     def still(self, name: str, table_from_sensor: Array) -> PlacedPose | Infeasible:
@@ -246,36 +251,46 @@ class Placer:
         metric = constraints.arm_metric(self._cell.nominal.arm, q)
         order = np.argsort(-metric, kind="stable")
 
-        def attempt(choice: int) -> PlacedPose | Infeasible:
-            return self._collision(q[choice][None], np.array([table])) or PlacedPose(name, q[choice], table)
+        def check(choice: int) -> Infeasible | None:
+            return self._collision(q[choice][None], np.array([table]))
+
+        def place(choice: int) -> PlacedPose:
+            return PlacedPose(name, q[choice], table)
 
         choices = order[metric[order] > _MIN_METRIC]
-        return self._first_feasible(name, choices, 0 * choices, attempt, table_from_sensor[None])
+        return self._first_feasible(name, choices, 0 * choices, check, place, table_from_sensor[None])
 
     def _first_feasible(
         self,
         name: str,
         choices: Indices,
         groups: Indices,
-        attempt: Callable[[int], _T | Infeasible],
+        check: Callable[[int], Infeasible | None],
+        place: Callable[[int], _T | Infeasible],
         targets: Array,
-        tries: int = _MAX_TRIES,
     ) -> _T | Infeasible:
         """The first feasible choice; else why the first is infeasible, or why there is no choice at all.
 
+        All choices are checked, but of those that the `check` does not refuse no more than `_MAX_TRIES` are placed.
         Once the sensor itself collides for one choice, the others of the same number in `groups` are skipped.
         """
         first: Infeasible | None = None
         excluded: set[int] = set()
-        for choice, group in zip(choices[:tries].tolist(), groups.tolist(), strict=False):
+        tries = 0
+        for choice, group in zip(choices.tolist(), groups.tolist(), strict=True):
             if group in excluded:
                 continue
-            placed = attempt(choice)
-            if not isinstance(placed, Infeasible):
-                return placed
-            first = first or placed
-            if placed.sensor_collides:
+            refused = check(choice)
+            if refused is None:
+                placed = place(choice)
+                if not isinstance(placed, Infeasible):
+                    return placed
+                refused, tries = placed, tries + 1
+            first = first or refused
+            if refused.sensor_collides:
                 excluded.add(group)
+            if tries == _MAX_TRIES:
+                break
         return Infeasible(f"{name}: {first.reason if first else out_of_reach(self._cell, targets)}")
 
     @cached_property
