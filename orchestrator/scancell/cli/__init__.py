@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from pathlib import Path
 from typing import Annotated, Any, cast
@@ -24,7 +25,7 @@ from scancell.cli import (  # noqa: F401
     ssp,
     workspace,
 )
-from scancell.cli.common import Outcome, app, command
+from scancell.cli.common import EXIT_ERROR, Outcome, app, command
 from scancell.cli.interrupts import INTERRUPTS
 
 # Typer brings a copy of click along; its error for a wrong command line is the base of one that typer exports.
@@ -60,8 +61,27 @@ def version() -> Outcome:
 def main() -> None:
     """Entry point of the command line."""
     INTERRUPTS.install()
+    for argument in sys.argv[1:]:
+        if any("\ud800" <= letter <= "\udfff" for letter in argument):
+            # Results name their files in text, which would fail after the work.
+            print(f"scancell: {argument!r} is not UTF-8: rename the file or folder", file=sys.stderr)
+            sys.exit(EXIT_ERROR)
     try:
-        code = app(standalone_mode=False)
+        code = _run_app()
+        sys.stdout.flush()
+    except OSError as error:
+        if error.filename is not None:
+            raise
+        # Standard output is full or closed; what it still holds is written to nowhere at the end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        print(f"scancell: the output cannot be written: {error.strerror}", file=sys.stderr)
+        code = EXIT_ERROR
+    sys.exit(code)
+
+
+def _run_app() -> Any:
+    try:
+        return app(standalone_mode=False)
     except _UsageError as error:
         error.show()
         if "--json" in sys.argv:
@@ -69,5 +89,4 @@ def main() -> None:
             name = context.command_path.removeprefix(context.find_root().command_path).strip() if context else ""
             fault = {"kind": "UsageError", "message": error.format_message()}
             print(json.dumps({"command": name, "ok": False, "error": fault}))
-        code = error.exit_code
-    sys.exit(code)
+        return error.exit_code
