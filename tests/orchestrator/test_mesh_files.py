@@ -5,11 +5,12 @@ import struct
 import numpy as np
 import pytest
 
+from bench.mesh_files import generated
 from scancell.errors import MeshError
 from scancell.geometry.mesh import load_mesh
 from scancell.geometry.mesh_files import read_mesh, read_ply_points
 
-# A prism over an L: 4300 mm², 13,800 mm³.
+# A prism over an L: 4300 mm², 15,000 mm³.
 CORNERS = [(0, 0), (40, 0), (40, 12), (15, 12), (15, 30), (0, 30)]
 VERTICES = np.array([(x, y, z) for z in (0, 20) for x, y in CORNERS], float)
 POLYGONS = [[5, 4, 3, 2, 1, 0], [6, 7, 8, 9, 10, 11], *([k, (k + 1) % 6, (k + 1) % 6 + 6, k + 6] for k in range(6))]
@@ -184,3 +185,9 @@ def test_triangles_keep_the_order_of_the_faces(tmp_path):
     owners = [next(k for k, p in enumerate([*POLYGONS, [0, 1, 2]]) if set(f) <= set(p)) for f in faces.tolist()[:-1]]
     assert owners == sorted(owners)
     assert faces[-1].tolist() == [0, 1, 2]
+
+
+def test_generated_files_have_their_exact_area_and_volume():
+    outcomes = generated(20)
+    assert sum(outcomes.values()) == 20
+    assert sum(number for outcome, number in outcomes.items() if "refused" in outcome) <= 1
