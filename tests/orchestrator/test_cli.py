@@ -131,6 +131,28 @@ def test_usage_error_in_json(monkeypatch, capsys, words, command) -> None:
     assert report["error"]["message"] in err
 
 
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["scan", "a.stl", "--sensor", "a.toml", "--sensor", "b.toml"], "--sensor"),
+        (["scan", "a.stl", "--out=a", "--out", "b"], "--out"),
+        (["scan", "a.stl", "--set", "scan.seed=1", "--set", "scan.seed = 2"], "--set scan.seed"),
+        (["study", "run", "a.toml", "--set", "design.trials=1", "--set", "design.trials=1"], "--set design.trials"),
+        (["shot", "--as-built", "tool.x_mm=1", "--as-built", "tool.x_mm=2"], "--as-built tool.x_mm"),
+    ],
+)
+def test_option_of_one_value_given_twice_is_refused(monkeypatch, capsys, words, named) -> None:
+    code, _, err = call(monkeypatch, capsys, *words)
+    assert code == 2
+    assert f"{named} is given 2 times, but has one value" in err
+
+
+def test_flags_and_keys_that_differ_may_repeat(monkeypatch, capsys) -> None:
+    assert call(monkeypatch, capsys, "version", "--json", "--json")[0] == 0
+    words = ["scan", "none.stl", "--set", "scan.seed=1", "--set", "scan.speed_mm_s=2"]
+    assert "is given" not in call(monkeypatch, capsys, *words)[2]
+
+
 @pytest.mark.parametrize("text", ["1,2,3", "", "1,2,3,4,5,x", "1,2,3,4,5,inf", "1,2,3,4,5,6,7"])
 def test_pose_option_needs_six_numbers(text) -> None:
     with pytest.raises(ScancellError, match="--pose"):

@@ -6,13 +6,14 @@ import functools
 import inspect
 import json
 import sys
+from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from scancell.cli.interrupts import EXIT_INTERRUPTED, interruptible
 from scancell.errors import ScancellError, named_by
@@ -41,6 +42,7 @@ _WITH_SUBCOMMANDS = {
     "study": "Vary inputs over many scans: run, sensitivity analysis, report.",
 }
 
+KEY_VALUE = "KEY=VALUE"  # metavar of options whose words set keys
 JsonOption = Annotated[bool, typer.Option("--json", help="print one JSON object as the last line")]
 
 
@@ -54,6 +56,33 @@ class GroupedCommands(TyperGroup):
             rows = [(name.ljust(width), _first_sentence(self.commands[name].help or "")) for name in names]
             with formatter.section(title):
                 formatter.write_dl(rows)
+
+
+class CommandOfSingleValues(TyperCommand):
+    """A command that refuses an option of one value, or a key of several, that is given twice."""
+
+    def make_parser(self, ctx: Any) -> Any:
+        """The parser of the command line, which lists every use of an option."""
+        parser: Any = super().make_parser(ctx)
+        parse = parser.parse_args
+
+        def parse_args(args: list[str]) -> Any:
+            values, rest, used = parse(args=args)
+            for option in {item.name: item for item in used if item.param_type_name == "option"}.values():
+                if option.multiple:
+                    given = [f"{option.opts[-1]} {str(word).partition('=')[0].strip()}" for word in values[option.name]]
+                    given = given if option.metavar == KEY_VALUE else []
+                elif option.is_flag and not option.secondary_opts:
+                    continue
+                else:
+                    given = [option.opts[-1]] * used.count(option)
+                for name, count in Counter(given).items():
+                    if count > 1:
+                        ctx.fail(f"{name} is given {count} times, but has one value")
+            return values, rest, used
+
+        parser.parse_args = parse_args
+        return parser
 
 
 def _first_sentence(text: str) -> str:
@@ -128,7 +157,7 @@ def command(
         called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         called.__annotations__ = {item.name: item.annotation for item in parameters}
         group, _, last = name.rpartition(" ")
-        return _apps[group].command(last)(called)
+        return _apps[group].command(last, cls=CommandOfSingleValues)(called)
 
     return decorate
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from scancell.cli.common import JsonOption, Outcome
+from scancell.cli.common import KEY_VALUE, JsonOption, Outcome
 from scancell.config.choices import CloudFrame, Engine, LengthUnit
 from scancell.errors import DescriptionError
 
@@ -27,13 +27,13 @@ PathOption = Annotated[
 ]
 SetOption = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="change the nominal description: cell.part.x_mm=20; repeatable"),
+    typer.Option("--set", metavar=KEY_VALUE, help="change the nominal description: cell.part.x_mm=20; repeatable"),
 ]
 AsBuiltOption = Annotated[
     list[str] | None,
     typer.Option(
         "--as-built",
-        metavar="KEY=VALUE",
+        metavar=KEY_VALUE,
         help="perturb the true cell: tool.x_mm=0.1, sensor.laser.turn_y_deg=0.1; repeatable",
     ),
 ]

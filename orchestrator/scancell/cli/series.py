@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from scancell.cli.common import JsonOption, Outcome, command, show_progress
+from scancell.cli.common import KEY_VALUE, JsonOption, Outcome, command, show_progress
 from scancell.cli.options import (
     AsBuiltOption,
     CellOption,
@@ -33,7 +33,8 @@ _MAX_LISTED = 5  # failures that are printed; the index has all
 
 StudyArgument = Annotated[Path, typer.Argument(help="study description (TOML)")]
 StudySetOption = Annotated[
-    list[str] | None, typer.Option("--set", help="override a key of the study: design.trials=20; repeatable")
+    list[str] | None,
+    typer.Option("--set", metavar=KEY_VALUE, help="override a key of the study: design.trials=20; repeatable"),
 ]
 StudyOutOption = Annotated[
     Path | None, typer.Option("--out", help="folder of the results; default: out/NAME, the name in the study")
