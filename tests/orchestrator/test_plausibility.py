@@ -38,6 +38,16 @@ def test_calibrated_values_and_joint_zeros_give_no_warning() -> None:
     assert warnings(*words, "cell.robot.joint[2].a_mm=270.4", "cell.robot.joint[4].d_mm=294.6") == []
 
 
+def test_platter_mesh_of_other_dimensions_warning(tmp_path: Path) -> None:
+    words = ["cell.table.radius_mm=160"]
+    (text,) = warnings(*words)
+    assert text.endswith("reaches 120.0 mm from the axis, but cell.table.radius_mm = 160")
+    platter = trimesh.creation.cylinder(160.0, 20.0, sections=90)  # its middle, not its top, at z = 0
+    platter.export(tmp_path / "platter.stl")
+    (text,) = warnings(*words, f"cell.table.platter_mesh={tmp_path / 'platter.stl'}")
+    assert "platter.stl: its top is at z = 10.0 mm" in text
+
+
 @pytest.fixture
 def own_meshes(tmp_path: Path) -> CellDescription:
     """The default cell with copies of the link meshes in a folder without a robot file."""

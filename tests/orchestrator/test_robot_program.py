@@ -69,6 +69,17 @@ def test_same_program_without_guard_hits_table(ideal_scanner: Scanner, run: Run)
         assert run(INTO_TABLE, session).contacts == ["sensor - table"]
 
 
+def test_table_without_mesh_is_the_cylinder_of_its_dimensions(run: Run) -> None:
+    words = {"table.platter_mesh": None, "table.base_mesh": None}
+    setup = load_setup(load_setup().cell.replace(words), ideal=True)
+    with Scanner(setup=setup, threads=1) as scanner, scanner.session() as session:
+        (table,) = [body for body in session.nominal.bodies if body.name.startswith("table")]
+        assert run(INTO_TABLE, session).contacts == ["sensor - table"]
+    assert table.mesh.is_closed
+    assert np.linalg.norm(table.mesh.vertices[:, :2], axis=1) == pytest.approx(0.12, rel=1e-3)
+    assert table.mesh.bounds[:, 2] == pytest.approx([-0.02, 0.0])
+
+
 def test_guard_stops_jog_before_table(ideal_scanner: Scanner) -> None:
     with ideal_scanner.session(guarded=True) as session:
         Robot(session).move_tool(ABOVE)

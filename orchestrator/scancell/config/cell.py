@@ -109,7 +109,7 @@ class TableDescription(Description):
         default=None, description="material of platter and base; overrides reflectance"
     )
     platter_mesh: str | None = Field(
-        default=None, description="file of the rotating platter's mesh, table frame, mm; default: none"
+        default=None, description="file of the rotating platter's mesh, table frame, mm; default: its cylinder"
     )
     base_mesh: str | None = Field(
         default=None, description="file of the fixed base's mesh, table frame at angle 0, mm; default: none"

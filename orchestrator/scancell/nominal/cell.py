@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scancell.arguments import checked_arguments
-from scancell.config.cell import CellDescription, PartDescription
+from scancell.config.cell import CellDescription, PartDescription, TableDescription
 from scancell.config.devices import FurtherPartDescription
 from scancell.config.gripper import GripperDescription
 from scancell.config.light import LightDescription
@@ -34,6 +34,7 @@ _OF_SPEED, _OF_ACCELERATION = 0.4, 0.3
 
 Array = NDArray[np.float64]
 
+_SIDES = 96  # of a platter without a mesh: 0.05 % beyond its radius at the corners
 _PLACEHOLDER = box_mesh((0.01, 0.01, 0.01), "no part")
 
 OCCUPIED = "occupied["  # begins the names of bodies that are measured space; no description can have such a name
@@ -493,7 +494,6 @@ def _bodies(cell: CellDescription, part: Mesh) -> tuple[Body, ...]:
         ("base", "world", cell.robot.base_mesh, robot_material),
         *((f"link{i}", f"link[{i}]", joint.mesh, robot_material) for i, joint in enumerate(cell.robot.joint, 1)),
         ("sensor", "sensor", cell.sensor_mesh, robot_material),
-        ("table", "table", table.platter_mesh, table_material),
         ("table_base", "world", table.base_mesh, table_material),
     ]
     bodies = [
@@ -501,8 +501,24 @@ def _bodies(cell: CellDescription, part: Mesh) -> tuple[Body, ...]:
         for name, frame, path, material in files
         if path is not None
     ]
+    number = next((i for i, body in enumerate(bodies) if body.name == "table_base"), len(bodies))
+    bodies.insert(number, Body("table", "table", _platter(table), table_material))
     material = _material(cell.part.material, cell.part.reflectance)
     return (*bodies, Body("part", "part", part, material, part_patches(part, cell.part)))
+
+
+def _platter(table: TableDescription) -> Mesh:
+    """The platter's mesh: that of its file, or the least prism of `_SIDES` sides around its cylinder."""
+    if table.platter_mesh is not None:
+        return load_mesh(Path(table.platter_mesh))
+    radius, thickness = si_value(table, "radius_mm"), si_value(table, "thickness_mm")
+    i = np.arange(_SIDES)
+    corners = radius / np.cos(np.pi / _SIDES) * np.exp(2j * np.pi * i / _SIDES)
+    top = np.column_stack([corners.real, corners.imag, np.zeros(_SIDES)])
+    j, k = (i + 1) % _SIDES, i[1:-1]
+    lids = [np.column_stack([0 * k, k, k + 1]), _SIDES + np.column_stack([0 * k, k + 1, k])]
+    sides = [np.column_stack([i, _SIDES + i, _SIDES + j]), np.column_stack([i, _SIDES + j, j])]
+    return Mesh(np.vstack([top, top - (0.0, 0.0, thickness)]), np.concatenate([*lids, *sides]), "table")
 
 
 def _lamp(name: str, light: LightDescription) -> Lamp:

@@ -1,4 +1,4 @@
-"""Plausibility of descriptions that are valid one by one: link meshes, camera views, exposure timing."""
+"""Plausibility of descriptions that are valid one by one: meshes, camera views, exposure timing."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.config.cell import TableDescription
 from scancell.config.exposure_times import profile_time
 from scancell.config.loading import Setup
 from scancell.config.robot import JointDescription, RobotDescription
@@ -22,6 +23,7 @@ from scancell.sensor import Camera, Sensor
 
 Array = NDArray[np.float64]
 
+_PLATTER_SHARE = 0.02  # of the radius: by which the platter's mesh may differ from its dimensions
 _GAP_MM = 10.0  # links of real arms meet closer than this at their joints
 _DH_TOLERANCE = {"a_mm": 1.0, "d_mm": 1.0, "alpha_deg": 0.5}
 _MIN_SHARE = 0.5
@@ -32,9 +34,32 @@ def setup_warnings(setup: Setup) -> list[str]:
     """Sentences about descriptions that are valid but unlikely to be meant, each naming the keys to check.
 
     Raises `DescriptionError` if a camera cannot see the laser line anywhere in the measuring range; `MeshError` if the
-    mesh of a link cannot be read.
+    mesh of a link or of the platter cannot be read.
     """
-    return [*_link_warnings(setup.cell.robot), *_camera_warnings(setup.sensor), *_motion_warnings(setup)]
+    cell = setup.cell
+    return [
+        *_link_warnings(cell.robot),
+        *_table_warnings(cell.table),
+        *_camera_warnings(setup.sensor),
+        *_motion_warnings(setup),
+    ]
+
+
+def _table_warnings(table: TableDescription) -> list[str]:
+    """The platter's mesh, if it was made for other dimensions."""
+    if table.platter_mesh is None:
+        return []
+    mesh = load_mesh(Path(table.platter_mesh))
+    radius, top = 1e3 * np.hypot(*mesh.vertices[:, :2].T).max(), 1e3 * mesh.bounds[1, 2]
+    name = f"cell.table.platter_mesh = {Path(table.platter_mesh).name}"
+    warnings = []
+    if abs(radius - table.radius_mm) > _PLATTER_SHARE * table.radius_mm:
+        warnings.append(
+            f"{name}: reaches {radius:.1f} mm from the axis, but cell.table.radius_mm = {table.radius_mm:g}"
+        )
+    if abs(top) > _PLATTER_SHARE * table.radius_mm:
+        warnings.append(f"{name}: its top is at z = {top:.1f} mm, but the part stands at z = 0")
+    return warnings
 
 
 def _link_warnings(robot: RobotDescription) -> list[str]:
