@@ -9,12 +9,14 @@ from scancell.config.loading import Setup, assets_dir, load_setup
 from scancell.evaluation.artefact import evaluate_against_artefact
 from scancell.evaluation.faces import faces_of
 from scancell.geometry.mesh import sample_surface
+from scancell.geometry.shapes import Sphere
 from scancell.studies.acceptance.measure import (
     ALL_ROUND,
     Programme,
     Samples,
     Station,
     Trial,
+    _undetermined,
     artefact_scale,
     scaled_artefact,
     stations,
@@ -69,6 +71,22 @@ def test_artefact_keeps_its_shape_when_made_smaller() -> None:
     errors = {one.name: one.error for one in found.characteristics}
     assert abs(errors["sphere spacing"]) < 1e-12
     assert abs(errors["probing size"]) < 1e-12
+
+
+@pytest.mark.parametrize(("cap_deg", "is_determined"), [(3.0, False), (40.0, True)])
+def test_sphere_of_a_small_cap_is_not_determined(cap_deg: float, is_determined: bool) -> None:
+    """By theory the radius of a cap of 3 deg with noise of 2 um is uncertain by some millimetres."""
+    artefact = scaled_artefact("sphere", 1.0)
+    (ball,) = (one for one in artefact.shapes if one.role == "measured")
+    assert isinstance(ball.shape, Sphere)
+    rng = np.random.default_rng(3)
+    cosine, around = rng.uniform(np.cos(np.radians(cap_deg)), 1.0, 800), rng.uniform(0, 2 * np.pi, 800)
+    sine = np.sqrt(1 - cosine**2)
+    away = np.column_stack([sine * np.cos(around), sine * np.sin(around), cosine])
+    radius = ball.shape.radius + rng.normal(0.0, 2e-6, 800)
+    evaluation = evaluate_against_artefact(ball.frame_from_shape[:3, 3] + radius[:, None] * away, artefact, guard=0.0)
+    found = _undetermined(evaluation)
+    assert found == ({} if is_determined else {"ball": "ball: the points do not determine the probing size"})
 
 
 def test_setup_of_a_station_has_its_views_alone() -> None:

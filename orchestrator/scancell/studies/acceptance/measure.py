@@ -40,6 +40,7 @@ _SEEN = 0.4  # cosine of the incidence up to which a surface counts for the dept
 _COARSE = 100e-6  # m
 _SAMPLES = 4000
 
+_DETERMINED = 0.01  # of the nominal size: largest standard uncertainty of a fit that counts as determined
 _OUTLIER = 5.0  # robust standard deviations from the fitted element
 _TO_SIGMA = 1.4826  # median absolute deviation of a normal distribution
 _UNIT = {"m": ("um", 1e6), "rad": ("deg", 180 / np.pi)}
@@ -263,7 +264,13 @@ class Measuring:
             if station.artefact not in found.pictured:
                 found.pictured[station.artefact] = evaluation
             missing = max(0.0, 1.0 - len(scan.cloud) / max(ideal, 1))
+            undetermined = _undetermined(evaluation)
+            for reason in undetermined.values():
+                what = f"{station.artefact}, {station.position}, {station.mode}: {reason}"
+                found.failures[what] = found.failures.get(what, 0) + 1
             for of, name, unit, nominal, value, uncertainty in _errors(evaluation, missing):
+                if not undetermined.keys().isdisjoint([of, *of.split(" - ")]):
+                    continue
                 own = samples.setdefault((of, name), Samples(station, of, name, unit, nominal))
                 own.errors.append(value)
                 own.trials.append(number)
@@ -314,6 +321,15 @@ def _errors(evaluation: ArtefactEvaluation, missing: float) -> Iterator[tuple[st
     rates = {"outlier rate": (far + beyond) / (sum(map(len, residuals)) + beyond), "missing-point rate": missing}
     for name, rate in rates.items():
         yield _WHOLE, name, "%", 0.0, 100 * rate, float("nan")
+
+
+def _undetermined(evaluation: ArtefactEvaluation) -> dict[str, str]:
+    """Faces and pairs of faces whose fitted elements the points do not determine, with the reason."""
+    return {
+        one.of: f"{one.of}: the points do not determine the {one.name}"
+        for one in evaluation.characteristics
+        if one.nominal > 0 and one.uncertainty > _DETERMINED * one.nominal
+    }
 
 
 def _is_outlier(residuals: Array) -> NDArray[np.bool_]:
