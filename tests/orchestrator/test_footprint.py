@@ -119,6 +119,19 @@ def test_table_below_an_overhang_is_not_the_part() -> None:
     assert not flags[radius > 0.01].any()
 
 
+def test_table_below_a_bent_sheet_is_not_the_part() -> None:
+    """A sheet of 1 mm bent like a roof: beside its lower edges light from the open ends meets the table below it."""
+    leg = [(x, y, z) for x, z in ((0.0, 0.021), (0.021, 0.0), (0.0196, 0.0), (0.0, 0.0196)) for y in (-0.02, 0.02)]
+    part = union(*(mesh_of(trimesh.convex.convex_hull(np.array(leg) * (side, 1.0, 1.0))) for side in (-1.0, 1.0)))
+    rng = np.random.default_rng(7)
+    y = rng.uniform(-0.019, 0.019, 20_000)
+    below = np.column_stack([rng.uniform(-0.0194, 0.0194, 20_000), y, rng.normal(0, NOISE, 20_000)])
+    flags, dropped = kept(part, below)
+    assert not flags[np.abs(below[:, 0]) < 0.0192].any()
+    assert flags.mean() < 0.01
+    assert dropped.ambiguous < 0.02 * len(below)
+
+
 def test_points_above_the_margin_are_never_removed() -> None:
     rng = np.random.default_rng(6)
     points = np.concatenate([rng.uniform((-0.05, -0.05, MARGIN), (0.05, 0.05, 0.03), (20_000, 3))])

@@ -1,7 +1,8 @@
 """Points of thin parts near the table, distinguished from table points by the part's nominal footprint.
 
-Where the nominal part covers the table, a point cannot be on the table, however low it lies. Only places where the
-upper side of the part is low matter; elsewhere the part has no points near the table. Within a tolerance of places
+Where the nominal part covers the table, a point cannot be on the table, however low it lies. It does not where the part
+is above the table and some ray of light from above meets the table below it. Only places where the upper side of the
+part is low matter; elsewhere the part has no points near the table. Within a tolerance of places
 where the table is visible both are possible: there a point belongs to the nearer of the two heights. Where the part is
 too thin to tell them apart, as at the rim of a cone, its nominal place decides too. No distance to the part is used:
 the footprint keeps points, it removes none.
@@ -26,6 +27,12 @@ _WALL = 0.1  # vertical component of the normal up to which a face is a wall, wh
 _THIN = 0.05  # tolerances: height of the part over the table up to which measured heights do not tell them apart
 _CELLS = 4  # of the grid in a tolerance
 _MOST_CELLS = 2000  # along a side
+# Directions from the table to light that comes from above: elevations up to which sensors are tilted.
+_TO_LIGHT = [
+    np.array([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)])
+    for up in np.radians([20.0, 40.0, 60.0])
+    for around in np.radians(np.arange(0.0, 360.0, 30.0) + 7.0)
+]
 # Position of the rays in their cells: no symmetry of a part puts all of them on edges, where rays may miss.
 _OFF_CENTRE = np.array([0.4571, 0.5312])
 
@@ -39,7 +46,7 @@ class Footprint:
     corner, step
         Lower corner (2,) of the grid and edge of its cells.
     covered
-        (nx, ny) whether the part covers the table in the cell.
+        (nx, ny) whether the part covers the table in the cell, so that no ray from above meets it there.
     surely_covered
         (nx, ny) whether it covers the table everywhere within the tolerance.
     lowest_top, highest_top
@@ -96,11 +103,17 @@ def footprint_of(part: Mesh, table_from_part: Array, lowest: float, tolerance: f
     corner, end = bounds.min(0) - 2 * tolerance, bounds.max(0) + 2 * tolerance
     step = max(tolerance / _CELLS, float((end - corner).max()) / _MOST_CELLS)
     reach = 2 * int(np.ceil(tolerance / step)) + 1
-    top = _tops(part, table_from_part, corner, step, np.ceil((end - corner) / step).astype(int), ceiling)
+    shape = np.ceil((end - corner) / step).astype(int)
+    x, y = (corner[axis] + step * (np.arange(shape[axis]) + _OFF_CENTRE[axis]) for axis in (0, 1))
+    places = np.stack(np.meshgrid(x, y, indexing="ij"), -1)
+    rays = _Rays(part, table_from_part)
+    top = rays.tops(places, ceiling)
+    covered = ~np.isnan(top)
+    covered[covered] = rays.covers(places[covered], float(height.min()), _THIN * tolerance)
 
     from scipy.ndimage import maximum_filter, minimum_filter  # noqa: PLC0415
 
-    covered, is_low = ~np.isnan(top), np.isfinite(top)
+    is_low = np.isfinite(top)
     return Footprint(
         corner=corner,
         step=step,
@@ -113,22 +126,43 @@ def footprint_of(part: Mesh, table_from_part: Array, lowest: float, tolerance: f
     )
 
 
-def _tops(
-    part: Mesh, table_from_part: Array, corner: Array, step: float, shape: NDArray[np.int_], ceiling: float
-) -> Array:
-    """Height (nx, ny) of the upper side below the ceiling; infinite where it is above, NaN where there is no part."""
-    scene = sensor_rt.Scene()
-    scene.add_mesh("part", part.vertices, part.faces, 0.5)
-    x, y = (corner[axis] + step * (np.arange(shape[axis]) + _OFF_CENTRE[axis]) for axis in (0, 1))
-    origins = np.stack([*np.meshgrid(x, y, indexing="ij"), np.full(shape, ceiling)], -1).reshape(-1, 3)
-    down = np.tile([0.0, 0.0, -1.0], (len(origins), 1))
-    distance, body, face = sensor_rt.cast_rays(scene, table_from_part[None], origins, down)
-    hit = np.flatnonzero(body >= 0)
-    top = np.full(len(origins), np.nan)
-    upwards = part.normals[face[hit]] @ table_from_part[2, :3]
-    # A ray that starts inside the part leaves it by its lower side.
-    top[hit] = np.where(upwards > _WALL, ceiling - distance[hit], np.inf)
-    return top.reshape(shape)
+class _Rays:
+    """Rays cast at a part on the table; places (..., 2) are in the frame of the table, m."""
+
+    def __init__(self, part: Mesh, table_from_part: Array) -> None:
+        self._part, self._table_from_part = part, table_from_part
+        self._scene = sensor_rt.Scene()
+        self._scene.add_mesh("part", part.vertices, part.faces, 0.5)
+
+    def tops(self, places: Array, ceiling: float) -> Array:
+        """Height (...) of the upper side below the ceiling; infinite where it is above, NaN where there is no part."""
+        distance, face = self._cast(places.reshape(-1, 2), ceiling, np.array([0.0, 0.0, -1.0]))
+        hit = np.flatnonzero(np.isfinite(distance))
+        top = np.full(len(distance), np.nan)
+        upwards = self._part.normals[face[hit]] @ self._table_from_part[2, :3]
+        # A ray that starts inside the part leaves it by its lower side.
+        top[hit] = np.where(upwards > _WALL, ceiling - distance[hit], np.inf)
+        return top.reshape(places.shape[:-1])
+
+    def covers(self, places: Array, base: float, gap: float) -> Flags:
+        """Whether the part keeps all rays from above from the table at places (n, 2).
+
+        It does where its lower side is no more than `gap` above its lowest point, `base`.
+        """
+        height, _ = self._cast(places, base - gap, np.array([0.0, 0.0, 1.0]))
+        covered = height <= 2 * gap
+        for direction in _TO_LIGHT:
+            rest = np.flatnonzero(np.isfinite(height) & (height > 2 * gap))
+            distance, _ = self._cast(places[rest], base - gap, direction)
+            height[rest[np.isinf(distance)]] = np.inf
+        return np.asarray(covered | np.isfinite(height))
+
+    def _cast(self, places: Array, height: float, direction: Array) -> tuple[Array, NDArray[np.int64]]:
+        """Distance (n,) to the part from places (n, 2) at a height, infinite without any, and its face (n,)."""
+        origins = np.column_stack([places, np.full(len(places), height)])
+        along = np.tile(direction, (len(places), 1))
+        distance, body, face = sensor_rt.cast_rays(self._scene, self._table_from_part[None], origins, along)
+        return np.where(body >= 0, distance, np.inf), face
 
 
 def _upwards(corners: Array) -> Array:
