@@ -15,6 +15,7 @@ from scancell.config.loading import Setup, assets_dir, load_setup
 from scancell.config.path import PathDescription
 from scancell.errors import DescriptionError
 from scancell.nominal.plausibility import setup_warnings
+from scancell.planning.options import scan_options
 
 
 def warnings(*words: str) -> list[str]:
@@ -172,3 +173,12 @@ def test_sensor_paths_faster_than_the_sensor_give_a_warning(pitch: float, count:
     scan = setup.scan.model_copy(update={"path": (path,)})
     found = [line for line in setup_warnings(Setup(setup.cell, setup.sensor, scan)) if "path[1].pitch_mm" in line]
     assert len(found) == count
+
+
+@pytest.mark.parametrize("sensor", sorted((assets_dir() / "sensors").glob("*.toml")), ids=lambda file: file.stem)
+def test_default_standoff_is_in_the_nearer_half_of_the_measuring_range(sensor: Path) -> None:
+    setup = load_setup(sensor=sensor)
+    near, far = setup.sensor.range.near_mm, setup.sensor.range.far_mm
+    standoff = 1e3 * scan_options(setup.scan, setup.sensor).sweep.standoff  # type: ignore[union-attr]
+    assert near < standoff <= (near + far) / 2
+    assert not [text for text in setup_warnings(setup) if "standoff" in text]

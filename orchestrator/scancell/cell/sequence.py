@@ -18,7 +18,6 @@ from scancell.config.exposure_times import exposure_span
 from scancell.config.gripper import GripperDescription
 from scancell.config.loading import Setup
 from scancell.config.sensing import PresenceSensorDescription
-from scancell.config.units import si_value
 from scancell.errors import CommandError, DescriptionError
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
@@ -187,7 +186,8 @@ def _scan(sequence: _Sequence, setup: Setup) -> None:
     """Turn the table under the sensor, whose laser line crosses the axis of the table, the part within its range."""
     nominal = sequence.nominal
     top = pose.transform_points(nominal.world_from_part(0.0), nominal.part.vertices)[:, 2].max()
-    above = np.append(nominal.world_from_table[:2, 3], top + si_value(setup.scan.sweep, "standoff_mm"))
+    standoff = 1e-3 * setup.sensor.range.standoff_mm(setup.scan.sweep.standoff_mm)
+    above = np.append(nominal.world_from_table[:2, 3], top + standoff)
     down = pose.rotation_about(0, math.pi)
     flange = pose.inverse(nominal.flange_from_sensor)
     turns = [pose.rotation_about(2, angle) @ down for angle in np.linspace(0.0, 2 * math.pi, 12, endpoint=False)]

@@ -141,7 +141,11 @@ class PathDescription(FileDescription):
         description="distance of the sensor between exposures, mm; sensor: the smallest at speed_mm_s, by the sensor's"
         " highest profile rate",
     )
-    standoff_mm: Size = Field(default=80.0, description="distance along sensor Z to the point it looks at, mm")
+    standoff_mm: Size | Literal["sensor"] = Field(
+        default="sensor",
+        description="distance along sensor Z to the point it looks at, mm;"
+        " sensor: 80, or a twentieth of the measuring range beyond its start where 80 is not in its nearer half",
+    )
     spiral: SpiralDescription | None = Field(default=None, description="a spiral around the part")
     contour: ContourDescription | None = Field(default=None, description="the contour of the part at one height")
     waypoint: tuple[WaypointDescription, ...] = Field(

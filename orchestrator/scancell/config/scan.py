@@ -55,8 +55,10 @@ class SweepDescription(Description):
     azimuth_deg: Angle = Field(
         default=105.0, description="direction from the table axis to the sensor, from world +x about z, deg"
     )
-    standoff_mm: Size = Field(
-        default=80.0, description="distance along sensor Z to the nearest surface of the part, also in passes, mm"
+    standoff_mm: Size | Literal["sensor"] = Field(
+        default="sensor",
+        description="distance along sensor Z to the nearest surface of the part, also in passes, mm;"
+        " sensor: 80, or a twentieth of the measuring range beyond its start where 80 is not in its nearer half",
     )
     height_step_mm: Size = Field(
         default=30.0, description="distance between neighbouring sweeps along the laser line, mm"

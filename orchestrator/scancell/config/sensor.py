@@ -101,6 +101,9 @@ class LaserDescription(Description):
         return self
 
 
+USUAL_STANDOFF_MM = 80.0
+
+
 class RangeDescription(Description):
     """Measuring range along sensor Z; points outside it are discarded."""
 
@@ -114,6 +117,16 @@ class RangeDescription(Description):
         if self.near_mm >= self.far_mm:
             raise ValueError(f"near_mm ({self.near_mm:g}) must be below far_mm ({self.far_mm:g})")
         return self
+
+    def standoff_mm(self, described: float | Literal["sensor"]) -> float:
+        """A described stand-off, mm; ``sensor`` stands for 80 mm, or for a twentieth of the range beyond its start.
+
+        The latter applies where 80 mm is not in the nearer half of the range.
+        """
+        if described != "sensor":
+            return described
+        near, far = self.near_mm, self.far_mm
+        return USUAL_STANDOFF_MM if near <= USUAL_STANDOFF_MM <= (near + far) / 2 else near + (far - near) / 20
 
 
 class CameraDescription(Description):

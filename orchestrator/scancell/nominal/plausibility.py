@@ -198,7 +198,8 @@ def _motion_warnings(setup: Setup) -> list[str]:
         period = 1e3 * scan.belt.pitch_mm / abs(scan.belt.speed_mm_s)
         return _rate_warning("belt", "pitch_mm", "speed_mm_s", period, needed)
     warnings = []
-    standoff, near, far = scan.sweep.standoff_mm, sensor.range.near_mm, sensor.range.far_mm
+    standoff = sensor.range.standoff_mm(scan.sweep.standoff_mm)
+    near, far = sensor.range.near_mm, sensor.range.far_mm
     if not near <= standoff <= far:
         where = f"the measuring range of the sensor ({near:g} to {far:g} mm)"
         warnings.append(f"scan.sweep.standoff_mm = {standoff:g}: outside {where}, the nearest surface is not measured")

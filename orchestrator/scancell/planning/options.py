@@ -146,8 +146,14 @@ def scan_options(scan: ScanDescription, sensor: SensorDescription) -> ScanOption
     si = to_si(scan.model_dump())
     sweep, raster = si["sweep"], si["raster"]
     is_least_step, is_least_pitch = sweep["angle_step"] == "sensor", raster["pitch"] == "sensor"
+    standoff = 1e-3 * sensor.range.standoff_mm(scan.sweep.standoff_mm)
     paths = [
-        path.model_copy(update={"pitch_mm": path.speed_mm_s * period}) if path.pitch_mm == "sensor" else path
+        path.model_copy(
+            update={
+                "pitch_mm": path.speed_mm_s * period if path.pitch_mm == "sensor" else path.pitch_mm,
+                "standoff_mm": sensor.range.standoff_mm(path.standoff_mm),
+            }
+        )
         for path in scan.path
     ]
     poses = np.array([pose_matrix(p) for p in scan.pose]).reshape(-1, 4, 4)
@@ -159,7 +165,7 @@ def scan_options(scan: ScanDescription, sensor: SensorDescription) -> ScanOption
         sweep=SweepOptions(
             tuple(sweep["elevations"]),
             sweep["azimuth"],
-            sweep["standoff"],
+            standoff,
             sweep["height_step"],
             sweep["speed"] * period if is_least_step else sweep["angle_step"],
             sweep["speed"],
@@ -168,7 +174,7 @@ def scan_options(scan: ScanDescription, sensor: SensorDescription) -> ScanOption
         if scan.sweep.enabled
         else None,
         raster=RasterOptions(
-            sweep["standoff"],
+            standoff,
             raster["speed"] * period if is_least_pitch else raster["pitch"],
             raster["overlap"],
             raster["speed"],

@@ -23,6 +23,7 @@ from scancell.config.path import (
     WaypointDescription,
     WeightsDescription,
 )
+from scancell.config.sensor import USUAL_STANDOFF_MM
 from scancell.config.units import si_value
 from scancell.errors import DescriptionError, PlanningError
 from scancell.files import require_file
@@ -245,7 +246,8 @@ def sensor_paths(description: PathDescription, part: Mesh, table_from_part: Arra
     Raises `DescriptionError` if a file of recorded poses is missing or malformed, naming file, line and column;
     `PlanningError` if a path has no length.
     """
-    standoff = 1e-3 * description.standoff_mm
+    # `scan_options` has put in the stand-off of the sensor, if there is one.
+    standoff = 1e-3 * (USUAL_STANDOFF_MM if description.standoff_mm == "sensor" else description.standoff_mm)
     if description.spiral is not None:
         legs = [_spiral(description.spiral, part, standoff)]
     elif description.contour is not None:
