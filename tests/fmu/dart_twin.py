@@ -161,9 +161,9 @@ def _add_shape(body: Any, shape: Any, friction: float, body_from_shape: Array) -
 
 
 def _joint_from_link(row: Mapping[str, float]) -> Array:
-    """``joint_from_link``: Rz(theta) T(a, 0, d) Rx(alpha)."""
+    """``joint_from_link``: Rz(theta) T(a, 0, d) Rx(alpha) Ry(beta)."""
     turn = pose.from_rotation(pose.rotation_about(2, row["theta"]))
-    twist = pose.from_rotation(pose.rotation_about(0, row["alpha"]))
+    twist = pose.from_rotation(pose.rotation_about(0, row["alpha"]) @ pose.rotation_about(1, row.get("beta", 0.0)))
     return np.asarray(turn @ pose.translation((row["a"], 0.0, row["d"])) @ twist)
 
 

@@ -41,7 +41,7 @@ def expected_poses(cell: dict[str, Any], q: Array, table: float, delta: dict[str
         row = {key: joint[key] + deviation(f"dh[{i}].{key}") for key in ("a", "d", "alpha", "theta")}
         here = here @ rotation("z", q[i - 1] + row["theta"])
         here = here @ translation(row["a"], 0, row["d"]) @ rotation("x", row["alpha"])
-        here = here @ rotation("y", deviation(f"dh[{i}].beta"))
+        here = here @ rotation("y", joint.get("beta", 0.0) + deviation(f"dh[{i}].beta"))
         poses[f"link[{i}]"] = here
     tool = translation(*(deviation(f"tool.{k}") for k in "xyz"))
     for axis in "xyz":
@@ -77,6 +77,7 @@ def tilted_cell() -> dict[str, Any]:
     cell["table"]["world_from_table"] = pose([0.5, 0.1, 0.05], [w, y, -x, z])
     for i, joint in enumerate(cell["robot"]["joints"]):
         joint["theta"] = 0.1 * (i - 2.5)
+    cell["robot"]["joints"][1] |= {"alpha": 0.004, "beta": -0.007}  # nearly parallel axes
     return cell
 
 

@@ -332,6 +332,18 @@ def test_meshes_for_collisions_stand_for_formats_that_are_not_read(tmp_path: Pat
         assert one.read_bytes() == two.read_bytes()
 
 
+def test_remarks_on_mesh_files_are_warnings(tmp_path: Path) -> None:
+    file = changed(tmp_path, ("meshes/link3.stl", "meshes/warped.obj"))
+    corners = [(x, y, z) for x in (0, 100) for y in (0, 100) for z in (0, 100)]
+    corners[-1] = (100, 100, 100.4)
+    faces = ["1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4"]
+    lines = [*(f"v {x} {y} {z}" for x, y, z in corners), *(f"f {face}" for face in faces)]
+    mesh = file.parent / "meshes" / "warped.obj"
+    mesh.write_text("\n".join(lines))
+    (warning,) = robot_from_urdf(file, "flange", tmp_path / "arm.toml", hold=[3]).warnings
+    assert warning.startswith(f"{mesh.resolve()}: 1 of 6 faces are not plane")
+
+
 def test_packages_are_found_by_their_package_file(tmp_path: Path) -> None:
     file = changed(tmp_path)
     (tmp_path / "seven_axis_urdf").rename(tmp_path / "checkout")

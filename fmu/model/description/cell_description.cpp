@@ -61,11 +61,13 @@ MotionDescription parse_motion(const JsonReader& json) {
 
 JointDescription parse_joint(const JsonReader& json) {
   json.expect_keys({"a", "d", "alpha", "theta", "min", "max", "max_speed", "max_acceleration", "max_jerk",
-                    "start", "encoder_resolution", "encoder_noise", "encoder_latency"});
+                    "start", "encoder_resolution", "encoder_noise", "encoder_latency"},
+                   {"beta"});
   JointDescription joint;
   joint.a = json.at("a").number(-kMaxCoordinate, kMaxCoordinate);
   joint.d = json.at("d").number(-kMaxCoordinate, kMaxCoordinate);
   joint.alpha = json.at("alpha").number(-kMaxJointPosition, kMaxJointPosition);
+  if (json.has("beta")) joint.beta = json.at("beta").number(-kMaxJointPosition, kMaxJointPosition);
   joint.theta = json.at("theta").number(-kMaxJointPosition, kMaxJointPosition);
   joint.min = json.at("min").number(-kMaxJointPosition, kMaxJointPosition);
   joint.max = json.at("max").number(joint.min, kMaxJointPosition);
@@ -152,7 +154,8 @@ CellLayout layout_of(const CellDescription& cell) {
   CellLayout layout;
   for (const JointDescription& joint : cell.joints) {
     const bool last = &joint == &cell.joints.back();
-    layout.joints.push_back({!last && std::abs(std::sin(joint.alpha)) < kParallel});
+    // A row that needs beta has a deviation of it, because its axes are nearly parallel.
+    layout.joints.push_back({!last && (std::abs(std::sin(joint.alpha)) < kParallel || joint.beta != 0)});
   }
   for (const PartDescription& part : cell.parts) {
     layout.parts.push_back({part.stands_on.kind == StandsOn::Kind::kTable});

@@ -28,7 +28,7 @@ class DescriptionError : public std::runtime_error {
 };
 
 struct JointDescription {
-  double a = 0, d = 0, alpha = 0, theta = 0;  // Rz(q + theta) T(a, 0, d) Rx(alpha)
+  double a = 0, d = 0, alpha = 0, beta = 0, theta = 0;  // Rz(q + theta) T(a, 0, d) Rx(alpha) Ry(beta)
   double min = 0, max = 0, max_speed = 0, max_acceleration = 0, max_jerk = 0, start = 0;
   EncoderDescription encoder;
 };

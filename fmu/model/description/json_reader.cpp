@@ -89,7 +89,7 @@ void JsonReader::expect_keys(const std::vector<const char*>& keys,
 }
 
 std::vector<JsonReader> JsonReader::items_at(const char* key) const {
-  return node_.contains(key) ? at(key).items() : std::vector<JsonReader>();
+  return has(key) ? at(key).items() : std::vector<JsonReader>();
 }
 
 JsonReader JsonReader::at(const char* key) const {

@@ -24,6 +24,7 @@ class JsonReader {
   void require_keys(const std::vector<const char*>& keys) const;
 
   bool is_null() const { return node_.is_null(); }
+  bool has(const char* key) const { return node_.contains(key); }
   JsonReader at(const char* key) const;
   /// Elements of the array with this key; none where the key is absent.
   std::vector<JsonReader> items_at(const char* key) const;

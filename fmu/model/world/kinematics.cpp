@@ -16,7 +16,8 @@ Isometry3d rotation_about_z(double angle) { return Isometry3d(AngleAxisd(angle, 
 Isometry3d fixed_part(const JointDescription& joint, const DhDeviation& delta) {
   return rotation_about_z(joint.theta + delta.theta) *
          Translation3d(joint.a + delta.a, 0, joint.d + delta.d) *
-         AngleAxisd(joint.alpha + delta.alpha, Vector3d::UnitX()) * AngleAxisd(delta.beta, Vector3d::UnitY());
+         AngleAxisd(joint.alpha + delta.alpha, Vector3d::UnitX()) *
+         AngleAxisd(joint.beta + delta.beta, Vector3d::UnitY());
 }
 
 /// Motion of the link after a revolute joint about the z axis of `base`.

@@ -87,6 +87,8 @@ def cell_json(
     robot = [to_si(joint.model_dump(exclude={"mesh", "drive", "inertia"})) for joint in cell.robot.joint]
     for joint, start in zip(robot, nominal.home, strict=True):
         joint["start"] = float(start)
+        if joint["beta"] == 0.0:  # as in most arms
+            del joint["beta"]
     table = to_si(cell.table.model_dump(exclude={"pose", "reflectance", "material", "platter_mesh", "base_mesh"}))
     return {
         "format": 2,

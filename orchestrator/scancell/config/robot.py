@@ -102,7 +102,8 @@ class MotionDescription(Description):
 class JointDescription(Description):
     """One revolute joint and the link that it moves, standard Denavit-Hartenberg.
 
-    ``T = Rz(q + theta) T(a, 0, d) Rx(alpha)``; the frame of a link lies at its far end, with z along the next axis.
+    ``T = Rz(q + theta) T(a, 0, d) Rx(alpha) Ry(beta)``; the frame of a link lies at its far end, with z along the next
+    axis.
     """
 
     a_mm: Coordinate = Field(
@@ -111,6 +112,11 @@ class JointDescription(Description):
     d_mm: Coordinate = Field(description="Denavit-Hartenberg d: offset along this joint's axis, mm")
     alpha_deg: Angle = Field(
         description="Denavit-Hartenberg alpha: angle from this joint's axis to the next about x, deg"
+    )
+    beta_deg: Angle = Field(
+        default=0.0,
+        description="angle from this joint's axis to the next about y, after alpha, deg: Hayati's parameter for "
+        "nearly parallel axes, between which d is large or undetermined without it",
     )
     theta_deg: Angle = Field(default=0.0, description="offset added to the joint angle, deg")
     min_deg: Angle = Field(description="lower limit of the joint angle, deg")

@@ -1,6 +1,7 @@
 """Robot files from URDF files: Denavit-Hartenberg parameters of the joint axes, meshes in the frames of the links.
 
-Angles of origins within 1e-5 rad of a multiple of 90 degrees count as that multiple, because files often round pi.
+Angles of origins count as a multiple of 90 degrees where they are that multiple in the decimal places that the file
+gives, and within 1e-5 rad, because files often round pi.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from decimal import Decimal
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -25,7 +27,7 @@ from scancell.geometry.mesh_files import FORMATS, read_mesh, write_stl
 
 Array = NDArray[np.float64]
 
-_ROUNDED = 1e-5  # rad
+_ROUNDED, _EXACT = 1e-5, 1e-12  # rad: rounding of pi to decimal places, and that of computed angles
 _UNIT = 1e-3  # by which the length of a quaternion may differ from 1
 _NO_INERTIA = 1e-3  # relative: by which moments of inertia may be negative, or one exceed the sum of the others
 
@@ -241,8 +243,14 @@ class _Reader:
             rpy = -pose.euler_xyz_from_rotation(pose.rotation_from_quaternion(np.roll(quaternion, 1)).T)
         else:
             rpy = self._numbers(name, origin, "rpy", "0 0 0", 3)
+        words = ["0"] if origin is None else origin.get("quat_xyzw", origin.get("rpy", "0")).split()
+        unit = np.array([_last_place(word) for word in words])
+        if "quat_xyzw" in given:
+            unit = np.full(3, 2 * unit.min())
         right = np.round(rpy / (np.pi / 2)) * (np.pi / 2)
-        r, p, y = np.where(np.abs(rpy - right) < _ROUNDED, right, rpy)
+        # A rounded or truncated number differs by less than one unit of its last decimal place.
+        rounding = np.clip(0.95 * unit, _EXACT, _ROUNDED)
+        r, p, y = np.where(np.abs(rpy - right) < rounding, right, rpy)
         rotation = pose.rotation_about(2, y) @ pose.rotation_about(1, p) @ pose.rotation_about(0, r)
         return pose.from_rotation(rotation, position)
 
@@ -297,7 +305,8 @@ class _Reader:
         kind = "none" if shape is None else shape.tag
         if shape is not None and kind == "mesh":
             file = self._mesh_file(link, shape.get("filename", ""))
-            vertices, faces, _ = read_mesh(file)
+            vertices, faces, remarks = read_mesh(file)
+            self._warnings += remarks
             return np.asarray(vertices, float) * self._numbers(key, shape, "scale", "1 1 1", 3), faces
         if kind == "box":
             made = trimesh.creation.box(self._numbers(key, shape, "size", "nan nan nan", 3))
@@ -357,6 +366,12 @@ class _Reader:
 
     def _fault(self, joint: ET.Element, text: str) -> DescriptionError:
         return DescriptionError(text, file=self._path, key=_name(joint))
+
+
+def _last_place(word: str) -> float:
+    """One unit of the last decimal place of a number; 0 if it is not finite."""
+    exponent = Decimal(word).as_tuple().exponent
+    return float(f"1e{exponent}") if isinstance(exponent, int) else 0.0
 
 
 def _name(element: ET.Element) -> str:
@@ -421,8 +436,8 @@ def robot_from_urdf(
             f"{len(arm.joints)} joints from the root to '{tip}'", file=urdf, expected=f"4 to {MAX_JOINTS}"
         )
     chain, last_from_tip = dh_from_axes(arm.points, arm.axes, arm.tip)
-    rows = [(1e3 * one.a, 1e3 * one.d, np.degrees(one.alpha), np.degrees(one.theta)) for one in chain.joints]
-    keys = ("a_mm", "d_mm", "alpha_deg", "theta_deg")
+    rows = [(1e3 * one.a, 1e3 * one.d, *np.degrees([one.alpha, one.beta, one.theta])) for one in chain.joints]
+    keys = ("a_mm", "d_mm", "alpha_deg", "beta_deg", "theta_deg")
     joints: list[dict[str, Any]] = [dict(zip(keys, _rounded(row), strict=True)) for row in rows]
     for row, joint in zip(joints, arm.joints, strict=True):
         low, high, speed = np.degrees([joint.lower, joint.upper, joint.max_speed]).round(6).tolist()

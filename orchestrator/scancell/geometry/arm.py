@@ -18,7 +18,9 @@ __all__ = ["Arm", "HeldJoint", "Joint"]
 
 Array = NDArray[np.float64]
 
-_SMALL_LENGTH, _SMALL_ANGLE = 5e-3, np.radians(1.0)  # deviations from a chain with a closed form
+# Largest deviations of the pose from that of a chain with a closed form, in terms of the reach and rad.
+_SMALL_LENGTH, _SMALL_ANGLE = 0.05, 0.1
+_PROBES = 64  # joints at which such deviations are judged
 
 # Joints that are added to chains of fewer than six, in general position; lengths in terms of the chain's.
 _ADDED = (Joint(0.21, 0.13, 1.1), Joint(0.17, -0.19, 0.7))
@@ -44,6 +46,10 @@ class Branches:
         self._free = [i for i in range(self._count) if i not in held]
         self._flange_from_end = np.eye(4)
         self._chain = self._reduced(chain) if held else chain
+        *others, last = self._chain.joints
+        if last.beta != 0.0:  # it is part of the tool, and no matter of the axes
+            self._flange_from_end = self._flange_from_end @ pose.from_rotation(pose.rotation_about(1, -last.beta))
+            self._chain = Chain([*others, replace(last, beta=0.0)], self._chain.world_from_base)
         self._theta = self._chain.column("theta")
         self.dimensions = self._closed_form_dimensions()
 
@@ -106,21 +112,59 @@ class Branches:
         return (a, d, alpha) if spherical_wrist.is_supported(a, d, alpha, beta) else None
 
     def _configurations(self, targets: Array) -> Array:
-        """Branches (n, 8, 6) in closed form, or refined from those of a chain nearby."""
-        if self.dimensions is None:
-            assert self._neighbour is not None
-            return numeric_ik.refined(self._chain, targets, self._neighbour.along(targets[:, None])[:, 0])
+        """Branches (n, 8, 6) in closed form, or refined from those of a chain nearby.
+
+        Where two branches nearly meet, those of the neighbour may lead to one solution or none: there, all solutions
+        are looked for and take the names of the neighbour's branches that have their joints.
+        """
+        if self.dimensions is not None:
+            return self._closed_form(targets)
+        assert self._neighbour is not None
+        neighbour, slack = self._neighbour
+        seeds = neighbour._closed_form(targets, slack)
+        q = numeric_ik.refined(self._chain, targets, seeds)
+        lost = (np.isfinite(seeds[..., 0]) & ~np.isfinite(q[..., 0])).any(1)
+        if lost.any():
+            found = numeric_ik.refined(
+                self._chain, targets[lost], np.concatenate([q[lost], self._candidates(targets[lost])], 1)
+            )
+            for row, solutions in zip(np.flatnonzero(lost), found, strict=True):
+                q[row] = self._named(solutions[np.isfinite(solutions[:, 0])], neighbour)
+        return q
+
+    def _named(self, solutions: Array, neighbour: Branches) -> Array:
+        """Solutions (m, 6) by the branches (8, 6) of the neighbour; those without a place of their own in others."""
+        named = np.full((len(spherical_wrist.BRANCH_NAMES), 6), np.nan)
+        own = neighbour._closed_form(neighbour._chain.fk(solutions))
+        gap = np.abs(np.remainder(own - solutions[:, None] + np.pi, 2 * np.pi) - np.pi).max(-1)
+        places = np.where(np.isfinite(gap), gap, np.inf).argmin(1)
+        others = []
+        for place, solution in zip(places, solutions, strict=True):
+            if np.isnan(named[place, 0]):
+                named[place] = solution
+            else:
+                others.append(solution)
+        for place, solution in zip(np.flatnonzero(np.isnan(named[:, 0])), others, strict=False):
+            named[place] = solution
+        return named
+
+    def _closed_form(self, targets: Array, slack: float = 0.0) -> Array:
+        """Branches (n, 8, 6) of a chain with a closed form."""
+        assert self.dimensions is not None
         base_from_end = pose.inverse(self._chain.world_from_base) @ targets
-        return np.asarray(self._sign * spherical_wrist.solve(*self.dimensions, base_from_end) - self._theta)
+        return np.asarray(self._sign * spherical_wrist.solve(*self.dimensions, base_from_end, slack) - self._theta)
+
+    def _candidates(self, targets: Array) -> Array:
+        """Joints (n, m, joints) near all solutions for targets (n, 4, 4), to be refined; NaN beyond."""
+        completed, flange_from_last = self._completed
+        base_from_last = pose.inverse(self._chain.world_from_base) @ targets @ flange_from_last
+        return numeric_ik.candidates(completed, len(self._theta), base_from_last) - self._theta
 
     def _continued(self, targets: Array, on_step: Callable[[int], None] | None) -> Array:
         """Numbered branches (n, k, branches, joints) along paths (n, k, 4, 4)."""
-        completed, flange_from_last = self._completed
-        joints, count = len(self._theta), numeric_ik.number_of_branches(completed)
+        joints, count = len(self._theta), numeric_ik.number_of_branches(self._completed[0])
         first = targets[:, 0]
-        base_from_last = pose.inverse(self._chain.world_from_base) @ first @ flange_from_last
-        seeds = numeric_ik.candidates(completed, joints, base_from_last) - self._theta
-        start = numeric_ik.distinct_solutions(self._chain, first, seeds, count)
+        start = numeric_ik.distinct_solutions(self._chain, first, self._candidates(first), count)
         path = np.repeat(targets.swapaxes(0, 1), count, axis=1)
         q = numeric_ik.continued(self._chain, path, start.reshape(-1, joints), on_step)
         return q.reshape(-1, len(first), count, joints).swapaxes(0, 1)
@@ -136,23 +180,29 @@ class Branches:
         return SixJoints(*rows), Chain(added).fk(np.zeros(len(added)))
 
     @cached_property
-    def _neighbour(self) -> Branches | None:
-        """Those of a chain with a closed form from which this one deviates little, as if calibrated; None if none."""
+    def _neighbour(self) -> tuple[Branches, float] | None:
+        """A chain with a closed form from whose poses those of this one deviate little, as if calibrated; None if none.
+
+        With it, by how much the wrist centres of both may differ, m.
+        """
         if len(self._chain.joints) != 6:
             return None
         joints = []
         for i, joint in enumerate(self._chain.joints):
-            right = np.round(joint.alpha / (np.pi / 2)) * (np.pi / 2)
-            a = 0.0 if i in (3, 4) else joint.a
+            alpha = joint.alpha if i == 5 else np.round(joint.alpha / (np.pi / 2)) * (np.pi / 2)
             d = 0.0 if i == 4 else joint.d
-            alpha = joint.alpha if i == 5 else right
-            if max(abs(a - joint.a), abs(d - joint.d)) > _SMALL_LENGTH:
-                return None
-            if max(abs(alpha - joint.alpha), abs(joint.beta)) > _SMALL_ANGLE:
-                return None
-            joints.append(replace(joint, a=a, d=d, alpha=alpha, beta=0.0))
+            joints.append(replace(joint, a=0.0 if i in (3, 4) else joint.a, d=d, alpha=alpha, beta=0.0))
         nearby = Branches(Chain(joints, self._chain.world_from_base), {})
-        return nearby if nearby.dimensions is not None else None
+        if nearby.dimensions is None:
+            return None
+        q = np.random.default_rng(0).uniform(-np.pi, np.pi, (_PROBES, 6))
+        ours, theirs = self._chain.fk(q), nearby._chain.fk(q)
+        length = float(np.linalg.norm(ours[:, :3, 3] - theirs[:, :3, 3], axis=1).max())
+        turn = pose.log_rotation(np.swapaxes(theirs[:, :3, :3], 1, 2) @ ours[:, :3, :3])
+        angle = float(np.linalg.norm(turn, axis=1).max())
+        reach = sum(float(np.hypot(joint.a, joint.d)) for joint in joints)
+        last = float(np.hypot(joints[5].a, joints[5].d))
+        return (nearby, length + angle * last) if length < _SMALL_LENGTH * reach and angle < _SMALL_ANGLE else None
 
 
 @dataclass(frozen=True)

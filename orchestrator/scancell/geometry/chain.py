@@ -13,7 +13,8 @@ from scancell.geometry import pose
 
 Array = NDArray[np.float64]
 
-_PARALLEL = 1e-9  # sine of the angle below which two axes count as parallel
+_NEARLY_PARALLEL = 0.1  # sine of the angle below which two axes count as nearly parallel
+_NO_LENGTH, _EXACT = 1e-10, 1e-12  # m, rad: what is below is rounding
 _MEETING = 1e-9  # m: distance below which two axes count as intersecting
 
 
@@ -88,18 +89,20 @@ def dh_from_axes(points: ArrayLike, directions: ArrayLike, end: ArrayLike) -> tu
 
     All are given in the base frame with every joint at 0, and so is the pose of the `end` (4, 4).
 
-    The x axis of a frame is the common normal of two successive axes: of axes that intersect, the normal of their
-    plane; of parallel ones, the normal that leaves d = 0; of coincident ones, the x axis of the frame before. Of its
-    two directions the one nearer to the x axis before is taken, so that a may be negative. The first frame lies on
-    axis 1 where it is nearest to the base's origin, and has the base's orientation if axis 1 is along the base's z.
+    The x axis of a frame is the common normal of two successive axes; of axes that intersect, the normal of their
+    plane. The common normal of axes that are nearly parallel is far away and changes with the least of their errors:
+    between these, the x axis leads from one axis to the other in the plane that leaves d = 0, and `beta` completes the
+    tilt (Hayati, 1983). Of coincident axes, the x axis of the frame before is kept. Of the two directions of x the one
+    nearer to the x axis before is taken, so that a may be negative. The first frame lies on axis 1 where it is nearest
+    to the base's origin, and has the base's orientation if axis 1 is along the base's z.
 
     Returns
     -------
     chain
         In the base frame.
     last_from_end
-        (4, 4) what four parameters of the last row cannot express of the pose of the end, a screw along its z: the
-        identity for an end whose z is axis n.
+        (4, 4) what the parameters of the last row cannot express of the pose of the end: the identity for an end whose
+        z is axis n, a rotation about z for one whose z is nearly parallel to it, otherwise a screw along z.
     """
     end = np.asarray(end, float)
     origins = np.vstack([np.asarray(points, float), end[:3, 3]])
@@ -110,9 +113,10 @@ def dh_from_axes(points: ArrayLike, directions: ArrayLike, end: ArrayLike) -> tu
     joints = []
     for k in range(1, len(axes)):
         last = k == len(axes) - 1
-        x, origin = _common_normal(frame, origins[k], axes[k], end if last else None)
-        joints.append(_joint(frame, x, origin, axes[k]))
-        frame = pose.from_rotation(np.column_stack([x, np.cross(axes[k], x), axes[k]]), origin)
+        x, origin = _next_frame(frame, origins[k], axes[k], end if last else None)
+        joint = _joint(frame, x, origin, axes[k])
+        joints.append(joint)
+        frame = frame @ Chain([joint]).fk([0.0])
     return Chain(joints, base_from_first), pose.inverse(frame) @ end
 
 
@@ -122,18 +126,20 @@ def _first_frame(point: Array, z: Array) -> Array:
     return pose.from_rotation(np.column_stack([x, np.cross(z, x), z]), point - (point @ z) * z)
 
 
-def _common_normal(frame: Array, point: Array, z: Array, end: Array | None) -> tuple[Array, Array]:
-    """Direction x of the next frame and its origin on the line through `point` along `z`."""
+def _next_frame(frame: Array, point: Array, z: Array, end: Array | None) -> tuple[Array, Array]:
+    """Direction x of a row, perpendicular to the axis before, and the next origin on the line through `point`."""
     before, origin = frame[:3, 2], frame[:3, 3]
     normal = np.cross(before, z)
     sine = float(np.linalg.norm(normal))
     gap = point - origin
-    if sine < _PARALLEL:
-        across = gap - (gap @ before) * before
+    if sine < _NEARLY_PARALLEL:
+        # Where the line meets the plane through the frame's origin that is perpendicular to the axis before.
+        place = point - (gap @ before) / (z @ before) * z if end is None else end[:3, 3]
+        across = place - origin - ((place - origin) @ before) * before
         if np.linalg.norm(across) > _MEETING:
-            return _towards(_unit(across), frame), origin + across
-        # Coincident axes: any place and direction will do, for the end its own.
-        return (frame[:3, 0], origin) if end is None else (end[:3, 0], end[:3, 3])
+            return _towards(_unit(across), frame), place
+        # Any direction will do: for the end that which leaves no rotation.
+        return frame[:3, 0] if end is None else _unit(np.cross(end[:3, 1], before) * (z @ before)), place
     x = _towards(normal / sine, frame)
     # The feet of the common normal: origin + s before + distance x = point + t z.
     t = float(np.linalg.det(np.column_stack([gap, before, normal]))) / sine**2
@@ -141,13 +147,15 @@ def _common_normal(frame: Array, point: Array, z: Array, end: Array | None) -> t
 
 
 def _joint(frame: Array, x: Array, origin: Array, z: Array) -> Joint:
-    """The joint from a frame to the next one."""
+    """The joint from a frame to the next one, with z = Rz(theta) Rx(alpha) Ry(beta) z."""
     before = frame[:3, 2]
     gap = origin - frame[:3, 3]
     a, d = float(gap @ x), float(gap @ before)
     alpha = np.arctan2(np.cross(before, z) @ x, before @ z)
+    beta = np.arcsin(np.clip(x @ z, -1.0, 1.0))
     theta = np.arctan2(np.cross(frame[:3, 0], x) @ before, frame[:3, 0] @ x)
-    return Joint(0.0 if abs(a) < _MEETING else a, 0.0 if abs(d) < _MEETING else d, float(alpha), float(theta))
+    a, d = (0.0 if abs(length) < _NO_LENGTH else length for length in (a, d))
+    return Joint(a, d, float(alpha), float(theta), beta=0.0 if abs(beta) < _EXACT else float(beta))
 
 
 def _towards(x: Array, frame: Array) -> Array:

@@ -26,12 +26,12 @@ from scancell.errors import DescriptionError
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
+STARTS = 3  # poses from which paths may begin
 MOST_SOLUTIONS = 16  # of any arm with six revolute joints (Primrose, 1986)
 _SAME = 1e-4  # rad: ends of paths nearer than this may be one
 
 _LOOPS = 8  # loops of each round of the monodromy
 _ROUNDS = 20
-_STARTS = 3
 _FIRST_STEP, _LONGEST_STEP, _SHORTEST_STEP = 0.05, 0.25, 1e-10  # of the path from 0 to 1
 _PREDICTION = 1e-2  # rad: error of a prediction up to which a step is accepted
 _NEWTON_STEPS = 2
@@ -84,25 +84,26 @@ class Start:
     theta: Complex
 
 
-@lru_cache(maxsize=64)
-def starts(arm: SixJoints) -> tuple[Start, ...]:
-    """Independent start poses with all of their solutions; the same for every call.
+@lru_cache(maxsize=256)
+def start(arm: SixJoints, number: int) -> Start:
+    """One of the `STARTS` independent start poses, from 0, with all of its solutions; the same for every call.
 
     Raises `DescriptionError` if the joints are dependent at every pose, as those of four parallel axes are.
     """
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(number)
+    if number:
+        first = start(arm, 0)
+        count = first.theta.shape[1]
+        while True:
+            position, rotation, _ = arm.flange(_random_angles(rng, 1))
+            line = _Line.between(first.position, first.rotation, position, rotation, count)
+            theta, done = _follow(arm, first.theta, line)
+            if done.all() and len(_distinct(theta)) == count:
+                return Start(position, rotation, theta)
     singular_values = np.linalg.svd(arm.flange(_random_angles(rng, 1))[2][0], compute_uv=False)
     if singular_values[-1] < 1e-9 * singular_values[0]:
         raise DescriptionError("inverse kinematics needs joints that are independent at some pose", key="robot.joint")
-    found = [_monodromy(arm, rng)]
-    count = found[0].theta.shape[1]
-    while len(found) < _STARTS:
-        position, rotation, _ = arm.flange(_random_angles(rng, 1))
-        line = _Line.between(found[0].position, found[0].rotation, position, rotation, count)
-        theta, done = _follow(arm, found[0].theta, line)
-        if done.all() and len(_distinct(theta)) == count:
-            found.append(Start(position, rotation, theta))
-    return tuple(found)
+    return _monodromy(arm, rng)
 
 
 def solve(arm: SixJoints, start: Start, targets: Array) -> tuple[Array, NDArray[np.bool_]]:

@@ -63,7 +63,7 @@ def refine(arm: Kinematics, targets: Array, seeds: Array, iterations: int = 60) 
 
 def number_of_branches(chain: SixJoints) -> int:
     """Most real solutions that any pose of the chain can have in general position."""
-    return int(continuation.starts(chain)[0].theta.shape[1])
+    return int(continuation.start(chain, 0).theta.shape[1])
 
 
 def candidates(chain: SixJoints, joints: int, base_from_end: Array) -> Array:
@@ -83,7 +83,8 @@ def candidates(chain: SixJoints, joints: int, base_from_end: Array) -> Array:
 def _candidates(chain: SixJoints, joints: int, targets: Array) -> Array:
     found = []
     pending = np.ones(len(targets), bool)
-    for start in continuation.starts(chain):
+    for number in range(continuation.STARTS):
+        start = continuation.start(chain, number)
         theta = np.full((len(targets), start.theta.shape[1], 6), np.nan)
         theta[pending], complete = continuation.solve(chain, start, targets[pending])
         found.append(theta)

@@ -37,14 +37,18 @@ def is_supported(a: Array, d: Array, alpha: Array, beta: Array) -> bool:
     return bool(right_angles.all() and zeros.all() and np.cos(alpha[1]) > 0 and abs(a[1]) > 0)
 
 
-def solve(a: Array, d: Array, alpha: Array, base_from_flange: Array) -> Array:
-    """Joint angles theta (n, 8, 6) in (-pi, pi] of all branches for targets (n, 4, 4); NaN without a solution."""
+def solve(a: Array, d: Array, alpha: Array, base_from_flange: Array, slack: float = 0.0) -> Array:
+    """Joint angles theta (n, 8, 6) in (-pi, pi] of all branches for targets (n, 4, 4); NaN without a solution.
+
+    Of targets whose wrist centre is within `slack`, m, of where two arm branches meet, on either side, those are
+    angles near both.
+    """
     theta = np.empty((len(base_from_flange), 8, 6))
     for start in range(0, len(theta), _BLOCK):
         rows = slice(start, start + _BLOCK)
         rotation = np.ascontiguousarray(base_from_flange[rows, :3, :3].transpose(1, 2, 0))
         position = np.ascontiguousarray(base_from_flange[rows, :3, 3].T)
-        theta[rows] = _solve_block(a, d, alpha, rotation, position).transpose(3, 0, 1, 2).reshape(-1, 8, 6)
+        theta[rows] = _solve_block(a, d, alpha, rotation, position, slack).transpose(3, 0, 1, 2).reshape(-1, 8, 6)
     return theta
 
 
@@ -60,13 +64,13 @@ def distance_outside_reach(a: Array, d: Array, alpha: Array, base_from_flange: A
     return np.asarray(np.maximum(outside, 0.0).min(0))
 
 
-def _solve_block(a: Array, d: Array, alpha: Array, rotation: Array, position: Array) -> Array:
+def _solve_block(a: Array, d: Array, alpha: Array, rotation: Array, position: Array, slack: float) -> Array:
     """Joint angles (4, 2, 6, m), for arm and wrist branches, of flange rotations (3, 3, m) and positions (3, m)."""
     c, s = np.cos(alpha[5]), np.sin(alpha[5])
     x, y, z = rotation[:, 0], c * rotation[:, 1] - s * rotation[:, 2], s * rotation[:, 1] + c * rotation[:, 2]
     theta = np.empty((4, 2, 6, position.shape[1]))
     with np.errstate(invalid="ignore"):
-        theta[:, 0, :3] = _solve_position(a, d, alpha, position - a[5] * x - d[5] * z)
+        theta[:, 0, :3] = _solve_position(a, d, alpha, position - a[5] * x - d[5] * z, slack)
         theta[:, 1, :3] = theta[:, 0, :3]
         _solve_wrist(alpha, np.stack([x, y, z], 1), theta)
         theta -= 2 * np.pi * np.rint(theta / (2 * np.pi))
@@ -74,18 +78,20 @@ def _solve_block(a: Array, d: Array, alpha: Array, rotation: Array, position: Ar
     return theta
 
 
-def _solve_position(a: Array, d: Array, alpha: Array, centre: Array) -> Array:
+def _solve_position(a: Array, d: Array, alpha: Array, centre: Array, slack: float) -> Array:
     """Joints 1-3 (4, 3, m) of the shoulder and elbow branches for wrist centres (3, m); NaN out of reach."""
     s1, s3 = np.sign(np.sin(alpha[0])), np.sign(np.sin(alpha[2]))
     offset = d[1] + d[2]
     forearm, psi = np.hypot(a[2], d[3]), np.arctan2(-s3 * d[3], a[2])
     x, y, z = centre
-    radial = _root(x * x + y * y - offset**2) * np.array([[1.0], [-1.0]])
+    radial = _root(x * x + y * y - offset**2, slack * (2 * abs(offset) + slack)) * np.array([[1.0], [-1.0]])
     turn = np.arctan2(y, x) - np.arctan2(-s1 * offset, radial)
     across, up = radial - a[0], s1 * (z - d[0])
     cosine = (across * across + up * up - (a[1] ** 2 + forearm**2)) / (2 * a[1] * forearm)
+    # Near the reach's boundary a radial distance of `slack` changes the cosine by this.
+    margin = slack * (abs(a[1]) + forearm) / (abs(a[1]) * forearm)
     # Tolerates rounding when the arm is fully extended.
-    cosine = np.where(np.abs(cosine) <= 1 + _ROUNDING, np.clip(cosine, -1, 1), np.nan)
+    cosine = np.where(np.abs(cosine) <= 1 + _ROUNDING + margin, np.clip(cosine, -1 + margin, 1 - margin), np.nan)
     sine = np.sqrt((1 - cosine) * (1 + cosine))
     bend = np.arctan2(sine, cosine)
     slope, lead = np.arctan2(up, across), np.arctan2(forearm * sine, a[1] + forearm * cosine)
@@ -129,6 +135,6 @@ def _solve_wrist(alpha: Array, base_from_wrist: Array, theta: Array) -> None:
         theta[k, 1, 5] = theta[k, 0, 5] + np.pi
 
 
-def _root(square: Array) -> Array:
-    """Square root; 0 for negative values within rounding, NaN below."""
-    return np.asarray(np.sqrt(np.where(np.abs(square) < _ROUNDING**2, 0.0, square)))
+def _root(square: Array, slack: float) -> Array:
+    """Square root; that of `slack` for values within it, and 0 for those within rounding; NaN below."""
+    return np.asarray(np.sqrt(np.where(np.abs(square) < max(slack, _ROUNDING**2), slack, square)))

@@ -482,7 +482,7 @@ def _refuse_unstable(part: Mesh, table_from_part: Array, description: PartDescri
 
 def _joint_fields(joint: dict[str, float]) -> dict[str, float]:
     si = to_si(joint)
-    names = ("a", "d", "alpha", "theta", "min", "max", "max_speed", "max_acceleration", "max_jerk")
+    names = ("a", "d", "alpha", "beta", "theta", "min", "max", "max_speed", "max_acceleration", "max_jerk")
     return {name: si[name] for name in names}
 
 

@@ -94,7 +94,8 @@ def _other_parameters(joint: JointDescription) -> str:
 
 def _misfit(joint: JointDescription, number: int, joints: int, mesh: Mesh, previous: Mesh | None) -> str:
     """What separates the link's bounding box from its joint axes or from the link before it."""
-    si = {name: si_value(joint, key) for name, key in (("a", "a_mm"), ("d", "d_mm"), ("alpha", "alpha_deg"))}
+    keys = ("a_mm", "d_mm", "alpha_deg", "beta_deg")
+    si = {key.partition("_")[0]: si_value(joint, key) for key in keys}
     previous_from_link = Arm([Joint(**si)]).fk([0.0])
     link_from_previous = pose.inverse(previous_from_link)
     # Joint i turns about z of frame i - 1; the next joint, or the flange, lies on z of the link's own frame.
