@@ -48,6 +48,7 @@ TIERS = [
     {"views"},
     {"browser"},
     {"cli"},
+    {"__main__"},
 ]
 # Results of evaluations write and draw themselves: their methods import what does it when they are called.
 LATE = {("evaluation", "output")}
