@@ -383,6 +383,7 @@ def reconstruct(
     cloud_unit: LengthUnit | None = None,
     calibration: str | Path | None = None,
     flange: str | Path | None = None,
+    table_format: str | Path | None = None,
     convention: FlangeConvention | None = None,
     laser_off: str | Path | None = None,
     quarter_turns: QuarterTurns | None = None,
@@ -398,8 +399,9 @@ def reconstruct(
     Parameters
     ----------
     data
-        Table of profile points, or folder of images with a table of poses; with joints or poses of the flange. Or a
-        cloud or a surface without poses, whose frame is taken as that of the robot's base.
+        Table of profile points, profiles as a sensor writes them, or folder of images with a table of poses; with
+        joints or poses of the flange. Or a cloud, surface or profiles without poses, whose frame is taken as that of
+        the robot's base.
     part
         Nominal part, in whose frame the cloud is; without it the cloud is in the frame of the robot's base.
     cloud_unit
@@ -407,7 +409,10 @@ def reconstruct(
     calibration
         Folder of results of a calibration: its cell, its sensor, and the pose of the sensor on the flange.
     flange
-        Table of the flange poses of the exposures, if they are not in that of the points.
+        Table of the flange poses of the exposures, if they are not in that of the points; or a program or list of a
+        robot controller, whose poses are those of exposures 1, 2 and so on.
+    table_format
+        Format of the profiles: the name of a shipped one, or a file; by default by the content.
     convention
         Of orientations whose columns do not state it.
     laser_off
@@ -445,6 +450,7 @@ def reconstruct(
         cloud_unit,
         path(calibration),
         path(flange),
+        table_format,
         convention,
         path(laser_off),
         quarter_turns,

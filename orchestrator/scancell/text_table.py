@@ -30,9 +30,10 @@ _NUMBER = {mark: re.compile(rf"[+-]?(\d+({re.escape(mark)}\d*)?|{re.escape(mark)
            for mark in ".,"}  # fmt: skip
 _SAMPLE = 100  # lines at the end, and in the middle, that tell the separator
 _SHOWN = 40  # characters of a line in a message
+SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "blank": " "}
 _SEPARATOR_NAMES = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "blanks", "|": "vertical bars"}
 # Values of missing numbers, in lower case, beside those of `float`.
-_MISSING = {
+MISSING = {
     "", "nan", "-nan", "+nan", "nan(ind)", "-nan(ind)", "1.#qnan", "-1.#ind", "1.#ind", "inf", "+inf", "-inf",
     "infinity", "-infinity", "1.#inf", "-1.#inf", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "invalid",
 }  # fmt: skip
@@ -128,8 +129,8 @@ def lines_of(text: str) -> list[str]:
     return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
 
 
-def text_table(text: str, encoding: str, path: Path) -> TextTable:
-    """The table of a text, see `read_text_table`."""
+def text_table(text: str, encoding: str, path: Path, dialect: tuple[str, str] | None = None) -> TextTable:
+    """The table of a text, see `read_text_table`; separator and decimal mark are found unless given."""
     comments: list[str] = []
     lines: list[str] = []
     numbers: list[int] = []
@@ -144,7 +145,7 @@ def text_table(text: str, encoding: str, path: Path) -> TextTable:
         numbers.append(number)
     if not lines:
         raise DescriptionError("holds no rows", file=path, expected="a table of numbers")
-    separator, decimal = _dialect(lines, path)
+    separator, decimal = dialect or dialect_of(lines, path)
     counts = _counts(lines, separator)
     width, _ = Counter(counts).most_common(1)[0]
     if separator != " " and all(line.rstrip(" ").endswith(separator) for line, n in zip(lines, counts, strict=True)
@@ -154,7 +155,7 @@ def text_table(text: str, encoding: str, path: Path) -> TextTable:
         counts = _counts(lines, separator)
     start = _first_row(lines, counts, width, separator, decimal)
     names: tuple[str, ...] = ()
-    fields = _split(lines[start], separator)
+    fields = split_line(lines[start], separator)
     if not _is_row(fields, decimal):
         names = tuple(column_name(field) for field in fields)
         start += 1
@@ -195,20 +196,21 @@ def numbers_of_lines(
             pass  # a missing value, or one that is no number: looked at one by one
     made = np.full((len(lines), len(columns)), np.nan)
     for row, (line, number) in enumerate(zip(lines, numbers, strict=True)):
-        fields = _split(line, separator)
+        fields = split_line(line, separator)
         for k, column in enumerate(columns):
             field = fields[column] if column < len(fields) else ""
             if _NUMBER[decimal].match(field):
                 value = float(field.replace(",", "."))
                 made[row, k] = value if np.isfinite(value) else np.nan
-            elif field.lower() not in _MISSING:
+            elif field.lower() not in MISSING:
                 raise DescriptionError(
                     file=path, key=f"line {number}, value {column + 1}", value=field[:_SHOWN], expected="a number"
                 )
     return made
 
 
-def _split(line: str, separator: str) -> list[str]:
+def split_line(line: str, separator: str) -> list[str]:
+    """Values of a line as words."""
     if separator == " ":
         return line.split()
     if '"' in line:
@@ -219,13 +221,13 @@ def _split(line: str, separator: str) -> list[str]:
 def _without_end(line: str, separator: str, width: int) -> str:
     """The line without the separator at its end, if it has more than `width` values."""
     stripped = line.rstrip(" ")
-    return stripped[:-1] if stripped.endswith(separator) and len(_split(line, separator)) > width else line
+    return stripped[:-1] if stripped.endswith(separator) and len(split_line(line, separator)) > width else line
 
 
 def _counts(lines: Sequence[str], separator: str) -> list[int]:
     if separator == " ":
         return [len(line.split()) for line in lines]
-    return [len(_split(line, separator)) if '"' in line else line.count(separator) + 1 for line in lines]
+    return [len(split_line(line, separator)) if '"' in line else line.count(separator) + 1 for line in lines]
 
 
 def _numeric(fields: Sequence[str], decimal: str) -> int:
@@ -233,7 +235,7 @@ def _numeric(fields: Sequence[str], decimal: str) -> int:
     return sum(_NUMBER[decimal].match(field) is not None for field in fields)
 
 
-def _dialect(lines: Sequence[str], path: Path) -> tuple[str, str]:
+def dialect_of(lines: Sequence[str], path: Path) -> tuple[str, str]:
     """Separator and decimal mark by which the most values are numbers."""
     middle = len(lines) // 2
     sample = [*lines[-_SAMPLE:], *lines[middle : middle + _SAMPLE]]
@@ -241,7 +243,7 @@ def _dialect(lines: Sequence[str], path: Path) -> tuple[str, str]:
 
     def score(dialect: tuple[str, str]) -> tuple[int, int]:
         separator, decimal = dialect
-        split = [_split(line, separator) for line in sample]
+        split = [split_line(line, separator) for line in sample]
         width, same = Counter(map(len, split)).most_common(1)[0]
         if width < 2:
             return (0, 0)
@@ -262,7 +264,7 @@ def _first_row(lines: Sequence[str], counts: Sequence[int], width: int, separato
     for index, count in enumerate(counts):
         if count != width:
             continue
-        fields = _split(lines[index], separator)
+        fields = split_line(lines[index], separator)
         if _is_row(fields, decimal) or all(fields):
             return index
     return counts.index(width)
@@ -270,7 +272,7 @@ def _first_row(lines: Sequence[str], counts: Sequence[int], width: int, separato
 
 def _is_row(fields: Sequence[str], decimal: str) -> bool:
     """Whether at least one field is a number, or all are marks of missing values."""
-    return _numeric(fields, decimal) > 0 or all(field.lower() in _MISSING for field in fields)
+    return _numeric(fields, decimal) > 0 or all(field.lower() in MISSING for field in fields)
 
 
 def _require_words_above(
@@ -279,7 +281,7 @@ def _require_words_above(
     """Refuse lines above the table that may be damaged rows; the number of rows alone is none of them."""
     separator, decimal = dialect
     for line, number in zip(above, numbers, strict=False):
-        fields = [field for field in _split(line, separator) if field]
+        fields = [field for field in split_line(line, separator) if field]
         is_count = len(fields) == 1 and fields[0].isdecimal()
         if is_count and int(fields[0]) != rows:
             raise DescriptionError(

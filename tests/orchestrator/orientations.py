@@ -11,4 +11,8 @@ ORIENTATIONS = {
     "zyz": lambda r: r.as_euler("ZYZ"),
     "xyzwpr": lambda r: r.as_euler("ZYX")[:, ::-1],
     "rotvec": lambda r: r.as_rotvec(),
+    "zyx": lambda r: r.as_euler("ZYX"),
 }
+USUAL = tuple(ORIENTATIONS)
+OTHER_ORDERS = ("xyx", "xzx", "xzy", "yxy", "yxz", "yzx", "yzy", "zxy", "zxz")
+ORIENTATIONS |= {order: lambda r, order=order: r.as_euler(order.upper()) for order in OTHER_ORDERS}

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pyarrow.parquet
 import pytest
-from orientations import ORIENTATIONS
+from orientations import ORIENTATIONS, USUAL
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
@@ -166,7 +166,7 @@ def test_yaml_table_gives_the_same_cloud(scanned, tmp_path) -> None:
 
 @pytest.mark.parametrize(
     ("convention", "length", "angle"),
-    [(name, *(("mm", "deg"), ("m", "rad"))[number % 2]) for number, name in enumerate(CONVENTIONS)],
+    [(name, *(("mm", "deg"), ("m", "rad"))[number % 2]) for number, name in enumerate(USUAL)],
 )
 def test_flange_poses_of_every_convention_give_the_cloud_of_the_scan(
     scanned, tmp_path, convention, length, angle

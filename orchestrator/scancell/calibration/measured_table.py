@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -15,7 +16,7 @@ from scancell.cell.recording import read_table
 from scancell.errors import DescriptionError
 from scancell.extras import require
 from scancell.files import atomic_write, read_text, require_file
-from scancell.text_table import read_text_table
+from scancell.text_table import MISSING, read_text_table
 
 Array = NDArray[np.float64]
 
@@ -27,17 +28,25 @@ class MeasuredTable:
     """A table by its columns; rows count from 1 in messages, after the header.
 
     Raises `DescriptionError` if the file is missing, no table, or has no rows.
+
+    Parameters
+    ----------
+    columns
+        Values (n,) by name that were read from the file already.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, columns: Mapping[str, NDArray[np.generic]] | None = None) -> None:
         self.path = path
-        if path.suffix.lower() in _YAML:
+        if columns is not None:
+            self._table = pa.table({name: pa.array(values) for name, values in columns.items()})
+        elif path.suffix.lower() in _YAML:
             self._table = _read_yaml(path)
         else:
             require_file(path)
             with path.open("rb") as stream:
                 is_parquet = stream.read(4) == b"PAR1" or path.suffix.lower() == ".parquet"
             self._table = read_table(path) if is_parquet else _read_csv(path)
+        self._row_numbers = np.arange(1, len(self) + 1)
         if not len(self):
             raise DescriptionError("holds no rows below its header", file=path, expected="at least one")
 
@@ -48,6 +57,25 @@ class MeasuredTable:
     def names(self) -> list[str]:
         """Names of the columns."""
         return list(self._table.column_names)
+
+    def row_number(self, row: int) -> int:
+        """Number of a row in the file, from 1 below the header; `row` counts from 0."""
+        return int(self._row_numbers[row])
+
+    def leave_out_missing(self, name: str) -> int:
+        """Leave out the rows without a value in a column: empty, NaN or a mark such as ``---``; their number.
+
+        Raises `DescriptionError` if no row is left.
+        """
+        if name not in self._table.column_names:
+            return 0
+        values = [value is None or str(value).strip().lower() in MISSING for value in self._list(name)]
+        missing = np.array(values, bool)
+        if missing.all():
+            raise DescriptionError("holds no value", file=self.path, key=f"column '{name}'")
+        self._table = self._table.filter(pa.array(~missing))
+        self._row_numbers = self._row_numbers[~missing]
+        return int(missing.sum())
 
     def numbers(self, name: str, default: float | None = None, where: NDArray[np.bool_] | None = None) -> Array:
         """A column (n,) of numbers, NaN where empty; those of the rows `where` (n,), by default all, must be finite.
@@ -83,7 +111,7 @@ class MeasuredTable:
     def refuse(self, row: int, name: str, expected: str) -> NoReturn:
         """Raise a `DescriptionError` on a value; `row` counts from 0."""
         found = self._list(name)[row] if name in self._table.column_names else None
-        key = f"column '{name}', row {row + 1}"
+        key = f"column '{name}', row {self.row_number(row)}"
         if found is None or found == "":
             raise DescriptionError("is empty", file=self.path, key=key, expected=expected)
         raise DescriptionError(file=self.path, key=key, value=found, expected=expected)

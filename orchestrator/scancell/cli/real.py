@@ -28,8 +28,8 @@ def reconstruct(
         Path,
         typer.Argument(
             metavar="DATA",
-            help="table of profile points (CSV, Parquet, YAML), or folder of images with poses.csv;"
-            " both with joints or flange poses; or cloud or surface without poses",
+            help="table of profile points (CSV, Parquet, YAML), profiles as a sensor writes them, or folder of images"
+            " with poses.csv; with joints or flange poses; or cloud or surface without poses",
         ),
     ],
     cell: CellOption = None,
@@ -47,7 +47,20 @@ def reconstruct(
         ),
     ] = None,
     flange: Annotated[
-        Path | None, typer.Option("--flange", help="flange poses of the exposures, if the table of points holds none")
+        Path | None,
+        typer.Option(
+            "--flange",
+            help="flange poses of the exposures, if the table of points holds none: a table,"
+            " or a program or list of a robot controller",
+        ),
+    ] = None,
+    table_format: Annotated[
+        str | None,
+        typer.Option(
+            "--table-format",
+            help="format of profiles of a sensor: a shipped one or a TOML file (docs/how_to/own_profiles.md);"
+            " default: by the content",
+        ),
     ] = None,
     convention: Annotated[
         FlangeConvention | None,
@@ -102,6 +115,7 @@ def reconstruct(
             cloud_unit=cloud_unit,
             calibration=calibration,
             flange=flange,
+            table_format=table_format,
             convention=convention,
             laser_off=laser_off,
             quarter_turns=quarter_turns,

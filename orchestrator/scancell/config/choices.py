@@ -6,7 +6,10 @@ from typing import Literal
 
 Engine = Literal["ray-traced", "geometric"]
 CalibrationTarget = Literal["tool", "table", "latency", "all"]
-FlangeConvention = Literal["matrix", "wxyz", "xyzw", "xyz", "zyz", "xyzwpr", "rotvec"]
+FlangeConvention = Literal[
+    "matrix", "wxyz", "xyzw", "xyz", "zyz", "xyzwpr", "zyx", "rotvec",
+    "xyx", "xzx", "xzy", "yxy", "yxz", "yzx", "yzy", "zxy", "zxz",
+]  # fmt: skip
 SensorTarget = Literal["ball", "step", "checkered"]
 ScanMode = Literal["dynamic", "stop-and-look"]
 LengthUnit = Literal["mm", "m", "inch"]

@@ -66,8 +66,19 @@ CONVENTIONS = {
     "xyzwpr": Convention(
         3, "W, P, R of XYZWPR: Rz(3) Ry(2) Rx(1)", lambda v: _rotation().from_euler("ZYX", v[:, ::-1]), True
     ),
+    "zyx": Convention(3, "A, B, C of KUKA, ZYX': Rz(1) Ry(2) Rx(3)", lambda v: _rotation().from_euler("ZYX", v), True),
     "rotvec": Convention(3, "rotation vector", lambda v: _rotation().from_rotvec(v), True),
 }
+_USUAL = tuple(CONVENTIONS)  # those that are tried in place of a stated one
+
+
+def _of_order(order: str) -> Convention:
+    rotations = " ".join(f"R{axis}({i})" for i, axis in enumerate(order, 1))
+    text = f"Euler angles {order.upper()}': {rotations}"
+    return Convention(3, text, lambda v: _rotation().from_euler(order.upper(), v), True)
+
+
+CONVENTIONS |= {order: _of_order(order) for order in ("xyx", "xzx", "xzy", "yxy", "yxz", "yzx", "yzy", "zxy", "zxz")}
 
 
 @dataclass(frozen=True)
@@ -130,7 +141,7 @@ class StatedPoses:
     def alternatives(self) -> Iterator[PoseReading]:
         """Other readings of the same numbers: another convention, unit, or direction; or position axes swapped."""
         own, count = self.reading, self.orientation.shape[1]
-        for name, length, inverse in product(CONVENTIONS, _LENGTHS, (False, True)):
+        for name, length, inverse in product(_USUAL, _LENGTHS, (False, True)):
             if CONVENTIONS[name].count == count:
                 for angle in _ANGLES if CONVENTIONS[name].is_angle else (own.angle,):
                     yield PoseReading(name, length, angle, inverse)

@@ -15,14 +15,16 @@ from scancell.calibration.cell.kinematics import AxisReadings
 from scancell.calibration.cell.points import read_axes, read_points
 from scancell.calibration.flange_poses import flange_columns, has_flange, read_flange
 from scancell.calibration.measured_table import MeasuredTable, write_measured_table
+from scancell.calibration.profile_table import read_profiles
 from scancell.config.sensor import SensorDescription
+from scancell.config.table_format import FormatDescription
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.geometry.pose_conventions import StatedPoses
 from scancell.output.extract_images import ExtractionRequest, extract_profiles, rejection_text
 from scancell.output.image_files import ImageSet
 from scancell.progress import Progress
-from scancell.reconstruction.cloud_files.read import missing_value, read_cloud_file
+from scancell.reconstruction.cloud_files.read import cloud_of_profiles, missing_value, read_cloud_file
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.sense import make_sensor, row_time_offset
 from scancell.values import Value
@@ -129,8 +131,9 @@ def read_measurements(
     quarter_turns: int,
     threads: int,
     progress: Progress,
+    form: FormatDescription | None = None,
 ) -> Measurements:
-    """Measurements of a table of points, or of a folder of images.
+    """Measurements of a table of points, of profiles in a format of a sensor, or of a folder of images.
 
     Raises `ScancellError` naming file, key, value and what was expected.
 
@@ -143,26 +146,45 @@ def read_measurements(
         not state it.
     laser_off, quarter_turns
         Of images: folder of background images, and turns to the images of the described camera.
+    form
+        Format of the profiles, which needs `flange`.
     """
-    if data.is_dir():
+    if data.is_dir() and form is None:
         if flange is not None:
             raise DescriptionError("applies to a table of points; a folder of images holds its poses", key="flange")
         return read_images_of(data, sensor, joints, convention, laser_off, quarter_turns, threads, progress)
     for key, given in (("laser_off", laser_off is not None), ("quarter_turns", quarter_turns != 0)):
         if given:
             raise DescriptionError("applies to a folder of images", key=key, value=str(data))
-    return read_table_of(data, joints, flange, convention)
+    return read_table_of(data, joints, flange, convention, form)
 
 
-def read_table_of(path: Path, joints: int, flange: Path | None = None, convention: str | None = None) -> Measurements:
+def read_table_of(
+    path: Path,
+    joints: int,
+    flange: Path | None = None,
+    convention: str | None = None,
+    form: FormatDescription | None = None,
+) -> Measurements:
     """Measurements of a table of points (docs/measurements.md).
 
     Raises `DescriptionError` naming file, column, row, value and what was expected.
     """
-    table = MeasuredTable(path)
+    if form is None:
+        profiles_file = None
+        table = MeasuredTable(path)
+        missing = table.leave_out_missing("z_mm")
+        notes = (f"{path}: {missing} rows are left out, which have no z_mm",) if missing else ()
+    else:
+        profiles_file = read_profiles(path, form)
+        table = MeasuredTable(path, profiles_file.columns())
+        ignored = ("; y is not used where poses are given",) if form.y is not None else ()
+        notes = (f"{path}: {profiles_file.text}{''.join(ignored)}",)
     _require_one_kind(table, flange)
-    found = read_points(path, joints, flange, convention)
-    kept, notes = _with_a_height(path, found.observations.points_in_sensor)
+    found = read_points(path, joints, flange, convention, table)
+    if found.poses_kind:
+        notes = (*notes, f"{flange}: taken for {found.poses_kind}")
+    kept, marked = _with_a_height(path, found.observations.points_in_sensor)
     if found.flange is not None:
         _require_radians(found.flange, found.flange_path or path)
     observed = found.observations
@@ -192,8 +214,8 @@ def read_table_of(path: Path, joints: int, flange: Path | None = None, conventio
         covariance=observed.sigma[kept, None, None] ** 2 * outer,
         stated=found.flange,
         poses_file=found.flange_path or path,
-        files=(path, *([] if flange is None else [flange])),
-        notes=notes,
+        files=(*((path,) if profiles_file is None else profiles_file.files), *([] if flange is None else [flange])),
+        notes=(*notes, *marked),
     )
 
 
@@ -209,12 +231,25 @@ def _with_a_height(path: Path, points: Array) -> tuple[NDArray[np.bool_], tuple[
     return ~marked, (note,)
 
 
-def read_cloud_of(path: Path, unit: str | None, flange_from_sensor: Array) -> Measurements:
-    """Measurements of a cloud or a surface without poses, whose frame is taken as that of the robot's base.
+def read_cloud_of(
+    path: Path, unit: str | None, flange_from_sensor: Array, form: FormatDescription | None = None
+) -> Measurements:
+    """Measurements of a cloud, a surface or profiles without poses; their frame is taken as that of the robot's base.
 
-    Raises `DescriptionError` if the file cannot be read.
+    Raises `DescriptionError` if the file cannot be read, or holds profiles and no travel from one to the next.
     """
-    found = read_cloud_file(path, unit)
+    files: tuple[Path, ...] = (path,)
+    if form is None:
+        found = read_cloud_file(path, unit)
+    else:
+        profiles = read_profiles(path, form)
+        if not profiles.has_travel:
+            raise DescriptionError(
+                f"{profiles.text}; it states no travel from one profile to the next", file=path, key="flange",
+                expected="a file of the flange's poses, or y.pitch_mm or y.column in the format",
+            )  # fmt: skip
+        found = cloud_of_profiles(path, profiles.points, profiles.text)
+        files = profiles.files
     count = len(found.points)
     zeros = np.zeros(count, np.int32)
     note = f"{path}: {found.kind}, which states no poses: its frame is taken as that of the robot's base"
@@ -236,7 +271,7 @@ def read_cloud_of(path: Path, unit: str | None, flange_from_sensor: Array) -> Me
         covariance=np.zeros((count, 3, 3)),
         stated=None,
         poses_file=path,
-        files=(path,),
+        files=files,
         notes=(note, *found.warnings),
     )
 

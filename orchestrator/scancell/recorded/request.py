@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from scancell.calibration.board.views import TABLES
 from scancell.config.cell import CellDescription
 from scancell.config.choices import FlangeConvention, LatencyWord
 from scancell.config.loading import Setup, load_setup
 from scancell.config.sensor import SensorDescription
+from scancell.config.table_format import read_format, recognised_format
 from scancell.errors import DescriptionError
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.parts import load_part
@@ -34,6 +36,7 @@ class ReconstructRequest:
     cloud_unit: str | None = None
     calibration: Path | None = None
     flange: Path | None = None
+    table_format: str | Path | None = None
     convention: FlangeConvention | None = None
     laser_off: Path | None = None
     quarter_turns: int | None = None
@@ -72,12 +75,22 @@ def _files(*given: object) -> list[Path]:
 def _measurements(
     request: ReconstructRequest, setup: Setup, mesh: Mesh | None, turns: int, progress: Progress
 ) -> Measurements:
-    """Measurements of a table, a folder of images, or a cloud without poses."""
-    if request.data.is_file() and holds_cloud(request.data):
+    """Measurements of a table, of profiles in a format of a sensor, a folder of images, or a cloud without poses."""
+    form = None if request.table_format is None else read_format(request.table_format)
+    is_cloud = form is None and request.data.is_file() and holds_cloud(request.data)
+    has_poses = any((request.data / name).is_file() for name in TABLES)  # of images
+    if form is None and not is_cloud and not has_poses and request.data.exists():
+        form = recognised_format(request.data)
+    if is_cloud or (form is not None and request.flange is None):
         for key in ("flange", "convention", "laser_off", "quarter_turns"):
             if getattr(request, key) is not None:
-                raise DescriptionError("does not apply to a cloud", key=key, value=str(getattr(request, key)))
-        return read_cloud_of(request.data, request.cloud_unit, MeasuredCell.of(setup, mesh).cell.flange_from_sensor)
+                raise DescriptionError(
+                    "does not apply to a cloud without poses", key=key, value=str(getattr(request, key))
+                )
+        if form is not None and request.cloud_unit is not None:
+            raise DescriptionError("applies to a cloud; the format states its units", key="cloud_unit")
+        flange_from_sensor = MeasuredCell.of(setup, mesh).cell.flange_from_sensor
+        return read_cloud_of(request.data, request.cloud_unit, flange_from_sensor, form)
     if request.cloud_unit is not None:
         raise DescriptionError(
             "applies to a cloud; the names of columns of a table state their units",
@@ -91,11 +104,12 @@ def _measurements(
         flange=request.flange,
         convention=request.convention,
         laser_off=request.laser_off,
-        quarter_turns=(turns if request.data.is_dir() else 0)
+        quarter_turns=(turns if request.data.is_dir() and form is None else 0)
         if request.quarter_turns is None
         else request.quarter_turns,
         threads=request.threads,
         progress=progress,
+        form=form,
     )
 
 

@@ -12,6 +12,7 @@ from scancell.calibration.cell.kinematics import AxisReadings
 from scancell.calibration.cell.problem import Observations
 from scancell.calibration.flange_poses import flange_columns, has_flange, read_flange
 from scancell.calibration.measured_table import MeasuredTable, write_measured_table
+from scancell.calibration.pose_files import read_pose_file
 from scancell.errors import DescriptionError
 from scancell.geometry.pose_conventions import StatedPoses
 
@@ -62,6 +63,8 @@ class MeasuredPoints:
         (n,) number of each exposure in the table.
     flange
         Flange poses (n) as stated; None where joints are given.
+    poses_kind
+        What the file of flange poses was taken for; empty for a table with names of columns.
     """
 
     path: Path
@@ -69,12 +72,17 @@ class MeasuredPoints:
     exposures: Array
     flange: StatedPoses | None = None
     flange_path: Path | None = None
+    poses_kind: str = ""
 
 
 def read_points(
-    path: Path, joints: int, flange_path: Path | None = None, convention: str | None = None
+    path: Path,
+    joints: int,
+    flange_path: Path | None = None,
+    convention: str | None = None,
+    table: MeasuredTable | None = None,
 ) -> MeasuredPoints:
-    """Observations from CSV, Parquet or YAML.
+    """Observations from CSV, Parquet or YAML; rows without ``z_mm`` are left out.
 
     Raises `DescriptionError` if a file is missing, lacks a column or a pose, holds values that are not finite numbers,
     or the readings of an exposure differ.
@@ -87,18 +95,23 @@ def read_points(
         Table of flange poses by exposure; by default they, or joints, are in the table of points.
     convention
         Of flange poses, see `read_flange`.
+    table
+        That of the points, where it has been read.
     """
-    table = MeasuredTable(path)
+    if table is None:
+        table = MeasuredTable(path)
+        table.leave_out_missing("z_mm")
     numbers, first, frame = np.unique(table.numbers("exposure"), return_index=True, return_inverse=True)
     frame = np.asarray(frame, np.intp).reshape(-1)
-    stated = None
+    stated, kind = None, ""
     if flange_path is not None:
-        stated = _poses_of(MeasuredTable(flange_path), numbers, path, convention)
+        poses, kind = read_pose_file(flange_path)
+        stated = _poses_of(poses, numbers, path, convention)
     elif has_flange(table):
         every = read_flange(table, convention)
         stated = every.rows(first)
         per_point = {"flange position": every.position, "flange orientation": every.orientation}
-        _require_equal(per_point, first, frame, numbers, path)
+        _require_equal(per_point, first, frame, numbers, table)
     elif convention is not None:
         raise DescriptionError("has no flange poses", file=path, key="convention", value=convention)
     readings = read_axes(table, joints if stated is None else 0, first, frame, numbers)
@@ -120,7 +133,7 @@ def read_points(
         frame,
         1e-3 * time_offset,
     )
-    return MeasuredPoints(path, observations, numbers, stated, flange_path or path)
+    return MeasuredPoints(path, observations, numbers, stated, flange_path or path, kind)
 
 
 def _coordinates(table: MeasuredTable, with_flange: bool) -> Array:
@@ -170,12 +183,12 @@ def read_axes(
         "table_rate": table.numbers("table_rate_deg_s", 0.0),
         "table_acceleration": table.numbers("table_acceleration_deg_s2", 0.0),
     }
-    _require_equal(per_point, first, frame, numbers, table.path)
+    _require_equal(per_point, first, frame, numbers, table)
     return AxisReadings(**{name: np.radians(values[first]) for name, values in per_point.items()})
 
 
 def _require_equal(
-    per_point: dict[str, Array], first: NDArray[np.intp], frame: NDArray[np.intp], numbers: Array, path: Path
+    per_point: dict[str, Array], first: NDArray[np.intp], frame: NDArray[np.intp], numbers: Array, table: MeasuredTable
 ) -> None:
     for name, values in per_point.items():
         away = np.abs(values - values[first][frame]).reshape(len(values), -1).max(1, initial=0.0)
@@ -183,7 +196,7 @@ def _require_equal(
             row = int(away.argmax())
             raise DescriptionError(
                 f"{name} differs from that in the first row of exposure {numbers[frame[row]]:g}",
-                file=path,
-                key=f"row {row + 1}",
+                file=table.path,
+                key=f"row {table.row_number(row)}",
                 expected="equal readings in all rows of an exposure",
             )

@@ -120,6 +120,12 @@ def read_cloud_file(path: Path, unit: str | None = None) -> CloudFile:
     return _cloud_of(path, found, unit)
 
 
+def cloud_of_profiles(path: Path, positions: Array, kind: str) -> CloudFile:
+    """Cloud of the points (n, 3) of profiles, mm, NaN without a height."""
+    missing = int(np.isnan(positions).any(1).sum())
+    return _cloud_of(path, _Found(positions, kind, dropped={"without a height": missing} if missing else {}), None)
+
+
 def holds_cloud(path: Path) -> bool:
     """Whether a file holds a cloud by its content: all formats but text with columns, which may hold other tables."""
     with path.open("rb") as stream:
