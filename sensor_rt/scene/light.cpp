@@ -13,7 +13,6 @@ constexpr double kNode4[] = {-0.8611363115940526, -0.3399810435848563, 0.3399810
                              0.8611363115940526};
 constexpr double kWeight4[] = {0.3478548451374538, 0.6521451548625461, 0.6521451548625461,
                                0.3478548451374538};
-constexpr double kNode2 = 0.5773502691896258;
 
 /// Returns the sample at (x, y) of an area light, in its own frame.
 LightSample sample_at(const Rigid3& reference_from_light, double x, double y, double power) {
@@ -41,87 +40,84 @@ IncidentLight LightSample::at(const Eigen::Vector3d& point) const {
   return {towards, intensity(-towards) / distance2};
 }
 
-int light_samples(const Light& light, const Rigid3& reference_from_light, LightSample* samples) {
-  if (light.kind == LightKind::kPoint) {
-    samples[0] = {reference_from_light.translation, Eigen::Vector3d::Zero(), light.power};
-    return 1;
-  }
-  for (int k = 0; k < kLightSamples; ++k) {
-    if (light.kind == LightKind::kRectangle) {
-      const double x = 0.5 * light.size.x() * kNode4[k / 4];
-      const double y = 0.5 * light.size.y() * kNode4[k % 4];
-      samples[k] =
-          sample_at(reference_from_light, x, y, light.power * kWeight4[k / 4] * kWeight4[k % 4] / 4.0);
-    } else {
-      // Two rings of equal area, rotated against each other by half a step.
-      const double ring2 = 0.5 * (1.0 + (k < 8 ? -kNode2 : kNode2));
-      const double angle = M_PI * (k % 8 + (k < 8 ? 0.0 : 0.5)) / 4.0;
-      const double radius = 0.5 * light.size.x() * std::sqrt(ring2);
-      samples[k] = sample_at(reference_from_light, radius * std::cos(angle), radius * std::sin(angle),
-                             light.power / kLightSamples);
-    }
-  }
-  return kLightSamples;
+LightLine line_at(const Light& light, double u) {
+  const Eigen::Vector2d half = 0.5 * light.size;
+  if (light.kind == LightKind::kRectangle) return {half.x() * u, half.y(), half.x()};
+  const double angle = 0.5 * M_PI * u;  // the ends of lines are a smooth function of it
+  return {half.x() * std::sin(angle), half.x() * std::cos(angle), 0.5 * M_PI * half.x() * std::cos(angle)};
 }
 
-LightPart LightPart::quarter(int number) const {
-  const Eigen::Vector2d middle = 0.5 * (low + high);
-  LightPart part{low, middle};
-  for (int k = 0; k < 2; ++k) {
-    if ((number >> k & 1) == 0) continue;
-    part.low[k] = middle[k];
-    part.high[k] = high[k];
+LightPart part_above(const Light& light, const LightHeight& height) {
+  // The highest point of a line lies middle + rise.x x / half + rise.y times its share of the longest above
+  // the surface.
+  const Eigen::Vector2d rise(0.5 * light.size.x() * height.slope.x(),
+                             0.5 * light.size.y() * std::abs(height.slope.y()));
+  double low = -1.0;
+  double high = 1.0;
+  if (light.kind == LightKind::kDisc) {  // middle + |rise| cos(angle - steepest)
+    const double share = -height.middle / std::max(rise.norm(), 1e-300);
+    if (share >= 1.0) return {};
+    const double steepest = std::atan2(rise.x(), rise.y());
+    const double reach = std::acos(std::max(-1.0, share));
+    low = std::max(low, (steepest - reach) / (0.5 * M_PI));
+    high = std::min(high, (steepest + reach) / (0.5 * M_PI));
+  } else {
+    const double middle = height.middle + rise.y();
+    if (middle + std::abs(rise.x()) <= 0.0) return {};
+    if (middle < std::abs(rise.x())) (rise.x() > 0.0 ? low : high) = -middle / rise.x();
   }
-  return part;
+  return {Eigen::Vector2d(low, -1.0), Eigen::Vector2d(high, 1.0)};
 }
 
-LightPart whole(const Light& light) {
-  if (light.kind == LightKind::kDisc) return {Eigen::Vector2d::Zero(), {0.5 * light.size.x(), 2.0 * M_PI}};
-  return {-0.5 * light.size, 0.5 * light.size};
-}
-
-Eigen::Vector2d nearest_in_part(const Light& light, const LightPart& part, Eigen::Vector2d at) {
-  if (light.kind == LightKind::kDisc) {
-    const double middle = 0.5 * (part.low.y() + part.high.y());
-    at.y() = middle + std::remainder(at.y() - middle, 2.0 * M_PI);
+Eigen::AlignedBox2d box_around(const Light& light, const LightPart& part) {
+  Eigen::AlignedBox2d box;
+  const double longest = std::clamp(0.0, part.min().x(), part.max().x());
+  for (const double u : {part.min().x(), longest, part.max().x()}) {
+    const LightLine line = line_at(light, u);
+    box.extend(Eigen::Vector2d(line.x, line.half_length * part.min().y()));
+    box.extend(Eigen::Vector2d(line.x, line.half_length * part.max().y()));
   }
-  return at.cwiseMax(part.low).cwiseMin(part.high);
+  return box;
 }
 
 double light_area(const Light& light) {
   return light.size.x() * light.size.y() * (light.kind == LightKind::kDisc ? 0.25 * M_PI : 1.0);
 }
 
-LightSample light_sample_at(const Light& light, const Rigid3& reference_from_light,
-                            const Eigen::Vector2d& at) {
-  if (light.kind == LightKind::kRectangle)
-    return sample_at(reference_from_light, at.x(), at.y(), light.power);
-  return sample_at(reference_from_light, at.x() * std::cos(at.y()), at.x() * std::sin(at.y()), light.power);
-}
-
 void light_samples(const Light& light, const Rigid3& reference_from_light, const LightPart& part,
-                   LightSample* samples) {
-  const Eigen::Vector2d middle = 0.5 * (part.low + part.high);
-  const Eigen::Vector2d half = 0.5 * (part.high - part.low);
-  const double density = half.x() * half.y() / light_area(light);
-  for (int k = 0; k < kLightSamples; ++k) {
-    const Eigen::Vector2d at(middle.x() + half.x() * kNode4[k / 4], middle.y() + half.y() * kNode4[k % 4]);
-    samples[k] = light_sample_at(light, reference_from_light, at);
-    samples[k].power *= density * kWeight4[k / 4] * kWeight4[k % 4];
-    if (light.kind == LightKind::kDisc) samples[k].power *= at.x();
+                   const LightHeight& height, LightSample* samples) {
+  const double half_u = 0.5 * part.sizes().x();
+  for (int i = 0; i < 4; ++i) {
+    const LightLine line = line_at(light, part.center().x() + half_u * kNode4[i]);
+    double low = line.half_length * part.min().y();
+    double high = line.half_length * part.max().y();
+    const double from = height.at({line.x, low});
+    const double to = height.at({line.x, high});
+    if (std::min(from, to) < 0.0) {
+      const double horizon = std::max(from, to) > 0.0 ? low + (high - low) * from / (from - to) : low;
+      (to > 0.0 ? low : high) = horizon;
+    }
+    const double half = 0.5 * (high - low);
+    const double power = light.power / light_area(light) * line.width * half_u * half * kWeight4[i];
+    for (int j = 0; j < 4; ++j) {
+      const double y = low + half + half * kNode4[j];
+      samples[4 * i + j] = sample_at(reference_from_light, line.x, y, power * kWeight4[j]);
+    }
   }
 }
 
-std::optional<Eigen::Vector2d> nearest_on_light(const Light& light, const Rigid3& reference_from_light,
-                                                const Eigen::Vector3d& origin,
-                                                const Eigen::Vector3d& direction) {
+std::optional<LightSample> light_sample_met(const Light& light, const Rigid3& reference_from_light,
+                                            const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) {
   const Rigid3 light_from_reference = reference_from_light.inverse();
   const Eigen::Vector3d from = light_from_reference * origin;
   const Eigen::Vector3d way = light_from_reference.rotation * direction;
   if (!(from.z() > 0.0) || !(way.z() < 0.0)) return std::nullopt;
   const Eigen::Vector2d met = (from - from.z() / way.z() * way).head<2>();
-  if (light.kind == LightKind::kRectangle) return met.cwiseMax(-0.5 * light.size).cwiseMin(0.5 * light.size);
-  return Eigen::Vector2d(std::min(met.norm(), 0.5 * light.size.x()), std::atan2(met.y(), met.x()));
+  const Eigen::Array2d share = 2.0 * met.array() / light.size.array();
+  if (!(light.kind == LightKind::kDisc ? share.matrix().norm() <= 1.0 : share.abs().maxCoeff() <= 1.0)) {
+    return std::nullopt;
+  }
+  return sample_at(reference_from_light, met.x(), met.y(), light.power);
 }
 
 LightSample random_light_sample(const Light& light, const Rigid3& reference_from_light, double u, double v) {

@@ -43,10 +43,7 @@ struct LightSample {
   IncidentLight at(const Eigen::Vector3d& point) const;
 };
 
-/// Writes the quadrature points of an area light; point lights have one. Returns their number. `samples`
-/// holds kLightSamples.
-constexpr int kLightSamples = 16;
-int light_samples(const Light& light, const Rigid3& reference_from_light, LightSample* samples);
+constexpr int kLightSamples = 16;  ///< quadrature points of a part of an area light
 
 /// Returns a uniformly distributed sample point, with the power of the entire lamp.
 LightSample random_light_sample(const Light& light, const Rigid3& reference_from_light, double u, double v);

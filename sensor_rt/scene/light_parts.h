@@ -9,32 +9,43 @@
 
 namespace sensor_rt {
 
-/// Part of an area light: x and y of a rectangle, radius and azimuth of a disc, from `low` to `high`.
-struct LightPart {
-  Eigen::Vector2d low;
-  Eigen::Vector2d high;
+/// Part of an area light, which itself is the box from -1 to 1: u chooses a line along y, v a point of the
+/// line as a share of its half length.
+using LightPart = Eigen::AlignedBox2d;
 
-  /// Returns one of the four quarters.
-  LightPart quarter(int number) const;
+/// Line of an area light along y.
+struct LightLine {
+  double x;
+  double half_length;
+  double width;  ///< dx / du
 };
-LightPart whole(const Light& light);
+LightLine line_at(const Light& light, double u);
 
-/// Returns the coordinates of a part that are nearest to given ones; azimuths are periodic.
-Eigen::Vector2d nearest_in_part(const Light& light, const LightPart& part, Eigen::Vector2d at);
+/// Height of the points of a light's plane above a surface: middle + slope · (x, y).
+struct LightHeight {
+  double middle;
+  Eigen::Vector2d slope;
 
-/// Writes the kLightSamples quadrature points of a part of an area light.
+  double at(const Eigen::Vector2d& point) const { return middle + slope.dot(point); }
+  double highest_in(const Eigen::AlignedBox2d& box) const {
+    return at(box.center()) + 0.5 * slope.cwiseAbs().dot(box.sizes());
+  }
+};
+
+/// Returns the part that consists of the lines which reach above the surface; an empty one if there is none.
+LightPart part_above(const Light& light, const LightHeight& height);
+
+/// Returns the box of x and y around a part.
+Eigen::AlignedBox2d box_around(const Light& light, const LightPart& part);
+
+/// Writes the kLightSamples quadrature points of what lies above the surface in a part of an area light.
 void light_samples(const Light& light, const Rigid3& reference_from_light, const LightPart& part,
-                   LightSample* samples);
+                   const LightHeight& height, LightSample* samples);
 
-/// Returns the coordinates, as those of parts, of the point of an area light that is nearest to where a ray
-/// towards its bright side meets its plane; none for a ray that does not.
-std::optional<Eigen::Vector2d> nearest_on_light(const Light& light, const Rigid3& reference_from_light,
-                                                const Eigen::Vector3d& origin,
-                                                const Eigen::Vector3d& direction);
-
-/// Returns the point of an area light at coordinates of its parts, with the power of the entire lamp.
-LightSample light_sample_at(const Light& light, const Rigid3& reference_from_light,
-                            const Eigen::Vector2d& at);
+/// Returns the point in which a ray meets the bright side of an area light, with the power of the entire
+/// lamp.
+std::optional<LightSample> light_sample_met(const Light& light, const Rigid3& reference_from_light,
+                                            const Eigen::Vector3d& origin, const Eigen::Vector3d& direction);
 
 /// Returns the emitting area of an area light, m².
 double light_area(const Light& light);

@@ -2,75 +2,98 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 namespace sensor_rt {
 namespace {
 
-constexpr double kSmooth = 3.0;       // ratio of the light of samples up to which these suffice
-constexpr double kTolerance = 0.001;  // difference between a part and its quarters, of the lamp's light
-constexpr double kHidden = 2.0;       // ratio of a highlight to the samples beside it
-constexpr int kDeepest = 8;           // divisions
+// A part is as large as four points of Gauss-Legendre quadrature permit, which integrate 1 / (1 + x²)² within
+// 0.5 % over parts whose half length is less than 0.75 + 0.4 |x| in the middle.
+constexpr double kNear = 0.65;   // half an edge, of its distance
+constexpr double kLobe = 0.65;   // half the turn of the half vector along an edge, of the width of the lobe,
+constexpr double kBeside = 0.5;  // and of the distance of the part from the normal
+constexpr double kRise = 2.0;    // the same of the elevation above the surface, of which less depends
+constexpr double kWidest = 1.0;  // part of a disc, beyond which the lengths of lines vary too much
+constexpr int kDivisions = 64;
 
 }  // namespace
 
-/// An area light as seen from a point.
+/// An area light that lights a point of a surface.
 struct Lamps::AreaLight {
   const Light& light;
   const Rigid3& reference_from_light;
   const SurfacePoint& at;
   const Bsdf& brdf;
   std::size_t instant;
-  double total = 0.0;  ///< present estimate of the reflected light
-  int highlights = 0;
-  Eigen::Vector2d highlight[2];  ///< where the light is likely to be brightest
+  double lobe_width;
+  Eigen::Vector3d point, normal, view;  ///< in the light's frame; for half vectors with the lobe
+  LightHeight height;
 
-  /// Mirrors reflect towards the camera what lies behind the surface, foils what lies behind the camera.
-  void find_highlights() {
-    const Eigen::Vector3d directions[] = {2.0 * at.normal.dot(at.back) * at.normal - at.back, at.back};
-    for (const Eigen::Vector3d& direction : directions) {
-      const auto met = nearest_on_light(light, reference_from_light, at.position, direction);
-      if (met) highlight[highlights++] = *met;
+  AreaLight(const Light& lamp, const Rigid3& pose, const SurfacePoint& lit, const Bsdf& surface,
+            std::size_t when)
+      : light(lamp),
+        reference_from_light(pose),
+        at(lit),
+        brdf(surface),
+        instant(when),
+        lobe_width(surface.lobe_width()),
+        point(pose.inverse() * lit.position),
+        normal(pose.rotation.transpose() * lit.normal),
+        view(pose.rotation.transpose() * surface.lobe_view(lit.surface, lit.back)),
+        height{-normal.dot(point), normal.head<2>()} {}
+
+  /// Returns the axis along which a part is too long for the samples, and longer than along the other; -1:
+  /// none.
+  int too_long(const LightPart& part) const {
+    if (light.kind == LightKind::kDisc && part.sizes().x() > kWidest) return 0;
+    const auto longer = [](double u, double v) { return std::max(u, v) > 1.0 ? (v > u ? 1 : 0) : -1; };
+    constexpr int kPlaces = 5;  // the corners, by u and v, and the middle
+    Eigen::Vector3d ways[kPlaces];
+    for (int k = 0; k < kPlaces; ++k) {
+      const Eigen::Vector2d at = k < 4 ? part.corner(static_cast<LightPart::CornerType>(k)) : part.center();
+      const LightLine line = line_at(light, at.x());
+      ways[k] = Eigen::Vector3d(line.x, line.half_length * at.y(), 0.0) - point;
     }
-  }
-  /// Returns the largest light per power at the points of a part that are nearest to the highlights: a
-  /// highlight beside a part reaches into it.
-  double brightest_in(const LightPart& part) const {
-    double most = 0.0;
-    for (int k = 0; k < highlights; ++k) {
-      const LightSample sample =
-          light_sample_at(light, reference_from_light, nearest_in_part(light, part, highlight[k]));
-      most = std::max(most, at.reflected(sample.at(at.position), brdf) / sample.power);
+    const auto along_edges = [](const auto& difference) {
+      return Eigen::Vector2d(0.5 * std::max(difference(0, 1), difference(2, 3)),
+                             0.5 * std::max(difference(0, 2), difference(1, 3)));
+    };
+    const Eigen::AlignedBox2d box = box_around(light, part);
+    const double distance = std::hypot(box.exteriorDistance(point.head<2>().eval()), point.z());
+    const Eigen::Vector2d half = along_edges([&](int a, int b) { return (ways[a] - ways[b]).norm(); });
+    const int near = longer(half.x() / (kNear * distance), half.y() / (kNear * distance));
+    if (near >= 0 || !std::isfinite(lobe_width)) return near;
+    Eigen::Vector3d halfway[kPlaces];
+    double elevation[kPlaces];
+    double slope = 1.0;
+    double lowest = 1.0;
+    for (int k = 0; k < kPlaces; ++k) {
+      const Eigen::Vector3d direction = ways[k].normalized();
+      halfway[k] = (direction + view).normalized();
+      elevation[k] = normal.dot(direction);
+      slope = std::min(slope, halfway[k].cross(normal).norm());
+      lowest = std::min(lowest, std::max(0.0, elevation[k]));
     }
-    return most;
+    const auto limit = [&](double away) { return kLobe * lobe_width + kBeside * away; };
+    const Eigen::Vector2d turn = along_edges([&](int a, int b) { return (halfway[a] - halfway[b]).norm(); });
+    const Eigen::Vector2d rise =
+        along_edges([&](int a, int b) { return std::abs(elevation[a] - elevation[b]); });
+    const Eigen::Vector2d share = (turn / limit(slope)).cwiseMax(rise / (kRise * limit(lowest)));
+    return longer(share.x(), share.y());
   }
 };
 
-void Lamps::evaluate(const AreaLight& lamp, Part& part) const {
-  part.sum = part.densest = 0.0;
-  part.faintest = std::numeric_limits<double>::infinity();
-  for (int k = 0; k < kLightSamples; ++k) {
-    const LightSample& sample = part.samples[k];
-    part.light[k] = lamp.at.reflected(sample.at(lamp.at.position), lamp.brdf);
-    part.sum += part.light[k];
-    const double density = part.light[k] / sample.power;
-    part.densest = std::max(part.densest, density);
-    part.faintest = std::min(part.faintest, density);
-  }
-}
-
-double Lamps::visible(const AreaLight& lamp, const LightSample* samples, const double* light,
-                      int count) const {
+double Lamps::visible(const SurfacePoint& at, std::size_t instant, const LightSample* samples,
+                      const double* light, int count) const {
   static_assert(kLightSamples <= kLanes);
   std::size_t instants[kLanes];
-  std::fill_n(instants, kLanes, lamp.instant);
+  std::fill_n(instants, kLanes, instant);
   Lanes3 origin;
   Lanes3 to_light;
   alignas(64) int unoccluded[kLanes] = {};
   bool any = false;
   for (int l = 0; l < kLanes; ++l) {
-    set_lane(origin, l, lamp.at.above());
-    set_lane(to_light, l, samples[std::min(l, count - 1)].position - lamp.at.above());
+    set_lane(origin, l, at.above());
+    set_lane(to_light, l, samples[std::min(l, count - 1)].position - at.above());
     unoccluded[l] = l < count && light[l] > 0.0 ? -1 : 0;
     any = any || unoccluded[l] != 0;
   }
@@ -81,29 +104,23 @@ double Lamps::visible(const AreaLight& lamp, const LightSample* samples, const d
   return sum;
 }
 
-/// Returns the visible light of a part, divided until the light of the quarters agrees with that of the
-/// whole.
-double Lamps::refine(AreaLight& lamp, const Part& coarse, int depth) const {
-  Part quarters[4];
-  double sum = 0.0;
-  bool hidden = false;
-  for (int k = 0; k < 4; ++k) {
-    quarters[k].part = coarse.part.quarter(k);
-    light_samples(lamp.light, lamp.reference_from_light, quarters[k].part, quarters[k].samples);
-    evaluate(lamp, quarters[k]);
-    sum += quarters[k].sum;
-    hidden = hidden || lamp.brightest_in(quarters[k].part) > kHidden * quarters[k].densest;
+/// Returns the visible light of a part.
+double Lamps::integral(const AreaLight& lamp, const LightPart& part, int divisions) const {
+  if (!(lamp.height.highest_in(box_around(lamp.light, part)) > 0.0)) return 0.0;
+  const int axis = divisions < kDivisions ? lamp.too_long(part) : -1;
+  if (axis >= 0) {
+    LightPart lower = part;
+    LightPart upper = part;
+    lower.max()[axis] = upper.min()[axis] = part.center()[axis];
+    return integral(lamp, lower, divisions + 1) + integral(lamp, upper, divisions + 1);
   }
-  lamp.total += sum - coarse.sum;
-  if (!hidden && std::abs(sum - coarse.sum) <= kTolerance * lamp.total) {
-    return visible(lamp, coarse.samples, coarse.light, kLightSamples);
+  LightSample samples[kLightSamples];
+  double light[kLightSamples];
+  light_samples(lamp.light, lamp.reference_from_light, part, lamp.height, samples);
+  for (int k = 0; k < kLightSamples; ++k) {
+    light[k] = lamp.at.reflected(samples[k].at(lamp.at.position), lamp.brdf);
   }
-  double light = 0.0;
-  for (const Part& quarter : quarters) {
-    light += depth < kDeepest ? refine(lamp, quarter, depth + 1)
-                              : visible(lamp, quarter.samples, quarter.light, kLightSamples);
-  }
-  return light;
+  return visible(lamp.at, lamp.instant, samples, light, kLightSamples);
 }
 
 double Lamps::brightness(const SurfacePoint& at, const Bsdf& brdf, std::size_t instant) const {
@@ -112,23 +129,17 @@ double Lamps::brightness(const SurfacePoint& at, const Bsdf& brdf, std::size_t i
   for (std::size_t number = 0; number < lights.size(); ++number) {
     const Light& light = lights[number];
     const Rigid3& reference_from_light = query_.track().reference_from_light(number, instant);
-    AreaLight lamp{light, reference_from_light, at, brdf, instant, 0.0, 0, {}};
-    Part all;
-    const double share = in_band_share(light, filter_, laser_wavelength_);
-    if (light_samples(light, reference_from_light, all.samples) == 1) {
-      const double direct = at.reflected(all.samples[0].at(at.position), brdf);
-      sum += share * visible(lamp, all.samples, &direct, 1);
-      continue;
-    }
-    evaluate(lamp, all);
-    lamp.find_highlights();
-    all.part = whole(light);
-    if (std::max(all.densest, lamp.brightest_in(all.part)) <= kSmooth * all.faintest) {
-      sum += share * visible(lamp, all.samples, all.light, kLightSamples);
+    double reflected = 0.0;
+    if (light.kind == LightKind::kPoint) {
+      const LightSample sample{reference_from_light.translation, Eigen::Vector3d::Zero(), light.power};
+      const double direct = at.reflected(sample.at(at.position), brdf);
+      reflected = visible(at, instant, &sample, &direct, 1);
     } else {
-      lamp.total = all.sum;
-      sum += share * refine(lamp, all, 0);
+      const AreaLight lamp(light, reference_from_light, at, brdf, instant);
+      const LightPart part = part_above(light, lamp.height);
+      if (lamp.point.z() > 0.0 && !part.isEmpty()) reflected = integral(lamp, part, 0);
     }
+    sum += in_band_share(light, filter_, laser_wavelength_) * reflected;
   }
   return sum;
 }
@@ -157,17 +168,14 @@ Lamps::Sample Lamps::sample_reflection(std::size_t number, const SurfacePoint& a
   const BsdfSample out = brdf.sample(at.surface, at.back, u[0], u[1], u[2]);
   if (!(out.weight > 0.0) || !(out.pdf > 0.0)) return {};
   const Rigid3& reference_from_light = query_.track().reference_from_light(number, instant);
-  const auto met = nearest_on_light(light, reference_from_light, at.position, out.towards);
+  const auto met = light_sample_met(light, reference_from_light, at.position, out.towards);
   if (!met) return {};
-  const LightSample sample = light_sample_at(light, reference_from_light, *met);
-  const Eigen::Vector3d way = sample.position - at.position;
+  const Eigen::Vector3d way = met->position - at.position;
   const double distance = way.norm();
-  constexpr double kSame = 1e-13;  // 1 - cosine: the ray meets the lamp itself, not only its plane
-  if (!(way.dot(out.towards) >= (1.0 - kSame) * distance)) return {};
-  const double pdf = distance * distance * distance / (-way.dot(sample.normal) * light_area(light));
+  const double pdf = distance * distance * distance / (-way.dot(met->normal) * light_area(light));
   const double weight = out.pdf / (out.pdf + pdf);
   const double exitance = in_band_share(light, filter_, laser_wavelength_) * light.power / light_area(light);
-  return {weight * exitance * out.weight, sample.position - at.above()};
+  return {weight * exitance * out.weight, met->position - at.above()};
 }
 
 }  // namespace sensor_rt

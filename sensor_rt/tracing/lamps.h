@@ -19,8 +19,8 @@ class Lamps {
   bool any() const { return !query_.scene().lights().empty(); }
 
   /// Returns the light reflected at a point towards the ray's origin, with shadows, as the equivalent
-  /// irradiance on a white diffuse surface. An area light is divided where the reflected light varies too
-  /// much over it for the 16 samples of each part.
+  /// irradiance on a white diffuse surface. An area light is divided until 16 samples of each part suffice:
+  /// it is small for its distance, and for the distance of its half vectors from the normal.
   double brightness(const SurfacePoint& at, const Bsdf& brdf, std::size_t instant) const;
 
   /// A random direction in which a lamp may be seen.
@@ -40,20 +40,11 @@ class Lamps {
                            const std::array<double, 3>& u) const;
 
  private:
-  /// Samples of a part of an area light.
-  struct Part {
-    LightPart part;
-    LightSample samples[kLightSamples];
-    double light[kLightSamples];  ///< reflected, without shadows
-    double sum = 0.0;
-    double densest = 0.0;  ///< largest light per power
-    double faintest = 0.0;
-  };
   struct AreaLight;
 
-  void evaluate(const AreaLight& lamp, Part& part) const;
-  double visible(const AreaLight& lamp, const LightSample* samples, const double* light, int count) const;
-  double refine(AreaLight& lamp, const Part& coarse, int depth) const;
+  double visible(const SurfacePoint& at, std::size_t instant, const LightSample* samples, const double* light,
+                 int count) const;
+  double integral(const AreaLight& lamp, const LightPart& part, int divisions) const;
 
   SceneQuery query_;
   Band filter_;

@@ -5,6 +5,7 @@
 
 #include "sensor_rt/optics/laser_emitter.h"
 #include "sensor_rt/scene/light.h"
+#include "sensor_rt/scene/light_parts.h"
 
 namespace sensor_rt {
 namespace {
@@ -51,27 +52,65 @@ TEST(LaserSheet, PowerThroughAPlaneIsThatOfTheFan) {
 TEST(Lights, SamplesCarryAllPowerAndLieOnTheLamp) {
   Rigid3 pose;
   pose.translation = {0.1, 0.2, 0.3};
-  for (const LightKind kind : {LightKind::kPoint, LightKind::kRectangle, LightKind::kDisc}) {
+  for (const LightKind kind : {LightKind::kRectangle, LightKind::kDisc}) {
     Light light;
     light.kind = kind;
     light.size = {0.2, kind == LightKind::kDisc ? 0.2 : 0.1};
     light.power = 5.0;
-    LightSample samples[kLightSamples];
-    const int count = light_samples(light, pose, samples);
+    const LightHeight above{1.0, Eigen::Vector2d::Zero()};
     double sum = 0.0;
     Vector centre = Vector::Zero();
-    for (int k = 0; k < count; ++k) {
-      sum += samples[k].power;
-      centre += samples[k].power / light.power * samples[k].position;
-      EXPECT_LE(std::abs(samples[k].position.x() - 0.1), 0.1);
-      EXPECT_LE(std::abs(samples[k].position.y() - 0.2), 0.5 * light.size.y());
-      EXPECT_EQ(samples[k].position.z(), 0.3);
+    for (const double side : {-1.0, 1.0}) {  // samples suffice for half a disc
+      LightPart half = part_above(light, above);
+      (side < 0.0 ? half.max() : half.min()).x() = 0.0;
+      LightSample samples[kLightSamples];
+      light_samples(light, pose, half, above, samples);
+      for (const LightSample& sample : samples) {
+        sum += sample.power;
+        centre += sample.power / light.power * (sample.position - pose.translation);
+        EXPECT_LE(std::abs(sample.position.x() - 0.1), 0.1);
+        EXPECT_LE(std::abs(sample.position.y() - 0.2), 0.5 * light.size.y());
+        EXPECT_EQ(sample.position.z(), 0.3);
+      }
     }
-    EXPECT_NEAR(sum, light.power, 1e-9);
-    EXPECT_NEAR((centre - pose.translation).norm(), 0.0, 1e-12);
+    EXPECT_NEAR(sum, light.power, kind == LightKind::kDisc ? 1e-4 : 1e-9);
+    EXPECT_NEAR(centre.norm(), 0.0, 1e-12);
     const LightSample random = random_light_sample(light, pose, 0.99, 0.99);
     EXPECT_EQ(random.power, light.power);
     EXPECT_LE((random.position - pose.translation).norm(), 0.5 * light.size.norm());
+  }
+}
+
+TEST(Lights, SamplesOfPartsCarryThePowerAboveTheSurface) {
+  Light light;
+  light.size = {0.2, 0.2};
+  light.power = 1.0;
+  const double share = (std::acos(-0.3) + 0.3 * std::sqrt(1.0 - 0.09)) / M_PI;  // of a disc beyond -0.3 radii
+  for (const auto& [kind, slope, expected] :
+       {std::tuple(LightKind::kRectangle, Eigen::Vector2d(1.0, 0.0), 0.65),
+        std::tuple(LightKind::kRectangle, Eigen::Vector2d(0.0, -1.0), 0.65),
+        std::tuple(LightKind::kRectangle, Eigen::Vector2d(0.5, 0.5), 1.0 - 0.5 * 0.7 * 0.7),
+        std::tuple(LightKind::kDisc, Eigen::Vector2d(1.0, 0.0), share),
+        std::tuple(LightKind::kDisc, Eigen::Vector2d(0.6, 0.8), share)}) {
+    light.kind = kind;
+    const LightHeight height{0.03, slope};
+    const LightPart all = part_above(light, height);
+    constexpr int kParts = 32;
+    double sum = 0.0;
+    for (int i = 0; i < kParts; ++i) {
+      LightPart part = all;
+      part.min().x() += all.sizes().x() * i / kParts;
+      part.max().x() -= all.sizes().x() * (kParts - 1 - i) / kParts;
+      LightSample samples[kLightSamples];
+      light_samples(light, Rigid3(), part, height, samples);
+      for (const LightSample& sample : samples) {
+        sum += sample.power;
+        if (sample.power > 0.0) {
+          EXPECT_GT(height.at(sample.position.head<2>()), 0.0);
+        }
+      }
+    }
+    EXPECT_NEAR(sum, expected, 1e-3);
   }
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Dense>
+#include <limits>
 
 namespace sensor_rt {
 
@@ -48,6 +49,13 @@ class Bsdf {
   /// Returns the pdf (1/sr) with which `sample` chooses `towards`.
   virtual double pdf(const SurfaceFrame& surface, const Eigen::Vector3d& from,
                      const Eigen::Vector3d& towards) const;
+
+  /// Returns the smallest roughness of the lobe that GGX distributes about the half vector between light and
+  /// lobe_view; infinity without such a lobe.
+  virtual double lobe_width() const { return std::numeric_limits<double>::infinity(); }
+  virtual Eigen::Vector3d lobe_view(const SurfaceFrame& /*surface*/, const Eigen::Vector3d& view) const {
+    return view;
+  }
 
   /// Returns the part of pi_brdf that leaves the surface elsewhere than it enters. All other methods treat it
   /// as if it left there.

@@ -154,6 +154,8 @@ class GroovedConductor : public Bsdf {
     return local.z() > 0.0 && out.z() > 0.0 ? local_pdf(local, out) : 0.0;
   }
 
+  double lobe_width() const override { return std::min(lobe_.along, lobe_.across); }
+
  private:
   static TangentFrame tangent_frame(const SurfaceFrame& surface) {
     return surface.along.isZero() ? TangentFrame(surface.normal)

@@ -45,6 +45,7 @@ class MicrofacetBsdf : public Bsdf {
                     double u2) const override;
   double pdf(const SurfaceFrame& surface, const Eigen::Vector3d& from,
              const Eigen::Vector3d& towards) const override;
+  double lobe_width() const override { return alpha_; }
 
  protected:
   /// Returns the rest; 0 for directions below the surface.

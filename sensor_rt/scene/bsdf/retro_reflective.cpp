@@ -29,6 +29,10 @@ class RetroReflective : public Bsdf {
              const Eigen::Vector3d& towards) const override {
     return lobe_->pdf(surface, from, mirrored(surface.normal, towards));
   }
+  double lobe_width() const override { return lobe_->lobe_width(); }
+  Eigen::Vector3d lobe_view(const SurfaceFrame& surface, const Eigen::Vector3d& view) const override {
+    return mirrored(surface.normal, view);
+  }
   bool is_specular() const override { return lobe_->is_specular(); }
 
  private:
