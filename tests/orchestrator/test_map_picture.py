@@ -45,6 +45,11 @@ def cylinder(number: int, from_middle: float) -> tuple[int, int]:
     return left + 220, int(600 + 105 * (1 - np.sin(np.radians(from_middle))))
 
 
+def is_blue(pixels: np.ndarray) -> np.ndarray:
+    """Pixels of the line of the motion."""
+    return np.asarray((pixels[..., 2] > 180) & (pixels[..., 0] < 90))
+
+
 @pytest.mark.parametrize("angle", [60.0, 90.0, 120.0, 240.0, 300.0])
 def test_a_forbidden_angle_is_red_where_it_is_seen_from(angle: float, tmp_path: Path) -> None:
     picture = drawn(angle, None, tmp_path)
@@ -63,6 +68,6 @@ def test_a_motion_is_drawn_on_the_side_where_the_table_is(tmp_path: Path) -> Non
     rest = TableMotion(0, np.zeros(4, int), np.full(COLUMNS, np.radians(90.0)), np.zeros(COLUMNS), 0.1)
     picture = drawn(270.0, rest, tmp_path)
     for x, y in (plane(90.0), cylinder(0, 0.0)):
-        assert picture[y - 2 : y + 3, x].max(-1).min() < 64
+        assert is_blue(picture[y - 2 : y + 3, x]).any()
     x, y = cylinder(1, 30.0)
-    assert picture[y - 2 : y + 3, x].max(-1).min() > 64
+    assert not is_blue(picture[y - 2 : y + 3, x]).any()

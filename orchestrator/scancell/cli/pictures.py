@@ -110,7 +110,11 @@ def export(
     threads: ThreadsOption = 0,
     as_json: bool = False,
 ) -> Outcome:
-    """Write a run as an MCAP file, which Foxglove and rerun open: poses and meshes of all bodies, and the points."""
+    """Write a run as an MCAP file, which Foxglove and rerun open: poses and meshes of all bodies, and the points.
+
+    Point clouds for other programs are written by `scan`, `rerun` and `batch` with --format: PLY, NPZ, LAZ, E57,
+    PCD, XYZ.
+    """
     from scancell.views.mcap_export import export_run  # noqa: PLC0415
 
     opened, warnings = _opened(run_folder, points)

@@ -23,6 +23,7 @@ _COLOURS = np.array(
     np.uint8,
 )
 _UNKNOWN = np.array([226, 228, 232], np.uint8)
+_MOTION = "#1f6fff"  # unlike every cause, and unlike the greens of the free cells
 _LOW, _HIGH = np.array([232, 245, 220]), np.array([46, 139, 87])
 
 
@@ -51,7 +52,7 @@ def draw_map(
         _cylinder(sheet, pixels, _LEFT + number * (_PLOT_WIDTH - _LENGTH - 2 * _DEPTH), middle, motion)
     if motion is not None:
         _motion(sheet, motion.angle)
-    _legend(sheet, map_)
+    _legend(sheet, map_, motion is not None)
     sheet.write(file)
 
 
@@ -78,7 +79,7 @@ def _axes(sheet: Sheet, duration: float) -> None:
 
 def _motion(sheet: Sheet, angle: NDArray[np.float64]) -> None:
     for line in motion_lines(angle):
-        sheet.line([(_LEFT + _PLOT_WIDTH * x, _TOP + _PLOT_HEIGHT * y) for x, y in line], INK, 3)
+        sheet.line([(_LEFT + _PLOT_WIDTH * x, _TOP + _PLOT_HEIGHT * y) for x, y in line], _MOTION, 4)
 
 
 def motion_lines(angle: NDArray[np.float64]) -> list[list[tuple[float, float]]]:
@@ -115,7 +116,7 @@ def _cylinder(sheet: Sheet, pixels: Pixels, left: int, middle: float, motion: Ta
     seen = np.flatnonzero(np.abs(from_middle) < np.pi / 2)
     for piece in np.split(seen, np.flatnonzero(np.diff(seen) > 1) + 1):
         if len(piece) > 1:
-            sheet.line([(left + float(at[i]), float(height[i])) for i in piece], INK, 3)
+            sheet.line([(left + float(at[i]), float(height[i])) for i in piece], _MOTION, 4)
 
 
 def map_legend(map_: ConfigurationMap) -> list[tuple[str, str]]:
@@ -127,9 +128,9 @@ def map_legend(map_: ConfigurationMap) -> list[tuple[str, str]]:
     return [(name, "#" + "".join(f"{int(c):02x}" for c in colour)) for name, colour in shown]
 
 
-def _legend(sheet: Sheet, map_: ConfigurationMap) -> None:
+def _legend(sheet: Sheet, map_: ConfigurationMap, has_motion: bool) -> None:
     x = float(_LEFT)
-    for name, colour in map_legend(map_):
+    for name, colour in [*map_legend(map_), *([("motion", _MOTION)] if has_motion else [])]:
         sheet.rectangle(x, _HEIGHT - 34, x + 16, _HEIGHT - 18, colour, SOFT)
         sheet.text(x + 22, _HEIGHT - 20, name, 14)
         x += 22 + text_width(name, 14) + 22

@@ -41,12 +41,13 @@ def _check_on_table(cell: PlanningCell) -> None:
     if radius > nominal.table_radius + 1e-9:
         raise PlanningError(
             f"too large for the table: it extends to {1e3 * radius:.1f} mm from the axis,"
-            f" {1e3 * (radius - nominal.table_radius):.1f} mm beyond the table's radius",
+            f" {1e3 * (radius - nominal.table_radius):.1f} mm beyond cell.table.radius_mm ="
+            f" {1e3 * nominal.table_radius:g}; move or turn it with cell.part.x_mm, y_mm, rx_deg, ry_deg, rz_deg",
             file=nominal.part.source,
         )
     if on_table[:, 2].min() < -1e-6:
         raise PlanningError(
-            f"its lowest point is {-1e3 * on_table[:, 2].min():.3f} mm below the table's top",
+            f"its lowest point is {-1e3 * on_table[:, 2].min():.3f} mm below the table's top; raise cell.part.z_mm",
             file=nominal.part.source,
         )
 
