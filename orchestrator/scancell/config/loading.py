@@ -105,7 +105,15 @@ def load_setup(
     for model, (data, source, origins) in zip(_MODELS, read, strict=True):
         own = [Origin(word.path[1:], word.source) for word in words if word.path[0] == model.kind]
         sections[model.kind] = checked(model, data, source, [*origins, *own])
-    return Setup(**sections)  # type: ignore[arg-type]
+    setup = Setup(**sections)  # type: ignore[arg-type]
+    return Setup(setup.cell, setup.sensor, _with_standoffs(setup.scan, setup.sensor))
+
+
+def _with_standoffs(scan: ScanDescription, sensor: SensorDescription) -> ScanDescription:
+    """The description with the stand-offs of its sensor in numbers, as runs and studies keep them."""
+    of = sensor.range.standoff_mm
+    paths = tuple(path.model_copy(update={"standoff_mm": of(path.standoff_mm)}) for path in scan.path)
+    return scan.replace({"sweep.standoff_mm": of(scan.sweep.standoff_mm), "path": paths})
 
 
 def with_path(setup: Setup, path: PathDescription | str | Path | None) -> Setup:
@@ -117,7 +125,7 @@ def with_path(setup: Setup, path: PathDescription | str | Path | None) -> Setup:
         return setup
     described = path if isinstance(path, PathDescription) else PathDescription.from_toml(path)
     only = {"sweep.enabled": False, "raster.enabled": False, "pose": (), "path": (described,)}
-    return Setup(setup.cell, setup.sensor, setup.scan.replace(only))
+    return Setup(setup.cell, setup.sensor, _with_standoffs(setup.scan.replace(only), setup.sensor))
 
 
 def load_resolved(path: str | Path) -> tuple[Setup, dict[str, Any]]:
