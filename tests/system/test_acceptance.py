@@ -136,7 +136,10 @@ def test_json_and_csv_hold_all_stations(kind: str, report: Path) -> None:
     artefacts, figures = REPORTS[kind]
     found = json.loads((report / "acceptance.json").read_text())
     stations = {(row["artefact"], row["position"], row["mode"]) for row in found["figures"]}
-    assert not found["not_measured"]
+    # With so few profiles the points of the balls, which turn off the axis, do not determine them.
+    undetermined = [text for text in found["not_measured"] if text.startswith("ball_bar, all round")]
+    assert list(found["not_measured"]) == undetermined
+    assert not {row["of"] for row in found["figures"] if row["position"] == ALL_ROUND} & {"ball1", "ball1 - ball2"}
     for artefact in artefacts:
         for mode in ("dynamic", "stop-and-look"):
             assert {(artefact, "near", mode), (artefact, "far", mode)} <= stations
