@@ -26,8 +26,8 @@ def refused(done: Finished, folder: Path, *before: str) -> str:
     return done.message
 
 
-def scan(folder: Path, part: str | Path, *words: str | Path) -> Finished:
-    return scancell_here("scan", part, *QUICK, "--out", "run", "--json", *words, cwd=folder)
+def scan(folder: Path, part: str | Path, *words: str | Path, out: str = "run") -> Finished:
+    return scancell_here("scan", part, *QUICK, "--out", out, "--json", *words, cwd=folder)
 
 
 # --- meshes ---------------------------------------------------------------------------------------------------------
@@ -91,7 +91,8 @@ def test_plan_and_place_of_part_too_large_for_table(tmp_path, command) -> None:
 
 def test_part_too_tall(tmp_path) -> None:
     trimesh.creation.box((60.0, 60.0, 900.0)).export(tmp_path / "mast.stl")
-    message = refused(scan(tmp_path, "mast.stl", "--set", "scan.max_profiles=1300"), tmp_path, "mast.stl")
+    words = ("--engine", "geometric", "--ideal", "--set", "scan.max_profiles=1300", "--out", "run", "--json")
+    message = refused(scancell_here("scan", "mast.stl", *words, cwd=tmp_path), tmp_path, "mast.stl")
     print(message)
     assert "reach" in message or "hits" in message or "outside its limits" in message
     assert any(unit in message for unit in (" mm", " deg"))
@@ -145,7 +146,7 @@ def test_invalid_option_value(tmp_path, words, expected) -> None:
 
 
 def test_error_leaves_no_parent_folders(tmp_path) -> None:
-    refused(scan(tmp_path, "gone.stl", "--out", "a/b/run"), tmp_path)
+    refused(scan(tmp_path, "gone.stl", out="a/b/run"), tmp_path)
 
 
 # --- places and paths -----------------------------------------------------------------------------------------------
@@ -153,14 +154,14 @@ def test_error_leaves_no_parent_folders(tmp_path) -> None:
 
 def test_output_is_a_file(tmp_path) -> None:
     (tmp_path / "taken").write_text("mine")
-    message = refused(scan(tmp_path, SPHERE, "--out", "taken"), tmp_path, "taken")
+    message = refused(scan(tmp_path, SPHERE, out="taken"), tmp_path, "taken")
     assert "taken" in message
     assert (tmp_path / "taken").read_text() == "mine"
 
 
 def test_output_below_a_file(tmp_path) -> None:
     (tmp_path / "taken").write_text("mine")
-    message = refused(scan(tmp_path, SPHERE, "--out", "taken/run"), tmp_path, "taken")
+    message = refused(scan(tmp_path, SPHERE, out="taken/run"), tmp_path, "taken")
     assert "taken" in message
     assert "cannot be written" in message
 
@@ -169,12 +170,12 @@ def test_output_below_a_file(tmp_path) -> None:
 def test_output_without_permission(tmp_path) -> None:
     locked = tmp_path / "locked"
     locked.mkdir(mode=0o555)
-    assert "Permission denied" in refused(scan(tmp_path, SPHERE, "--out", "locked/run"), tmp_path, "locked")
+    assert "Permission denied" in refused(scan(tmp_path, SPHERE, out="locked/run"), tmp_path, "locked")
 
 
 def test_output_in_read_only_folder(tmp_path) -> None:
     """/proc takes no new folders, not even from root."""
-    message = refused(scan(tmp_path, SPHERE, "--out", "/proc/scancell/run"), tmp_path)
+    message = refused(scan(tmp_path, SPHERE, out="/proc/scancell/run"), tmp_path)
     assert "/proc/scancell" in message
     assert "cannot be written" in message
 
