@@ -26,6 +26,7 @@ from benchmarks.sphere_cell import (
 from scancell.calibration.cell.kinematics import TOOL, AxisReadings
 from scancell.calibration.measured_table import write_measured_table
 from scancell.config.choices import FlangeConvention
+from scancell.config.files import assets_dir
 from scancell.errors import CalibrationError, DescriptionError
 from scancell.geometry import pose
 from scancell.geometry.pose_conventions import CONVENTIONS, PoseReading, StatedPoses
@@ -248,6 +249,29 @@ def test_inverted_poses_and_swapped_axes_are_recognised(scanner, recording, tmp_
         expected = "position in the order y, x, z"
     with pytest.raises(CalibrationError, match=expected):
         scanner.calibrate("tool", from_points=one.write(tmp_path / "p.parquet", one.columns("wxyz")))
+
+
+@pytest.mark.parametrize(("rows", "named"), [(1, "after"), (-1, "before")])
+def test_poses_of_the_neighbouring_exposures_are_recognised(scanner, tmp_path, rows: int, named: str) -> None:
+    one = Recording()
+    one.flange = np.roll(one.flange, rows, axis=0)
+    expected = rf"do not belong to the profiles: .* shifted by one exposure, .* the exposure {named} it"
+    with pytest.raises(CalibrationError, match=expected):
+        scanner.calibrate("tool", from_points=one.write(tmp_path / "p.parquet", one.columns("wxyz")))
+
+
+@pytest.mark.parametrize("size", [1.02, 0.5], ids=["too large", "radius"])
+def test_wrong_diameter_of_the_sphere_is_named(scanner, recording, tmp_path, size: float) -> None:
+    text = (assets_dir() / "artefacts" / "sphere.toml").read_text()
+    diameter = float(re.search(r"diameter_mm = ([\d.]+)", text)[1])  # type: ignore[index]
+    artefact = tmp_path / "ball.toml"
+    artefact.write_text(text.replace(f"diameter_mm = {diameter}", f"diameter_mm = {size * diameter}", 1))
+    points = recording.write(tmp_path / "p.parquet", recording.columns("wxyz"))
+    with pytest.raises(CalibrationError, match="correct diameter_mm") as refused:
+        scanner.calibrate("tool", artefact, from_points=points)
+    found = float(re.search(r"for a diameter of about ([\d.]+) mm", str(refused.value))[1])  # type: ignore[index]
+    assert found == pytest.approx(diameter, rel=0.02)
+    assert ("which seems to hold the radius" in str(refused.value)) == (size == 0.5)
 
 
 def test_one_wrong_pose_is_named(scanner, tmp_path) -> None:

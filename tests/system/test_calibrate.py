@@ -222,6 +222,15 @@ def test_mirrored_profiles_are_asked_about(scanner, plate_points, tmp_path) -> N
     assert re.match(r"tool.rz = -?180 deg is implausibly large: is y mirrored", warning)
 
 
+def test_opposite_sign_of_the_table_is_asked_about(scanner, plate_points, tmp_path) -> None:
+    table = pyarrow.parquet.read_table(plate_points)
+    number = table.column_names.index("table_deg")
+    opposite = table.set_column(number, "table_deg", pyarrow.compute.negate(table.column("table_deg")))
+    pyarrow.parquet.write_table(opposite, tmp_path / "opposite.parquet")
+    with pytest.raises(CalibrationError, match="with the sign of table_deg changed the points agree with the artefact"):
+        scanner.calibrate("all", from_points=tmp_path / "opposite.parquet")
+
+
 def test_shift_of_an_artefact_without_its_supports_is_stated(scanner, plate_points, tmp_path) -> None:
     """Balls of the plate without plate and stems come to stand on the table, 32.5 mm below where they were measured."""
     text = (assets_dir() / "artefacts" / "ball_plate.toml").read_text()

@@ -26,6 +26,7 @@ _LENGTHS = {"mm": 1e-3, "m": 1.0}
 _ANGLES = {"deg": np.pi / 180, "rad": 1.0}
 _UNIT_TOLERANCE = 1e-3  # of the length of a quaternion, and of the elements of RᵀR
 _MUCH_BETTER = 1 / 3  # of the misfit of the stated reading
+_FITS = 5e-3  # m: a reading with a larger misfit is wrong, too
 
 
 @dataclass(frozen=True)
@@ -150,7 +151,7 @@ class StatedPoses:
 
 
 def better_reading(stated: StatedPoses, misfit: Callable[[Array], float]) -> tuple[PoseReading, float, float] | None:
-    """The reading that fits best, its misfit and that of the stated one; None if none is much better.
+    """The reading that fits best, its misfit and that of the stated one; None if none is much better, or fits.
 
     Parameters
     ----------
@@ -161,4 +162,4 @@ def better_reading(stated: StatedPoses, misfit: Callable[[Array], float]) -> tup
     others = [reading for reading in stated.alternatives() if reading != stated.reading]
     misfits = [misfit(stated.matrices(reading)) for reading in others]
     best, reading = min(zip(misfits, others, strict=True), key=lambda pair: pair[0])
-    return (reading, best, own) if best < _MUCH_BETTER * own else None
+    return (reading, best, own) if best < min(_MUCH_BETTER * own, _FITS) else None

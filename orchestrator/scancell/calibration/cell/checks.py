@@ -108,11 +108,29 @@ def mirrored(problem_of: Callable[[Observations], CalibrationProblem], measured:
     """A question if the points determine the unknowns once their y has the other sign; else empty."""
     flip = np.array([1.0, -1.0, 1.0])
     turned = replace(measured, points_in_sensor=measured.points_in_sensor * flip, direction=measured.direction * flip)
-    try:
-        solve(problem_of(turned))
-    except CalibrationError:
+    agrees = "with the sign of y_mm changed the points agree with the artefact: is y mirrored?"
+    return agrees if _is_solved(problem_of, turned) else ""
+
+
+def opposite_table(problem_of: Callable[[Observations], CalibrationProblem], measured: Observations) -> str:
+    """A question if the points determine the unknowns once the table turns in the opposite direction; else empty."""
+    own = measured.readings
+    if not own.table.any():
         return ""
-    return "with the sign of y_mm changed the points agree with the artefact: is y mirrored?"
+    turned = replace(own, table=-own.table, table_rate=-own.table_rate, table_acceleration=-own.table_acceleration)
+    agrees = (
+        "with the sign of table_deg changed the points agree with the artefact: is the angle of the table counted in"
+        " the opposite direction?"
+    )
+    return agrees if _is_solved(problem_of, replace(measured, readings=turned)) else ""
+
+
+def _is_solved(problem_of: Callable[[Observations], CalibrationProblem], measured: Observations) -> bool:
+    try:
+        solve(problem_of(measured))
+    except CalibrationError:
+        return False
+    return True
 
 
 def implausible(result: CalibrationResult) -> list[str]:

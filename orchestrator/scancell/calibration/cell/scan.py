@@ -10,8 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
-from scancell.calibration.cell.checks import ABOVE_TABLE, mirrored, shift_of, shift_text, where_points_lie, wrong_sizes
-from scancell.calibration.cell.flange_check import AGREED, check_flange
+from scancell.calibration.cell.checks import (
+    ABOVE_TABLE,
+    mirrored,
+    opposite_table,
+    shift_of,
+    shift_text,
+    where_points_lie,
+    wrong_sizes,
+)
+from scancell.calibration.cell.flange_check import AGREED, check_flange, wrong_sphere
 from scancell.calibration.cell.kinematics import TOOL, AxisReadings, CellKinematics
 from scancell.calibration.cell.points import MeasuredPoints
 from scancell.calibration.cell.problem import (
@@ -224,12 +232,19 @@ class CalibrationScan:
         problem = self._problem(measured.observations)
         sphere = single_sphere(problem, self._part)
         if sphere is not None and measured.flange is not None:
-            check_flange(measured, problem.kinematics, circles_of(problem.observations, sphere[0]), sphere[1])
+            check_flange(measured, problem, *sphere)
         return self.solve(measured.observations)
 
     def _causes(self, measured: Observations, problem: CalibrationProblem) -> Iterator[str]:
         """Likely causes of unusable points; a cause that explains all of them is returned alone."""
-        cause = wrong_sizes(problem, self._part) or mirrored(self.problem, measured)
+        whole = self._problem(measured)
+        sphere = single_sphere(whole, self._part)
+        cause = (
+            (sphere is not None and wrong_sphere(whole, *sphere))
+            or wrong_sizes(problem, self._part)
+            or mirrored(self.problem, measured)
+            or opposite_table(self.problem, measured)
+        )
         if cause:
             yield cause
             return

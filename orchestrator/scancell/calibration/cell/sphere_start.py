@@ -5,7 +5,7 @@ It needs no nominal pose of the sensor that is good to millimetres, as the assig
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,37 +86,44 @@ class Circles:
         (n, 2) in the plane of the laser, m.
     across
         (n,) distance of the sphere's centre from that plane, m.
+    radius
+        (n,) of each, m.
     """
 
     frame: NDArray[np.intp]
     centre: Array
     across: Array
+    radius: Array
 
     def __len__(self) -> int:
         return len(self.frame)
+
+    def of_sphere(self, radius: float) -> Circles:
+        """The same circles on a sphere of another radius, m."""
+        return replace(self, across=np.sqrt(np.maximum(radius**2 - self.radius**2, 0.0)))
 
     def in_sensor(self, side: Array | float) -> Array:
         """Centres (n, 3) of the sphere, on `side` 1 or -1 of the plane."""
         return np.column_stack([side * self.across, self.centre])
 
 
-def circles_of(data: Observations, radius: float, seed: int = 0) -> Circles:
-    """Circles in the profiles of a sphere of known radius.
+def circles_of(data: Observations, radius: float, largest: float = _LARGEST, seed: int = 0) -> Circles:
+    """Circles in the profiles of a sphere of known radius, up to `largest` radii.
 
     The plane of the laser cuts the sphere in a circle of radius r at a distance of ``sqrt(radius² - r²)`` from its
     centre, on one side or the other.
     """
     rng = np.random.default_rng(seed)
-    frames, circles, sides = [], [], []
+    frames, circles = [], []
     for frame in np.unique(data.frame):
         rows = data.frame == frame
         points, sigma = data.points_in_sensor[rows][:, 1:], float(np.median(data.sigma[rows]))
-        found = circle_in(points, sigma, _LARGEST * radius, rng)
+        found = circle_in(points, sigma, largest * radius, rng)
         if found is not None:
             frames.append(frame)
-            circles.append(found[0])
-            sides.append(np.sqrt(max(radius**2 - found[1] ** 2, 0.0)))
-    return Circles(np.array(frames, np.intp), np.array(circles).reshape(-1, 2), np.array(sides))
+            circles.append([*found[0], found[1]])
+    y, z, radii = np.array(circles).reshape(-1, 3).T
+    return Circles(np.array(frames, np.intp), np.column_stack([y, z]), np.zeros(len(radii)), radii).of_sphere(radius)
 
 
 def sphere_start(
