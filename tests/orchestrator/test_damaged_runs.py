@@ -250,7 +250,10 @@ def test_every_column_of_measured_points_is_checked(files: Path, tmp_path: Path,
     source, target = files / "reconstruction" / "points.parquet", tmp_path / "points.parquet"
     for column in pyarrow.parquet.read_schema(source).names:
         write_column(source, target, column, DAMAGES[damage])
-        refused(lambda: read_table_of(target, joints), "points.parquet", column)
+        if column == "z_mm" and damage in ("nan", "infinite", "none"):  # a point without a height is none, and counted
+            assert "1 rows are left out, which have no z_mm" in " ".join(read_table_of(target, joints).notes)
+        else:
+            refused(lambda: read_table_of(target, joints), "points.parquet", column)
 
 
 @pytest.mark.parametrize("suffix", ["ply", "npz"])
