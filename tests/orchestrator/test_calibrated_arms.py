@@ -65,7 +65,7 @@ def converted(text: str, folder: Path) -> tuple[Arm, np.ndarray]:
 
 @pytest.mark.parametrize(("rows", "arms"), [(UR5E, 1), (IRB6640, 4)], ids=["parallel axes", "spherical wrist"])
 def test_perturbed_arms_find_the_joints_of_their_poses(rows: list[tuple[tuple[float, ...], ...]], arms: int) -> None:
-    """As `bench.calibrated_arms` measures it of published files and a thousand perturbations of each."""
+    """`bench.calibrated_arms` measures the same with published files and a thousand perturbations of each."""
     found = campaign(urdf(rows), "tool", [], arms, 20)
     assert found.poses[False] > 18 * arms
     assert found.found[False] == found.poses[False]

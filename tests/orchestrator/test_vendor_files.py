@@ -40,7 +40,7 @@ def turn(axis: str, degrees: float) -> np.ndarray:
 
 
 def rotations(order: str) -> list[np.ndarray]:
-    """Of `ANGLES` about moving axes in an order."""
+    """Rotations (3, 3) by each of the `ANGLES` about moving axes in an order."""
     return [turn(order[0], a) @ turn(order[1], b) @ turn(order[2], c) for a, b, c in ANGLES]
 
 

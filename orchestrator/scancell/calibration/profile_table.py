@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.config.table_format import AxisDescription, Column, FormatDescription
+from scancell.config.table_format import AxisDescription, Column, FormatDescription, head_of
 from scancell.errors import DescriptionError
 from scancell.files import read_file, require_file
 from scancell.text_table import (
@@ -69,7 +69,7 @@ class ProfileTable:
 
     @property
     def text(self) -> str:
-        """What the files were taken for, and how many points they hold."""
+        """Sentence about the recognised format, and the numbers of profiles and points."""
         missing, count = int((~self.has_height).sum()), len(np.unique(self.profile))
         files = f"{len(self.files)} files, " if len(self.files) > 1 else ""
         profiles = f"{count} profile{'s' * (count > 1)}"
@@ -128,7 +128,7 @@ def _files(folder: Path, form: FormatDescription) -> list[Path]:
 
     found = [file for file in folder.iterdir() if file.is_file() and fnmatch.fnmatch(file.name, form.files)]
     if form.content is not None:
-        found = [file for file in found if form.recognises(file)]
+        found = [file for file in found if form.recognises(head_of(file))]
     if not found:
         raise DescriptionError("holds no file of the format", file=folder, expected=f"{form.files}: {form.name}")
     return sorted(found, key=order)

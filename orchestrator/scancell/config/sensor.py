@@ -119,7 +119,7 @@ class RangeDescription(Description):
         return self
 
     def standoff_mm(self, described: float | Literal["sensor"]) -> float:
-        """A described stand-off, mm; ``sensor`` stands for 80 mm, or for a twentieth of the range beyond its start.
+        """Distance, mm, of a described stand-off; ``sensor`` means 80 mm, or a twentieth of the range beyond its start.
 
         The latter applies where 80 mm is not in the nearer half of the range.
         """

@@ -78,7 +78,7 @@ class FormatDescription(Description):
         default=3, description="sequence: how many numbers a point has; the columns of the axes count them from 1"
     )
     invalid: tuple[float, ...] = Field(
-        default=(), description="numbers that stand for points without a height, in units of the file"
+        default=(), description="numbers that mark points without a height, in units of the file"
     )
     profile_column: Column | None = Field(
         default=None, description="points: column with the number of the profile; one profile without"
@@ -107,14 +107,19 @@ class FormatDescription(Description):
             raise ValueError(f"x.column and z.column are needed with the layout {self.layout}")
         return self
 
-    def recognises(self, path: Path) -> bool:
-        """Whether a file begins as the format does."""
-        if self.content is None or not path.is_file():
-            return False
-        with path.open("rb") as stream:
-            head = stream.read(_HEAD)
-        encoding = "utf-16" if head[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
-        return re.search(self.content, head.decode(encoding, errors="replace"), re.MULTILINE) is not None
+    def recognises(self, head: str) -> bool:
+        """Whether a file with the beginning `head`, see `head_of`, is of the format."""
+        return self.content is not None and re.search(self.content, head, re.MULTILINE) is not None
+
+
+def head_of(path: Path) -> str:
+    """Text at the beginning of a file, by which its format is recognised; empty for a folder."""
+    if not path.is_file():
+        return ""
+    with path.open("rb") as stream:
+        head = stream.read(_HEAD)
+    encoding = "utf-16" if head[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+    return head.decode(encoding, errors="replace")
 
 
 def shipped_formats() -> dict[str, FormatDescription]:
@@ -143,9 +148,9 @@ def read_format(named: str | Path) -> FormatDescription:
 
 def recognised_format(path: Path) -> FormatDescription | None:
     """The shipped format of a file, or of the files of a folder, by the content; None if there is none."""
-    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    heads = map(head_of, sorted(path.iterdir()) if path.is_dir() else [path])
     formats = shipped_formats().values()
-    return next((form for file in files for form in formats if form.recognises(file)), None)
+    return next((form for head in heads for form in formats if form.recognises(head)), None)
 
 
 def _section(path: Path) -> dict[str, Any]:

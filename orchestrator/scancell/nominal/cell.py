@@ -490,27 +490,28 @@ def _bodies(cell: CellDescription, part: Mesh) -> tuple[Body, ...]:
     table = cell.table
     robot_material = _material(cell.robot_material, cell.robot_reflectance)
     table_material = _material(table.material, table.reflectance)
-    files = [
-        ("base", "world", cell.robot.base_mesh, robot_material),
-        *((f"link{i}", f"link[{i}]", joint.mesh, robot_material) for i, joint in enumerate(cell.robot.joint, 1)),
-        ("sensor", "sensor", cell.sensor_mesh, robot_material),
-        ("table_base", "world", table.base_mesh, table_material),
+    meshes = [
+        ("base", "world", _mesh(cell.robot.base_mesh), robot_material),
+        *((f"link{i}", f"link[{i}]", _mesh(joint.mesh), robot_material) for i, joint in enumerate(cell.robot.joint, 1)),
+        ("sensor", "sensor", _mesh(cell.sensor_mesh), robot_material),
+        ("table", "table", _mesh(table.platter_mesh) or _cylinder(table), table_material),
+        ("table_base", "world", _mesh(table.base_mesh), table_material),
     ]
     bodies = [
-        Body(name, frame, _placed(load_mesh(Path(path)), name, cell), material)
-        for name, frame, path, material in files
-        if path is not None
+        Body(name, frame, _placed(mesh, name, cell), material)
+        for name, frame, mesh, material in meshes
+        if mesh is not None
     ]
-    number = next((i for i, body in enumerate(bodies) if body.name == "table_base"), len(bodies))
-    bodies.insert(number, Body("table", "table", _platter(table), table_material))
     material = _material(cell.part.material, cell.part.reflectance)
     return (*bodies, Body("part", "part", part, material, part_patches(part, cell.part)))
 
 
-def _platter(table: TableDescription) -> Mesh:
-    """The platter's mesh: that of its file, or the least prism of `_SIDES` sides around its cylinder."""
-    if table.platter_mesh is not None:
-        return load_mesh(Path(table.platter_mesh))
+def _mesh(path: str | None) -> Mesh | None:
+    return None if path is None else load_mesh(Path(path))
+
+
+def _cylinder(table: TableDescription) -> Mesh:
+    """The least prism of `_SIDES` sides around the cylinder of a platter."""
     radius, thickness = si_value(table, "radius_mm"), si_value(table, "thickness_mm")
     i = np.arange(_SIDES)
     corners = radius / np.cos(np.pi / _SIDES) * np.exp(2j * np.pi * i / _SIDES)

@@ -150,12 +150,13 @@ class _Rays:
         It does where its lower side is no more than `gap` above its lowest point, `base`.
         """
         height, _ = self._cast(places, base - gap, np.array([0.0, 0.0, 1.0]))
-        covered = height <= 2 * gap
+        covered = np.isfinite(height)
+        rest = np.flatnonzero(covered & (height > 2 * gap))
         for direction in _TO_LIGHT:
-            rest = np.flatnonzero(np.isfinite(height) & (height > 2 * gap))
             distance, _ = self._cast(places[rest], base - gap, direction)
-            height[rest[np.isinf(distance)]] = np.inf
-        return np.asarray(covered | np.isfinite(height))
+            covered[rest[np.isinf(distance)]] = False
+            rest = rest[np.isfinite(distance)]
+        return covered
 
     def _cast(self, places: Array, height: float, direction: Array) -> tuple[Array, NDArray[np.int64]]:
         """Distance (n,) to the part from places (n, 2) at a height, infinite without any, and its face (n,)."""

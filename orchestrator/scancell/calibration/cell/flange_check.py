@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from scancell.calibration.cell.points import MeasuredPoints
 from scancell.calibration.cell.problem import CalibrationProblem
-from scancell.calibration.cell.sphere_start import Circles, circles_of, sphere_start
+from scancell.calibration.cell.sphere_start import Circles, SphereStart, circles_of, sphere_start
 from scancell.calibration.flange_poses import refuse_misread, refuse_wrong
 from scancell.errors import CalibrationError
 
@@ -27,6 +27,11 @@ _TINY = 0.05  # of the radius: smaller circles are chance
 _WRONG = 2e-3  # m: and ten times the median distance, from which a pose is wrong
 
 
+def _distance(found: SphereStart | None) -> float:
+    """Median distance, m, of the centres of a sphere from the common one; infinite without one."""
+    return float("inf") if found is None else float(np.median(found.away))
+
+
 def wrong_sphere(problem: CalibrationProblem, radius: float, centre: Array) -> str:
     """Size or unit of profiles of a sphere that makes the centres of its circles agree, as a sentence; else empty.
 
@@ -38,8 +43,7 @@ def wrong_sphere(problem: CalibrationProblem, radius: float, centre: Array) -> s
     data, readings = problem.observations, problem.observations.readings
 
     def misfit(circles: Circles) -> float:
-        found = sphere_start(problem.kinematics, readings, circles, centre)
-        return float("inf") if found is None else float(np.median(found.away))
+        return _distance(sphere_start(problem.kinematics, readings, circles, centre))
 
     own = circles_of(data, radius)
     # A few circles agree by chance.
@@ -76,18 +80,18 @@ def check_flange(measured: MeasuredPoints, problem: CalibrationProblem, radius: 
     start = sphere_start(kinematics, readings, circles, centre)
     if start is None or stated is None:
         return
+    own = _distance(start)
 
     def misfit(flange: Array) -> float:
-        found = sphere_start(kinematics, replace(readings, flange=flange), circles, centre)
-        return float("inf") if found is None else float(np.median(found.away))
+        return _distance(sphere_start(kinematics, replace(readings, flange=flange), circles, centre))
 
-    if np.median(start.away) > AGREED:
+    if own > AGREED:
         for rows in (1, -1):
             fits = misfit(np.roll(stated.matrices(), rows, axis=0))
-            if fits < min(AGREED, _MUCH_BETTER * float(np.median(start.away))):
+            if fits < min(AGREED, _MUCH_BETTER * own):
                 raise CalibrationError(
                     f"the flange poses do not belong to the profiles: the median distance of the sphere's centres is"
-                    f" {1e3 * float(np.median(start.away)):.3g} mm; it is {1e3 * fits:.3g} mm with the poses shifted by"
+                    f" {1e3 * own:.3g} mm; it is {1e3 * fits:.3g} mm with the poses shifted by"
                     f" one exposure, so that each profile has the pose of the exposure"
                     f" {'before' if rows > 0 else 'after'} it",
                     file=measured.flange_path,
@@ -96,6 +100,6 @@ def check_flange(measured: MeasuredPoints, problem: CalibrationProblem, radius: 
             raise CalibrationError(wrong, file=measured.flange_path)
         refuse_misread(stated, misfit, "the profiles of the sphere", "its centres", measured.flange_path)
         return
-    limit = max(_WRONG, 10.0 * float(np.median(start.away)))
+    limit = max(_WRONG, 10.0 * own)
     name = lambda i: f"exposure {measured.exposures[circles.frame[i]]:g}"  # noqa: E731
     refuse_wrong(start.away, limit, name, ("exposures", "centres of the sphere"), measured.flange_path, _MOST_NAMED)
