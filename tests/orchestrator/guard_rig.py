@@ -29,6 +29,7 @@ from scancell.guard.transport import InProcess
 from scancell.nominal.cell import NominalCell, nominal_cell
 from scancell.proximity.scene import ProximityScene
 from scancell.scanning.guard import guard_of, settings_of
+from scancell.studies.guard.simulation import EarlierCell
 
 EMERGENCY_STOP = 3  # of controller.state
 _ANSWER_TIME = 0.003  # s
@@ -178,8 +179,13 @@ class GuardRig:
 
 
 @contextmanager
-def guard_rig(folder: Path, description: CellDescription, part: Mesh | None, start: np.ndarray) -> Iterator[GuardRig]:
-    """A robot at `start` (joints + 1,), rad, in front of a guard of the description and the part."""
+def guard_rig(
+    folder: Path, description: CellDescription, part: Mesh | None, start: np.ndarray, version: int = 2
+) -> Iterator[GuardRig]:
+    """A robot at `start` (joints + 1,), rad, in front of a guard of the description and the part.
+
+    Its controller speaks a `version` of the guard's protocol.
+    """
     nominal = nominal_cell(description, part)
     server = RestartedServer(lambda: guard_of(description, part))
     described = cell_json(description, nominal, 0, collision_outputs=False)
@@ -191,7 +197,8 @@ def guard_rig(folder: Path, description: CellDescription, part: Mesh | None, sta
         cycle_us = description.world.controller_cycle_us
         link = Link(server, max_age)
         session = CellSession(cell, nominal, cycle_us)
-        guarded = GuardedCell(cell, cycle_us, link, max_age, parts=PartTracker(description, nominal))
+        kind = GuardedCell if version == 2 else EarlierCell
+        guarded = kind(cell, cycle_us, link, max_age, parts=PartTracker(description, nominal))
         yield GuardRig(description, nominal, session, server, link, guarded, folder)
 
 

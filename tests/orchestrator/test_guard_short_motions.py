@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from cells import GRIPPER, block, export_mm
 from guard_rig import Distance, GuardRig, guard_rig
 
+from bench.guard_search.mutations import MUTATIONS
 from scancell.cell.controller import Operation
 from scancell.config.cell import CellDescription
 from scancell.config.loading import assets_dir, load_setup
@@ -98,13 +100,13 @@ def test_short_motions_far_from_bodies_are_permitted(motion: Callable[[GuardRig]
         assert rig.stops == 0
 
 
-@pytest.mark.parametrize("renewed", ["session", "guard"])
-def test_new_sessions_and_guards_do_not_permit_further_approaches(renewed: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("renewed", "version"), [("session", 2), ("guard", 2), ("session", 1)])
+def test_new_sessions_and_guards_do_not_permit_further_approaches(renewed: str, version: int, tmp_path: Path) -> None:
     """An approach within the errors of the angles is permitted once, not once a session."""
     cell = load_setup().cell
     nominal = nominal_cell(cell, PART)
     start = above_part(nominal, 2.04e-3)
-    with guard_rig(tmp_path, cell, PART, start) as rig:
+    with guard_rig(tmp_path, cell, PART, start, version) as rig:
         for _ in range(5):
             for _ in range(5):
                 rig.move(2e-4 * SHOULDER, speed=2e-3, patience=0.3)
@@ -270,3 +272,21 @@ def test_jog_at_once_after_a_change_of_operation_is_slowed_and_not_stopped(after
         assert rig.stops == 0
         assert rig.contacts() == set()
         assert Distance(rig.nominal, PAIR)(rig.axes[-1]) < 8e-3
+
+
+@pytest.mark.parametrize(
+    ("error", "scenario"),
+    [
+        ("unchecked-short-motions", partial(test_short_motions_do_not_creep_into_contact, two_set_points)),
+        ("start-width", test_opened_fingers_keep_away_from_a_wall),
+        ("start-width", test_closed_fingers_keep_away_from_a_post),
+        ("forgotten-distance", partial(test_new_sessions_and_guards_do_not_permit_further_approaches, "session", 1)),
+    ],
+)
+def test_guards_with_deliberate_errors_let_bodies_collide(
+    error: str, scenario: Callable[[Path], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("scancell.scanning.guard.Guard", MUTATIONS[error].guard)
+    with pytest.raises(AssertionError) as failure:
+        scenario(tmp_path)
+    assert "rig.contacts(" in str(failure.traceback[-1].statement)

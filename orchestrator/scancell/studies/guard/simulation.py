@@ -127,7 +127,7 @@ class Network:
     rival: str = ""
 
 
-class _EarlierCell(GuardedCell):
+class EarlierCell(GuardedCell):
     """A cell that speaks version 1 of the protocol: without widths of fingers; the path begins one cycle later."""
 
     def state(self) -> CellState:
@@ -161,7 +161,7 @@ class Simulation(Closing):
         version: int = 2,
     ) -> None:
         self.world, self._shows_jogs, self._protection = world, shows_jogs, protection or Protection()
-        self._kind = _EarlierCell if version == 1 else GuardedCell
+        self._kind = EarlierCell if version == 1 else GuardedCell
         described = world.described
         self._cycle_us = described.world.controller_cycle_us
         # Where nothing but the controller moves the bodies, one step of the dynamics in a sample is enough.
