@@ -144,7 +144,8 @@ class Driver:
         while len(self._records) == before:
             if self._cell.time_us > limit:
                 raise CellError(
-                    f"segment {segment.id}: timed out after {PATIENCE_US / 1e6:g} s waiting for the exposure"
+                    f"segment {segment.id}: timed out after {PATIENCE_US / 1e6:g} s waiting for the exposure;"
+                    " expected a shorter as_built.trigger.latency_ms"
                 )
             self._records.step_to(self._cell.time_us + self._cycle_us // _REQUEST_STEPS)
 

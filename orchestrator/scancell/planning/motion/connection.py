@@ -13,7 +13,7 @@ from scancell.geometry import pose
 from scancell.planning.model import PlanningCell
 from scancell.planning.motion import trajectory
 from scancell.planning.motion.rrt_connect import RrtConnect
-from scancell.planning.motion.timing import axis_name
+from scancell.planning.motion.timing import weak_motor
 from scancell.planning.reasons import describe
 from scancell.planning.views.placement import LIMIT_FRACTION
 from scancell.proximity.scene import Clash
@@ -60,7 +60,7 @@ class Connector:
             return setpoints
         factor, joint = self._cell.torques.needed_slowdown(setpoints[:, :-1], self._cell.cycle)
         if not np.isfinite(factor):
-            raise PlanningError(f"the torque limit of {axis_name(self._cell, joint)} is too low to hold the arm")
+            raise PlanningError(weak_motor(joint))
         return trajectory.move(start, end, self._limits, self._cell.cycle, max(1.0, factor))
 
     def connect(self, start: Array, end: Array, purpose: str) -> list[Array]:

@@ -54,10 +54,16 @@ def slowdown(cell: PlanningCell, positions: Callable[[Array], Array], duration: 
     if cell.torques is not None:
         by_torque, joint = cell.torques.needed_slowdown(fine[:, :-1], period)
         if not np.isfinite(by_torque):
-            return f"the torque limit of {axis_name(cell, joint)} is too low to hold the arm"
+            return weak_motor(joint)
         if by_torque > factor:
             factor, limit = by_torque, f"torque limit of {axis_name(cell, joint)}"
     return Slowdown(factor * (1 + _MARGIN), limit) if factor > 1 else Slowdown(1.0, "")
+
+
+def weak_motor(joint: int) -> str:
+    """Why an arm cannot be held: the motor of a joint, counted from 0, and its key."""
+    key = f"robot.joint[{joint + 1}].drive.max_torque_n_m"
+    return f"the torque limit of joint {joint + 1} is too low to hold the arm ({key})"
 
 
 def axis_name(cell: PlanningCell, axis: int) -> str:

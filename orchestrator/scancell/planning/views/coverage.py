@@ -164,7 +164,8 @@ class CoveragePlanner:
         self._extend()
         if not self._chosen:
             reasons = sorted({reason for reason in self._pool.obstacle if reason})
-            raise PlanningError(f"no feasible view of the part: {reasons[0] if reasons else 'none sees its surface'}")
+            unseen = "none sees its surface; see scan.sweep.standoff_mm"
+            raise PlanningError(f"no feasible view of the part: {reasons[0] if reasons else unseen}")
         self._drop_redundant()
         return self._report()
 

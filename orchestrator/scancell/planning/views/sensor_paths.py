@@ -269,7 +269,8 @@ def sensor_paths(description: PathDescription, part: Mesh, table_from_part: Arra
             description.quality,
         )
         if path.length < path.pitch:
-            raise PlanningError(f"{1e3 * path.length:g} mm long", key=name, expected="at least its pitch")
+            least = f"at least its pitch_mm = {1e3 * path.pitch:g}"
+            raise PlanningError(f"{1e3 * path.length:g} mm long", key=name, expected=least)
         if path.length > _LONGEST:
             raise PlanningError(f"{path.length:.3g} m long", key=name, expected=f"at most {_LONGEST:g} m")
         made.append(path)
