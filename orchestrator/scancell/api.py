@@ -535,7 +535,7 @@ def evaluate(
     datum
         Datum faces of the artefact, or numbers of plane regions of the mesh, in order of precedence.
     out
-        Folder for figures (JSON, CSV) and a picture.
+        Folder for figures (JSON, CSV), a picture and a report (HTML).
     cloud_unit
         Unit of the cloud file: mm, m or inch; by default what the file states, or else mm.
     threads

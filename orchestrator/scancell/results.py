@@ -16,6 +16,7 @@ from scancell.config.choices import CloudFrame
 from scancell.config.files import plain_data
 from scancell.evaluation.coverage import Coverage, coverage, profile_spacing
 from scancell.evaluation.deviation import Deviation, deviation_from_mesh
+from scancell.evaluation.unseen import UnseenSurface, unseen_surface
 from scancell.files import png_bytes
 from scancell.progress import NullProgress, Progress, ProgressCallback, as_progress
 from scancell.scanning.scan import ScanData
@@ -143,6 +144,19 @@ class ScanResult(ScanData, Result):
         reporter.advance(1)
         return self
 
+    @cached_property
+    def unseen(self) -> UnseenSurface:
+        """Surface that no point of the cloud covers, by the reason; on a belt without reasons."""
+        covered = self.coverage
+        if self.setup.scan.belt is not None:
+            why = "reasons are not determined for a part on a belt"
+            area, tolerance = covered.surface_area, covered.tolerance
+            return UnseenSurface.without_reason(covered.samples_in_part, covered.covered, area, tolerance, why)
+        with Stopwatch(self.timings).measure("evaluate"):
+            margin, sensor = 1e-3 * self.setup.scan.table_margin_mm, self.setup.sensor
+            poses = self.part_from_sensor
+            return unseen_surface(covered, self.measurable, self.nominal, sensor, poses, margin, self.threads)
+
     @property
     def points_without_normal(self) -> int:
         """Number of points whose normal could not be estimated."""
@@ -262,7 +276,8 @@ class ScanResult(ScanData, Result):
             run["estimated_sensor"] = plain_data(self.estimated_sensor)
         inputs = [file for file in (self.part_file, self.recording_file) if file is not None]
         record = RunRecord(inputs, run, run["formats"], frame)
-        write_run(self, self.deviation, self.coverage, record, folder, Stopwatch(self.timings))
+        watch = Stopwatch(self.timings)
+        write_run(self, self.deviation, self.coverage, self.unseen, record, folder, watch)
 
     def picture(self) -> bytes:
         """The deviation picture as PNG."""

@@ -257,7 +257,7 @@ def test_run_folder_is_an_input_again(scanned, tmp_path) -> None:
     files = {path.name for path in found.save(tmp_path / "run", ["ply", "npz"])}
     assert files == {
         *("cloud.ply", "cloud.npz", "covariance.parquet", "profiles.parquet", "points.parquet", "recording.parquet"),
-        *("deviation.json", "deviation.png", "reconstruction.json", "resolved.toml", "manifest.json"),
+        *("deviation.json", "deviation.png", "deviation.html", "reconstruction.json", "resolved.toml", "manifest.json"),
     }
     again = scancell.reconstruct(
         tmp_path / "run" / "points.parquet", cell=tmp_path / "run" / "resolved.toml", part=PART

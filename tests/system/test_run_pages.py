@@ -1,4 +1,4 @@
-"""A run as one HTML file: what it holds, and that a browser shows it without a request."""
+"""A run and its deviations as HTML files: what they hold, and that a browser shows them without a request."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import pytest
 from commands import PARTS, QUICK, scancell_here
 from PIL import Image
 
+import scancell
 from chromium import Watched, chromium
 from scancell.geometry import pose
 from scancell.views.recorded_run import open_run
@@ -121,3 +122,43 @@ def test_browser_shows_the_run_without_a_request(folder, run) -> None:
     assert [shown for shown, _ in seen] == [0, len(run.cloud)]
     assert np.abs(seen[0][1] - seen[1][1]).max() > 60
     assert all(picture.std() > 10 for _, picture in seen)
+
+
+def test_browser_turns_the_deviations_and_goes_to_outliers(folder, run, tmp_path) -> None:
+    """A row of the list brings its outlier into the middle; each box of a layer changes the picture."""
+    low, high = run.part.bounds
+    points = np.concatenate([run.cloud.points_in_part, [[0.0, 0.0, high[2] + 0.01], [low[0] - 0.02, 0.0, 0.01]]])
+    scancell.evaluate(points, mesh=PARTS / "free_form.stl", out=tmp_path)
+    address = (tmp_path / "evaluation.html").as_uri()
+    settled = "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
+    with chromium() as browser:
+        watched = Watched(browser, 1366, 768, 0.5)
+        page = watched.page
+        page.set_default_timeout(60_000)
+
+        def view() -> np.ndarray:
+            page.evaluate(settled)
+            return np.asarray(Image.open(io.BytesIO(page.locator("#frame").screenshot())).convert("RGB"), int)
+
+        # A scan without noise has no outliers.
+        for one in ((folder / "run" / "deviation.html").as_uri(), address):
+            page.goto(one)
+            assert watched.errors == []
+            page.wait_for_function("window.scancell")
+            first = view()
+            assert first.std() > 10
+        for layer in ("surface", "cloud", "unseen"):
+            page.locator(f"#show-{layer}").click()
+            assert np.abs(view() - first).max() > 30
+            page.locator(f"#show-{layer}").click()
+        places = page.evaluate("scancell.places")
+        np.testing.assert_allclose(places[0], points[-1], atol=1e-6)
+        page.locator("tr[data-at]").first.click()
+        page.evaluate(settled)
+        np.testing.assert_allclose(page.evaluate("scancell.state.target"), places[0])
+        box, mark = page.locator("#view").bounding_box(), page.locator(".mark").first.bounding_box()
+        assert abs(mark["x"] + mark["width"] / 2 - box["x"] - box["width"] / 2) < 3
+        for words in ("#verdict", "#outliers", "#unseen"):  # on the first screen
+            assert page.locator(words).bounding_box()["y"] < 768
+    assert watched.errors == []
+    assert watched.requests == [(folder / "run" / "deviation.html").as_uri(), address]

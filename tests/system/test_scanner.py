@@ -63,7 +63,7 @@ def test_saved_run_holds_every_file_and_reads_back(result, tmp_path) -> None:
     files = {path.name for path in result.save(tmp_path / "run", ["ply", "npz"], command_line=[])}
     assert files == {
         *("cloud.ply", "cloud.npz", "profiles.parquet", "plan.json", "recording.parquet"),
-        *("deviation.json", "deviation.png", "resolved.toml", "manifest.json"),
+        *("deviation.json", "deviation.png", "deviation.html", "resolved.toml", "manifest.json"),
     }
     plan = json.loads((tmp_path / "run/plan.json").read_text())
     assert [segment["name"] for segment in plan["segments"]] == list(result.plan.program.names.values())

@@ -42,7 +42,7 @@ def evaluate(
     cloud_unit: CloudUnitOption = None,
     threads: ThreadsOption = 0,
 ) -> Outcome:
-    """Compare a cloud with a mesh or an artefact: figures as JSON and CSV, and a picture."""
+    """Compare a cloud with a mesh or an artefact: figures as JSON and CSV, a picture, and a report as HTML."""
     from scancell.api import evaluate as evaluate_cloud  # noqa: PLC0415
 
     words = [word.strip() for word in datum.split(",")] if datum else []
@@ -57,7 +57,7 @@ def evaluate(
         cloud_unit=cloud_unit,
         threads=threads,
     )
-    files = [str(out / f"evaluation.{suffix}") for suffix in ("json", "csv", "png")]
+    files = [str(out / f"evaluation.{suffix}") for suffix in ("json", "csv", "png", "html")]
     kind = found.source["format"]
     lines = [f"{cloud} ({kind}): {len(found.distance)} points", found.summary()]
     return Outcome(lines, found.figures, files, list(found.warnings))

@@ -97,12 +97,19 @@ class ArtefactEvaluation(Evaluation):
     warnings: tuple[str, ...] = ()
     source: Mapping[str, Any] = field(default_factory=dict)
 
+    _row_title = "Characteristics"
+
     def _drawn(self) -> tuple[Array, Deviation, Mesh]:
         """What the picture shows: points on measured faces, their deviations, and the artefact as a mesh."""
         mesh, shown = self.artefact.mesh(), np.flatnonzero(self.face >= 0)
         points = self.points_in_artefact[shown]
         face = PartSurface(mesh).distances(points)[1].astype(np.int32)
         return points, Deviation(self.distance[shown], face, self.statistics, {}, {}), mesh
+
+    def _reported(self) -> tuple[Array, Deviation, Mesh]:
+        """What the report shows: all points, also those on no face; the figures are those of the faces."""
+        deviation = Deviation(self.distance, self.face.astype(np.int32), self.statistics, {}, {})
+        return self.points_in_artefact, deviation, self.artefact.mesh()
 
     @property
     def figures(self) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import permutations
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,9 +45,18 @@ _SHOWN = 12  # of them in the summary
 class Evaluation(Result):
     """A comparison of a cloud with a mesh or an artefact."""
 
+    align: Align
+    source: Mapping[str, Any]
+    warnings: tuple[str, ...]
+    _row_title: ClassVar[str]
+
     def rows(self) -> list[dict[str, Any]]:
         """One mapping for each characteristic or region, as in ``evaluation.csv``."""
         raise NotImplementedError
+
+    def _reported(self) -> tuple[Array, Deviation, Mesh]:
+        """What the report shows, as `_drawn`, with the points that belong to nothing."""
+        return self._drawn()
 
     def _drawn(self) -> tuple[Array, Deviation, Mesh]:
         """What the picture shows: points (n, 3) in the part, m, their deviations, and the mesh."""
@@ -55,7 +64,7 @@ class Evaluation(Result):
 
     @checked_arguments
     def save(self, folder: str | Path) -> list[Path]:
-        """Write ``evaluation.json``, ``.csv`` and ``.png`` into `folder`, all or none, and return their paths.
+        """Write ``evaluation.json``, ``.csv``, ``.png`` and ``.html`` into `folder`, all or none; return their paths.
 
         Raises `OutputError` if the folder cannot be written.
         """
@@ -67,6 +76,7 @@ class Evaluation(Result):
             write_json(files.path("evaluation.json"), self.figures)
             write_csv(files.path("evaluation.csv"), columns_of(self.rows()))
             self._draw(files.path("evaluation.png"))
+            self._write_report(files.path("evaluation.html"))
         return files.paths
 
     def picture(self) -> bytes:
@@ -78,6 +88,28 @@ class Evaluation(Result):
 
         points, deviation, mesh = self._drawn()
         deviation_picture(path, points, deviation, mesh, name=Path(mesh.source).stem)
+
+    def _write_report(self, path: Path) -> None:
+        from scancell.evaluation.unseen import UnseenSurface  # noqa: PLC0415  (imports planning)
+        from scancell.output.deviation_report import DeviationReport  # noqa: PLC0415
+
+        points, deviation, mesh = self._reported()
+        samples, covered, _ = covered_surface(points, mesh, _COVERAGE_TOLERANCE)
+        unseen = UnseenSurface.without_reason(
+            samples, covered, float(mesh.areas.sum()), _COVERAGE_TOLERANCE, "a cloud alone does not show the reason"
+        )
+        about = {"alignment": self.align, "nominal": mesh.source, "cloud": str(self.source.get("format", ""))}
+        DeviationReport(
+            Path(mesh.source).stem,
+            points,
+            deviation,
+            mesh,
+            unseen,
+            (float(covered.mean()), "surface"),
+            {self._row_title: self.rows()},
+            notes=self.warnings,
+            about=about,
+        ).write(path)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -131,6 +163,8 @@ class MeshEvaluation(Evaluation):
     datum: tuple[int, ...] = ()
     warnings: tuple[str, ...] = ()
     source: Mapping[str, Any] = field(default_factory=dict)
+
+    _row_title = "Regions"
 
     def _drawn(self) -> tuple[Array, Deviation, Mesh]:
         """What the picture shows: all points, their deviations, and the mesh."""
@@ -387,9 +421,16 @@ def _size_warnings(points: Array, mesh: Mesh) -> list[str]:
 
 def _coverage(points: Array, mesh: Mesh, regions: Regions, tolerance: float) -> tuple[float, Array]:
     """Share of the surface, and of each region (k,), that has a point within the tolerance; NaN without samples."""
-    samples, face = sample_surface(mesh, _COVERAGE_SAMPLES, 0)
-    covered = sensor_rt.covered_samples(samples, mesh.normals[face], points, None, tolerance, 0.5)
+    _, covered, face = covered_surface(points, mesh, tolerance)
     region = regions.of_face[face]
     count = np.bincount(region, minlength=len(regions))
     share = np.bincount(region, covered, minlength=len(regions)) / np.where(count, count, np.nan)
     return float(covered.mean()), share
+
+
+def covered_surface(
+    points: Array, mesh: Mesh, tolerance: float
+) -> tuple[Array, NDArray[np.bool_], NDArray[np.integer[Any]]]:
+    """Samples (n, 3) of the surface, whether each has a point within the tolerance (m), and their faces (n,)."""
+    samples, face = sample_surface(mesh, _COVERAGE_SAMPLES, 0)
+    return samples, sensor_rt.covered_samples(samples, mesh.normals[face], points, None, tolerance, 0.5), face

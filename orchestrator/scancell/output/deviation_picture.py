@@ -168,9 +168,9 @@ def _draw_lines(sheet: Sheet, figures: DeviationFigures, width: float) -> None:
     mean, rms, d95 = (1e6 * value for value in (figures.mean, figures.rms, figures.d95))
     y = _PLOT_TOP + 16
     for places, label, colour, dash, gap in (
-        ((mean,), f"mean {_um(figures.mean)}", "#111111", 0, 0),
-        ((-rms, rms), f"± RMS {_um(figures.rms)}", "#1f5fa8", 10, 5),
-        ((-d95, d95), f"± D95 % {_um(figures.d95)}", "#b3261e", 3, 3),
+        ((mean,), f"mean {um_text(figures.mean)}", "#111111", 0, 0),
+        ((-rms, rms), f"± RMS {um_text(figures.rms)}", "#1f5fa8", 10, 5),
+        ((-d95, d95), f"± D95 % {um_text(figures.d95)}", "#b3261e", 3, 3),
     ):
         for place in places:
             if abs(place) <= width:
@@ -192,7 +192,7 @@ def _write_table(sheet: Sheet, figures: DeviationFigures) -> None:
         "maximum": figures.maximum,
         "minimum": figures.minimum,
     }
-    rows = [("points", f"{figures.count:,}"), *((label, _um(value)) for label, value in named.items())]
+    rows = [("points", f"{figures.count:,}"), *((label, um_text(value)) for label, value in named.items())]
     for i, (label, value) in enumerate(rows):
         y = _PLOT_TOP + 12 + 30 * i
         for right, text, colour in ((_RIGHT - 150, label, SOFT), (_RIGHT - 2, value, INK)):
@@ -200,7 +200,7 @@ def _write_table(sheet: Sheet, figures: DeviationFigures) -> None:
             sheet.text(right, y, text, 16.5, colour, "rm")
 
 
-def _um(value: float) -> str:
+def um_text(value: float) -> str:
     """A length with three significant digits and no power of ten."""
     if not np.isfinite(value):
         return "none"
@@ -216,7 +216,7 @@ def _write_title(sheet: Sheet, name: str, figures: DeviationFigures, coverage_fr
     if coverage_fraction is not None and np.isfinite(coverage_fraction):
         facts.append(f"{100 * coverage_fraction:.1f} % of the measurable surface covered")
     if figures.count:
-        facts.append(f"RMS {_um(figures.rms)}")
-        facts.append(f"D95 % {_um(figures.d95)}")
+        facts.append(f"RMS {um_text(figures.rms)}")
+        facts.append(f"D95 % {um_text(figures.d95)}")
     sheet.text(_LEFT, 52, f"{name}: deviation from CAD", 28, INK, bold=True)
     sheet.text(_LEFT, 88, "  ·  ".join(facts), 19, SOFT)

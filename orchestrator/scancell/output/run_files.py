@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,11 +16,13 @@ from scancell.cell.recording import write_recording
 from scancell.config.choices import CloudFrame
 from scancell.evaluation.coverage import Coverage
 from scancell.evaluation.deviation import Deviation
+from scancell.evaluation.unseen import UnseenSurface
 from scancell.files import arrow_table
 from scancell.geometry.mesh import Mesh
 from scancell.output.deviation_picture import deviation_picture
+from scancell.output.deviation_report import DeviationReport
 from scancell.output.image_files import FrameFiles, draw_stripes
-from scancell.output.manifest import manifest, resolved_toml
+from scancell.output.manifest import build_version, manifest, resolved_toml
 from scancell.output.run_folder import RunFolder
 from scancell.output.tables import write_profile_csv
 from scancell.planning.plan import plan_json
@@ -34,7 +36,7 @@ from scancell.stopwatch import Stopwatch
 OPTIONAL_FILES = (
     *(f"cloud.{suffix}" for suffix in FORMATS),
     *("profiles.parquet", "recording.parquet", "points.parquet", "covariance.parquet"),
-    *("plan.json", "deviation.json", "deviation.png", "reconstruction.json", "images", "laser_off"),
+    *("plan.json", "deviation.json", "deviation.png", "deviation.html", "reconstruction.json", "images", "laser_off"),
 )
 _ROWS = 1 << 18  # of a table written at a time, which bounds the memory
 
@@ -60,9 +62,15 @@ class RunRecord:
 
 
 def write_run(
-    data: ScanData, deviation: Deviation, coverage: Coverage, record: RunRecord, folder: RunFolder, watch: Stopwatch
+    data: ScanData,
+    deviation: Deviation,
+    coverage: Coverage,
+    unseen: UnseenSurface,
+    record: RunRecord,
+    folder: RunFolder,
+    watch: Stopwatch,
 ) -> None:
-    """Write all files of a scan: cloud, profiles, plan, recording, figures, pictures, descriptions, manifest.
+    """Write all files of a scan: cloud, profiles, plan, recording, figures, report, pictures, descriptions, manifest.
 
     Raises
     ------
@@ -82,7 +90,8 @@ def write_run(
         if data.plan is not None:
             write_json(folder.path("plan.json"), plan_json(data.plan))
         figures = deviation.as_json(data.camera_names, data.segment_names)
-        write_json(folder.path("deviation.json"), {**figures, "coverage": coverage.as_json()})
+        covered = {**coverage.as_json(), "unseen": unseen.shares}
+        write_json(folder.path("deviation.json"), {**figures, "coverage": covered})
         folder.path("resolved.toml").write_text(resolved_toml(data.setup, record.run))
         run = {
             **record.run,
@@ -93,6 +102,46 @@ def write_run(
         write_json(folder.path("manifest.json"), manifest(data.setup, record.inputs, run))
     with watch.measure("draw"):
         write_pictures(data, data.nominal.part, deviation, coverage, folder)
+        scan_report(data, deviation, coverage, unseen, figures, record).write(folder.path("deviation.html"))
+
+
+def scan_report(
+    data: ScanData,
+    deviation: Deviation,
+    coverage: Coverage,
+    unseen: UnseenSurface,
+    figures: Mapping[str, Any],
+    record: RunRecord,
+) -> DeviationReport:
+    """The page of a scan, with the `figures` of ``deviation.json`` by camera and view."""
+    camera, segment, names = data.cloud.camera, data.cloud.segment, data.camera_names
+    share = (coverage.surface_fraction, "surface")
+    if coverage.measurable.any():
+        share = (coverage.fraction, "measurable surface")
+    tables = {
+        "By camera": [{"camera": name, **own} for name, own in figures["by_camera"].items()],
+        "By view": figures["by_segment"],
+    }
+    about = {
+        "scancell": build_version(),
+        "part": str(record.run["part"]),
+        "engine": data.engine,
+        "deviations of the true cell": ", ".join(data.as_built) or "none",
+        "seed": str(data.seed),
+        "command": " ".join(record.run["command_line"]),
+    }
+    return DeviationReport(
+        data.part,
+        data.cloud.points_in_part,
+        deviation,
+        data.nominal.part,
+        unseen,
+        share,
+        tables,
+        lambda row: f"{names[camera[row]]}, view {segment[row]}",
+        data.warnings,
+        about,
+    )
 
 
 def write_pictures(data: ScanData, part: Mesh, deviation: Deviation, coverage: Coverage, folder: RunFolder) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -14,17 +14,21 @@ from numpy.typing import NDArray
 from scancell.arguments import checked_arguments
 from scancell.cell.recording import Recording, write_recording
 from scancell.config.loading import Setup
+from scancell.evaluation.coverage import coverage, profile_spacing
 from scancell.evaluation.deviation import Deviation, deviation_from_mesh
+from scancell.evaluation.unseen import UnseenSurface, unseen_surface
 from scancell.files import arrow_table, png_bytes
 from scancell.geometry.mesh import Mesh
 from scancell.output.deviation_picture import deviation_picture
-from scancell.output.manifest import command_words, manifest, resolved_toml
+from scancell.output.deviation_report import DeviationReport
+from scancell.output.manifest import build_version, command_words, manifest, resolved_toml
 from scancell.output.run_files import OPTIONAL_FILES, covariance_columns, write_json, write_profiles
 from scancell.output.run_folder import RunFolder
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import parse_formats, write_cloud
 from scancell.recorded.reconstruct import ReconstructedData, joints_of_flange
 from scancell.values import Result
+from scancell.visibility.measurable import unknown_surface
 
 Array = NDArray[np.float64]
 
@@ -138,6 +142,38 @@ class ReconstructionResult(Result):
         assert self.part is not None and self.deviation is not None
         deviation_picture(path, self.cloud.points_in_part, self.deviation, self.part, name=Path(self.part.source).name)
 
+    def _deviation_figures(self, deviation: Deviation) -> dict[str, Any]:
+        return deviation.as_json(self.camera_names, {1: "measured"})
+
+    def _report(self, part: Mesh, deviation: Deviation, run: Mapping[str, Any]) -> DeviationReport:
+        """The page of the deviations; the measurable surface is not searched: any surface might be seen."""
+        cell, sensor, cloud = self.data.measured_cell.cell, self.setup.sensor, self.cloud
+        poses = self.data.made.part_from_sensor
+        surface = unknown_surface(cell, sensor, threads=self.threads)
+        surface = replace(surface, measurable=np.ones(len(surface.samples), bool))
+        spacing = profile_spacing(surface.samples, poses, np.ones(len(poses), np.int64))
+        covered = coverage(cloud.points_in_part, surface, spacing, cloud.normals)
+        if len(poses) > 1:
+            margin = 1e-3 * self.setup.scan.table_margin_mm
+            unseen = unseen_surface(covered, surface, cell, sensor, poses, margin, self.threads)
+        else:
+            unseen = UnseenSurface.without_reason(
+                surface.samples, covered.covered, surface.area, covered.tolerance, "a cloud without poses has no reason"
+            )
+        cameras = self._deviation_figures(deviation)["by_camera"].items()
+        return DeviationReport(
+            Path(part.source).name,
+            cloud.points_in_part,
+            deviation,
+            part,
+            unseen,
+            (covered.surface_fraction, "surface"),
+            {"By camera": [{"camera": name, **own} for name, own in cameras]},
+            lambda row: f"{self.camera_names[cloud.camera[row]]}, exposure {cloud.profile[row]}",
+            self.warnings,
+            {"scancell": build_version(), "part": part.source, "command": " ".join(run["command_line"])},
+        )
+
     @checked_arguments
     def save(
         self, folder: str | Path, formats: Sequence[str] = ("ply",), *, command_line: Sequence[str] | None = None
@@ -171,9 +207,10 @@ class ReconstructionResult(Result):
             recording = self._recording()
             if recording is not None:
                 write_recording(recording, files.path("recording.parquet"))
-            if self.deviation is not None:
-                write_json(files.path("deviation.json"), self.deviation.as_json(self.camera_names, {1: "measured"}))
+            if self.part is not None and self.deviation is not None:
+                write_json(files.path("deviation.json"), self._deviation_figures(self.deviation))
                 self._draw(files.path("deviation.png"))
+                self._report(self.part, self.deviation, run).write(files.path("deviation.html"))
             write_json(files.path("reconstruction.json"), self.figures)
             files.path("resolved.toml").write_text(resolved_toml(self.setup, run))
             entries = {**run, "warnings": self.warnings, "points": data.made.dropped.as_json()}

@@ -25,8 +25,8 @@ from scancell.live.camera import CameraFrame
 from scancell.live.scan import LiveChunk
 from scancell.live.state import LiveState
 from scancell.nominal.cell import Body, NominalCell
+from scancell.output.web_page import displayed
 from scancell.progress import NullProgress, Progress
-from scancell.views.page import displayed
 from scancell.views.pictures import painted
 from scancell.views.recorded_run import RecordedRun
 

@@ -48,6 +48,8 @@ class Sight:
         0: all cores. Results do not depend on it.
     work
         Counts the judgements.
+    most_samples
+        Number of measurable samples that are judged at most.
     """
 
     def __init__(
@@ -57,7 +59,9 @@ class Sight:
         measurable: Callable[[NominalCell, SensorDescription], MeasurableSurface] = measurable_surface,
         threads: int = 0,
         work: Work | None = None,
+        most_samples: int = _MOST_SAMPLES,
     ) -> None:
+        self._most_samples = most_samples
         self._nominal, self._description, self._measurable = nominal, sensor, measurable
         self._threads, self._work = threads, work or Work()
 
@@ -76,7 +80,7 @@ class Sight:
     def rows(self) -> Indices:
         """(n,) those of the samples of the surface that are judged: measurable ones, evenly chosen."""
         measurable = np.flatnonzero(self.surface.measurable)
-        return measurable[:: max(1, -(-len(measurable) // _MOST_SAMPLES))]
+        return measurable[:: max(1, -(-len(measurable) // self._most_samples))]
 
     @cached_property
     def points(self) -> Array:
