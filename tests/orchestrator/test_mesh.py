@@ -125,6 +125,23 @@ def test_repeated_faces_are_removed(tmp_path, repeated):
     assert f"{len(again)} of {12 + len(again)} faces repeat another" in remark
 
 
+def test_faces_without_area_beside_a_closed_surface_are_removed(tmp_path):
+    """Collinear corners in the middle of the list, of vertices of the solid and of others, in a turned solid."""
+    solid = trimesh.creation.box((40, 60, 100), pose.from_rotation(pose.exp_rotation(np.array([0.3, -0.5, 0.7]))))
+    corners = solid.vertices[solid.faces]
+    edges = corners[[0, 5, 7], :2]
+    flat = np.concatenate([edges, edges.mean(1, keepdims=True)], axis=1)
+    written = np.concatenate([corners[:6], flat, corners[6:]])
+    trimesh.Trimesh(written.reshape(-1, 3), np.arange(written.size // 3).reshape(-1, 3), process=False).export(
+        tmp_path / "box.stl"
+    )
+    mesh = load_mesh(tmp_path / "box.stl")
+    assert mesh.orientation == "outward"
+    assert len(mesh.faces) == 12
+    (remark,) = mesh.warnings
+    assert "3 of 15 faces have no area and were removed" in remark
+
+
 @pytest.mark.parametrize("error", [1e-17, 1e-7])
 def test_seams_of_rounding_are_closed_and_wider_gaps_stay(tmp_path, error):
     """As a CAD program writes them: the corners of each face have their own rounding errors."""

@@ -225,8 +225,9 @@ class MassProperties:
 def load_mesh(path: str | Path, unit: str = "mm") -> Mesh:
     """Read an STL, OBJ or PLY file whose coordinates are in `unit` (mm, m or inch).
 
-    Equal vertices are joined, also those of open edges that differ by rounding only; repeated faces are removed and
-    faces that certainly point the wrong way flipped, which `Mesh.warnings` reports. The order of the faces is that of
+    Equal vertices are joined, also those of open edges that differ by rounding only; repeated faces are removed, and
+    faces without an area where the mesh is closed without them; faces that certainly point the wrong way are flipped.
+    `Mesh.warnings` reports each. The order of the faces is that of
     the file.
 
     Raises `MeshError` with the file and the fault: missing, not a mesh, empty, NaN or infinite vertices, a face index
@@ -246,6 +247,12 @@ def load_mesh(path: str | Path, unit: str = "mm") -> Mesh:
     faces = (np.cumsum(used) - 1)[faces]
     metres = vertices[first[used]].astype(float) * METRES_PER_UNIT[unit]
     remarks = (*found, *_size_remarks(float(np.ptp(metres, axis=0).max()), unit, str(path)))
+    if not orientation.is_closed(faces):
+        has_area = _has_area(metres, faces)
+        if not has_area.all() and orientation.is_closed(faces[has_area]):
+            count = len(faces) - int(has_area.sum())
+            remarks = (*remarks, f"{path}: {count} of {len(faces)} faces have no area and were removed")
+            faces = faces[has_area]
     once = _first_of_equal_faces(faces)
     if len(once) < len(faces):
         remarks = (*remarks, f"{path}: {len(faces) - len(once)} of {len(faces)} faces repeat another and were removed")
@@ -272,6 +279,14 @@ def _check_mesh(vertices: Vertices, faces: NDArray[np.int64], source: str) -> No
     blocks = (vertices[faces[start : start + _BLOCK]].astype(float) for start in range(0, len(faces), _BLOCK))
     if not any(np.cross(b[:, 1] - b[:, 0], b[:, 2] - b[:, 0]).any() for b in blocks):
         raise MeshError(f"all {len(faces)} triangles are degenerate (no area)", file=source)
+
+
+def _has_area(vertices: Array, faces: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which faces (m, 3) are higher than the rounding of coordinates in single precision."""
+    edges = vertices[np.roll(faces, -1, axis=1)] - vertices[faces]
+    longest = np.linalg.norm(edges, axis=-1).max(1)
+    doubled = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=-1)
+    return np.asarray(doubled > longest * np.abs(vertices).max() * np.finfo(np.float32).eps)
 
 
 def _first_of_equal_faces(faces: NDArray[np.int64]) -> NDArray[np.int64]:
