@@ -58,6 +58,24 @@ def test_packages_are_those_of_the_installation() -> None:
     assert any(one.startswith("pybind11") for one in build)
 
 
+def test_citation_states_title_authors_and_affiliation() -> None:
+    cited = words(section("Citation"))
+    for text in (
+        "An Integrated Robot Simulation Workspace for Real Time Collision Free 3D Laser Scanning Applications",
+        "Alexandru Dumitrache, Theodor Borangiu",
+        "University Politehnica of Bucharest",
+        "neither year nor venue",
+    ):
+        assert text in cited
+
+
+def test_default_arm_has_the_parameters_of_table_1() -> None:
+    """a, d in mm and alpha in degrees of the six links, as the paper prints them."""
+    joints = scancell.Scanner().setup.cell.robot.joint
+    printed = [(75, 335, -90), (270, 0, 0), (-90, 0, 90), (0, 295, -90), (0, 0, 90), (0, 80, 0)]
+    assert [(joint.a_mm, joint.d_mm, joint.alpha_deg) for joint in joints] == printed
+
+
 def test_every_erratum_has_its_switch_or_says_that_it_has_none() -> None:
     rows = table("Errata")
     assert list(rows) == ["4", "5", "7", "8", "10"]
