@@ -5,7 +5,7 @@ Parameters of the same name mean the same everywhere: `Scanner` and `Scanner.sca
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
@@ -637,6 +637,7 @@ def acceptance(
     quick: bool = False,
     repeats: Repeats | None = None,
     factors: str | Path | None = None,
+    limits: Mapping[str, float] | Sequence[str] = (),
     out: str | Path | None = None,
     threads: Threads = 0,
     progress: Progress | ProgressCallback | None = None,
@@ -655,6 +656,9 @@ def acceptance(
         Scans of each artefact at each position in each mode; 20 unless given.
     factors
         Study description (TOML) whose factors are drawn anew for each repeat (JCGM 101).
+    limits
+        Largest permitted errors by name of the figure, in its unit: ``{"probing size": 5}`` or ``["probing size=5"]``.
+        The report begins with what meets them.
     out
         Folder for ``acceptance.json``, ``.csv`` and ``.html``; the page needs the extra ``studies``.
 
@@ -670,7 +674,7 @@ def acceptance(
     True
     """
     from scancell.studies.acceptance.measure import QUICK, Programme  # noqa: PLC0415
-    from scancell.studies.acceptance.report import AcceptanceRequest, run_acceptance  # noqa: PLC0415
+    from scancell.studies.acceptance.report import AcceptanceRequest, limits_of, run_acceptance  # noqa: PLC0415
 
     if out is not None:
         for module in ("matplotlib", "jinja2"):
@@ -679,7 +683,7 @@ def acceptance(
     programme = QUICK if quick else Programme()
     if repeats is not None:
         programme = replace(programme, repeats=repeats)
-    request = AcceptanceRequest(programme, engine, tuple(assignments(as_built)), seed, file)
+    request = AcceptanceRequest(programme, engine, tuple(assignments(as_built)), seed, file, limits_of(limits))
     with Scanner(cell, sensor, scan, settings=settings, threads=threads) as scanner:
         report = run_acceptance(scanner, request, as_progress(progress))
     if out is not None:

@@ -431,7 +431,7 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         built: Arguments = {"as_built": {}, "seed": 1}
         of_part: Arguments = {"part": part, "unit": "mm"}
         no_scan = {name: value for name, value in cell.items() if name != "scan"}
-        of_acceptance = {"quick": True, "repeats": 1, "factors": None, "out": None, "threads": 1}
+        of_acceptance = {"quick": True, "repeats": 1, "factors": None, "limits": (), "out": None, "threads": 1}
         of_batch = {"parts": ["inputs/part.obj"], "out": "batch", "config": None}
         of_batch |= {"variants": 1, "workers": 1, "seed": 1}
         of_sensor = {"request": "ball", "sensor": sensor, "settings": {}}

@@ -12,7 +12,7 @@ from scancell.config.description import validate
 from scancell.config.study import StudyDescription
 from scancell.studies.analysis import analyse
 from scancell.studies.designs import design
-from scancell.studies.page import study_page
+from scancell.studies.page import study_answers, study_page
 from scancell.studies.report import StudyReport
 from scancell.studies.study import Collected
 
@@ -103,3 +103,29 @@ def test_page_escapes_text_and_lists_every_factor_and_the_rest(kind) -> None:
     assert "<td>&lt;i&gt;broken&lt;/i&gt;</td>" in text
     assert "<td>&lt;file&gt;</td>" in text
     assert "unexplained (noise" in text or kind in {"morris", "one_at_a_time"}
+
+
+@pytest.mark.parametrize("kind", ["monte_carlo", "sobol", "morris", "one_at_a_time"])
+def test_page_opens_with_the_factor_that_matters(kind) -> None:
+    """The second factor has the largest effect, the third none."""
+    study = study_of(kind, 64)
+    analysis = analyse(study, NAMES, rows_of(study))
+    page = study_page(analysis, rows_of(study), {})
+    answer = re.search(r'<p class="answer">(.*?)</p>', page, re.DOTALL)[1]
+    assert page.index('class="answer"') < page.index("<h2>")
+    order = [answer.find(name) for name in ("b &amp; &lt;b&gt;:", " a:", " c:")]
+    assert 0 < order[0] < order[1]
+    assert order[2] == -1 or (kind in {"morris", "one_at_a_time"} and order[1] < order[2])  # noise has an effect, too
+    if kind == "monte_carlo":
+        found = analysis["engines"]["geometric"]["sensitivity"]["rms_um"]["budget"][0]
+        assert f"{100 * found['share']:.0f} % of the variance" in answer
+
+
+def test_answer_says_that_no_factor_matters() -> None:
+    study = study_of("monte_carlo", 60)
+    rows = rows_of(study)
+    for row, noise in zip(rows, np.random.default_rng(3).standard_normal(len(rows)), strict=True):
+        row["figures"]["rms_um"] = noise
+    ((name, _, words),) = study_answers(analyse(study, NAMES, rows))
+    assert name == "rms_um"
+    assert words == "no factor has a detectable share of the variance"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import html
 import json
 import re
 from collections.abc import Sequence
@@ -15,12 +16,13 @@ from commands import scancell_here
 
 from chromium import Watched, chromium
 from scancell.config.loading import Setup, assets_dir, load_setup
+from scancell.errors import DescriptionError
 from scancell.geometry.fits import PlaneFit
 from scancell.progress import NullProgress
 from scancell.scanner import Scanner
 from scancell.studies.acceptance import measure
 from scancell.studies.acceptance.measure import ALL_ROUND, Programme
-from scancell.studies.acceptance.report import AcceptanceReport, AcceptanceRequest, run_acceptance
+from scancell.studies.acceptance.report import AcceptanceReport, AcceptanceRequest, _decision, limits_of, run_acceptance
 
 SENSOR = assets_dir() / "sensors" / "medium_range_50.toml"
 STRAIGHT = "sensor.laser.straightness_mrad=[]"
@@ -123,7 +125,8 @@ def report(kind: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of the report of the quick programme with fewer profiles and points."""
     folder = tmp_path_factory.mktemp("acceptance")
     quick = replace(measure.QUICK, artefacts=REPORTS[kind][0], profiles=30, points=2000, exposures=2)
-    words = ("--quick", "--repeats", "1", "--out", "report", "--json")
+    limits = ("--limit", "probing size=1000", "--limit", "sphere spacing=1e-6", "--limit", "diameter=5")
+    words = ("--quick", "--repeats", "1", *limits, "--out", "report", "--json")
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(measure, "QUICK", quick)
         done = scancell_here("acceptance", SENSOR, *words, cwd=folder)
@@ -165,6 +168,40 @@ def test_drawn_factors_take_part_in_the_contributions() -> None:
     shares = {row["factor"]: row["share"] for row in bias["budget"]}
     assert sum(share for factor, share in shares.items() if "tool" in factor) > 0.5
     assert sum(shares.values()) == pytest.approx(1.0)
+
+
+def test_report_opens_with_the_limits(kind: str, report: Path) -> None:
+    """A limit is met where no mean error of its figure exceeds it; what no artefact gives is not measured."""
+    held, page = json.loads((report / "acceptance.json").read_text()), (report / "acceptance.html").read_text()
+    size, spacing, diameter = held["limits"]
+    assert size["met"] and size["clear"]
+    assert spacing["met"] is False
+    for found in (size, spacing):
+        means = [abs(row["mean"]) for row in held["figures"] if row["name"] == found["name"]]
+        assert abs(found["largest"]) == max(means)
+        assert found["met"] == (max(means) <= found["limit"])
+    measured = any(row["name"] == "diameter" for row in held["figures"])
+    assert (diameter["met"] is None) == (not measured)
+    first = page.split("<h2>")[0]
+    answer = re.search(r'<p class="answer">(.*?)</p>', first)[1]
+    assert "not met: sphere spacing" in answer
+    assert ("not measured: diameter" in answer) == (not measured)
+    assert all(reason in html.unescape(first) for reason in held["not_measured"])
+
+
+@pytest.mark.parametrize("words", [["size=5"], ["probing size=0"], ["probing size=x"], ["bias=1", "bias=2"], ["bias"]])
+def test_wrong_limits_are_refused(words: list[str]) -> None:
+    with pytest.raises(DescriptionError, match="limit"):
+        limits_of(words)
+
+
+def test_limit_within_the_interval_is_not_clear() -> None:
+    row = {"name": "bias", "artefact": "plane", "of": "top", "position": "near", "mode": "dynamic", "unit": "um"}
+    rows = [{**row, "mean": -4.0, "interval_symmetric": [-5.0, -3.0]}, {**row, "mean": 1.0, "interval_symmetric": None}]
+    for limit, met, clear in ((4.5, True, False), (3.5, False, False), (6.0, True, True), (2.0, False, True)):
+        found = _decision("bias", limit, rows)
+        assert (found["met"], found["clear"], found["largest"]) == (met, clear, -4.0)
+    assert _decision("flatness", 1.0, rows)["met"] is None
 
 
 def test_page_needs_no_network(kind: str, report: Path) -> None:

@@ -106,6 +106,10 @@ def acceptance(
     factors: Annotated[
         Path | None, typer.Option("--factors", help="study (TOML) whose factors are drawn anew for each repeat")
     ] = None,
+    limit: Annotated[
+        list[str] | None,
+        typer.Option("--limit", metavar="NAME=VALUE", help="largest permitted error: 'probing size=5'; repeatable"),
+    ] = None,
     engine: EngineOption = "geometric",
     set_: SetOption = None,
     as_built: AsBuiltOption = None,
@@ -128,11 +132,16 @@ def acceptance(
             quick=quick,
             repeats=repeats,
             factors=factors,
+            limits=limit or [],
             out=out,
             threads=threads,
             progress=progress,
         )
     names = ("acceptance.json", "acceptance.csv", "acceptance.html", "manifest.json")
-    figures = {"largest": report.largest, "linearity_percent": report.figures["linearity_percent"]}
+    figures = {
+        "largest": report.largest,
+        "limits": report.decisions,
+        "linearity_percent": report.figures["linearity_percent"],
+    }
     lines = [report.summary(), f"  report     {out / 'acceptance.html'}"]
     return Outcome(lines, figures, [str(out / name) for name in names], report.warnings)

@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 _TEMPLATES = Path(__file__).parent / "templates"
 _MAX_LISTED = 50
 _MAX_SCATTERED = 4
+_MAX_NAMED = 3  # factors in an answer
 _RANDOM = {"monte_carlo", "latin_hypercube", "sobol"}
 _UNEXPLAINED = {
     True: "unexplained (noise, higher-order effects)",
@@ -50,11 +51,59 @@ def study_page(analysis: dict[str, Any], rows: Sequence[dict[str, Any]], about: 
         title=analysis["name"],
         subtitle=_subtitle(analysis),
         notes=analysis["notes"],
+        answers=study_answers(analysis),
         engines=[_engine(name, found, rows, analysis) for name, found in analysis["engines"].items()],
         failed=failed[:_MAX_LISTED],
         failed_count=len(failed),
         about=list(about.items()),
     )
+
+
+def study_answers(analysis: dict[str, Any]) -> list[list[str]]:
+    """Rows of the first table: engine, figure, its mean and spread, and which factors matter and how much."""
+    several = len(analysis["engines"]) > 1
+    return [
+        [
+            f"{name} ({engine})" if several else name,
+            _spread(found["figures"][name]),
+            _most_important(part, analysis["probability"]),
+        ]
+        for engine, found in analysis["engines"].items()
+        for name, part in found["sensitivity"].items()
+    ]
+
+
+def _spread(statistics: dict[str, Any]) -> str:
+    mean, std = statistics["mean"], statistics.get("standard_deviation")
+    if mean is None:
+        return "not measured"
+    return format_figure(mean) + (f" ± {format_figure(std)}" if std is not None else "")
+
+
+def _most_important(found: dict[str, Any], probability: float) -> str:
+    """The factors of the largest effects with their sizes, or why there are none."""
+    words = []
+    if found.get("budget"):
+        for row in found["budget"][:_MAX_NAMED]:
+            ends = row["share_interval"]
+            if row["share"] <= 0 or (ends and ends[0] <= 0):
+                break
+            interval = f", {probability:.0%} interval {100 * ends[0]:.0f} … {100 * ends[1]:.0f} %" if ends else ""
+            size = format_figure(row["uncertainty"])
+            words.append(f"{row['factor']}: {100 * row['share']:.0f} % of the variance{interval}, ± {size}")
+        nothing = "no factor has a detectable share of the variance"
+    elif found.get("sobol"):
+        for row in sorted(found["sobol"], key=lambda row: -row["total"])[:_MAX_NAMED]:
+            if row["total_interval"][0] > 0:
+                words.append(f"{row['factor']}: total index {row['total']:.2f}, first order {row['first']:.2f}")
+        nothing = "no factor has a detectable index"
+    else:
+        for row in found.get("morris", [])[:_MAX_NAMED]:
+            size, error = row["mean_magnitude"], row["mean_magnitude_confidence"]
+            if size > error:
+                words.append(f"{row['factor']}: mean effect {format_figure(size)} ± {format_figure(error)}")
+        nothing = "no factor has a detectable effect" if found.get("morris") else "this design ranks no factors"
+    return "; ".join(words) or nothing
 
 
 def rendered(template: str, **values: Any) -> str:

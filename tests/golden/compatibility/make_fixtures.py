@@ -32,7 +32,7 @@ from cell_fixture import CYCLE_US, CellFmu, write_fmu  # noqa: E402
 # Absolute paths in text files; tests put the present folders in their places.
 PLACES = {"@ASSETS@": assets_dir(), "@SET@": Path()}
 _TEXT = {".toml", ".json", ".csv"}
-_DROPPED = ("deviation.png", "deviation.html", "residuals.png", "distances.png", "report.html", "profile_*.png")  # drawings
+_DROPPED = ("deviation.png", "deviation.html", "residuals.png", "distances.png", "report.html", "profile_*.png")
 
 # A step with a slope, no symmetry: outline in x and z, mm; extruded along y.
 _OUTLINE = ((0.0, 0.0), (36.0, 0.0), (36.0, 8.0), (20.0, 12.0), (20.0, 18.0), (0.0, 18.0))

@@ -10,7 +10,7 @@ import numpy as np
 
 from scancell.extras import require
 from scancell.studies.acceptance.measure import REPEATABILITY
-from scancell.studies.page import BLUE, GREY, INK, ORANGE, rendered, svg
+from scancell.studies.page import BLUE, GREY, INK, ORANGE, format_figure, rendered, svg
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,6 +24,7 @@ _TITLES = {
     "cone": ("Cone: form and angle", ("form, 95 % of the points", "cone angle")),
 }
 _RATES = ("outlier rate", "missing-point rate")
+_ANSWERED = ("probing form, 95 % of the points", "probing size", "sphere spacing", "flatness", "step height")
 _STATISTICS = {
     "mean": "mean",
     "standard_uncertainty": "std. uncertainty",
@@ -52,6 +53,8 @@ def acceptance_page(figures: Mapping[str, Any], pictures: Mapping[str, bytes], f
         title=f"Acceptance test of {figures['sensor']}",
         facts=_facts(figures),
         what=figures["what"],
+        answer=_answer(figures, failures),
+        limits=[_limit(found) for found in figures["limits"]],
         few=figures["programme"]["repeats"] < 11,
         failures=failures,
         largest_head=["artefact", "characteristic", "of", "position", "mode", "unit", *_STATISTICS.values()],
@@ -64,6 +67,33 @@ def acceptance_page(figures: Mapping[str, Any], pictures: Mapping[str, bytes], f
         budgets=budgets,
         about=[["engine", figures["engine"]], ["seed", figures["seed"]], *_words(figures)],
     )
+
+
+def _answer(figures: Mapping[str, Any], failures: Sequence[str]) -> str:
+    """One sentence: how many limits are met, and what was not measured; without limits the largest errors."""
+    limits = figures["limits"]
+    missing = f"; {len(failures)} items were not measured" if failures else "; everything was measured"
+    if not limits:
+        shown = [row for row in figures["largest"] if row["name"] in _ANSWERED]
+        worst = {row["name"]: row for row in sorted(shown, key=lambda row: abs(row["mean"]))}
+        errors = [f"{name} {format_figure(abs(row['mean']))} {_unit(row)}" for name, row in worst.items()]
+        return f"No limits are stated; largest errors: {', '.join(errors) or 'none'}{missing}."
+    states = [found["met"] for found in limits]
+    failed = [found["name"] for found in limits if found["met"] is False]
+    unknown = [found["name"] for found in limits if found["met"] is None]
+    words = [f"{states.count(True)} of {len(states)} limits are met"]
+    words += [f"not met: {', '.join(failed)}"] if failed else []
+    words += [f"not measured: {', '.join(unknown)}"] if unknown else []
+    return f"{'; '.join(words)}{missing}."
+
+
+def _limit(found: Mapping[str, Any]) -> list[Any]:
+    """State, figure, limit, largest error with its interval, and where."""
+    if found["met"] is None:
+        return ["not measured", found["name"], found["limit"], "", "", "no artefact gave this figure: see the reasons"]
+    state = ("met" if found["met"] else "not met") + ("" if found["clear"] else " (interval contains the limit)")
+    where = f"{found['artefact'].replace('_', ' ')}, {found['of']}, {found['position']}, {found['mode']}"
+    return [state, f"{found['name']}, {_unit(found)}", found["limit"], found["largest"], found["interval"], where]
 
 
 def _unit(row: Mapping[str, Any]) -> str:

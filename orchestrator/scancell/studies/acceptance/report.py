@@ -15,7 +15,7 @@ from scipy.linalg import block_diag
 from scancell.config.choices import Engine
 from scancell.config.loading import Setup
 from scancell.config.study import load_study
-from scancell.errors import FitError
+from scancell.errors import DescriptionError, FitError
 from scancell.evaluation.artefact import ArtefactEvaluation
 from scancell.output.manifest import command_words, manifest, versions
 from scancell.output.run_files import write_json
@@ -146,6 +146,8 @@ class AcceptanceRequest:
         Deviations of the true cell and sensor as ``key=value`` words.
     factors
         Study description (TOML) whose factors are drawn for each repeat; nothing else of it is used.
+    limits
+        Largest permitted error by name of a figure, in its unit.
     """
 
     programme: Programme = field(default_factory=Programme)
@@ -153,6 +155,7 @@ class AcceptanceRequest:
     as_built: tuple[str, ...] = ()
     seed: int = 0
     factors: Path | None = None
+    limits: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -200,6 +203,15 @@ class AcceptanceReport(Result):
         return largest_rows(self.rows)
 
     @property
+    def decisions(self) -> list[dict[str, Any]]:
+        """For each limit: whether the largest mean error over artefacts, positions and modes keeps it, and which it is.
+
+        `met` is None where nothing was measured; `clear` whether the interval of that error (without one, the error
+        itself) lies on one side of the limit.
+        """
+        return [_decision(name, limit, self.rows) for name, limit in self.request.limits.items()]
+
+    @property
     def warnings(self) -> list[str]:
         """Failed stations with the reason and the number of repeats."""
         scans = self.request.programme.repeats
@@ -226,6 +238,7 @@ class AcceptanceReport(Result):
             "points_of_a_scan": self.points,
             "figures": self.rows,
             "largest": self.largest,
+            "limits": self.decisions,
             "contributions": self.budgets,
             "sweeps": [one.as_json() for one in self.sweeps.sweeps],
             "linearity_percent": _finite({"of_mean": 100 * off.of_mean / span, "of_field": 100 * off.of_field / span}),
@@ -235,6 +248,7 @@ class AcceptanceReport(Result):
     def summary(self) -> str:
         """The largest errors over the range, as text."""
         lines = [f"{self.setup.sensor.name} in {self.setup.cell.name}: {len(self.rows)} figures"]
+        lines += [f"  {decision_text(found)}" for found in self.decisions]
         for row in self.largest:
             if row["name"] in _HEADLINES:
                 spread = row["standard_uncertainty"]
@@ -274,9 +288,64 @@ class AcceptanceReport(Result):
         return {name: evaluation.picture() for name, evaluation in self.pictured.items()}
 
 
-_HEADLINES = (
-    *("probing form", "probing size", "sphere spacing", "flatness", "step height", "form", "diameter", "cone angle"),
-    *("outlier rate", "missing-point rate"),
+def _decision(name: str, limit: float, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    own = [row for row in rows if row["name"] == name]
+    if not own:
+        return {"name": name, "limit": limit, "unit": None, "met": None}
+    worst = max(own, key=lambda row: abs(row["mean"]))
+    size, ends = abs(worst["mean"]), worst["interval_symmetric"] or (worst["mean"], worst["mean"])
+    sizes = [abs(end) for end in ends]
+    place = {key: worst[key] for key in ("artefact", "of", "position", "mode")}
+    largest = {"largest": worst["mean"], "interval": worst["interval_symmetric"], **place}
+    clear = max(sizes) <= limit or (min(sizes) > limit and ends[0] * ends[1] > 0)
+    return {"name": name, "limit": limit, "unit": worst["unit"], "met": size <= limit, "clear": clear, **largest}
+
+
+def decision_text(found: Mapping[str, Any]) -> str:
+    """A decision as a line: met, not met or not measured, the figure and where it is largest."""
+    if found["met"] is None:
+        return f"not measured: {found['name']}, limit {found['limit']:g}"
+    unit = "µm" if found["unit"] == "um" else found["unit"]
+    where = f"{found['artefact'].replace('_', ' ')}, {found['position']}, {found['mode']}"
+    unsure = "" if found["clear"] else "; its interval contains the limit"
+    state = "met" if found["met"] else "not met"
+    return f"{state}: {found['name']} {found['largest']:.3g} {unit}, limit {found['limit']:g} {unit} ({where}{unsure})"
+
+
+def limits_of(words: Mapping[str, float] | Sequence[str]) -> dict[str, float]:
+    """Limits by name of a figure, from a mapping or ``NAME=VALUE`` words.
+
+    Raises `DescriptionError` for a figure that no artefact has, a value that is no positive number, or a name given
+    twice.
+    """
+    if isinstance(words, Mapping):
+        words = [f"{name}={value}" for name, value in words.items()]
+    found: dict[str, float] = {}
+    for word in words:
+        name, _, text = (part.strip() for part in word.rpartition("="))
+        if name not in _LIMITED:
+            raise DescriptionError(
+                key="limit", value=word, expected=f"NAME=VALUE with one of the names: {'; '.join(_LIMITED)}"
+            )
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not 0 < value < math.inf:
+            raise DescriptionError(key="limit", value=word, expected="a number above 0, in the unit of the figure")
+        if name in found:
+            raise DescriptionError("is given twice", key="limit", value=name)
+        found[name] = value
+    return found
+
+
+_FORMS = ("probing form", "flatness", "form")
+_SIZES = ("probing size", "sphere spacing", "step height", "diameter", "cone angle")
+_RATES = ("outlier rate", "missing-point rate")
+_HEADLINES = (*_FORMS, *_SIZES, *_RATES)
+_LIMITED = (
+    *(f"{name}{ending}" for name in _FORMS for ending in ("", ", 95 % of the points", ", minimum zone")),
+    *(*_SIZES, "dispersion", "bias", "D95 %", "max - min", *_RATES),
 )
 
 
