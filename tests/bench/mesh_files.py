@@ -33,7 +33,8 @@ def prism(rng: np.random.Generator) -> tuple[np.ndarray, list[list[int]], float,
     rings = [outline]
     if rng.random() < 0.3:
         # A hole around the middle, which a bridge from corner 0 reaches: both see each other along the ray.
-        outline[:] = np.round(30 * np.stack([np.cos(angle), np.sin(angle)], 1), 3)
+        even = np.arange(corners) * 2 * np.pi / corners  # the hole lies within the outline
+        outline[:] = np.round(30 * np.stack([np.cos(even), np.sin(even)], 1), 3)
         rings.append(np.round(outline[::-1] * 0.1, 3))
     if rng.random() < 0.3:  # a corner within an edge
         rings[0] = np.insert(outline, 1, (outline[0] + outline[1]) / 2, axis=0)

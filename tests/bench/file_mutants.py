@@ -1,9 +1,11 @@
-"""Mutated cloud files against an independent reader of each format in a child process.
+"""Mutated files of clouds and meshes against an independent reader of each format in a child process.
 
-    PYTHONPATH=tests python -m bench.cloud_mutants OUT.json --judge /venv/bin/python --count 20000
+    PYTHONPATH=tests python -m bench.file_mutants OUT.json --judge /venv/bin/python --count 20000
 
-The interpreter of `--judge` has pypcd4 (PCD) and NumPy (text); without it only the own reader is judged: a file becomes
-points whose number and dropped records make its records, or is refused by name; nothing else is raised.
+The interpreter of `--judge` has pypcd4 (PCD), NumPy (text) and Open3D (meshes of STL, OBJ and PLY files); without it
+only the own readers are judged: a cloud becomes points whose number and dropped records make its records, a mesh finite
+vertices and faces of them, or the file is refused by name; nothing else is raised. Where both read a file, numbers of
+records and sums of coordinates, or numbers and areas of triangles, are compared.
 """
 
 from __future__ import annotations
@@ -17,11 +19,15 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.mesh_files import fan, measured, prism, written
 from scancell.errors import ScancellError
+from scancell.geometry.mesh import load_mesh
+from scancell.geometry.mesh_files import read_mesh
 from scancell.reconstruction.cloud_files.read import read_cloud_file
 
-FORMATS = ("pcd", "xyz")
-_AGREED = 1e-5  # relative difference of sums of coordinates
+CLOUDS = ("pcd", "xyz")
+FORMATS = (*CLOUDS, "stl", "obj", "ply")
+_AGREED = 1e-5  # relative difference of sums of coordinates, or of areas
 _KEPT = 20  # differing files whose content is kept
 
 _JUDGE = r"""
@@ -33,9 +39,19 @@ def pcd(path):
     return PointCloud.from_path(path).numpy(("x", "y", "z"))
 def xyz(path):
     return np.loadtxt(path, usecols=(0, 1, 2), ndmin=2)
+def mesh(path):
+    import open3d
+    open3d.utility.set_verbosity_level(open3d.utility.VerbosityLevel.Error)
+    found = open3d.io.read_triangle_mesh(path)
+    if not found.triangles:
+        raise ValueError("no triangles")
+    return [len(found.triangles), found.get_surface_area()]
 for line in sys.stdin:
     path = line.strip()
     try:
+        if path[-3:] in ("stl", "obj", "ply"):
+            print(json.dumps(mesh(path)), flush=True)
+            continue
         points = np.asarray({"pcd": pcd, "xyz": xyz}[path[-3:]](path), float)
         kept = np.isfinite(points).all(1) & (points != 0).any(1)
         print(json.dumps([len(points), float(np.abs(points[kept]).sum())]), flush=True)
@@ -44,8 +60,14 @@ for line in sys.stdin:
 """
 
 
+ENCODINGS = {"stl": ("stl_text", "stl_binary"), "obj": ("obj",), "ply": ("ply_text", "ply_binary")}
+
+
 def seeds(kind: str, rng: np.random.Generator) -> bytes:
     """A valid file of a format in one of its encodings."""
+    if kind not in CLOUDS:
+        vertices, polygons, _, _ = prism(rng)
+        return written(str(rng.choice(ENCODINGS[kind])), [(vertices, fan(polygons, vertices))], rng)
     points = np.round(rng.uniform(-90, 90, (int(rng.integers(2, 30)), 3)), 3)
     if kind == "xyz":
         separator = str(rng.choice([" ", "\t", "  "]))
@@ -83,8 +105,11 @@ def mutated(data: bytes, rng: np.random.Generator) -> bytes:
         b"x",
         b"\xff",
         b"DATA ascii\n",
+        b"f 1 2 3\n",
+        b"vertex 1 2 3\n",
+        b"endsolid\n",
     )
-    for _ in range(int(rng.integers(1, 4))):
+    for _ in range(int(rng.choice([1, 1, 1, 2, 3]))):
         at, end = sorted(rng.integers(0, len(data) + 1, 2).tolist())
         match int(rng.integers(0, 5)):
             case 0:
@@ -103,8 +128,16 @@ def mutated(data: bytes, rng: np.random.Generator) -> bytes:
 
 
 def own(path: Path) -> tuple[int, float] | tuple[str, str]:
-    """Records and sum of the coordinates of the usable points, mm; or the error of the refusal."""
+    """Records and sum of the coordinates of the usable points, mm; or the error of the refusal.
+
+    Of a mesh, number of triangles and their area.
+    """
     try:
+        if path.suffix[1:] not in CLOUDS:
+            mesh = load_mesh(path)
+            assert np.isfinite(mesh.vertices).all() and mesh.faces.min() >= 0 and mesh.faces.max() < len(mesh.vertices)
+            vertices, faces, _ = read_mesh(path)  # before vertices are joined and repeated faces removed
+            return len(faces), measured(vertices, faces)[0]
         found = read_cloud_file(path)
     except ScancellError as error:
         assert path.name in str(error), error
@@ -113,31 +146,53 @@ def own(path: Path) -> tuple[int, float] | tuple[str, str]:
     return found.records, float(1e3 * np.abs(found.points).sum())
 
 
+class Judge:
+    """The other readers in a child process, which is started again where a file ends it."""
+
+    def __init__(self, interpreter: str) -> None:
+        self._command = [interpreter, "-c", _JUDGE]
+        self._child: subprocess.Popen[str] | None = None
+
+    def read(self, path: Path) -> list[object]:
+        """Numbers like those of `own`, or the type and text of an error."""
+        if self._child is None:
+            self._child = subprocess.Popen(self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        child = self._child
+        assert child.stdin
+        assert child.stdout
+        child.stdin.write(f"{path}\n")
+        child.stdin.flush()
+        for line in child.stdout:  # some libraries print there
+            if line.startswith("["):
+                return list(json.loads(line))
+        self.close()
+        return ["crash", "the other reader ended"]
+
+    def close(self) -> None:
+        if self._child is not None:
+            self._child.communicate()
+            self._child = None
+
+
 def campaign(kind: str, count: int, judge: str | None = None, seed: int = 0) -> tuple[Counter[str], list[list[object]]]:
     """Number of files by outcome, and some of the files about which the readers disagree."""
     rng, outcomes, kept = np.random.default_rng([seed, FORMATS.index(kind)]), Counter[str](), list[list[object]]()
-    child = None
-    if judge is not None:
-        child = subprocess.Popen([judge, "-c", _JUDGE], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    other = None if judge is None else Judge(judge)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"a.{kind}"
         for _ in range(count):
             path.write_bytes(mutated(seeds(kind, rng), rng))
             ours = own(path)
-            if child is None:
+            if other is None:
                 outcomes["refused" if isinstance(ours[0], str) else "read"] += 1
                 continue
-            assert child.stdin and child.stdout
-            child.stdin.write(f"{path}\n")
-            child.stdin.flush()
-            theirs = json.loads(child.stdout.readline())
+            theirs = other.read(path)
             outcome = compared(ours, theirs)
             outcomes[outcome] += 1
             if outcome in ("differ", "read by own alone") and sum(one[0] == outcome for one in kept) < _KEPT:
                 kept.append([outcome, ours, theirs, path.read_bytes().decode("latin-1")])
-    if child is not None and child.stdin:
-        child.stdin.close()
-        child.wait()
+    if other is not None:
+        other.close()
     return outcomes, kept
 
 
@@ -154,7 +209,7 @@ def compared(ours: tuple[object, object], theirs: list[object]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("out", type=Path)
-    parser.add_argument("--judge", help="interpreter with pypcd4 and NumPy")
+    parser.add_argument("--judge", help="interpreter with pypcd4, NumPy and Open3D")
     parser.add_argument("--count", type=int, default=20_000)
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
