@@ -127,7 +127,7 @@ def walk(page: Any, host: Host, shoot: Shoot = lambda _: None) -> None:
     shoot("profile")
 
     tab(page, "Jog")
-    choose(page, "axis", "tool z")
+    choose(page, "axis", "tool along z")
     page.get_by_role("button", name="Hold to jog -").hover()
     page.mouse.down()
     says(page, "The guard permits no jog in this direction")

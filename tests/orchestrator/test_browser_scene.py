@@ -15,7 +15,7 @@ import trimesh
 from cells import block, mesh_of
 
 from remote_browser import RemoteBrowser
-from scancell import Scanner
+from scancell import Mode, Scanner
 from scancell.config.loading import Setup, assets_dir, load_setup
 from scancell.config.material import PRESETS
 from scancell.geometry import pose
@@ -155,6 +155,11 @@ def test_ghost_shows_the_destination_until_it_is_reached(server, scene, live) ->
     scene.options.ghost = True
     assert node(server, "/ghost/link6").visible
     scene.show(replace(state, world_from_body_at_destination=state.world_from_body))
+    assert scene.ghosts == ()
+    for controller in ("at rest", "emergency stop"):  # after a jog the destination is that of the last move
+        scene.show(replace(state, controller=controller))
+        assert scene.ghosts == ()
+    scene.show(replace(state, controller="moving", mode=Mode.CARTESIAN_JOG))
     assert scene.ghosts == ()
 
 

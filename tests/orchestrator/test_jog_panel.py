@@ -16,7 +16,7 @@ from scancell.live.commands import JogJoints, JogSensor
 from scancell.nominal.cell import nominal_cell
 
 Jog = JogJoints | JogSensor
-SENSOR_AXES = ("tool x", "tool y", "tool z", "tool about x", "tool about y", "tool about z")
+SENSOR_AXES = ("tool along x", "tool along y", "tool along z", "tool about x", "tool about y", "tool about z")
 
 
 class Page:
@@ -71,9 +71,9 @@ def test_each_axis_is_jogged_alone_by_its_share(sign: str, percent: int) -> None
 @pytest.mark.parametrize(("name", "frame"), [("world", JogFrame.WORLD), ("tool", JogFrame.SENSOR), ("table", "table")])
 def test_tool_is_jogged_along_the_chosen_axes(name: str, frame: JogFrame | str) -> None:
     page = Page()
-    assert name in page.inputs["along the axes of"].options
-    page.inputs["along the axes of"].value = name
-    jog = page.jog("tool z", "-", 50)
+    assert name in page.inputs["x, y, z of"].options
+    page.inputs["x, y, z of"].value = name
+    jog = page.jog("tool along z", "-", 50)
     assert isinstance(jog, JogSensor)
     assert (jog.frame, jog.tool) == (frame, "sensor")
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from scancell import Scanner
+from scancell.browser.panels.teach_panel import step_label
 from scancell.config.loading import assets_dir, load_setup
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
@@ -246,3 +247,12 @@ def test_file_follows_edits_by_hand_and_keeps_what_it_cannot_read(tmp_path: Path
         with pytest.raises(DescriptionError, match=r"taught\.py:\d+: print\('own code'\)"):
             file.edit(lambda program: program.without(0))
     assert file.path.read_text() == own
+
+
+@pytest.mark.parametrize(
+    ("degrees", "text"),
+    [(0, "0.0°"), (-40, "-40.0°"), (360, "360.0°"), (1575, "135.0° + 4 turns"), (-400, "-40.0° - 1 turn")],
+)
+def test_label_of_a_table_states_whole_turns_apart(degrees: float, text: str) -> None:
+    """The slider of the table ends at 360°."""
+    assert step_label(1, TaughtStep("turn_table", value=np.radians(degrees))).split(", ")[0] == f"1 table at {text}"

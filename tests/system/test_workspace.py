@@ -236,7 +236,7 @@ def test_jog_into_the_table_slows_down_and_rests(opened: Opened) -> None:
     opened.moves_to(ABOVE_TABLE)
     page = opened.page().page
     page.get_by_role("tab", name="Jog").click()
-    choose(page, "axis", "tool z")
+    choose(page, "axis", "tool along z")
     button = page.get_by_role("button", name="Hold to jog -")
     button.hover()
     page.mouse.down()

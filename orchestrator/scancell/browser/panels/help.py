@@ -104,7 +104,7 @@ class HelpPanel:
                 lambda _: feed.frame is not None and len(feed.frame.points_in_sensor) > 0,
             ),
             _Step(
-                "Move, Jog: jog tool z towards the table until the guard holds the robot",
+                "Move, Jog: jog the tool along z towards the table until the guard holds the robot",
                 lambda _: self._held_at is not None,
             ),
             _Step(

@@ -15,7 +15,7 @@ from scancell.nominal.tools import frame_names, tool_names
 
 _RATE = 10.0  # Hz, at which a held button renews its jog
 _FRAMES = {"world": JogFrame.WORLD, "tool": JogFrame.SENSOR}
-_SENSOR_AXES = ("x", "y", "z", "about x", "about y", "about z")
+_SENSOR_AXES = ("along x", "along y", "along z", "about x", "about y", "about z")
 
 
 class JogPanel:
@@ -32,7 +32,7 @@ class JogPanel:
         self._first_sensor_axis = len(joints) + 1
         self._axis = gui.add_dropdown("axis", self._axes)
         self._tool = gui.add_dropdown("tool", tool_names(operator.nominal))
-        self._frame = gui.add_dropdown("along the axes of", (*_FRAMES, *frame_names(operator.nominal)))
+        self._frame = gui.add_dropdown("x, y, z of", (*_FRAMES, *frame_names(operator.nominal)))
         self._deflection = gui.add_slider("deflection, %", 1, 100, 1, 50)
         minus = gui.add_button("Hold to jog -", icon="minus", hint="or hold the key J")
         plus = gui.add_button("Hold to jog +", icon="plus", hint="or hold the key K")

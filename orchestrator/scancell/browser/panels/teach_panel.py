@@ -237,13 +237,23 @@ class TeachPanel:
             self._operator.show_message(f"the program before: {kept}")
 
 
+def _turned(angle: float) -> str:
+    """An angle of the table, rad, as the slider states it, and its whole turns."""
+    degrees = round(angle / deg, 1) + 0.0
+    turns = int(degrees / 360.0) if abs(degrees) > 360.0 else 0
+    rest = f"{round(degrees - 360.0 * turns, 1) + 0.0}°"
+    if not turns:
+        return rest
+    return f"{rest} {'+' if turns > 0 else '-'} {abs(turns)} turn{'s' if abs(turns) > 1 else ''}"
+
+
 def step_label(number: int, step: TaughtStep) -> str:
     """One line of the list."""
     words, parts = WORDS[step.command], [] if step.command == "turn_table" else [_NAMES[step.command]]
     if step.value is not None and words.value != "table_angle":
         parts.append(f"{step.value / _TYPED[step.command][0]:g} {words.unit}")
     elif step.value is not None:
-        parts.append(f"table at {round(step.value / deg, 1) + 0.0}°")
+        parts.append(f"table at {_turned(step.value)}")
     if step.tool != "sensor":
         parts.append(step.tool)
     if words.moves:

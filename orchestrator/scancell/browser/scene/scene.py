@@ -19,6 +19,7 @@ from scancell.browser.scene.sensor_view import SensorView
 from scancell.browser.scene.surfaces import drawn_mesh
 from scancell.browser.scene.trace import Trace
 from scancell.browser.scene.viewpoints import ViewName, Viewpoint, placed, viewpoint
+from scancell.cell.controller import Mode
 from scancell.cell.sensing import collision_meshes
 from scancell.config.cell import CellDescription
 from scancell.config.sensor import SensorDescription
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
+_JOGS = (Mode.JOINT_JOG, Mode.CARTESIAN_JOG)
 _ASPECT = 0.78  # of the first picture: what panels leave of a window of 1280 x 720 px
 _HALL, _SUN = 0.38, 1.5  # intensities
 _GRID = 0.1  # m between lines on the floor
@@ -212,11 +214,13 @@ class CellScene:
         return {**frames, "world": np.eye(4)}
 
     def _show_ghost(self) -> None:
-        # After an emergency stop there is no destination.
-        if self._state is None or not self.options.ghost or self._state.controller == "emergency stop":
+        # At rest, in a jog and after a stop, the destination is that of a motion which has ended.
+        state = self._state
+        moves = state is not None and state.controller in ("moving", "braking") and state.mode not in _JOGS
+        if state is None or not moves or not self.options.ghost:
             self._ghost.hide()
         else:
-            self._ghost.show(self._state.world_from_body_at_destination, self._state.world_from_body)
+            self._ghost.show(state.world_from_body_at_destination, state.world_from_body)
         if self._preview is None:
             return
         if self._state is None or self._preview_from_body is None:
