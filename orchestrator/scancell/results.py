@@ -207,8 +207,11 @@ class ScanResult(ScanData, Result):
 
     @property
     def _kept_low(self) -> str:
-        low = self.dropped.kept_low
-        return f"; {low} as low are on the part by its nominal outline" if low else ""
+        low, raised = self.dropped.kept_low, self.dropped.raised
+        kept = f"; {low} as low are on the part by its nominal outline" if low else ""
+        margin = f"scan.table_margin_mm = {self.setup.scan.table_margin_mm:g}"
+        above = f"; {raised} of them lie above the noise of the table, lower than {margin}" if raised else ""
+        return kept + above
 
     @checked_arguments
     def save(

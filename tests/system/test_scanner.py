@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from scancell.cell.recording import write_recording
 from scancell.config.estimated import EstimatedDescription
 from scancell.errors import CancelledError, DescriptionError, EmptyScanError
 from scancell.geometry import pose
-from scancell.geometry.mesh import box_mesh, load_mesh
+from scancell.geometry.mesh import Mesh, box_mesh, load_mesh
 from scancell.reconstruction.cloud_files import read_ply
 
 PART = Path(__file__).parents[2] / "assets/parts/step_block.stl"
@@ -136,12 +137,36 @@ def test_sheet_on_a_lower_table_is_kept_with_a_warning(scanner, tmp_path) -> Non
         "measured": result.dropped.measured,
         "kept": len(result.cloud),
         "dropped_on_table": result.dropped.low,
+        "of_these_above_noise": result.dropped.raised,
         "dropped_above": result.dropped.high,
         "dropped_beside_table": result.dropped.outside,
         "dropped_on_neighbours": {},
         "kept_as_low_as_table": result.dropped.kept_low,
         "ambiguous": result.dropped.ambiguous,
     }
+
+
+def test_walls_below_the_margin_are_counted_and_kept_by_a_lower_one(scanner) -> None:
+    """In a cell as described nobody is asked whether it is; the points that the margin takes are the part's."""
+    base = np.array([[0.01 * np.cos(a), 0.01 * np.sin(a), 0.0] for a in np.linspace(0, 2 * np.pi, 49)[:-1]])
+    ring, after = np.arange(48), (np.arange(48) + 1) % 48
+    corners = np.concatenate([base, [[0.0, 0.0, 0.0018], [0.0, 0.0, 0.0]]])
+    sides = np.stack([ring, after, np.full(48, 48)], 1)
+    cone = Mesh(corners, np.concatenate([sides, np.stack([after, ring, np.full(48, 49)], 1)]), "cone")
+    for part in (box_mesh((0.06, 0.04, 0.0018), "plate"), cone):
+        result = scanner.scan(part, engine="geometric")
+        raised = result.dropped.raised
+        assert raised > 100
+        assert f"{raised} of them lie above the noise of the table, lower than scan.table_margin_mm = 0.5" in str(
+            result
+        )
+        assert not any("stand as described?" in warning for warning in result.warnings)
+        setup = scanner.setup
+        lower = replace(setup, scan=setup.scan.model_copy(update={"table_margin_mm": 0.02}))
+        more = scanner.scan(part, engine="geometric", setup=lower)
+        assert more.dropped.raised < 0.2 * raised
+        assert len(more.cloud) > len(result.cloud) + 0.7 * raised
+        assert more.deviation.figures.d99_9 < 1e-6
 
 
 def test_sheet_farther_below_than_errors_explain_is_an_error_that_names_the_key(scanner) -> None:

@@ -25,6 +25,10 @@ Array = NDArray[np.float64]
 
 _NODES = 17  # poses per frame between which points of a rolling shutter are interpolated
 _BLOCK = 1 << 14  # points that are transformed at a time
+RAISED_SIGMAS = 5.0
+_FLAT = 10e-6  # m: height within which the top of a table is even
+_RAISED = 0.05  # share of the cloud from which a warning names points above the table that are taken for the table's
+_TABLE_DISPLACED = 50e-6  # m: mean height of the table's points from which the table does not stand as described
 _AMBIGUOUS = 0.01  # share of the cloud from which a warning names points that may be the table's
 REFERENCE_SIGMA = 20e-6  # m: standard deviation at which `quality_of` is 1/2
 
@@ -168,7 +172,8 @@ class Dropped:
     once), `foreign` those on each neighbour by name. `highest_low` is the greatest height (m) among the low ones, NaN
     without any. `kept_low` points are as low, but on the part's footprint and thus in the cloud. `ambiguous` counts the
     points, dropped or kept, for which footprint and height contradict each other, `beside` those in the cloud that lie
-    beside the part, a little higher than table points may.
+    beside the part, a little higher than table points may. Of the low points, `raised` counts those more than
+    `RAISED_SIGMAS` of their standard deviations and 10 µm above the table; `low_height` is the sum of all heights, m.
     """
 
     measured: int
@@ -180,6 +185,8 @@ class Dropped:
     kept_low: int = 0
     ambiguous: int = 0
     beside: int = 0
+    raised: int = 0
+    low_height: float = 0.0
 
     @property
     def kept(self) -> int:
@@ -187,8 +194,8 @@ class Dropped:
         return self.measured - self.low - self.high - self.outside - sum(self.foreign.values())
 
     def __add__(self, other: Dropped) -> Dropped:
-        """Of the exposures of both."""
-        names = ("measured", "low", "high", "outside", "kept_low", "ambiguous", "beside")
+        """Sum of the counts of both."""
+        names = ("measured", "low", "high", "outside", "kept_low", "ambiguous", "beside", "raised", "low_height")
         return Dropped(
             **{name: getattr(self, name) + getattr(other, name) for name in names},
             foreign=Counter(self.foreign) + Counter(other.foreign),
@@ -201,6 +208,7 @@ class Dropped:
             "measured": self.measured,
             "kept": self.kept,
             "dropped_on_table": self.low,
+            "of_these_above_noise": self.raised,
             "dropped_above": self.high,
             "dropped_beside_table": self.outside,
             "dropped_on_neighbours": dict(self.foreign),
@@ -214,10 +222,24 @@ def table_warnings(dropped: Dropped, table_margin_mm: float) -> list[str]:
     margin, limit = f"scan.table_margin_mm = {table_margin_mm:g}", _AMBIGUOUS * dropped.kept
     found = []
     if dropped.ambiguous > limit:
+        table = dropped.low_height / dropped.low if dropped.low else 0.0
+        question = (
+            f"the points taken for the table's have its height (mean {1e3 * table:+.3f} mm), so that the part is as "
+            "low as that there, or stands beside its nominal place: a lower scan.table_margin_mm keeps more of it"
+            if abs(table) < _TABLE_DISPLACED
+            else f"the points taken for the table's lie {1e3 * abs(table):.2f} mm {'above' if table > 0 else 'below'} "
+            "its nominal height in the mean: do table, part and tool stand as described?"
+        )
         found.append(
             f"{dropped.ambiguous} points lower than {margin} are on the part by its nominal outline and on the table "
-            f"by their height, or the other way round ({dropped.kept_low} low points kept, {dropped.low} dropped): do "
-            "table, part and tool stand as described?"
+            f"by their height, or the other way round ({dropped.kept_low} low points kept, {dropped.low} dropped); "
+            f"{question}"
+        )
+    elif dropped.raised > _RAISED * dropped.kept:
+        found.append(
+            f"{dropped.raised} points lower than {margin} were taken for the table's although they lie more than "
+            f"{RAISED_SIGMAS:g} of their standard deviations above it: on a table that stands as described they are "
+            "the part's, and a lower scan.table_margin_mm keeps them"
         )
     if dropped.beside > limit:
         found.append(
@@ -316,6 +338,7 @@ def reconstruct_points(
         points = points_in_part(points, frame, poses)
     kept, dropped = _sort_out(
         pose.transform_points(table_from_part, points),
+        np.asarray(profiles.sigma),
         lambda rows: (
             np.asarray(triggers.table)[frame[rows]] + np.asarray(triggers.table_rate)[frame[rows]] * time_offset[rows]
         ),
@@ -357,12 +380,14 @@ def with_normals(cloud: Cloud, triggers: Triggers, poses_after: PosesAfter, thre
 
 def _sort_out(
     points_in_table: Array,
+    sigma: NDArray[np.floating[Any]],
     table_angle: Callable[[NDArray[np.int64]], Array],
     envelope: Envelope,
     neighbours: Neighbours | None,
 ) -> tuple[NDArray[np.int64], Dropped]:
     """Rows (k,) of the part's points among those in the table frame (n, 3), and what became of the others.
 
+    `sigma` (n,) are the standard deviations of the points, m.
     `table_angle` gives the angle (k,) of the table at the points of some rows, rad.
     """
     inside = envelope.contains(points_in_table)
@@ -373,6 +398,7 @@ def _sort_out(
         inside[near_table[on_part]] = True
     kept, beyond = np.flatnonzero(inside), points_in_table[~inside]
     low, high = beyond[:, 2] < envelope.lowest, beyond[:, 2] > envelope.highest
+    height = beyond[low, 2]
     foreign: dict[str, int] = {}
     if neighbours is not None:
         owner = foreign_points(points_in_table[kept], table_angle(kept), neighbours)
@@ -390,10 +416,12 @@ def _sort_out(
         high=int(high.sum()),
         outside=len(beyond) - int(low.sum()) - int(high.sum()),
         foreign=foreign,
-        highest_low=float(beyond[low, 2].max()) if low.any() else float("nan"),
+        highest_low=float(height.max()) if len(height) else float("nan"),
         kept_low=int(on_part.sum()),
         ambiguous=int(ambiguous.sum()),
         beside=beside,
+        raised=int((height > np.maximum(RAISED_SIGMAS * sigma[~inside][low], _FLAT)).sum()),
+        low_height=float(height.sum()),
     )
 
 
