@@ -98,7 +98,11 @@ class Evaluation(Result):
         unseen = UnseenSurface.without_reason(
             samples, covered, float(mesh.areas.sum()), _COVERAGE_TOLERANCE, "a cloud alone does not show the reason"
         )
-        about = {"alignment": self.align, "nominal": mesh.source, "cloud": str(self.source.get("format", ""))}
+        about = {
+            "alignment": self.align,
+            "nominal": Path(mesh.source).name,
+            "cloud": str(self.source.get("format", "")),
+        }
         DeviationReport(
             Path(mesh.source).stem,
             points,

@@ -102,7 +102,7 @@ def write_run(
         write_json(folder.path("manifest.json"), manifest(data.setup, record.inputs, run))
     with watch.measure("draw"):
         write_pictures(data, data.nominal.part, deviation, coverage, folder)
-        scan_report(data, deviation, coverage, unseen, figures, record).write(folder.path("deviation.html"))
+        scan_report(data, deviation, coverage, unseen, figures).write(folder.path("deviation.html"))
 
 
 def scan_report(
@@ -111,7 +111,6 @@ def scan_report(
     coverage: Coverage,
     unseen: UnseenSurface,
     figures: Mapping[str, Any],
-    record: RunRecord,
 ) -> DeviationReport:
     """The page of a scan, with the `figures` of ``deviation.json`` by camera and view."""
     camera, segment, names = data.cloud.camera, data.cloud.segment, data.camera_names
@@ -124,11 +123,10 @@ def scan_report(
     }
     about = {
         "scancell": build_version(),
-        "part": str(record.run["part"]),
+        "part": data.part,
         "engine": data.engine,
         "deviations of the true cell": ", ".join(data.as_built) or "none",
         "seed": str(data.seed),
-        "command": " ".join(record.run["command_line"]),
     }
     return DeviationReport(
         data.part,

@@ -145,7 +145,7 @@ class ReconstructionResult(Result):
     def _deviation_figures(self, deviation: Deviation) -> dict[str, Any]:
         return deviation.as_json(self.camera_names, {1: "measured"})
 
-    def _report(self, part: Mesh, deviation: Deviation, run: Mapping[str, Any]) -> DeviationReport:
+    def _report(self, part: Mesh, deviation: Deviation) -> DeviationReport:
         """The page of the deviations; the measurable surface is not searched: any surface might be seen."""
         cell, sensor, cloud = self.data.measured_cell.cell, self.setup.sensor, self.cloud
         poses = self.data.made.part_from_sensor
@@ -171,7 +171,7 @@ class ReconstructionResult(Result):
             {"By camera": [{"camera": name, **own} for name, own in cameras]},
             lambda row: f"{self.camera_names[cloud.camera[row]]}, exposure {cloud.profile[row]}",
             self.warnings,
-            {"scancell": build_version(), "part": part.source, "command": " ".join(run["command_line"])},
+            {"scancell": build_version(), "part": Path(part.source).name},
         )
 
     @checked_arguments
@@ -210,7 +210,7 @@ class ReconstructionResult(Result):
             if self.part is not None and self.deviation is not None:
                 write_json(files.path("deviation.json"), self._deviation_figures(self.deviation))
                 self._draw(files.path("deviation.png"))
-                self._report(self.part, self.deviation, run).write(files.path("deviation.html"))
+                self._report(self.part, self.deviation).write(files.path("deviation.html"))
             write_json(files.path("reconstruction.json"), self.figures)
             files.path("resolved.toml").write_text(resolved_toml(self.setup, run))
             entries = {**run, "warnings": self.warnings, "points": data.made.dropped.as_json()}
