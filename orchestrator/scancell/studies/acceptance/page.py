@@ -72,7 +72,8 @@ def acceptance_page(figures: Mapping[str, Any], pictures: Mapping[str, bytes], f
 def _answer(figures: Mapping[str, Any], failures: Sequence[str]) -> str:
     """One sentence: how many limits are met, and what was not measured; without limits the largest errors."""
     limits = figures["limits"]
-    missing = f"; {len(failures)} items were not measured" if failures else "; everything was measured"
+    items = f"{len(failures)} item was" if len(failures) == 1 else f"{len(failures)} items were"
+    missing = f"; {items} not measured" if failures else "; everything was measured"
     if not limits:
         shown = [row for row in figures["largest"] if row["name"] in _ANSWERED]
         worst = {row["name"]: row for row in sorted(shown, key=lambda row: abs(row["mean"]))}
