@@ -66,6 +66,7 @@ class CalibrateOptions(ShotOptions, total=False):
     from_points: str | Path | None
     flange: str | Path | None
     convention: FlangeConvention | None
+    table_format: str | Path | None
     progress: Progress | ProgressCallback | None
 
 

@@ -414,6 +414,7 @@ class Scanner(Closing):
         from_points: str | Path | None = None,
         flange: str | Path | None = None,
         convention: FlangeConvention | None = None,
+        table_format: str | Path | None = None,
         progress: Progress | ProgressCallback | None = None,
     ) -> CalibrationReport:
         """Scan an artefact and find the deviations of the cell from its description.
@@ -435,6 +436,8 @@ class Scanner(Closing):
             Table of the flange poses of its exposures, if they are not in that of the points.
         convention
             Of orientations whose columns do not state it.
+        table_format
+            Format of profiles of a sensor in `from_points`: a shipped one, or a TOML file; default: by the content.
 
         Raises
         ------
@@ -457,9 +460,10 @@ class Scanner(Closing):
         scan = self._calibration_scan(self._job(part, unit, setup=setup), wanted)
         if from_points is not None:
             poses = None if flange is None else Path(flange)
-            return calibrate_from_points(scan, job, wanted, Path(from_points), poses, convention)
-        if flange is not None or convention is not None:
-            raise DescriptionError("applies to `from_points` alone", key="convention" if flange is None else "flange")
+            return calibrate_from_points(scan, job, wanted, Path(from_points), poses, convention, table_format)
+        for key, given in (("flange", flange), ("convention", convention), ("table_format", table_format)):
+            if given is not None:
+                raise DescriptionError("applies to `from_points` alone", key=key)
         return calibrate_in_cell(scan, job, wanted, engine, as_progress(progress))
 
     @checked_arguments

@@ -253,6 +253,7 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
         survey |= {"inflation": 0.002, **built, "progress": cancels}
         calibrate = {"request": "tool", "artefact": None, "unit": "mm", "engine": "geometric", **built}
         calibrate |= {"setup": None, "from_points": None, "flange": None, "convention": None, "progress": cancels}
+        calibrate |= {"table_format": None}
         of_part: Arguments = {"part": part, "unit": "mm", "engine": "geometric", **of_sensor}
         render = {"recording": "inputs/run/recording.parquet", **of_part, **estimated}
         plan = {"part": part, "unit": "mm", "setup": None, "quality_factors": (), "progress": None}

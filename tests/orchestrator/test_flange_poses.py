@@ -313,10 +313,27 @@ def test_wrong_tables_are_refused(scanner, recording, tmp_path) -> None:
         DescriptionError, match=r"some.csv: .*no flange pose of 1 of the 16 .*expected a row with exposure 5"
     ):
         scanner.calibrate("tool", from_points=tmp_path / "p.csv", flange=tmp_path / "some.csv")
-    for name in ("flange", "convention"):
-        value = {"flange": "some.csv", "convention": "xyz"}[name]
+    for name, value in {"flange": "some.csv", "convention": "xyz", "table_format": "gocator_csv"}.items():
         with pytest.raises(DescriptionError, match="applies to `from_points` alone"):
             scanner.calibrate("tool", **{name: value})
+
+
+def test_profiles_as_sensors_write_them_are_calibrated(scanner, recording, tmp_path) -> None:
+    """A folder with a file for each exposure, as OpenCV writes it; its format is recognised, or stated."""
+    points, folder = recording.points(), tmp_path / "profiles"
+    folder.mkdir()
+    for exposure in range(1, COUNT + 1):
+        own = points["exposure"] == exposure
+        words = [f"{x:.6f}, 0., {z:.6f}" for x, z in zip(points["x_mm"][own], points["z_mm"][own], strict=True)]
+        (folder / f"p{exposure}.yml").write_text("%YAML:1.0\n---\nscan_line: [ " + ",\n    ".join(words) + " ]\n")
+    poses = recording.columns("xyzwpr")
+    write_measured_table(tmp_path / "poses.csv", {"exposure": np.arange(1, COUNT + 1), **poses})
+    expected = scanner.calibrate("tool", from_points=recording.write(tmp_path / "p.csv", poses)).flange_from_sensor
+    found = scanner.calibrate("tool", from_points=folder, flange=tmp_path / "poses.csv")
+    assert found.flange_from_sensor == pytest.approx(expected, abs=1e-6)
+    assert sum(path.suffix == ".yml" for path in found.inputs) == COUNT
+    with pytest.raises(DescriptionError, match="table_format"):
+        scanner.calibrate("tool", from_points=folder, flange=tmp_path / "poses.csv", table_format="none")
 
 
 def test_latency_needs_joints(scanner, recording, tmp_path) -> None:

@@ -24,6 +24,7 @@ _OF_CELL = (
     "artefact",
     "flange",
     "convention",
+    "table_format",
     "wobble",
     "poses",
     "passes",
@@ -75,6 +76,14 @@ def calibrate(
     convention: Annotated[
         FlangeConvention | None,
         typer.Option("--convention", help="convention of the columns flange_orientation_1 … of flange poses"),
+    ] = None,
+    table_format: Annotated[
+        str | None,
+        typer.Option(
+            "--table-format",
+            help="format of profiles of a sensor in --from-points: a shipped one or a TOML file"
+            " (docs/how_to/own_profiles.md); default: by the content",
+        ),
     ] = None,
     from_images: Annotated[
         Path | None,
@@ -157,6 +166,7 @@ def calibrate(
                 from_points=from_points,
                 flange=flange,
                 convention=convention,
+                table_format=table_format,
                 progress=progress,
             )
 

@@ -13,10 +13,13 @@ from scancell.calibration.cell.kinematics import LATENCY, PLATTER, TABLE, TOOL, 
 from scancell.calibration.cell.points import read_points
 from scancell.calibration.cell.report import CalibrationReport
 from scancell.calibration.cell.scan import Calibration, CalibrationOptions, CalibrationScan
+from scancell.calibration.measured_table import MeasuredTable
+from scancell.calibration.profile_table import read_profiles
 from scancell.cell.as_built import parse_as_built
 from scancell.config.choices import CalibrationTarget, Engine
 from scancell.config.loading import Setup
 from scancell.config.study import CalibrateDescription
+from scancell.config.table_format import read_format, recognised_format
 from scancell.progress import Progress
 from scancell.scanning.pipeline import Job
 
@@ -124,14 +127,19 @@ def calibrate_from_points(
     points: Path,
     flange: Path | None = None,
     convention: str | None = None,
+    table_format: str | Path | None = None,
 ) -> CalibrationReport:
-    """Calibrate from measured points of the artefact of a job, see `read_points`.
+    """Calibrate from measured points of the artefact of a job, see `read_points`, or profiles in a sensor's format.
 
     Raises `ScancellError` naming what is wrong and what was expected.
     """
-    measured = read_points(points, len(job.setup.cell.robot.joint), flange, convention)
+    form = recognised_format(points) if table_format is None else read_format(table_format)
+    profiles = None if form is None else read_profiles(points, form)
+    table = None if profiles is None else MeasuredTable(points, profiles.columns())
+    measured = read_points(points, len(job.setup.cell.robot.joint), flange, convention, table)
     report = _report(scan.solve_measured(measured), job, request, None)
-    return replace(report, inputs=(*report.inputs, points, *([] if flange is None else [flange])))
+    files = (points,) if profiles is None else profiles.files
+    return replace(report, inputs=(*report.inputs, *files, *([] if flange is None else [flange])))
 
 
 def _report(
