@@ -91,9 +91,13 @@ class TextTable:
 def column_name(text: str) -> str:
     """Name of a column in lower case with its unit behind it: ``X [mm]`` becomes ``x_mm``."""
     name = " ".join(text.strip().strip("\"'").strip().lower().split())
-    found = re.fullmatch(r"(.*?)\s*[\[(<]\s*([^\])>]*?)\s*[\])>]", name)
-    if found:
-        name = f"{found[1]}_{_UNITS.get(found[2], found[2])}"
+    if name.endswith(("]", ")", ">")):
+        inner = name[:-1]
+        behind = max(inner.rfind(mark) for mark in "])>") + 1
+        opened = min((at for mark in "[(<" if (at := inner.find(mark, behind)) >= 0), default=-1)
+        if opened >= 0:
+            unit = inner[opened + 1 :].strip()
+            name = f"{inner[:opened].rstrip()}_{_UNITS.get(unit, unit)}"
     return name.replace(" ", "_").removesuffix("_")
 
 

@@ -16,9 +16,11 @@ import pytest
 
 import scancell
 from scancell.calibration.measured_table import MeasuredTable
+from scancell.calibration.profile_table import read_profiles
 from scancell.cell.fmu_info import describe_fmu
 from scancell.cell.recording import read_table
 from scancell.config.files import read_toml
+from scancell.config.table_format import shipped_formats
 from scancell.config.urdf import read_urdf
 from scancell.files import arrow_table, atomic_write, read_json
 from scancell.output.image_files import read_index
@@ -104,6 +106,25 @@ def test_readers_refuse_what_is_no_file_of_theirs_by_name(tmp_path: Path, reader
         assert not READERS[reader](path)  # a file of size 0 is read as empty
     except scancell.ScancellError as error:
         assert re.search(r"\b(file|link)\b", str(error))
+
+
+# Texts whose reading took a time that grows with the square of their length, which is hours for these.
+REPEATED = {
+    "points": "[",
+    "table": "(",
+    "sequence": "a",
+    "mesh": "solid a\nend solid facet " + "end solid facet ",
+}
+
+
+@pytest.mark.parametrize("reader", REPEATED)
+def test_repeated_text_is_refused(tmp_path: Path, reader: str) -> None:
+    text = REPEATED[reader]
+    (tmp_path / "file").write_text(text * (10_000_000 // len(text)))
+    with pytest.raises(scancell.ScancellError):
+        {**READERS, "sequence": lambda path: read_profiles(path, shipped_formats()["opencv_yaml"])}[reader](
+            tmp_path / "file"
+        )
 
 
 def test_threads_that_write_one_file_leave_one_of_their_contents(tmp_path: Path) -> None:

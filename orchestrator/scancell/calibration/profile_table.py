@@ -322,7 +322,7 @@ def _points(path: Path, form: FormatDescription) -> ProfileTable:
 def _sequence(path: Path, form: FormatDescription) -> ProfileTable:
     """A profile as one list of numbers in brackets."""
     text, _ = decoded(read_file(path), path)
-    lists = re.findall(r'(?:"?(\w+)"?\s*:\s*)?\[([^\[\]]*)\]', text)
+    lists = re.findall(r'(?:\b(\w++)"?\s*+:\s*+)?\[([^\[\]]*)\]', text)
     chosen = [found for name, found in lists if form.list_name is None or re.fullmatch(form.list_name, name)]
     if len(chosen) != 1 or not text.count("[") == text.count("]") == len(lists):
         raise DescriptionError(

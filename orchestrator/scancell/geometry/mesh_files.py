@@ -210,7 +210,7 @@ def _shown(text: bytes) -> str:
 # STL: names end with the line, or where the next record begins in files without line breaks.
 
 _STL_SOLID = re.compile(rb"\s*solid\b(?:(?!\bfacet\s+normal\b|\bend\s*solid\b)[^\n])*")
-_STL_END = re.compile(rb"\bend\s*solid\b(?:(?!\bsolid\b[^\n]*\bfacet\s+normal\b)[^\n])*")
+_STL_END = re.compile(rb"\bend\s*solid\b([^\n]*)")
 _STL_FACET = re.compile(
     rb"\s*facet\s+normal(?:\s+\S+){3}\s+outer\s+loop"
     + rb"\s+vertex\s+(\S+\s+\S+\s+\S+)" * 3
@@ -262,8 +262,15 @@ def _text_stl(text: bytes) -> Vertices:
             raise
         if not end:
             raise ValueError(f"{_shown(solid[0])} has no 'endsolid': the file is incomplete")
-        at = end.end()
+        at = end.start(1) + _stl_name_length(end[1])
     return np.concatenate(solids).reshape(-1, 3)
+
+
+def _stl_name_length(line: bytes) -> int:
+    """Length of the name in what follows 'endsolid' in a line, where another solid with facets may follow."""
+    last = max((facet.start() for facet in re.finditer(rb"\bfacet\s+normal\b", line)), default=0)
+    solid = re.search(rb"\bsolid\b", line[:last])
+    return solid.start() if solid else len(line)
 
 
 def _require_facets(text: bytes) -> None:
