@@ -14,7 +14,7 @@ from scancell.config.loading import load_setup
 from scancell.config.sensor import SensorDescription
 from scancell.errors import CancelledError
 from scancell.geometry import pose
-from scancell.geometry.mesh import Mesh, box_mesh
+from scancell.geometry.mesh import Mesh, box_mesh, joined
 from scancell.nominal.cell import Body, NominalCell, nominal_cell
 from scancell.progress import CallbackProgress
 from scancell.visibility.measurable import MeasurableSurface, cache_folder, measurable_surface
@@ -79,6 +79,20 @@ def test_unreachable_surface_is_not_measurable() -> None:
     sector = replace(nominal, arm=replace(nominal.arm, joints=joints))
     found = [measurable_surface(cell, SENSOR, 300).measurable for cell in (nominal, sector)]
     assert np.array_equal(*found)
+
+
+def test_surface_that_no_arm_of_this_length_reaches_is_not_searched() -> None:
+    """A block 100 m above another one: each of its samples had been searched for at all poses around it."""
+    far = BLOCK.transformed(pose.translation((0.0, 0.0, 100.0)))
+    nominal = cell_of(joined([BLOCK, far], "two blocks"))
+    stages: list[int] = []
+    surface = measurable_surface(
+        nominal, SENSOR, 400, CallbackProgress(lambda _stage, _done, total: stages.append(total))
+    )
+    points, normals = on_table(nominal, surface)
+    is_far = points[:, 2] > 1.0
+    assert set(stages) == {int((~is_far).sum())}
+    assert np.array_equal(surface.measurable, ~is_far & (normals[:, 2] > -0.5))
 
 
 @pytest.mark.parametrize("frame", ["world", "table"])

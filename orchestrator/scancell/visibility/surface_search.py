@@ -96,13 +96,13 @@ class SurfaceSearch:
 
     def run(self, progress: Progress) -> Flags:
         """(n,) whether each sample is measurable."""
-        count = len(self.samples)
-        progress.stage("measurable surface", count, "samples")
+        near = np.flatnonzero(self._within_reach())
+        progress.stage("measurable surface", len(near), "samples")
         mesh = joined(self.obstacles, "part and table")
         fixed = Tracer(self._fixed, self._threads) if self._fixed else None
         searches = [self._pose_search(mesh, side) for side in self._sides]
-        measurable = np.zeros(count, bool)
-        for rows in np.split(np.arange(count), np.arange(_CHUNK, count, _CHUNK)):
+        measurable = np.zeros(len(self.samples), bool)
+        for rows in np.split(near, np.arange(_CHUNK, len(near), _CHUNK)):
             for search in searches:
                 measurable[self._found(search, rows[~measurable[rows]], fixed)] = True
             progress.advance(len(rows))
@@ -153,6 +153,17 @@ class SurfaceSearch:
             INCIDENCE_LIMIT,
             POSITION_STEP,
         )
+
+    def _within_reach(self) -> Flags:
+        """(n,) whether a sample is as near to the arm's base, at some table angle, as all lengths together allow."""
+        arm, nominal = self._nominal.arm, self._nominal
+        lengths = sum(abs(joint.a) + abs(joint.d) for joint in arm.joints)
+        seen = float(np.linalg.norm(self._field.points, axis=-1).max())
+        tool = float(np.linalg.norm(nominal.flange_from_sensor[:3, 3]))
+        base = (pose.inverse(nominal.world_from_table) @ arm.world_from_base)[:3, 3]
+        on_table = pose.transform_points(nominal.table_from_part, self.samples)
+        beside = np.hypot(on_table[:, 0], on_table[:, 1]) - np.hypot(*base[:2])
+        return np.asarray(np.hypot(beside, on_table[:, 2] - base[2]) <= lengths + tool + seen)
 
     def _found(self, search: sensor_rt.PoseSearch, rows: Indices, fixed: Tracer | None) -> Indices:
         """Those of the samples `rows` for which a pose of the grid is found that the arm reaches."""
