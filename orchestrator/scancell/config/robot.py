@@ -28,6 +28,7 @@ MAX_JOINTS = 8  # of an arm
 _Deviation = Annotated[float, Field(ge=0.0, le=57.0)]  # deg
 _Torque = Annotated[float, Field(ge=0.0, le=1e6)]  # N m
 _Damping = Annotated[float, Field(ge=0.0, le=1e6)]  # N m s/rad
+_Friction = Annotated[float, Field(ge=0.0, le=1e5)]  # N m s/rad; motions of a second take hours beyond
 _InertiaVector = Annotated[tuple[Annotated[float, Field(ge=-1e6, le=1e6)], ...], Field(min_length=3, max_length=3)]
 
 # Keys of every encoder, of the joints and of the table.
@@ -64,7 +65,7 @@ class DriveDescription(Description):
     gear_damping_n_m_s_rad: _Damping = Field(description="torsional damping of the gear, N m s/rad")
     backlash_deg: _Deviation = Field(default=0.0, description="full width of the play between motor and link, deg")
     coulomb_friction_n_m: _Torque = Field(default=0.0, description="Coulomb friction torque of the joint, N m")
-    viscous_friction_n_m_s_rad: _Damping = Field(default=0.0, description="viscous friction of the joint, N m s/rad")
+    viscous_friction_n_m_s_rad: _Friction = Field(default=0.0, description="viscous friction of the joint, N m s/rad")
 
 
 class MotionDescription(Description):
