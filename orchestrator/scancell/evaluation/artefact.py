@@ -107,7 +107,7 @@ class ArtefactEvaluation(Evaluation):
         return points, Deviation(self.distance[shown], face, self.statistics, {}, {}), mesh
 
     def _reported(self) -> tuple[Array, Deviation, Mesh]:
-        """What the report shows: all points, also those on no face; the figures are those of the faces."""
+        """All points, also those on no face, their deviations with the figures of the faces, and the mesh."""
         deviation = Deviation(self.distance, self.face.astype(np.int32), self.statistics, {}, {})
         return self.points_in_artefact, deviation, self.artefact.mesh()
 

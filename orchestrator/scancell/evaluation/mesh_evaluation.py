@@ -55,7 +55,7 @@ class Evaluation(Result):
         raise NotImplementedError
 
     def _reported(self) -> tuple[Array, Deviation, Mesh]:
-        """What the report shows, as `_drawn`, with the points that belong to nothing."""
+        """Points, deviations and mesh of the report: those of `_drawn`, with points that belong to no feature."""
         return self._drawn()
 
     def _drawn(self) -> tuple[Array, Deviation, Mesh]:

@@ -227,8 +227,7 @@ def load_mesh(path: str | Path, unit: str = "mm") -> Mesh:
 
     Equal vertices are joined, also those of open edges that differ by rounding only; repeated faces are removed, and
     faces without an area where the mesh is closed without them; faces that certainly point the wrong way are flipped.
-    `Mesh.warnings` reports each. The order of the faces is that of
-    the file.
+    `Mesh.warnings` reports each. The order of the faces is that of the file.
 
     Raises `MeshError` with the file and the fault: missing, not a mesh, empty, NaN or infinite vertices, a face index
     out of range, no face with an area, or a size that cannot be meant.
@@ -240,19 +239,20 @@ def load_mesh(path: str | Path, unit: str = "mm") -> Mesh:
     _check_mesh(vertices, faces, str(path))
     first, number = weld(vertices)
     faces = number[faces]
+    remarks = found
     if not orientation.is_closed(faces):
-        faces = weld_seams(vertices[first].astype(float), faces)
-    used = np.zeros(len(first), bool)
-    used[faces] = True
-    faces = (np.cumsum(used) - 1)[faces]
-    metres = vertices[first[used]].astype(float) * METRES_PER_UNIT[unit]
-    remarks = (*found, *_size_remarks(float(np.ptp(metres, axis=0).max()), unit, str(path)))
-    if not orientation.is_closed(faces):
-        has_area = _has_area(metres, faces)
+        positions = vertices[first].astype(float)
+        faces = weld_seams(positions, faces)
+        has_area = _has_area(positions, faces)
         if not has_area.all() and orientation.is_closed(faces[has_area]):
             count = len(faces) - int(has_area.sum())
             remarks = (*remarks, f"{path}: {count} of {len(faces)} faces have no area and were removed")
             faces = faces[has_area]
+    used = np.zeros(len(first), bool)
+    used[faces] = True
+    faces = (np.cumsum(used) - 1)[faces]
+    metres = vertices[first[used]].astype(float) * METRES_PER_UNIT[unit]
+    remarks = (*remarks, *_size_remarks(float(np.ptp(metres, axis=0).max()), unit, str(path)))
     once = _first_of_equal_faces(faces)
     if len(once) < len(faces):
         remarks = (*remarks, f"{path}: {len(faces) - len(once)} of {len(faces)} faces repeat another and were removed")
@@ -282,11 +282,10 @@ def _check_mesh(vertices: Vertices, faces: NDArray[np.int64], source: str) -> No
 
 
 def _has_area(vertices: Array, faces: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Which faces (m, 3) are higher than the rounding of coordinates in single precision."""
-    edges = vertices[np.roll(faces, -1, axis=1)] - vertices[faces]
-    longest = np.linalg.norm(edges, axis=-1).max(1)
-    doubled = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=-1)
-    return np.asarray(doubled > longest * np.abs(vertices).max() * np.finfo(np.float32).eps)
+    """Mask (m,) of the faces (m, 3) whose height exceeds the rounding of coordinates in single precision."""
+    longest = np.linalg.norm(vertices[np.roll(faces, -1, axis=1)] - vertices[faces], axis=-1).max(1)
+    rounding = float(np.abs(vertices).max() * np.finfo(np.float32).eps)
+    return np.asarray(orientation.doubled_areas(vertices, faces) > longest * rounding)
 
 
 def _first_of_equal_faces(faces: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -95,7 +95,7 @@ def wind_outwards(vertices: Array, faces: Faces) -> Winding:
     edges = _Edges.of(faces)
     shell, turn, contradictory = _wound_consistently(edges, len(faces))
     count = int(shell.max()) + 1
-    area = _doubled_areas(vertices, faces)
+    area = doubled_areas(vertices, faces)
     against = np.bincount(shell, weights=np.where(turn, area, 0.0), minlength=count)
     mostly = against > np.bincount(shell, weights=area, minlength=count) / 2
     turn = (turn ^ mostly[shell]) & ~contradictory
@@ -270,6 +270,7 @@ def _volumes(vertices: Array, faces: Faces) -> Array:
     return volumes
 
 
-def _doubled_areas(vertices: Array, faces: Faces) -> Array:
+def doubled_areas(vertices: Array, faces: Faces) -> Array:
+    """Twice the area (m,) of each face (m, 3)."""
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1))

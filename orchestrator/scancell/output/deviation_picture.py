@@ -76,7 +76,8 @@ def deviation_colours(values_um: Array, limit: float) -> Array:
     return interpolated_colours(_RGB)[place.astype(np.int64)]
 
 
-def _hex(colour: Array) -> str:
+def hex_colour(colour: Array) -> str:
+    """Colour (3,), 0 to 255, as ``#rrggbb``."""
     return "#{:02x}{:02x}{:02x}".format(*(int(channel) for channel in colour))
 
 
@@ -104,8 +105,8 @@ def _draw_colour_bar(sheet: Sheet, limit: float, sign: str) -> None:
     column = deviation_colours(level * limit, limit).astype(np.uint8)
     bar: Pixels = np.ascontiguousarray(np.broadcast_to(column[:, None], (bottom - top, right - left, 3)))
     middle, tip = (left + right - 1) / 2, 26
-    sheet.polygon([(left, top), (right - 1, top), (middle, top - tip)], _hex(column[0]))
-    sheet.polygon([(left, bottom), (right - 1, bottom), (middle, bottom + tip)], _hex(column[-1]))
+    sheet.polygon([(left, top), (right - 1, top), (middle, top - tip)], hex_colour(column[0]))
+    sheet.polygon([(left, bottom), (right - 1, bottom), (middle, bottom + tip)], hex_colour(column[-1]))
     sheet.image(bar, left, top)
     corners = [(left, top), (middle, top - tip), (right, top), (right, bottom), (middle, bottom + tip), (left, bottom)]
     sheet.line([*corners, corners[0]], INK)
@@ -147,7 +148,7 @@ def _draw_histogram(sheet: Sheet, deviation: Deviation, limit: float) -> None:
     paint = deviation_colours((edges[:-1] + edges[1:]) / 2, limit)
     for left, right, height, colour in zip(x[:-1].round(), x[1:].round(), y.round(), paint, strict=True):
         if height < _PLOT_BOTTOM:
-            sheet.rectangle(left, height, right, _PLOT_BOTTOM, _hex(colour))
+            sheet.rectangle(left, height, right, _PLOT_BOTTOM, hex_colour(colour))
     outline = np.stack([np.repeat(x, 2)[1:-1].round(), np.repeat(y, 2).round()], 1)
     sheet.line([(_LEFT, _PLOT_BOTTOM), *map(tuple, outline.tolist()), (_RIGHT, _PLOT_BOTTOM)], INK)
     sheet.line([(_LEFT, _PLOT_TOP - 4), (_LEFT, _PLOT_BOTTOM), (_RIGHT, _PLOT_BOTTOM)], INK)

@@ -15,7 +15,7 @@ from scancell.evaluation.deviation import Deviation
 from scancell.evaluation.outliers import Outliers, find_outliers
 from scancell.evaluation.unseen import UnseenSurface
 from scancell.geometry.mesh import Mesh
-from scancell.output.deviation_picture import colour_limit_um, deviation_colours, um_text
+from scancell.output.deviation_picture import colour_limit_um, deviation_colours, hex_colour, um_text
 from scancell.output.web_page import packed, packed_mesh, quantised, script_data, table, write_filled
 
 Array = NDArray[np.float64]
@@ -214,7 +214,7 @@ def _histogram(deviation: Deviation) -> str:
     colours = deviation_colours((edges[:-1] + edges[1:]) / 2, limit)
     width = 648 / _BINS
     bars = "".join(
-        f'<rect x="{width * k:.1f}" y="{160 - h:.1f}" width="{width:.1f}" height="{h:.1f}" fill="{_hex(c)}"/>'
+        f'<rect x="{width * k:.1f}" y="{160 - h:.1f}" width="{width:.1f}" height="{h:.1f}" fill="{hex_colour(c)}"/>'
         for k, (h, c) in enumerate(zip(height, colours, strict=True))
     )
     labels = "".join(
@@ -254,10 +254,6 @@ def _cell(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.4g}"
     return f"{value:,}" if isinstance(value, int) else str(value)
-
-
-def _hex(colour: Array) -> str:
-    return "#{:02x}{:02x}{:02x}".format(*(int(channel) for channel in colour))
 
 
 def _rgb(colour: str) -> list[int]:

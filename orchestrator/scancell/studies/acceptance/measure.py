@@ -43,8 +43,14 @@ _SAMPLES = 4000
 _DETERMINED = 0.01  # of the nominal size: largest standard uncertainty of a fit that counts as determined
 _OUTLIER = 5.0  # robust standard deviations from the fitted element
 _TO_SIGMA = 1.4826  # median absolute deviation of a normal distribution
+RATES = ("outlier rate", "missing-point rate")
 _UNIT = {"m": ("um", 1e6), "rad": ("deg", 180 / np.pi)}
 _WHOLE = "all"
+
+
+def unit_text(row: Mapping[str, Any]) -> str:
+    """Unit of a row of figures as texts show it."""
+    return "µm" if row["unit"] == "um" else str(row["unit"])
 
 
 @dataclass(frozen=True)
@@ -318,8 +324,8 @@ def _errors(evaluation: ArtefactEvaluation, missing: float) -> Iterator[tuple[st
     residuals = [one.fit.residuals for one in evaluation.faces]
     far = sum(int(_is_outlier(one).sum()) for one in residuals)
     beyond = evaluation.outlier_rate * len(evaluation.face)
-    rates = {"outlier rate": (far + beyond) / (sum(map(len, residuals)) + beyond), "missing-point rate": missing}
-    for name, rate in rates.items():
+    outliers = (far + beyond) / (sum(map(len, residuals)) + beyond)
+    for name, rate in zip(RATES, (outliers, missing), strict=True):
         yield _WHOLE, name, "%", 0.0, 100 * rate, float("nan")
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from scancell.extras import require
-from scancell.studies.acceptance.measure import REPEATABILITY
+from scancell.studies.acceptance.measure import RATES, REPEATABILITY, unit_text
 from scancell.studies.page import BLUE, GREY, INK, ORANGE, format_figure, rendered, svg
 
 if TYPE_CHECKING:
@@ -23,7 +23,6 @@ _TITLES = {
     "cylinder": ("Cylinder: form and size", ("form, 95 % of the points", "diameter")),
     "cone": ("Cone: form and angle", ("form, 95 % of the points", "cone angle")),
 }
-_RATES = ("outlier rate", "missing-point rate")
 _ANSWERED = ("probing form, 95 % of the points", "probing size", "sphere spacing", "flatness", "step height")
 _STATISTICS = {
     "mean": "mean",
@@ -77,7 +76,7 @@ def _answer(figures: Mapping[str, Any], failures: Sequence[str]) -> str:
     if not limits:
         shown = [row for row in figures["largest"] if row["name"] in _ANSWERED]
         worst = {row["name"]: row for row in sorted(shown, key=lambda row: abs(row["mean"]))}
-        errors = [f"{name} {format_figure(abs(row['mean']))} {_unit(row)}" for name, row in worst.items()]
+        errors = [f"{name} {format_figure(abs(row['mean']))} {unit_text(row)}" for name, row in worst.items()]
         return f"No limits are stated; largest errors: {', '.join(errors) or 'none'}{missing}."
     states = [found["met"] for found in limits]
     failed = [found["name"] for found in limits if found["met"] is False]
@@ -94,11 +93,7 @@ def _limit(found: Mapping[str, Any]) -> list[Any]:
         return ["not measured", found["name"], found["limit"], "", "", "no artefact gave this figure: see the reasons"]
     state = ("met" if found["met"] else "not met") + ("" if found["clear"] else " (interval contains the limit)")
     where = f"{found['artefact'].replace('_', ' ')}, {found['of']}, {found['position']}, {found['mode']}"
-    return [state, f"{found['name']}, {_unit(found)}", found["limit"], found["largest"], found["interval"], where]
-
-
-def _unit(row: Mapping[str, Any]) -> str:
-    return "µm" if row["unit"] == "um" else str(row["unit"])
+    return [state, f"{found['name']}, {unit_text(found)}", found["limit"], found["largest"], found["interval"], where]
 
 
 def _facts(figures: Mapping[str, Any]) -> str:
@@ -122,21 +117,21 @@ def _measured(figures: Mapping[str, Any]) -> list[str]:
 
 def _largest(row: Mapping[str, Any]) -> list[Any]:
     names = [row["artefact"].replace("_", " "), row["name"], row["of"], row["position"], row["mode"]]
-    return [*names, _unit(row), *(row[key] for key in _STATISTICS)]
+    return [*names, unit_text(row), *(row[key] for key in _STATISTICS)]
 
 
 def _rates(rows: Sequence[Mapping[str, Any]]) -> list[list[Any]]:
     """Artefact, position, mode, outlier and missing-point rate in %."""
     places: dict[tuple[str, str, str], dict[str, float]] = {}
     for row in rows:
-        if row["name"] in _RATES:
+        if row["name"] in RATES:
             place = (row["artefact"].replace("_", " "), row["position"], row["mode"])
             places.setdefault(place, {})[row["name"]] = row["mean"]
-    return [[*place, *(rates[name] for name in _RATES)] for place, rates in places.items()]
+    return [[*place, *(rates[name] for name in RATES)] for place, rates in places.items()]
 
 
 def _artefact(name: str, figures: Mapping[str, Any], pictures: Mapping[str, bytes], markup: Any) -> dict[str, Any]:
-    rows = [row for row in figures["figures"] if row["artefact"] == name and row["name"] not in _RATES]
+    rows = [row for row in figures["figures"] if row["artefact"] == name and row["name"] not in RATES]
     title, shown = _TITLES.get(name, (name, ()))
     drawings = []
     for characteristic in shown:
@@ -146,7 +141,7 @@ def _artefact(name: str, figures: Mapping[str, Any], pictures: Mapping[str, byte
     table = [
         [
             *(row["of"], row["name"], row["position"], round(row["standoff_mm"], 1), row["mode"]),
-            *(_unit(row), row["repeats"], *(row[key] for key in _DETAILS)),
+            *(unit_text(row), row["repeats"], *(row[key] for key in _DETAILS)),
             *(row["minimum"], row["maximum"], row["fit_uncertainty"]),
         ]
         for row in rows
@@ -176,7 +171,7 @@ def _budgets(found: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[list[A
     for one in found:
         shares = {row["factor"]: 100.0 * row["share"] for row in one["budget"]}
         size = sum(row["uncertainty"] ** 2 for row in one["budget"]) ** 0.5
-        names = [one["artefact"].replace("_", " "), one["name"], _unit(one)]
+        names = [one["artefact"].replace("_", " "), one["name"], unit_text(one)]
         rows.append([*names, size, *(shares.get(factor) for factor in ordered)])
     return ["artefact", "characteristic", "unit", "std. deviation", *(f"{name}, %" for name in ordered)], rows
 
@@ -198,7 +193,7 @@ def _plot_over_positions(rows: Sequence[dict[str, Any]], name: str) -> str:
                 label = mode if f == 0 else None
                 axes.errorbar(x, mean, spread, fmt="o", ms=4, capsize=3, color=_COLOURS[m % 2], label=label)
         axes.axhline(0.0, color=GREY, linewidth=0.8)
-        axes.set(xticks=range(len(positions)), xticklabels=positions, ylabel=_unit(rows[0]))
+        axes.set(xticks=range(len(positions)), xticklabels=positions, ylabel=unit_text(rows[0]))
         axes.set_xlim(-0.5, len(positions) - 0.5)
         axes.set_title(name, fontsize=10, loc="left")
         axes.legend(frameon=False, fontsize=8)

@@ -24,6 +24,7 @@ from scancell.output.tables import columns_of, write_csv
 from scancell.progress import Progress
 from scancell.scanner import Scanner
 from scancell.studies.acceptance.measure import (
+    RATES,
     REPEATABILITY,
     Measuring,
     Programme,
@@ -31,6 +32,7 @@ from scancell.studies.acceptance.measure import (
     Trial,
     artefact_scale,
     scaled_artefact,
+    unit_text,
 )
 from scancell.studies.acceptance.sweeps import SensorSweeps, sensor_sweeps
 from scancell.studies.budget import Terms, variance_budget
@@ -305,7 +307,7 @@ def decision_text(found: Mapping[str, Any]) -> str:
     """A decision as a line: met, not met or not measured, the figure and where it is largest."""
     if found["met"] is None:
         return f"not measured: {found['name']}, limit {found['limit']:g}"
-    unit = "µm" if found["unit"] == "um" else found["unit"]
+    unit = unit_text(found)
     where = f"{found['artefact'].replace('_', ' ')}, {found['position']}, {found['mode']}"
     unsure = "" if found["clear"] else "; its interval contains the limit"
     state = "met" if found["met"] else "not met"
@@ -341,11 +343,10 @@ def limits_of(words: Mapping[str, float] | Sequence[str]) -> dict[str, float]:
 
 _FORMS = ("probing form", "flatness", "form")
 _SIZES = ("probing size", "sphere spacing", "step height", "diameter", "cone angle")
-_RATES = ("outlier rate", "missing-point rate")
-_HEADLINES = (*_FORMS, *_SIZES, *_RATES)
+_HEADLINES = (*_FORMS, *_SIZES, *RATES)
 _LIMITED = (
     *(f"{name}{ending}" for name in _FORMS for ending in ("", ", 95 % of the points", ", minimum zone")),
-    *(*_SIZES, "dispersion", "bias", "D95 %", "max - min", *_RATES),
+    *(*_SIZES, "dispersion", "bias", "D95 %", "max - min", *RATES),
 )
 
 
