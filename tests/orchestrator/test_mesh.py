@@ -142,6 +142,19 @@ def test_faces_without_area_beside_a_closed_surface_are_removed(tmp_path):
     assert "3 of 15 faces have no area and were removed" in remark
 
 
+def test_open_part_far_from_the_origin_keeps_its_faces(tmp_path):
+    """In coordinates of a map, m, whose rounding in single precision exceeds the part; a stray vertex is no face's."""
+    box = trimesh.creation.box((0.04, 0.06, 0.1))
+    box.apply_translation([412_000.25, 5_921_000.5, 31.0])
+    path = tmp_path / "far.obj"
+    rows = [f"v {x:.9f} {y:.9f} {z:.9f}" for x, y, z in [*box.vertices, (9e9, 0, 0)]]
+    path.write_text("\n".join(rows + ["f {} {} {}".format(*face) for face in box.faces[:-1] + 1]) + "\n")
+    mesh = load_mesh(path, "m")
+    assert len(mesh.faces) == 11
+    assert not any("no area" in remark for remark in mesh.warnings)
+    assert np.ptp(mesh.vertices, axis=0) == pytest.approx([0.04, 0.06, 0.1], abs=1e-8)
+
+
 @pytest.mark.parametrize("error", [1e-17, 1e-7])
 def test_seams_of_rounding_are_closed_and_wider_gaps_stay(tmp_path, error):
     """As a CAD program writes them: the corners of each face have their own rounding errors."""

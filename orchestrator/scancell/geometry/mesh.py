@@ -244,7 +244,8 @@ def load_mesh(path: str | Path, unit: str = "mm") -> Mesh:
         positions = vertices[first].astype(float)
         faces = weld_seams(positions, faces)
         has_area = _has_area(positions, faces)
-        if not has_area.all() and orientation.is_closed(faces[has_area]):
+        # Of a small part far from the origin, no face exceeds the rounding.
+        if has_area.any() and not has_area.all() and orientation.is_closed(faces[has_area]):
             count = len(faces) - int(has_area.sum())
             remarks = (*remarks, f"{path}: {count} of {len(faces)} faces have no area and were removed")
             faces = faces[has_area]
@@ -283,8 +284,9 @@ def _check_mesh(vertices: Vertices, faces: NDArray[np.int64], source: str) -> No
 
 def _has_area(vertices: Array, faces: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Mask (m,) of the faces (m, 3) whose height exceeds the rounding of coordinates in single precision."""
-    longest = np.linalg.norm(vertices[np.roll(faces, -1, axis=1)] - vertices[faces], axis=-1).max(1)
-    rounding = float(np.abs(vertices).max() * np.finfo(np.float32).eps)
+    corners = vertices[faces]
+    longest = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=-1).max(1)
+    rounding = float(np.abs(corners).max() * np.finfo(np.float32).eps)
     return np.asarray(orientation.doubled_areas(vertices, faces) > longest * rounding)
 
 
