@@ -13,6 +13,7 @@ from scancell.config.robot import RobotDescription
 from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
 from scancell.config.study import StudyDescription
+from scancell.config.table_format import FormatFileDescription, shipped_formats
 
 _MODELS: dict[str, type[Description]] = {
     "cell": CellDescription,
@@ -23,6 +24,7 @@ _MODELS: dict[str, type[Description]] = {
     "artefact": ArtefactDescription,
     "batch": BatchDescription,
     "study": StudyDescription,
+    "format": FormatFileDescription,
 }
 _DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
@@ -39,4 +41,11 @@ def json_schemas() -> dict[str, dict[str, Any]]:
         "anyOf": [{"$ref": robot["$ref"]}, {"type": "string"}],
         "description": f"{robot['description']}, or the path of a robot file",
     }
+    # A format is given whole, or by the changes of a shipped one.
+    form = schemas["format"]["$defs"]["FormatDescription"]
+    form["properties"]["preset"] = {
+        "enum": [*shipped_formats()],
+        "description": "shipped format whose keys are those of the table unless it changes them",
+    }
+    form["anyOf"] = [{"required": form.pop("required")}, {"required": ["preset"]}]
     return {kind: {"$schema": _DRAFT, **schema} for kind, schema in schemas.items()}

@@ -90,7 +90,7 @@ class FormatDescription(Description):
     y: AxisDescription | None = Field(
         default=None, description="travel from profile to profile: by steps, or by a column, such as encoder counts"
     )
-    z: AxisDescription = Field(default=AxisDescription(), description="height")
+    z: AxisDescription = Field(default=AxisDescription(), description="z of the points, the height")
 
     @field_validator("content", "begin", "end", "list_name")
     @classmethod
@@ -110,6 +110,12 @@ class FormatDescription(Description):
     def recognises(self, head: str) -> bool:
         """Whether a file with the beginning `head`, see `head_of`, is of the format."""
         return self.content is not None and re.search(self.content, head, re.MULTILINE) is not None
+
+
+class FormatFileDescription(Description):
+    """File of a format of profiles: the table ``[format]``, which may change a shipped format by its ``preset``."""
+
+    format: FormatDescription = Field(description="how the files are laid out")
 
 
 def head_of(path: Path) -> str:
@@ -138,12 +144,15 @@ def read_format(named: str | Path) -> FormatDescription:
         path = folder / f"{named}.toml"
     elif not path.is_file():
         raise DescriptionError(key="table_format", value=str(named), expected=f"a file, or one of {', '.join(names)}")
-    data = _section(path)
+    file = read_toml(path)
+    data = file.get("format", {})
+    if not isinstance(data, dict):
+        raise DescriptionError(file=path, key="format", value=data, expected="a table")
     if (preset := data.pop("preset", None)) is not None:
         if preset not in names:
             raise DescriptionError(file=path, key="format.preset", value=preset, expected=f"one of {', '.join(names)}")
-        data = _merged(_section(folder / f"{preset}.toml"), data)
-    return validate(FormatDescription, data, f"{path} [format]")
+        file["format"] = _merged(read_toml(folder / f"{preset}.toml")["format"], data)
+    return validate(FormatFileDescription, file, str(path)).format
 
 
 def recognised_format(path: Path) -> FormatDescription | None:
@@ -151,13 +160,6 @@ def recognised_format(path: Path) -> FormatDescription | None:
     heads = map(head_of, sorted(path.iterdir()) if path.is_dir() else [path])
     formats = shipped_formats().values()
     return next((form for head in heads for form in formats if form.recognises(head)), None)
-
-
-def _section(path: Path) -> dict[str, Any]:
-    data = read_toml(path).get("format")
-    if not isinstance(data, dict):
-        raise DescriptionError(file=path, expected="a section [format]")
-    return data
 
 
 def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
