@@ -93,6 +93,22 @@ def test_no_frame_is_shown_while_none_is_wanted(shown: Shown) -> None:
     assert shown.picture is not blank
 
 
+def test_no_blank_image_is_shown_before_the_first_frame_and_a_frame_without_a_stripe_says_why(shown: Shown) -> None:
+    shown.panel.show()
+    assert not shown.panel._image.visible
+    nothing = np.zeros((0, 3))
+    shown.feed.frame = replace(frame_of(1), points_in_sensor=nothing, points_in_base=nothing, camera=np.zeros(0))
+    shown.panel.show()
+    assert shown.panel._image.visible
+    assert "no stripe" in shown.panel._text.content
+    shown.feed.frame = frame_of(2)
+    shown.panel.show()
+    assert "no stripe" not in shown.panel._text.content
+    shown.feed.frame = replace(frame_of(3), images=None, engine="geometric")
+    shown.panel.show()
+    assert not shown.panel._image.visible
+
+
 def test_stripe_is_marked_only_where_it_is_switched_on(shown: Shown) -> None:
     def is_marked(picture: np.ndarray) -> bool:
         return bool((picture[..., 0] != picture[..., 1]).any())

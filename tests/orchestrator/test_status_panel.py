@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from importlib.resources import files
@@ -65,6 +66,17 @@ def test_sentence_is_shown_once_and_escaped(cell: SteppedCell) -> None:
     assert shown.count("table") == 1
     assert "&lt;b&gt; and table, 33 mm" in shown
     assert "in force" not in shown
+
+
+def test_what_is_below_the_state_stays_in_its_place(cell: SteppedCell) -> None:
+    """The state has the same height with few lines and with many."""
+    state = replace(cell.live.state, moving=False, colliding=(), nearest=None)
+    crowded = replace(state, job="a scan", moving=True, controller="emergency stop", nearest=("a", "b", 0.1))
+    heights = {
+        re.search(r"data-status style=\"height:([\d.]+)em", shown)[1]  # type: ignore[index]
+        for shown in (state_html(state), state_html(crowded, "slow simulation: 40% of real time"))
+    }
+    assert len(heights) == 1
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,8 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import box_mesh
 from scancell.nominal.cell import NominalCell, nominal_cell
 
-CANVASES = [(1280 - 720, 720), (1920 - 720, 1080), (800 - 320, 900)]  # px, of windows without their docked panels
+# px, of windows without their docked panels
+CANVASES = [(1280 - 720, 720), (1920 - 720, 1080), (800 - 320, 900), (1366 - 728, 768), (1366 - 728, 650)]
 
 
 @pytest.fixture(scope="module")

@@ -293,14 +293,14 @@ def test_stop_key_stops_and_reset_lets_the_robot_move_again(opened: Opened) -> N
 def test_second_browser_reads_until_it_takes_control(opened: Opened) -> None:
     first, second = opened.page().page, opened.page().page
     home = second.get_by_role("button", name="Move to home position")
-    assert home.is_disabled()
+    waits(second, home.is_disabled, "the inputs that a second browser cannot use")
     assert first.get_by_role("button", name="Move to home position").is_enabled()
     second.get_by_role("button", name="Take control").click()
     first.get_by_role("button", name="Take control").wait_for()
     fill(second, "joint 1, deg", 10.0)
     opened.until(lambda state: abs(state.joints[0] - 10 * deg) < 1e-6, "the motion of the new operator")
     assert first.get_by_role("button", name="Move to home position").is_disabled()
-    first.get_by_role("button", name="Stop").click()
+    first.get_by_role("button", name="Stop", exact=True).click()
     opened.until(lambda state: state.controller == "emergency stop", "the stop from a browser that only reads")
 
 

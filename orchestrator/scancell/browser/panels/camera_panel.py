@@ -51,12 +51,14 @@ class CameraPanel:
         half = round(1e3 * float(field_corners(sensor)[:, 1].max()), 1)
         self._width = (-half, half)
         self._range = (sensor.range.near_mm, sensor.range.far_mm)
+        self._why_dark = f"no stripe: no surface that returns light is {self._range[0]:g} to {self._range[1]:g} mm away"
         self._uplot = require("viser.uplot", "workspace")
         panel = gui.add_panel()
         with panel.add_tab("Cameras"):
             blank = np.full((2, 2, 3), 40, np.uint8)
-            self._image = gui.add_image(blank, label=f"{' | '.join(self._names)}, {_CLICK}", format="jpeg")
-            self._text = gui.add_html("")
+            label = f"{' | '.join(self._names)}, {_CLICK}"
+            self._image = gui.add_image(blank, label=label, format="jpeg", visible=False)
+            self._text = gui.add_html(small_html(["the first images are being made"]))
             self._plot = self._add_plot(gui)
             enlarge = gui.add_button_group(_ENLARGE, self._names)
             self._marks = gui.add_checkbox("found stripe", True)
@@ -77,12 +79,14 @@ class CameraPanel:
         """Show the last frame, if it is new."""
         wanted, frame = self._feed.wanted, self._feed.frame
         self._on.show(wanted)
-        for handle in (self._image, self._plot, self._text):
+        for handle in (self._plot, self._text):
             set_changed(handle, "visible", wanted)
+        has_images = frame is not None and frame.images is not None
+        set_changed(self._image, "visible", wanted and has_images)
         if frame is None or frame.number == self._shown or not wanted:
             return
         self._shown = frame.number
-        self._text.content = _summary(frame)
+        self._text.content = _summary(frame, self._why_dark)
         if frame.images is not None:
             self._image.image = side_by_side([self._drawn(frame, i, _WIDTH) for i in range(len(self._names))])
         self._plot.data = profile_data(frame, len(self._names))
@@ -160,10 +164,12 @@ def profile_data(frame: CameraFrame, cameras: int) -> tuple[NDArray[np.float64],
     return (points[:, 1], *(np.where(camera == number, points[:, 2], np.nan) for number in range(cameras)))
 
 
-def _summary(frame: CameraFrame) -> str:
+def _summary(frame: CameraFrame, why_dark: str) -> str:
     points = frame.points_in_sensor
     lines = [frame.error] if frame.error else [f"{len(points)} points, {frame.time:.2f} s"]
     if len(points):
         z = 1e3 * points[:, 2]
         lines.append(f"range {z.min():.2f} to {z.max():.2f} mm, mean {z.mean():.3f} mm")
+    elif not frame.error:
+        lines.append(why_dark)
     return small_html(map(escape, lines))

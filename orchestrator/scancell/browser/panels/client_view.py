@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from scancell.browser.panels.camera_panel import CameraPanel
 from scancell.browser.panels.cell_panel import CellPanel
+from scancell.browser.panels.conditions import is_stopped
 from scancell.browser.panels.exercise_panel import ExercisePanel
 from scancell.browser.panels.file_panel import FilePanel, Opener
 from scancell.browser.panels.handles import set_changed
@@ -86,11 +87,9 @@ class ClientView:
         gui = client.gui
         self._take = gui.add_button("Take control", hint="another browser controls the cell", visible=False, order=-5)
         self._take.on_click(operator.callback(operator.take_control))
-        self._reset = gui.add_button(
-            "Reset after a stop", hint="release the stop; nothing moves", visible=False, order=-6
-        )
-        self._reset.on_click(operator.callback(lambda: operator.submit(Reset())))
-        operator.add_inputs([self._reset])
+        reset = gui.add_button("Reset after a stop", hint="release the stop; nothing moves", order=-6)
+        reset.on_click(operator.callback(lambda: operator.submit(Reset())))
+        operator.add_inputs([reset], is_stopped)
         tabs = gui.add_tab_group(order=0)
         self._panels: list[Panel] = []
         if (attempt := shared.attempt) is not None:
@@ -126,7 +125,6 @@ class ClientView:
     def show(self, state: LiveState) -> None:
         """Show a state."""
         set_changed(self._take, "visible", not self._operator.is_operator)
-        set_changed(self._reset, "visible", state.controller == "emergency stop")
         self._operator.enable_inputs(state)
         # Less often than the small images: it takes longer.
         self._report(self._cameras, self._cameras.show_enlarged)

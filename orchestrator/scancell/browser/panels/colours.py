@@ -22,8 +22,17 @@ THEME = {
     "--mantine-color-red-filled-hover": _STOP_HOVER,
 }
 
+# A folder is a bar with its label; by default a closed one is a bordered field, as of a text input.
+_FOLDER = ".mantine-Paper-root[data-with-border]:has(> .mantine-Paper-root)"
+_BARS = (
+    f"{_FOLDER}{{padding-bottom:0}}"
+    f"{_FOLDER} > .mantine-Paper-root{{position:static;transform:none;display:flex;justify-content:space-between;"
+    "align-items:center;padding:0.3em 0.6em;background:var(--mantine-color-gray-1)}"
+    f"{_FOLDER} > :last-child{{display:none}}"
+)
+
 
 def theme_html() -> str:
-    """HTML that sets the colours of the page's theme."""
+    """HTML that sets the colours of the page's theme, and the look of its folders."""
     rules = "".join(f"{name}:{colour};" for name, colour in THEME.items())
-    return f"<style>:root:root:root{{{rules}}}</style>"
+    return f"<style>:root:root:root{{{rules}}}{_BARS}</style>"

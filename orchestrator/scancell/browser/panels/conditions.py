@@ -20,6 +20,11 @@ def can_move(state: LiveState) -> str:
     return _no_job(state)
 
 
+def is_stopped(state: LiveState) -> str:
+    """There is a stop to release."""
+    return "" if state.controller == "emergency stop" else "the robot is not stopped"
+
+
 def can_start(state: LiveState) -> str:
     """Jobs that do not move the robot need it at rest, stopped or not, and without another job."""
     return _no_job(state) or ("the robot moves: wait until it is at rest" if state.moving else "")

@@ -1,6 +1,6 @@
-// Shows a banner while no news come from the server: what the page shows is old then.
-// The server changes data-pulse once a second. Time in which the page is hidden or too busy to look does not count,
-// because it takes no news in either.
+// Shows a banner while no news come from the server: what the page shows is old then. It is at the bottom, where it
+// covers neither the title nor the stop button. The server changes data-pulse once a second. Time in which the page is
+// hidden or too busy to look does not count, because it takes no news in either.
 (() => {
   if (window.scancellConnection) return;
   window.scancellConnection = true;
@@ -12,7 +12,7 @@
   const banner = document.createElement("div");
   banner.setAttribute("role", "alert");
   banner.style.cssText =
-    "position:fixed;top:0;left:0;right:0;z-index:10000;padding:0.5em;text-align:center;font-weight:600;" +
+    "position:fixed;bottom:0;left:0;right:0;z-index:10000;padding:0.5em;text-align:center;font-weight:600;" +
     "background:#b71c1c;color:#ffffff;pointer-events:none";
   banner.hidden = true;
   document.body.append(banner);

@@ -25,6 +25,7 @@ from scancell.live.state import LiveState
 _KEYS, _CONNECTION = (
     Path(__file__).with_name(name).read_text(encoding="utf-8") for name in ("keys.js", "connection.js")
 )
+_LINES, _LINE_EM = 6, 1.2  # reserved for the state, so that what is below stays in its place; height of a line
 _SLOW = 0.9  # of real time, below which the simulation is called slow
 _BEEP_HZ, _BEEP_RATE, _BEEP_SECONDS = 880, 8000, 0.4
 
@@ -130,7 +131,9 @@ def state_html(state: LiveState, pace: str = "") -> str:
                 lines.append(f'<b style="color:{WARNING}">{name}: {escape(text)}</b>')
     # The sentence states the reason of a stop.
     lines += [escape(text) for text in ("" if stopped else state.refusal, state.message) if text]
-    return f"<div data-status>{small_html(lines + _device_lines(state))}</div>"
+    devices = _device_lines(state)
+    height = _LINE_EM * (_LINES + len(devices))
+    return f'<div data-status style="height:{height:.1f}em;overflow-y:auto">{small_html(lines + devices)}</div>'
 
 
 def _motion_lines(state: LiveState) -> list[str]:
