@@ -11,7 +11,6 @@ import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
@@ -140,7 +139,8 @@ def draw(task: PickAndPlace, path: Path) -> None:
     log = task.log
     assert log is not None
     time = log.time
-    figure, rows = plt.subplots(8, 1, figsize=(10, 14), sharex=True, layout="constrained")
+    plt.style.use("scancell.plots")
+    figure, rows = plt.subplots(8, 1, figsize=(10, 14), sharex=True)
     belt, presence, width, force, joints, height, table, clear = rows
     belt.plot(time, log["conveyor[1].travel"] * 1e3, label="belt's way (mm)")
     belt.plot(time, log["conveyor[1].speed"] * 1e3, label="speed (mm/s)")
@@ -157,8 +157,8 @@ def draw(task: PickAndPlace, path: Path) -> None:
     for axes in rows:
         for begin, _ in task.stages:
             axes.axvline(begin, color="0.7", lw=0.8)
-        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
-        axes.grid(alpha=0.3)
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+        axes.grid()
     for begin, name in task.stages:
         rows[0].annotate(name, (begin, 1.02), xycoords=("data", "axes fraction"), fontsize="small")
     # The scan goes on much longer than what comes before it.
@@ -166,7 +166,7 @@ def draw(task: PickAndPlace, path: Path) -> None:
     rows[-1].set(xlabel="simulated time (s)", xlim=(0.0, end))
     turned = np.degrees(log["measured.table"][time < end])
     table.set_ylim(turned.min() - 20.0, turned.max() + 20.0)
-    figure.savefig(path, dpi=100)
+    figure.savefig(path)
     plt.close(figure)
 
 
@@ -178,7 +178,6 @@ def run(part: Path, out: Path, setup: Setup, engine: str = "ray-traced") -> tupl
     ScancellError
         With a message for people, whatever is wrong.
     """
-    mpl.use("Agg")
     with Scanner(setup=setup) as scanner:
         task = PickAndPlace(setup, scanner.pipeline.load(setup.cell, scanner.load_part(part)).nominal)
         result = scanner.scan(part, engine="geometric" if engine == "geometric" else "ray-traced", hook=task)

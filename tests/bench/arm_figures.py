@@ -10,7 +10,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 from cell_fixture import CYCLE_US, Array, CellFmu, FmuFolders
@@ -114,7 +113,7 @@ def step_cost(folders: FmuFolders, description: dict[str, Any]) -> float:
 
 def main() -> None:
     """Measure, draw and write."""
-    mpl.use("Agg")
+    plt.style.use("scancell.plots")
     with tempfile.TemporaryDirectory() as scratch:
         folders = FmuFolders(Path(scratch))
         description = default_cell('cell.robot.drive="dynamic"')
@@ -148,11 +147,11 @@ def draw(
     moved: tuple[Array, Array, Array, Array], limited: tuple[Array, Array, Array, Array], plays: dict[float, float]
 ) -> None:
     """The picture of the page."""
-    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(13, 3.8), layout="constrained")
+    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(13, 3.8))
     times, motors, links, _ = moved
     left.plot(times, (links - motors) * 1e6, label=[f"joint {i}" for i in range(1, 7)])
     left.set(xlabel="time (s)", ylabel="link - motor (µrad)", title="a move with the default drives")
-    left.legend(ncols=2, fontsize="small")
+    left.legend(ncols=2)
     middle.plot(limited[0], limited[2], label="torque (N m)")
     middle.plot(limited[0], np.degrees(limited[1]) * 10, label="lag (0.1 deg)")
     middle.set(xlabel="time (s)", title="joint 2, motor of 60 N m")
@@ -163,8 +162,8 @@ def draw(
     right.set(xlabel="backlash (mrad)", ylabel="lost motion (mrad)", title="the load turns round")
     right.legend()
     for axes in (left, middle, right):
-        axes.grid(alpha=0.3)
-    figure.savefig(DOCS / "pictures/arm.png", dpi=110)
+        axes.grid()
+    figure.savefig(DOCS / "pictures/arm.png")
 
 
 if __name__ == "__main__":

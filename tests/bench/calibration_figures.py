@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import matplotlib as mpl
+import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,9 +32,6 @@ from benchmarks.sphere_cell import (
 from scancell.calibration.cell.kinematics import LATENCY, PLATTER, TABLE, TOOL, AxisReadings, written_unit
 from scancell.calibration.cell.solve import solve
 from scancell.calibration.cell.views import design_poses
-
-mpl.use("Agg")
-import matplotlib.pyplot as plt
 
 Array = NDArray[np.float64]
 
@@ -169,21 +166,22 @@ def poses_rows(seeds: int, workers: int) -> Iterator[str]:
 
 def draw(counts: Sequence[int], medians: dict[tuple[bool, str, str], Array]) -> None:
     """Draw the errors against the number of poses."""
-    figure, axes = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
+    plt.style.use("scancell.plots")
+    figure, axes = plt.subplots(1, 2, figsize=(10, 4.2))
     for axis, unit, scale, label in zip(axes, ("mm", "deg"), (1e3, 1.0), ("position (um)", "angle (deg)"), strict=True):
         for (designed, group, its_unit), values in medians.items():
             if its_unit != unit:
                 continue
-            colour = "#2f6db5" if group == "tool." else "#c2582b"
+            colour = "C0" if group == "tool." else "C1"
             style = "-o" if designed else "--s"
             what = f"{'tool' if group == 'tool.' else 'table axis'}, {'designed' if designed else 'random'} poses"
             axis.loglog(counts, scale * values, style, color=colour, label=what, markersize=4)
         axis.set(xlabel="number of poses", ylabel=f"median error of the {label}")
         axis.set_xticks(counts, [str(count) for count in counts])
         axis.minorticks_off()
-        axis.grid(alpha=0.3)
+        axis.grid()
     axes[0].legend()
-    figure.savefig(PICTURE, dpi=110)
+    figure.savefig(PICTURE)
     plt.close(figure)
 
 

@@ -13,7 +13,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 from cell_fixture import CYCLE_US, Array, CellFmu, FmuFolders
@@ -152,7 +151,7 @@ def costs(folders: FmuFolders) -> dict[str, float]:
 
 def main() -> None:
     """Measure, draw and write."""
-    mpl.use("Agg")
+    plt.style.use("scancell.plots")
     cases = native_cases()
     with tempfile.TemporaryDirectory() as scratch:
         folders = FmuFolders(Path(scratch))
@@ -200,7 +199,7 @@ def solver_row(cases: dict[str, Any], solver: str) -> str:
 
 def draw(cases: dict[str, Any], swings: dict[str, tuple[Array, Array]]) -> None:
     """The picture of the page."""
-    figure, ((onsets, moves), (bars, stacks)) = plt.subplots(2, 2, figsize=(11, 7.4), layout="constrained")
+    figure, ((onsets, moves), (bars, stacks)) = plt.subplots(2, 2, figsize=(11, 7.4))
     angles = np.linspace(0, 90, len(cases["grasp"]["cone"]))
     for solver, label in NAMES.items():
         onsets.plot(angles, cases["grasp"][solver], "o" + LINES[solver], label=label)
@@ -222,9 +221,9 @@ def draw(cases: dict[str, Any], swings: dict[str, tuple[Array, Array]]) -> None:
         stacks.plot(times, np.array(cases["stack"][solver]) * 1e3, LINES[solver], label=label)
     stacks.set(xlabel="time (s)", ylabel="height of the topmost (mm)", title="six boxes, the upper the heavier", ylim=0)
     for axes in (onsets, moves, bars, stacks):
-        axes.legend(fontsize="small")
-        axes.grid(alpha=0.3)
-    figure.savefig(DOCS / "pictures/grasp.png", dpi=110)
+        axes.legend()
+        axes.grid()
+    figure.savefig(DOCS / "pictures/grasp.png")
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
@@ -128,24 +127,24 @@ def table(bench: Bench) -> Iterator[str]:
 
 def draw(cells: ReusableCell) -> None:
     """Rate against age for two largest ages, with the stated law."""
-    mpl.use("Agg")
-    figure, panels = plt.subplots(1, 2, figsize=(10, 3.6), sharey=True, layout="constrained")
+    plt.style.use("scancell.plots")
+    figure, panels = plt.subplots(1, 2, figsize=(10, 3.6), sharey=True)
     for panel, max_age in zip(panels, (0.5, AGE), strict=True):
         bench = Bench(cells, max_age)
         age = np.linspace(0, 1.4 * max_age, 300)
         law = np.clip(2 * (1 - age / max_age), 0, 1)
         panel.plot(1e3 * age, law, "k--", lw=1.2, label="allowed: 2 (1 - age / max_age)")
-        for share, colour in ((0.05, "tab:blue"), (0.15, "tab:orange"), (0.3, "tab:red")):
+        for share, colour in ((0.05, "C0"), (0.15, "C1"), (0.3, "C3")):
             stop = bench.stop(Operation.AUTOMATIC, share, 0.6)
             at_most = in_program(bench, stop.speed, max_age)
             text = f"{stop.speed:.2f} rad/s: {1e3 * stop.travel:.0f} mrad, at most {1e3 * at_most:.0f}"
             panel.plot(1e3 * stop.age, stop.rate, color=colour, label=text)
         panel.axvline(1e3 * max_age, color="grey", lw=0.8)
         panel.set(xlabel="age of the answered state (ms)", title=f"max_age {1e3 * max_age:.0f} ms", ylim=(-0.03, 1.08))
-        panel.grid(alpha=0.3)
-        panel.legend(fontsize=8, loc="lower left")
+        panel.grid()
+        panel.legend(loc="lower left")
     panels[0].set_ylabel("rate of the path clock")
-    figure.savefig(PICTURE, dpi=130)
+    figure.savefig(PICTURE)
 
 
 def main() -> None:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import matplotlib as mpl
+import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.collections import PolyCollection
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
@@ -17,10 +18,6 @@ from scancell.nominal.cell import Body, nominal_cell
 from scancell.planning.model import PlanningCell, SensorRange
 from scancell.planning.motion.connection import Connector
 from scancell.scanning.sense import make_sensor
-
-mpl.use("Agg")
-import matplotlib.pyplot as plt
-from matplotlib.collections import PolyCollection
 
 Array = NDArray[np.float64]
 
@@ -73,10 +70,11 @@ def measured(cell: PlanningCell, name: str, motions: Sequence[Array]) -> Motion:
 def main() -> None:
     """Plan, draw, and print the smallest distances."""
     cell, naive, planned = example()
-    figure, axes = plt.subplots(1, 3, figsize=(12, 4), width_ratios=(1, 1, 1.1), layout="constrained")
-    for axis, motion, colour in ((axes[0], naive, "tab:red"), (axes[1], planned, "tab:green")):
+    plt.style.use("scancell.plots")
+    figure, axes = plt.subplots(1, 3, figsize=(12, 4), width_ratios=(1, 1, 1.1))
+    for axis, motion, colour in ((axes[0], naive, "C3"), (axes[1], planned, "C2")):
         draw_side(axis, cell, motion, colour)
-    for motion, colour in ((naive, "tab:red"), (planned, "tab:green")):
+    for motion, colour in ((naive, "C3"), (planned, "C2")):
         times = np.arange(len(motion.points)) * cell.cycle
         axes[2].plot(times, 1e3 * motion.distance, color=colour, label=motion.name)
         print(f"{motion.name} motion: at least {1e3 * motion.distance.min():.1f} mm from part and table")
@@ -84,7 +82,7 @@ def main() -> None:
     axes[2].set(xlabel="time (s)", ylabel="distance of the arm from part and table (mm)", ylim=(-2, None))
     axes[2].set_title(f"at least {1e3 * naive.distance.min():.0f} mm and {1e3 * planned.distance.min():.1f} mm")
     axes[2].legend()
-    figure.savefig("docs/pictures/naive_motion.png", dpi=100)
+    figure.savefig("docs/pictures/naive_motion.png")
 
 
 def draw_side(axis: plt.Axes, cell: PlanningCell, motion: Motion, colour: str) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import matplotlib as mpl
+import matplotlib.pyplot as plt
 import numpy as np
 
 from scancell import sensor as sensor_rt
@@ -11,9 +11,6 @@ from scancell.geometry import pose
 from scancell.scanning.exposures import native_material
 
 from .scenes import make_sensor, still_exposure
-
-mpl.use("Agg")
-import matplotlib.pyplot as plt
 
 SENSOR = ("sensor.speckle.contrast=0.7", "sensor.render.bounces=1")
 ROWS, COLUMNS = slice(600, 870), slice(240, 1040)
@@ -30,7 +27,8 @@ def stripe(material: sensor_rt.Material) -> np.ndarray:
 
 def main() -> None:
     """Render and write the picture."""
-    figure, axes = plt.subplots(1, len(PRESETS), figsize=(12, 1.2), layout="constrained")
+    plt.style.use("scancell.plots")
+    figure, axes = plt.subplots(1, len(PRESETS), figsize=(12, 1.2))
     for axis, (name, m) in zip(axes, PRESETS.items(), strict=True):
         image = stripe(native_material(m))[ROWS, COLUMNS]
         # Brightest of each 3 x 3 pixels, so that the stripe survives the small picture; square root for the eye.
@@ -39,7 +37,7 @@ def main() -> None:
         axis.imshow(np.sqrt(coarse), cmap="gray", vmin=0, vmax=16)
         axis.set_title(f"{name.replace('_', ' ')}, up to {image.max()} DN", fontsize=8)
         axis.axis("off")
-    figure.savefig("docs/pictures/materials.png", dpi=100)
+    figure.savefig("docs/pictures/materials.png")
 
 
 if __name__ == "__main__":

@@ -11,15 +11,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import matplotlib as mpl
+import matplotlib.pyplot as plt
 
 import scancell
 from scancell.config.choices import Engine
 from scancell.config.estimated import EstimatedDescription
 from scancell.config.loading import assets_dir
-
-mpl.use("Agg")
-import matplotlib.pyplot as plt
 
 PICTURE = Path(__file__).parents[2] / "docs" / "pictures" / "scan_modes.png"
 PART = assets_dir() / "parts" / "free_form.stl"
@@ -77,7 +74,8 @@ def scans(
 
 def draw(outcomes: dict[tuple[str, float], dict[str, Outcome]]) -> None:
     """Draw the deviation against the speed."""
-    figure, axes = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained", sharey=True)
+    plt.style.use("scancell.plots")
+    figure, axes = plt.subplots(1, 2, figsize=(10, 4.2), sharey=True)
     colours = dict(zip(CASES, ("#2a9d8f", "#6aa5d8", "#2f6db5", "#c2582b", "#8d3b72"), strict=True))
     still = next(values for (mode, _), values in outcomes.items() if mode == "stop-and-look")
     for axis, title in zip(axes, ("before calibration of the latency", "after"), strict=True):
@@ -90,10 +88,10 @@ def draw(outcomes: dict[tuple[str, float], dict[str, Outcome]]) -> None:
         axis.set(title=title, xlabel="speed (mm/s; table: deg/s)")
         axis.set_xticks(SPEEDS, [f"{speed:g}" for speed in SPEEDS])
         axis.minorticks_off()
-        axis.grid(alpha=0.3)
+        axis.grid()
     axes[0].set_ylabel("RMS deviation from the mesh (um)")
     axes[1].legend(loc="upper left")
-    figure.savefig(PICTURE, dpi=110)
+    figure.savefig(PICTURE)
     plt.close(figure)
 
 

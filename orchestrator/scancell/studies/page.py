@@ -14,7 +14,7 @@ from scancell.extras import require
 from scancell.studies.analysis import Rows, independent_rows
 
 require("matplotlib", "studies")
-import matplotlib as mpl  # noqa: E402
+from matplotlib import style  # noqa: E402
 from matplotlib.axes import Axes  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
 
@@ -29,17 +29,7 @@ _UNEXPLAINED = {
     True: "unexplained (noise, higher-order effects)",
     False: "unexplained (noise, interactions)",
 }
-INK, GREY, BLUE, ORANGE = "#222222", "#9aa3ad", "#2f6db5", "#d9822b"
-_STYLE = {
-    "font.size": 10,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": GREY,
-    "text.color": INK,
-    "svg.fonttype": "none",  # text stays text: smaller, and searchable
-    "svg.hashsalt": "scancell",  # the same study gives the same bytes
-    "font.family": "sans-serif",
-}
+INK, GREY, BLUE, ORANGE = "#222222", "#9aa3ad", "C0", "C1"  # C: colours of the style
 _MAX_POINTS = 1500
 
 
@@ -226,8 +216,8 @@ def _budget_table(table: Sequence[dict[str, Any]], found: dict[str, Any]) -> tup
 
 def svg(width: float, height: float, columns: int, draw: Any) -> str:
     """SVG text of a row of axes, of a size in inches, on which `draw` draws."""
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(width, height), layout="constrained")
+    with style.context("scancell.plots"):
+        figure = Figure(figsize=(width, height))
         draw(*np.atleast_1d(figure.subplots(1, columns)))
         stream = io.StringIO()
         figure.savefig(stream, format="svg", metadata={"Date": None}, transparent=True)
@@ -241,12 +231,12 @@ def _distribution_plot(sample: Array, statistics: dict[str, Any], label: str) ->
     def draw(axes: Axes) -> None:
         axes.hist(sample, bins="auto" if len(sample) > 30 else 10, color=BLUE, alpha=0.75)
         axes.axvline(statistics["mean"], color=INK, linewidth=1.5, label="mean")
-        for name, colour, style in (("symmetric", ORANGE, "-"), ("shortest", INK, ":")):
+        for name, colour, line in (("symmetric", ORANGE, "-"), ("shortest", INK, ":")):
             ends = statistics[f"interval_{name}"]
             for k, end in enumerate(ends or ()):
-                axes.axvline(end, color=colour, linestyle=style, label=f"{name} interval" if k == 0 else None)
+                axes.axvline(end, color=colour, linestyle=line, label=f"{name} interval" if k == 0 else None)
         axes.set(xlabel=label, ylabel="trials")
-        axes.legend(frameon=False, fontsize=8)
+        axes.legend()
 
     return svg(5.2, 2.8, 1, draw)
 
@@ -266,7 +256,7 @@ def _convergence_plot(rows: Sequence[dict[str, float]], label: str) -> str:
         axes.set_xticks(np.unique(count[[0, len(count) // 2, -1]]))  # a range below a decade has no automatic ticks
         axes.set_xticks([], minor=True)
         axes.xaxis.set_major_formatter("{x:.0f}")
-        axes.legend(frameon=False, fontsize=8)
+        axes.legend()
 
     return svg(5.2, 2.8, 1, draw)
 
@@ -292,7 +282,7 @@ def _bar_plot(names: Sequence[str], series: Mapping[str, tuple[Array, Array | No
         axes.invert_yaxis()
         axes.axvline(0, color=GREY, linewidth=0.8)
         if len(series) > 1:
-            axes.legend(frameon=False, fontsize=8)
+            axes.legend()
 
     return svg(6.4, 0.9 + 0.32 * len(names) * max(1, len(series) * 0.7), 1, draw)
 

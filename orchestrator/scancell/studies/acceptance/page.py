@@ -196,7 +196,7 @@ def _plot_over_positions(rows: Sequence[dict[str, Any]], name: str) -> str:
         axes.set(xticks=range(len(positions)), xticklabels=positions, ylabel=unit_text(rows[0]))
         axes.set_xlim(-0.5, len(positions) - 0.5)
         axes.set_title(name, fontsize=10, loc="left")
-        axes.legend(frameon=False, fontsize=8)
+        axes.legend()
 
     return svg(5.0, 2.8, 1, draw)
 
@@ -223,11 +223,11 @@ def _sweep_plot(found: dict[str, Any]) -> str:
         left.plot(value, bias, "o-", ms=3, color=BLUE, label="bias")
         left.axhline(0.0, color=GREY, linewidth=0.8)
         left.set(xlabel=label, ylabel="µm", xscale=scale)
-        left.legend(frameon=False, fontsize=8)
+        left.legend()
         right.plot(value, 100 * missing, "o-", ms=3, color=ORANGE, label="missing points")
         right.plot(value, 100 * outliers, "s--", ms=3, color=INK, label="outliers")
         right.set(xlabel=label, ylabel="%", xscale=scale)
         right.set_ylim(bottom=0.0, top=max(1.0, 110 * float(np.nanmax(np.append(missing, outliers)))))
-        right.legend(frameon=False, fontsize=8)
+        right.legend()
 
     return svg(8.4, 2.7, 2, draw)
