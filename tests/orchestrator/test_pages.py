@@ -47,3 +47,14 @@ def test_validation_names_every_measurement() -> None:
         "presets",
         "tour_pictures",
     }
+
+
+def test_results_of_the_first_page_are_those_of_validation() -> None:
+    first, validation = ((ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("README.md", "validation.md"))
+    rows = re.findall(
+        r"^\| (.+) \| .+ \|$", first.partition("| result | judge |")[2].partition("\n\n")[0], re.MULTILINE
+    )
+    figures = [re.findall(r"\d+(?:[.,]\d+)+|\d{3,}", row) for row in rows[1:]]
+    assert len(figures) == 5
+    assert all(figures)
+    assert [figure for row in figures for figure in row if figure not in validation] == []
