@@ -27,6 +27,8 @@ _ANGLES = {"deg": np.pi / 180, "rad": 1.0}
 _UNIT_TOLERANCE = 1e-3  # of the length of a quaternion, and of the elements of RᵀR
 _MUCH_BETTER = 1 / 3  # of the misfit of the stated reading
 _FITS = 5e-3  # m: a reading with a larger misfit is wrong, too
+_REACH = (0.01, 50.0)  # m: of the flange from the base
+_LARGEST_ANGLE = 4 * np.pi  # rad
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,6 @@ CONVENTIONS = {
     "zyx": Convention(3, "A, B, C of KUKA, ZYX': Rz(1) Ry(2) Rx(3)", lambda v: _rotation().from_euler("ZYX", v), True),
     "rotvec": Convention(3, "rotation vector", lambda v: _rotation().from_rotvec(v), True),
 }
-_USUAL = tuple(CONVENTIONS)  # those that are tried in place of a stated one
 
 
 def _of_order(order: str) -> Convention:
@@ -140,11 +141,17 @@ class StatedPoses:
         return replace(self, position=self.position[chosen], orientation=self.orientation[chosen])
 
     def alternatives(self) -> Iterator[PoseReading]:
-        """Other readings of the same numbers: another convention, unit, or direction; or position axes swapped."""
+        """Other readings of the same numbers: another convention, unit, or direction; or position axes swapped.
+
+        Units in which the numbers are implausible are left out.
+        """
         own, count = self.reading, self.orientation.shape[1]
-        for name, length, inverse in product(_USUAL, _LENGTHS, (False, True)):
+        far, turned = np.linalg.norm(self.position, axis=1).max(), np.abs(self.orientation).max()
+        lengths = [name for name, scale in _LENGTHS.items() if _REACH[0] < scale * far < _REACH[1]]
+        angles = [name for name, scale in _ANGLES.items() if scale * turned < _LARGEST_ANGLE]
+        for name, length, inverse in product(CONVENTIONS, lengths, (False, True)):
             if CONVENTIONS[name].count == count:
-                for angle in _ANGLES if CONVENTIONS[name].is_angle else (own.angle,):
+                for angle in angles if CONVENTIONS[name].is_angle else (own.angle,):
                     yield PoseReading(name, length, angle, inverse)
         for axes in permutations(range(3)):
             yield replace(own, axes=axes)

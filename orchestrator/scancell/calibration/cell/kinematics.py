@@ -8,7 +8,7 @@ general tilt of an axis that repeats with every revolution.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
@@ -164,7 +164,7 @@ class CellKinematics:
         flange = _flange_screws(arm.screws.pop("flange"))
         # A platter that moves one way moves what is fixed to the world the other way.
         screws = {**arm.screws, **{name: -screw for name, screw in table.screws.items()}}
-        named = {name: _in_frame(world_from_platter, screw) for name, screw in screws.items()}
+        named = dict(zip(screws, _in_frame(world_from_platter, np.stack(list(screws.values()))), strict=True))
         thetas = joint_names(readings.q.shape[1], "theta")
         joints = np.stack([named[name] for name in thetas], -1) if thetas else np.zeros((len(readings), 6, 0))
         tilts, turn = {name: named.pop(name) for name in _TILTS}, named.pop("table")
@@ -179,7 +179,7 @@ class CellKinematics:
             deviations=named,
             joints=joints,
             table=turn,
-            flange=np.stack([_in_frame(world_from_platter, screw) for screw in flange], -1),
+            flange=np.moveaxis(_in_frame(world_from_platter, flange), 0, -1),
         )
 
     def _flange(self, q: Array, value: Mapping[str, float]) -> _Walk:
@@ -217,22 +217,20 @@ class CellKinematics:
         return walk
 
 
-def _flange_screws(world_from_flange: Array) -> Iterator[Array]:
-    origin = world_from_flange[:, :3, 3]
-    for axis in range(3):
-        direction = world_from_flange[:, :3, axis]
-        yield np.hstack([direction, np.zeros_like(direction)])
-    for axis in range(3):
-        direction = world_from_flange[:, :3, axis]
-        yield np.hstack([np.cross(origin, direction), direction])
+def _flange_screws(world_from_flange: Array) -> Array:
+    """Screws (6, n, 6) of translations along the axes of the flange, and rotations about them."""
+    axes, origin = np.moveaxis(world_from_flange[:, :3, :3], -1, 0), world_from_flange[:, :3, 3]
+    translations = np.concatenate([axes, np.zeros_like(axes)], -1)
+    return np.concatenate([translations, np.concatenate([np.cross(origin, axes), axes], -1)])
 
 
-def _in_frame(world_from_frame: Array, screw: Array) -> Array:
-    """Screws (n, 6) of the world in a frame (n, 4, 4)."""
-    velocity, rate = screw[:, :3], screw[:, 3:]
+def _in_frame(world_from_frame: Array, screws: Array) -> Array:
+    """Screws (..., n, 6) of the world in a frame (n, 4, 4)."""
+    velocity, rate = screws[..., :3], screws[..., 3:]
     rotation = world_from_frame[:, :3, :3]
     velocity = velocity + np.cross(rate, world_from_frame[:, :3, 3])
-    return np.hstack([np.einsum("nji,nj->ni", rotation, velocity), np.einsum("nji,nj->ni", rotation, rate)])
+    turned = [np.einsum("nji,...nj->...ni", rotation, one) for one in (velocity, rate)]
+    return np.concatenate(turned, -1)
 
 
 def written_unit(name: str) -> tuple[str, float]:

@@ -22,6 +22,7 @@ _LEAST_CIRCLES = 4
 _NEAR = 30e-6  # m from a circle, at least; or five standard deviations of the points
 _LARGEST = 1.01  # radius of a circle relative to that of the sphere
 _STEPS = 50
+_HOPELESS = 10e-3, 15  # m, steps: centres that are farther apart after so many do not come to agree
 _UNIT = 1e-3
 _DAMPING = 1e-4
 
@@ -197,7 +198,7 @@ def _refined(
 ) -> SphereStart:
     deviations = dict(deviations)
     away = np.zeros((len(circles), 3))
-    for _ in range(_STEPS):
+    for step in range(_STEPS):
         poses = kinematics.poses(readings, deviations)
         both = [pose.transform_each(poses.platter_from_sensor, circles.in_sensor(side)) for side in (1, -1)]
         nearer = np.linalg.norm(both[0] - centre, axis=1) < np.linalg.norm(both[1] - centre, axis=1)
@@ -215,7 +216,7 @@ def _refined(
         for name, change in zip(TOOL, (_UNIT * x[:6]).tolist(), strict=True):
             deviations[name] += change
         centre = centre + _UNIT * x[6:]
-        if np.abs(x).max() < 1e-3:
+        if np.abs(x).max() < 1e-3 or (scale > _HOPELESS[0] and step > _HOPELESS[1]):
             break
     distance = np.linalg.norm(away, axis=1)
     agree = distance < 5.0 * max(float(np.median(distance)), 1e-6)
