@@ -192,8 +192,8 @@ def transform_each(target_from_source: ArrayLike, points_in_source: ArrayLike) -
     return np.asarray(np.einsum("nij,nj->ni", t[:, :3, :3], points) + t[:, :3, 3])
 
 
-def _skew(vector: Array) -> Array:
-    """Matrices (..., 3, 3) with ``_skew(v) @ u == cross(v, u)``."""
+def skew(vector: Array) -> Array:
+    """Matrices (..., 3, 3) with ``skew(v) @ u == cross(v, u)``."""
     x, y, z = np.moveaxis(vector, -1, 0)
     zero = np.zeros_like(x)
     return np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], -2)
@@ -203,7 +203,7 @@ def exp_rotation(vector: ArrayLike) -> Array:
     """Rotation matrices (..., 3, 3) of the rotation vectors `vector` (..., 3), rad, by Rodrigues' formula."""
     vector = np.asarray(vector, float)
     a, b = _rodrigues_coefficients(np.linalg.norm(vector, axis=-1))
-    k = _skew(vector)
+    k = skew(vector)
     return np.asarray(np.eye(3) + a[..., None, None] * k + b[..., None, None] * (k @ k))
 
 

@@ -204,7 +204,10 @@ def read_table_of(
         flags=per_point["flags"].astype(np.uint32)[kept],
         time_offset=observed.time_offset[kept],
     )
-    outer = (observed.direction[:, :, None] * observed.direction[:, None, :])[kept]
+    direction = observed.direction
+    if direction is None:
+        direction = np.broadcast_to([0.0, 0.0, 1.0], observed.points_in_sensor.shape)
+    outer = (direction[:, :, None] * direction[:, None, :])[kept]
     return Measurements(
         names=tuple(f"exposure {number:g}" for number in numbers),
         index=numbers.astype(np.int64) if whole else np.arange(1, len(numbers) + 1),

@@ -107,7 +107,8 @@ def wrong_sizes(problem: CalibrationProblem, part: Mesh) -> str:
 def mirrored(problem_of: Callable[[Observations], CalibrationProblem], measured: Observations) -> str:
     """A question if the points determine the unknowns once their y has the other sign; else empty."""
     flip = np.array([1.0, -1.0, 1.0])
-    turned = replace(measured, points_in_sensor=measured.points_in_sensor * flip, direction=measured.direction * flip)
+    direction = None if measured.direction is None else measured.direction * flip
+    turned = replace(measured, points_in_sensor=measured.points_in_sensor * flip, direction=direction)
     agrees = "with the sign of y_mm changed the points agree with the artefact: is y mirrored?"
     return agrees if _is_solved(problem_of, turned) else ""
 

@@ -9,20 +9,19 @@ from numpy.typing import NDArray
 
 from scancell.calibration.cell.kinematics import LATENCY
 from scancell.calibration.cell.noise import Moments, normal_equations
-from scancell.calibration.cell.problem import CalibrationProblem, Direction
+from scancell.calibration.cell.problem import CalibrationProblem, Direction, points_on_platter
+from scancell.calibration.least_squares import undetermined, without
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
 
 Array = NDArray[np.float64]
 
 _SYMMETRY = 1e-9  # share of the largest information below which the artefact looks the same after a motion
-_LARGEST = 10.0  # mm, mrad, ms: a direction with a larger standard deviation is undetermined
+_LARGEST = 1.0  # share of the extent of the points
 _DOUBTFUL = 5.0  # times the stated sigma
-_ROUNDING = 1e-13  # share of the largest information
 _LEAST_TURN = np.radians(10.0)  # of the sensor
 _LEAST_TABLE_TURN = np.radians(30.0)
-_LEAST_RATE = 1e-3  # rad/s  # of the sensor
-_LEAST_TABLE_TURN = np.radians(30.0)
+_LEAST_RATE = 1e-3  # rad/s
 
 
 def determined_basis(moments: Moments, count: int) -> Array:
@@ -44,26 +43,21 @@ def determined_basis(moments: Moments, count: int) -> Array:
     return basis
 
 
-def directions(moments: Moments, basis: Array, count: int, log_variances: Array) -> list[Direction]:
-    """Principal directions of the covariance of the first `count` unknowns at some noise, worst first."""
-    information = normal_equations(replace(moments, design=moments.design @ basis), log_variances)[0]
-    reduced, across, others = information[:count, :count], information[:count, count:], information[count:, count:]
-    if len(others):
-        reduced = reduced - across @ np.linalg.pinv(others, 1e-12, True) @ across.T
-    values, vectors = np.linalg.eigh((reduced + reduced.T) / 2)
-    floor = _ROUNDING * max(float(np.diag(information)[:count].max()), 1e-30)
-    deviations, seen = np.full(count, np.inf), values > floor
-    deviations[seen] = 1.0 / np.sqrt(values[seen])
-    return [Direction(vectors[:, i], float(deviations[i])) for i in range(count)]
-
-
 def require_determined(problem: CalibrationProblem, moments: Moments, basis: Array, log_variances: Array) -> None:
-    """Raise `CalibrationError` where a direction is undetermined, with what is missing."""
-    weak = [
-        one
-        for one in directions(moments, basis, len(problem.free), log_variances)
-        if not one.standard_deviation < _LARGEST
-    ]
+    """Raise `CalibrationError` where a direction is undetermined, with what is missing.
+
+    That is one without information, or along which the uncertainty moves the measured points by more than `_LARGEST` of
+    their extent: neither depends on frames, units or the number of points.
+    """
+    count, data = len(problem.free), problem.observations
+    information = normal_equations(replace(moments, design=moments.design @ basis), log_variances).information
+    points = points_on_platter(data, problem.kinematics.poses(data.readings, problem.start))
+    mean = np.zeros((len(data.readings), 6, 6))
+    np.add.at(mean, data.frame, _displacement(points))
+    motion = moments.design[:, :6, :count]
+    effect = np.einsum("nip,nij,njq->pq", motion, mean / len(points), motion)
+    extent = float(np.sqrt(points.var(0).sum()))
+    weak = [Direction(*one) for one in undetermined(without(information, count), effect, _LARGEST * extent)]
     if weak:
         named = "; ".join(one.text(problem.free) for one in weak)
         scatter = float(np.exp(0.5 * log_variances[0]))
@@ -75,6 +69,13 @@ def require_determined(problem: CalibrationProblem, moments: Moments, basis: Arr
                 " to be found are mistaken for one another"
             )
         raise CalibrationError(f"the exposures do not determine: {named}. {advice}")
+
+
+def _displacement(points: Array) -> Array:
+    """Squares of the displacements of points (m, 3) as quadratic forms (m, 6, 6) of a screw."""
+    turned = pose.skew(points)
+    jacobian = np.concatenate([np.broadcast_to(np.eye(3), turned.shape), -turned], -1)
+    return np.asarray(jacobian.swapaxes(1, 2) @ jacobian)
 
 
 def _advice(problem: CalibrationProblem) -> str:

@@ -44,8 +44,8 @@ def write_points(data: Observations, path: Path) -> None:
     columns["table_acceleration_deg_s2"] = np.degrees(readings.table_acceleration)[frame]
     for axis, values in zip("xyz", data.points_in_sensor.T, strict=True):
         columns[f"{axis}_mm"] = 1e3 * values
-    for axis, values in zip("xyz", data.direction.T, strict=True):
-        columns[f"error_{axis}"] = values
+    if data.direction is not None:
+        columns |= {f"error_{axis}": values for axis, values in zip("xyz", data.direction.T, strict=True)}
     columns["sigma_um"] = 1e6 * data.sigma
     columns["time_offset_ms"] = 1e3 * data.time_offset
     write_measured_table(path, columns)
@@ -117,10 +117,13 @@ def read_points(
     readings = read_axes(table, joints if stated is None else 0, first, frame, numbers)
     if stated is not None:
         readings = AxisReadings.of_flange(stated.matrices(), readings.table)
-    direction = np.column_stack([table.numbers(f"error_{axis}", float(axis == "z")) for axis in "xyz"])
-    length = np.linalg.norm(direction, axis=1, keepdims=True)
+    direction = None
+    if any(f"error_{axis}" in table.names for axis in "xyz"):
+        stated_direction = np.column_stack([table.numbers(f"error_{axis}", 0.0) for axis in "xyz"])
+        length = np.linalg.norm(stated_direction, axis=1, keepdims=True)
+        direction = stated_direction / np.where(length > 0, length, np.nan)
     sigma = table.numbers("sigma_um", _DEFAULT_SIGMA_UM)
-    if (sigma <= 0).any() or (length == 0).any():
+    if (sigma <= 0).any() or (direction is not None and np.isnan(direction).any()):
         raise DescriptionError("sigma_um and the length of error_x, error_y, error_z must be above 0", file=path)
     time_offset = table.numbers("time_offset_ms", 0.0)
     if stated is not None and time_offset.any():
@@ -129,7 +132,7 @@ def read_points(
         readings,
         1e-3 * _coordinates(table, stated is not None),
         1e-6 * sigma,
-        direction / length,
+        direction,
         frame,
         1e-3 * time_offset,
     )

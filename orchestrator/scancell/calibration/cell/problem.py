@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.calibration.cell.kinematics import LATENCY, UNIT, AxisReadings, CellKinematics, SensorPoses, written_unit
+from scancell.calibration.cell.left_out import LeftOut
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import ShapeGroup, ShapeMesh
@@ -50,7 +51,9 @@ class Observations:
     points_in_sensor
         (m, 3), m.
     sigma
-        (m,) standard deviation of a point's error along `direction` (m, 3), unit vectors in the sensor frame, m.
+        (m,) standard deviation of a point's error, m, along `direction`.
+    direction
+        (m, 3) unit vectors in the sensor frame; None: the same in all directions.
     frame
         (m,) row of the exposure in `readings`.
     time_offset
@@ -62,7 +65,7 @@ class Observations:
     readings: AxisReadings
     points_in_sensor: Array
     sigma: Array
-    direction: Array
+    direction: Array | None
     frame: NDArray[np.intp]
     time_offset: Array
     shape: NDArray[np.intp] | None = None
@@ -81,7 +84,7 @@ class Observations:
             self.readings,
             self.points_in_sensor[rows],
             self.sigma[rows],
-            self.direction[rows],
+            None if self.direction is None else self.direction[rows],
             self.frame[rows],
             self.time_offset[rows],
             None if self.shape is None else self.shape[rows],
@@ -233,15 +236,16 @@ class CalibrationResult:
     ----------
     names, values
         The p deviations that were found, SI.
-    covariance
-        (p, p) of `values`.
+    joint_covariance
+        (u, u) of all unknowns: `values`, the twist (6,) of the artefact about the platter's origin where its pose is
+        unknown, and `sizes`. What the artefact's surface does not determine, such as rotations of a sphere, is kept.
     degrees_of_freedom
         (p,) of each variance; small where the noise of few exposures was estimated.
     held
         Deviations that were given and kept.
     platter_from_artefact
         (4, 4) pose of the artefact.
-    sizes, size_standard_deviations
+    sizes
         Offsets (s,) of the surfaces with unknown size, m.
     residuals, frame
         Distance of each used point to the artefact (k,), m, and its exposure (k,).
@@ -251,21 +255,36 @@ class CalibrationResult:
         Standard deviation of points relative to the stated one.
     noise_of_robot
         Standard deviations of pose errors: joints (rad), or position (m) and orientation (rad) of the flange.
+    noise_of_surface
+        Standard deviation of an offset that all points of an exposure share and no motion explains, m.
+    left_out
+        Leave-one-out residuals.
     """
 
     names: tuple[str, ...]
     values: Array
-    covariance: Array
+    joint_covariance: Array
     degrees_of_freedom: Array
     held: Mapping[str, float]
     platter_from_artefact: Array
     sizes: Array
-    size_standard_deviations: Array
     residuals: Array
     frame: NDArray[np.intp]
     points: int
     noise_of_points: float
     noise_of_robot: tuple[float, ...]
+    noise_of_surface: float
+    left_out: LeftOut
+
+    @property
+    def covariance(self) -> Array:
+        """(p, p) of `values`."""
+        return self.joint_covariance[: len(self.names), : len(self.names)]
+
+    @property
+    def size_standard_deviations(self) -> Array:
+        """(s,) of `sizes`."""
+        return np.sqrt(np.diag(self.joint_covariance)[len(self.joint_covariance) - len(self.sizes) :])
 
     @property
     def deviations(self) -> dict[str, float]:

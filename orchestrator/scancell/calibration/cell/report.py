@@ -15,13 +15,14 @@ from scancell.calibration.cell.checks import implausible, shift_text, wrong_size
 from scancell.calibration.cell.kinematics import TOOL, written_unit
 from scancell.calibration.cell.points import write_points
 from scancell.calibration.cell.problem import CalibrationResult
-from scancell.calibration.cell.scan import Calibration
+from scancell.calibration.cell.scan import Calibration, single_sphere
 from scancell.calibration.report import SavedCalibration, comparison_text
 from scancell.config.cell import CellDescription
 from scancell.config.estimated import EstimatedDescription
 from scancell.config.loading import Setup
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
+from scancell.geometry.shapes import ShapeMesh
 from scancell.output.manifest import resolved_toml
 from scancell.output.residual_picture import residual_picture
 from scancell.output.run_files import write_json
@@ -124,12 +125,20 @@ class CalibrationReport(SavedCalibration):
         return wrong_sizes(self.calibration.problem, self.artefact)
 
     @property
+    def _is_found_alone(self) -> bool:
+        """Whether tool and place of the artefact came from profiles of a sphere and flange poses, and need no cell."""
+        problem = self.calibration.problem
+        return problem.observations.readings.flange is not None and single_sphere(problem, self.artefact) is not None
+
+    @property
     def warnings(self) -> list[str]:
         """Warnings about the result."""
         plan = self.calibration.plan
         found = list(plan.warnings) if plan is not None else []
-        found += filter(None, [shift_text(self.calibration.shift), self._wrong_sizes])
-        found += implausible(self.result)
+        found += filter(None, [self._wrong_sizes])
+        if not self._is_found_alone:
+            found += filter(None, [shift_text(self.calibration.shift)])
+            found += implausible(self.result)
         if self.result.noise_of_points > _DOUBTFUL:
             found.append(
                 f"points scatter {self.result.noise_of_points:.1f} times as much as their stated sigma: is the artefact"
@@ -164,11 +173,64 @@ class CalibrationReport(SavedCalibration):
             "rms_um": 1e6 * result.rms,
             "noise_of_points": result.noise_of_points,
             "noise_of_robot_si": list(result.noise_of_robot),
+            "noise_of_surface_um": 1e6 * result.noise_of_surface,
+            "left_out": [
+                {
+                    "exposure": int(exposure) + 1,
+                    "displacement_y_z_um": (1e6 * moved).tolist(),
+                    "half_width_y_z_um": (1e6 * half).tolist(),
+                }
+                for exposure, moved, half in zip(
+                    result.left_out.exposure,
+                    result.left_out.displacement,
+                    result.left_out.half_widths(self.probability),
+                    strict=True,
+                )
+            ],
             "flange_from_sensor_m": self.flange_from_sensor.tolist(),
+            "unknowns": self._unknowns,
+            "covariance_of_unknowns_si": self._covariance.tolist(),
+            "artefact_centre_mm": (1e3 * self._centre).tolist(),
+            **({"sphere_in_base_mm": (1e3 * self._base_from_centre[:3, 3]).tolist()} if self._is_found_alone else {}),
             "artefact_position_mm": (1e3 * result.platter_from_artefact[:3, 3]).tolist(),
             "artefact_shift_mm": (1e3 * self.calibration.shift).tolist(),
             "size_errors_um": (1e6 * result.sizes).tolist(),
         }
+
+    @property
+    def _centre(self) -> NDArray[np.float64]:
+        """(3,) of the artefact on the platter, m: that of its only shape, or the origin of its coordinates."""
+        shapes = self.artefact.shapes.measured if isinstance(self.artefact, ShapeMesh) else ()
+        own = shapes[0].frame_from_shape[:3, 3] if len(shapes) == 1 else np.zeros(3)
+        return np.asarray(pose.transform_points(self.result.platter_from_artefact, own[None])[0])
+
+    @property
+    def _base_from_centre(self) -> NDArray[np.float64]:
+        """The artefact's centre as a pose (4, 4) in the base of a robot with flange poses, by the first of them."""
+        problem = self.calibration.problem
+        readings = problem.observations.readings
+        assert readings.flange is not None
+        sensor = problem.kinematics.poses(readings, self.result.deviations).platter_from_sensor[0]
+        base_from_platter = readings.flange[0] @ self.flange_from_sensor @ pose.inverse(sensor)
+        return np.asarray(base_from_platter @ pose.translation(self._centre))
+
+    @property
+    def _unknowns(self) -> list[str]:
+        """Names of the rows of the joint covariance."""
+        result = self.result
+        moved = [f"artefact.{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz")]
+        is_known = self.calibration.problem.artefact.is_pose_known
+        return [*result.names, *([] if is_known else moved), *(f"size[{i + 1}]" for i in range(len(result.sizes)))]
+
+    @property
+    def _covariance(self) -> NDArray[np.float64]:
+        """Joint covariance of the unknowns, with the position of the artefact at its centre."""
+        joint, first = self.result.joint_covariance, len(self.result.names)
+        change = np.eye(len(joint))
+        if not self.calibration.problem.artefact.is_pose_known:
+            # A rotation about the platter's origin moves the centre.
+            change[first : first + 3, first + 3 : first + 6] = -pose.skew(self._centre)
+        return np.asarray(change @ joint @ change.T)
 
     def summary(self) -> str:
         """The figures as lines of text."""
@@ -181,7 +243,18 @@ class CalibrationReport(SavedCalibration):
             f"  {'deviation':24} {'estimate':>10}   {percent + ' interval':>14}"
             + ("" if self.true is None else f" {'true':>10} {'error':>10}"),
         ]
-        lines.insert(1, f"  origin of the artefact's coordinates on the table: {_mm(result.platter_from_artefact)}")
+        if self._is_found_alone:
+            lines.insert(1, f"  centre of the sphere in the robot's base: {_mm(self._base_from_centre)}")
+        else:
+            lines.insert(1, f"  origin of the artefact's coordinates on the table: {_mm(result.platter_from_artefact)}")
+        outside = np.abs(result.left_out.displacement) > result.left_out.half_widths(self.probability)
+        if len(outside):
+            spread = 1e6 * np.sqrt(np.mean(result.left_out.displacement**2, axis=0))
+            lines.insert(
+                2,
+                f"  profiles left out of the fit lie {spread[0]:.1f} um (y) and {spread[1]:.1f} um (z, RMS) from its"
+                f" prediction, {(~outside).all(1).sum()} of {len(outside)} within their {percent} intervals",
+            )
         for row in self.rows:
             text = f"  {row.name + ' ' + row.unit:24} {row.value:10.5f} +- {row.half_width:12.5f} "
             lines.append(text + comparison_text(row.true, row.value, row.half_width))

@@ -55,6 +55,7 @@ Array = NDArray[np.float64]
 
 _PER_POSE = 20  # candidates per wanted pose
 _LEAST_CANDIDATES = 400
+_DOUBTFUL_SHARE = 0.01  # of the radius: profiles of a sphere with larger offsets may be those of another size
 _LEAST_POINTS = 30  # of a candidate, on the artefact
 # Expected pose errors of the robot: position (m) and orientation (rad) of the flange.
 _EXPECTED = np.log([1.0, 20e-6**2, np.radians(0.003) ** 2])
@@ -219,10 +220,18 @@ class CalibrationScan:
         """
         problem = self.problem(measured)
         try:
-            shift = shift_of(self.job.loaded.nominal, self.job.setup.cell.part)
-            return Calibration(problem, solve(problem), len(measured.sigma), plan, shift)
+            result = solve(problem)
         except CalibrationError as error:
             raise CalibrationError("; ".join([str(error), *filter(None, self._causes(measured, problem))])) from None
+        whole = self._problem(measured)
+        sphere = None if whole.artefact.unknown_sizes else single_sphere(whole, self._part)
+        # A wrong size would pass as an offset of each profile.
+        if sphere is not None and result.noise_of_surface > _DOUBTFUL_SHARE * sphere[0]:
+            wrong = wrong_sphere(whole, *sphere)
+            if wrong:
+                raise CalibrationError(wrong)
+        shift = shift_of(self.job.loaded.nominal, self.job.setup.cell.part)
+        return Calibration(problem, result, len(measured.sigma), plan, shift)
 
     def solve_measured(self, measured: MeasuredPoints) -> Calibration:
         """Calibrate by points of a file.
@@ -248,6 +257,8 @@ class CalibrationScan:
         if cause:
             yield cause
             return
+        if measured.readings.flange is not None and sphere is not None:
+            return  # where the sphere is, its profiles tell; there may be no table
         yield where_points_lie(replace(problem, observations=measured), self._part)
         yield shift_text(shift_of(self.job.loaded.nominal, self.job.setup.cell.part))
 

@@ -7,15 +7,18 @@ on the screw of the unknown; see `kinematics`.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scancell.calibration.cell.kinematics import LATENCY, UNIT, SensorPoses
-from scancell.calibration.cell.noise import Estimate, Moments, estimate, normal_equations, pose_errors
+from scancell.calibration.cell.left_out import left_out
+from scancell.calibration.cell.noise import Estimate, Moments, equal_shares, equations_of, estimate, weighted_by
 from scancell.calibration.cell.observability import determined_basis, require_determined
 from scancell.calibration.cell.problem import MOST_OBLIQUE, CalibrationProblem, CalibrationResult, points_on_platter
+from scancell.calibration.least_squares import NormalEquations, minimise
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
 
@@ -23,42 +26,72 @@ Array = NDArray[np.float64]
 
 _MOST_STEPS = 60
 _MOST_ASSIGNMENTS = 10
-_DAMPING = 1e-6  # of the coarse fit
 _COARSE = 1e-3  # of UNIT: last step of the coarse fit
-_CONVERGED = 1e-4  # variances: an error of the fit of 0.01 standard deviations
-_GROWTH = 1.001  # of the sum of squares, that facets explain
+_SETTLED = 1e-4  # of logarithms of variances
 _OUTLIER = 5.0  # standard deviations
+_LEAST_SHARE = 2 / 3  # of the points, that agree with the artefact: the robust fit alone keeps a half of any points
 _COARSE_FLOOR = 2e-6  # m: least scale of residuals of the coarse fit
-_NOISE_ROUNDS = 3
-# Starts of the search for the size of pose errors: points as stated, joints and table, position and orientation.
-_START_VARIANCES = {"none": (1.0,), "joints": (1.0, 1e-5**2), "flange": (1.0, 1e-5**2, 2e-5**2)}
+_ROUNDS = 12  # of noise and outliers
+# Assumed before the data show it: variances of points as stated, of joints and table, or of position and orientation,
+# and of the offset of the surface.
+_ASSUMED = {
+    "none": (1.0,),
+    "joints": (1.0, 1e-5**2, 1e-6**2),
+    "flange": (1.0, 1e-5**2, 2e-5**2, 1e-6**2),
+}
+_SHARED = 7  # regressors of what the points of an exposure share
 _LEAST_POINTS = 5  # of an exposure, and per unknown
 
 
 @dataclass(frozen=True)
-class _Residuals:
-    """Distances (m,) of points to the surface, their wrenches (m, 6) and variances (m,), at `poses`."""
-
-    distance: Array
-    wrench: Array
-    variance: Array
-    poses: SensorPoses
-
-
-@dataclass
 class _State:
+    """Values of all unknowns, and errors (n, d) that the points of each exposure share, as multiples of the modes."""
+
     deviations: dict[str, float]
     platter_from_artefact: Array
     sizes: Array
+    errors: Array
+
+
+@dataclass(frozen=True)
+class _Residuals:
+    """Distances of points from the surface, in the plane of the laser, at `poses`.
+
+    Attributes
+    ----------
+    gap, variance
+        (m,) distances in that plane, without what errors of the exposures add, and variances of points.
+    explained
+        (m,) what these errors add.
+    cosine
+        (m,) of the plane to the surface's normals: a distance along them is ``gap * cosine``.
+    wrench
+        (m, 6) of the normals, where they meet the surface. At the measured points an error of a point would turn its
+        normal, and unknowns that tell such directions apart would explain the noise.
+    motion
+        (n, 6, unknowns) screws by which deviations and the pose of the artefact move points.
+    modes
+        Kinds (n, 7, d) of errors that the points of an exposure share: screws, and an offset from the surface.
+    """
+
+    gap: Array
+    variance: Array
+    explained: Array
+    cosine: Array
+    wrench: Array
+    motion: Array
+    modes: tuple[Array, ...]
+    poses: SensorPoses
 
 
 def moments_of(problem: CalibrationProblem) -> Moments:
-    """The problem linearised at its start, in the basis of what the artefact's surface can determine."""
+    """The problem linearised at its start, in the basis of what the artefact's surface can determine.
+
+    Its modes are those of the robot alone.
+    """
     state = _start(problem)
-    problem = _assigned(problem, state)
-    found = _residuals(problem, state)
-    moments = _moments(problem, found, np.ones(len(found.distance)))
-    return replace(moments, design=moments.design @ determined_basis(moments, len(problem.free)))
+    _, moments, basis = _linearised(_assigned(problem, state), state)
+    return replace(moments, design=moments.design @ basis, modes=moments.modes[:-1])
 
 
 def solve(problem: CalibrationProblem) -> CalibrationResult:
@@ -71,30 +104,42 @@ def solve(problem: CalibrationProblem) -> CalibrationResult:
     states what is missing.
     """
     _check(problem)
-    state = _start(problem)
-    log_variances = np.log(_START_VARIANCES[problem.robot_noise])
-    _require_determined_at(_assigned(problem, state), state, log_variances)
-    problem, kept = _coarse_fit(problem, state)
-    for _ in range(_NOISE_ROUNDS):
-        inner = replace(problem, observations=problem.observations.chosen(kept))
-        _, moments, _ = _converge(inner, state, log_variances)
-        log_variances = estimate(moments, log_variances).log_variances
-        kept = _inliers(problem, state, log_variances)
+    state, observed = _start(problem), len(problem.observations.sigma)
+    _, moments, basis = _linearised(_assigned(problem, state), state)
+    require_determined(_assigned(problem, state), moments, basis, np.log(_ASSUMED[problem.robot_noise]))
+    problem, state, kept = _coarse_fit(problem, state)
     inner = replace(problem, observations=problem.observations.chosen(kept))
-    residuals, moments, basis = _converge(inner, state, log_variances)
-    last = estimate(moments, log_variances)
-    return _result(inner, state, last, basis, residuals, len(kept))
+    found, moments, basis = _linearised(inner, state)
+    log_variances = equal_shares(moments)
+    for _ in range(_ROUNDS):
+        state = _fitted(inner, state, found.variance, log_variances)
+        residuals = _residuals(problem, state)
+        limit = _OUTLIER * np.sqrt(residuals.variance * np.exp(log_variances[0]))
+        was_kept, kept = kept, np.abs(residuals.gap) < limit
+        inner = replace(problem, observations=problem.observations.chosen(kept))
+        found, moments, basis = _linearised(inner, state)
+        last = estimate(replace(moments, design=moments.design @ basis))
+        change = np.abs(last.log_variances - log_variances).max()
+        log_variances = last.log_variances
+        if change < _SETTLED and np.array_equal(was_kept, kept):
+            break
+    require_determined(inner, moments, basis, log_variances)
+    if kept.sum() < _LEAST_SHARE * observed:
+        raise CalibrationError(
+            f"{kept.sum()} of {observed} points agree with the artefact", expected="two thirds of them"
+        )
+    return _result(inner, state, moments, basis, last, found, len(kept))
 
 
-def _coarse_fit(problem: CalibrationProblem, state: _State) -> tuple[CalibrationProblem, NDArray[np.bool_]]:
+def _coarse_fit(problem: CalibrationProblem, state: _State) -> tuple[CalibrationProblem, _State, NDArray[np.bool_]]:
     """Robust fits with points assigned anew, until these stay; the problem of these points, and which fit (m,)."""
     assigned = _assigned(problem, state)
     for _ in range(_MOST_ASSIGNMENTS):
-        kept = _coarse(assigned, state)
+        state, kept = _coarse(assigned, state)
         before, assigned = assigned, _assigned(problem, state)
         if np.array_equal(_shapes(before), _shapes(assigned)):
-            return before, kept
-    return assigned, _coarse(assigned, state)
+            return before, state, kept
+    return assigned, *_coarse(assigned, state)
 
 
 def _shapes(problem: CalibrationProblem) -> NDArray[np.intp]:
@@ -106,7 +151,8 @@ def _assigned(problem: CalibrationProblem, state: _State) -> CalibrationProblem:
     """The problem with the points that belong to a shape."""
     data = problem.observations
     if data.shape is None:
-        local = _points_in_artefact(problem, state, problem.kinematics.poses(data.readings, state.deviations))[1]
+        points = points_on_platter(data, problem.kinematics.poses(data.readings, state.deviations))
+        local = pose.transform_points(pose.inverse(state.platter_from_artefact), points)
         data = replace(data, shape=problem.artefact.surface.assign(local))
     assert data.shape is not None
     usable = data.shape >= 0
@@ -117,10 +163,11 @@ def _assigned(problem: CalibrationProblem, state: _State) -> CalibrationProblem:
     return replace(problem, observations=data.chosen(usable))
 
 
-def _require_determined_at(problem: CalibrationProblem, state: _State, log_variances: Array) -> None:
+def _linearised(problem: CalibrationProblem, state: _State) -> tuple[_Residuals, Moments, Array]:
+    """Residuals, moments of all unknowns, and the basis of those that the artefact's surface can determine."""
     found = _residuals(problem, state)
-    moments = _moments(problem, found, np.ones(len(found.distance)))
-    require_determined(problem, moments, determined_basis(moments, len(problem.free)), log_variances)
+    moments = _moments(problem, found, found.variance)
+    return found, moments, determined_basis(moments, len(problem.free))
 
 
 def _start(problem: CalibrationProblem) -> _State:
@@ -128,6 +175,7 @@ def _start(problem: CalibrationProblem) -> _State:
         dict.fromkeys(problem.free, 0.0) | dict(problem.start),
         problem.artefact.platter_from_artefact.copy(),
         np.zeros(len(problem.artefact.unknown_sizes)),
+        np.zeros((len(problem.observations.readings), 0)),
     )
 
 
@@ -154,153 +202,206 @@ def _check(problem: CalibrationProblem) -> None:
         )
 
 
-def _points_in_artefact(problem: CalibrationProblem, state: _State, poses: SensorPoses) -> tuple[Array, Array]:
-    """Points (m, 3) on the platter and in the artefact."""
-    points = points_on_platter(problem.observations, poses)
-    return points, pose.transform_points(pose.inverse(state.platter_from_artefact), points)
-
-
-def _residuals(problem: CalibrationProblem, state: _State) -> _Residuals:
-    data, artefact, shape = problem.observations, problem.artefact, _shapes(problem)
+def _residuals(problem: CalibrationProblem, state: _State, is_coarse: bool = False) -> _Residuals:
+    """Residuals; `is_coarse` ones are distances along the normals, which are safe far from the solution."""
+    data = problem.observations
     poses = problem.kinematics.poses(data.readings, state.deviations)
-    points, local = _points_in_artefact(problem, state, poses)
+    modes = _modes(problem, poses)
+    errors = np.zeros((len(data.readings), _SHARED))
+    if state.errors.shape[1]:
+        errors = np.einsum("nkd,nd->nk", np.concatenate(modes, -1), state.errors)
+    correction = pose.from_rotation(pose.exp_rotation(-errors[:, 3:6]), -errors[:, :3])
+    sensor = correction @ poses.platter_from_sensor
+    points, own = points_on_platter(data, replace(poses, platter_from_sensor=sensor)), errors[data.frame]
+    distance, normal = _distances(problem, state, points)
+    distance = distance - own[:, 6]
+    gap, cosine = distance, np.ones(len(distance))
+    if not is_coarse:
+        across = sensor[data.frame, :3, 0]
+        along = normal - np.einsum("mi,mi->m", normal, across)[:, None] * across
+        along /= np.maximum(np.linalg.norm(along, axis=1), MOST_OBLIQUE)[:, None]
+        gap = distance / np.maximum(np.einsum("mi,mi->m", normal, along), MOST_OBLIQUE)
+        # A second step of Newton's method: where the surface is curved, the first ends beside it.
+        points = points - gap[:, None] * along
+        distance, normal = _distances(problem, state, points)
+        cosine = np.maximum(np.einsum("mi,mi->m", normal, along), MOST_OBLIQUE)
+        gap = gap + (distance - own[:, 6]) / cosine
+    wrench = np.hstack([normal, np.cross(points, normal)])
+    variance = (data.sigma / cosine) ** 2
+    if data.direction is not None:
+        in_normal = np.einsum("mi,mi->m", normal, np.einsum("mij,mj->mi", sensor[data.frame, :3, :3], data.direction))
+        variance = variance * np.maximum(in_normal**2, MOST_OBLIQUE**2)
+    modes = tuple(_about(errors, mode) for mode in modes)
+    if state.errors.shape[1]:
+        own = np.einsum("nkd,nd->nk", np.concatenate(modes, -1), state.errors)[data.frame]
+    explained = (np.einsum("mk,mk->m", wrench, own[:, :6]) + own[:, 6]) / cosine
+    motion = np.stack([poses.deviations[name] for name in problem.free], -1)
+    rotation, offset = correction[:, :3, :3], correction[:, :3, 3]
+    turned = np.concatenate([rotation @ motion[:, :3], rotation @ motion[:, 3:]], 1)
+    turned[:, :3] += np.cross(offset[:, :, None], turned[:, 3:], axis=1)
+    if not problem.artefact.is_pose_known:
+        turned = np.concatenate([turned, np.broadcast_to(-np.eye(6), (len(turned), 6, 6))], -1)
+    return _Residuals(gap, variance, explained, cosine, wrench, turned, modes, poses)
+
+
+def _about(errors: Array, mode: Array) -> Array:
+    """Derivative (n, 7, d) of the motion by errors (n, 7) in the direction of a mode: rotations do not commute."""
+    rate = errors[:, 3:6, None]
+    across = np.cross(rate, mode[:, 3:6], axis=1)
+    turn = mode[:, 3:6] - across / 2 + np.cross(rate, across, axis=1) / 6
+    velocity = mode[:, :3] + np.cross(turn, errors[:, :3, None], axis=1)
+    return np.concatenate([velocity, turn, mode[:, 6:]], 1)
+
+
+def _distances(problem: CalibrationProblem, state: _State, points: Array) -> tuple[Array, Array]:
+    """Distances (m,) of points (m, 3) on the platter from the surface, and its normals (m, 3)."""
+    artefact, shape = problem.artefact, _shapes(problem)
+    local = pose.transform_points(pose.inverse(state.platter_from_artefact), points)
     distance, normal = artefact.surface.distance(local, shape)
     for number, size in zip(artefact.unknown_sizes, state.sizes, strict=True):
         distance = distance - np.where(shape == number, size, 0.0)
-    normal = normal @ state.platter_from_artefact[:3, :3].T
-    sensor = poses.platter_from_sensor[data.frame, :3, :3]
-    cosine = np.einsum("ni,ni->n", normal, np.einsum("nij,nj->ni", sensor, data.direction))
-    variance = data.sigma**2 * np.maximum(cosine**2, MOST_OBLIQUE**2)
-    return _Residuals(distance, np.hstack([normal, np.cross(points, normal)]), variance, poses)
+    return distance, normal @ state.platter_from_artefact[:3, :3].T
 
 
-def _moments(problem: CalibrationProblem, found: _Residuals, weights: Array) -> Moments:
-    """Regressors are the six components of the wrench, then the sizes; unknowns in units of `UNIT`."""
+def _moments(problem: CalibrationProblem, found: _Residuals, variance: Array) -> Moments:
+    """Regressors are the six components of the wrench, an offset, and the sizes; unknowns in units of `UNIT`.
+
+    Points of infinite variance are left out.
+    """
     artefact, data, shape = problem.artefact, problem.observations, _shapes(problem)
     sizes = [-np.equal(shape, number).astype(float) for number in artefact.unknown_sizes]
-    rows = np.column_stack([found.wrench, *sizes, found.distance])
-    used = np.flatnonzero(weights > 0)
-    rows, weight, frame = rows[used], (weights / found.variance)[used], data.frame[used]
+    regressors = np.column_stack([found.wrench, np.ones(len(shape)), *sizes]) / found.cosine[:, None]
+    rows = np.column_stack([regressors, found.gap + found.explained])
+    used = np.flatnonzero(np.isfinite(variance))
+    rows, weight, frame = rows[used], 1.0 / variance[used], data.frame[used]
     n, k = len(data.readings), rows.shape[1] - 1
     second = np.zeros((n, k + 1, k + 1))
     order = np.argsort(frame, kind="stable")
     starts = np.flatnonzero(np.diff(frame[order], prepend=-1))
     for part, number in zip(np.split(order, starts[1:]), frame[order][starts], strict=True):
         second[number] = (rows[part] * weight[part, None]).T @ rows[part]
-    return Moments(second, _design(problem, found.poses, k), _modes(problem, found.poses, k), len(used))
+    moved, count = found.motion.shape[-1], len(sizes)
+    design = np.zeros((n, k, moved + count))
+    design[:, :6, :moved], design[:, _SHARED:, moved:] = found.motion, np.eye(count)
+    modes = tuple(np.pad(mode, ((0, 0), (0, count), (0, 0))) for mode in found.modes)
+    return Moments(second, UNIT * design, modes, len(used))
 
 
-def _design(problem: CalibrationProblem, poses: SensorPoses, k: int) -> Array:
-    """(n, k, unknowns): deviations, then the twist of the artefact about the platter's origin, then sizes."""
-    n, artefact = len(poses.platter_from_sensor), problem.artefact
-    columns = [np.stack([poses.deviations[name] for name in problem.free], -1)]
-    if not artefact.is_pose_known:
-        columns.append(np.broadcast_to(-np.eye(6), (n, 6, 6)))
-    motion = np.concatenate(columns, -1)
-    sizes = len(artefact.unknown_sizes)
-    design = np.zeros((n, k, motion.shape[-1] + sizes))
-    design[:, :6, : motion.shape[-1]] = motion
-    design[:, 6:, motion.shape[-1] :] = np.eye(sizes)
-    return design * UNIT
+def _modes(problem: CalibrationProblem, poses: SensorPoses) -> tuple[Array, ...]:
+    """Errors that all points of an exposure share: of the robot, and last an offset from the surface.
 
-
-def _modes(problem: CalibrationProblem, poses: SensorPoses, k: int) -> tuple[Array, ...]:
+    The offset stands for errors of sensor and artefact that a motion does not explain, such as another radius of a
+    sphere in every profile; without it they would pass as knowledge of the distance from the sphere's centre.
+    """
     if problem.robot_noise == "none":
         return ()
     if problem.robot_noise == "joints":
         kinds: tuple[Array, ...] = (np.concatenate([poses.joints, poses.table[:, :, None]], -1),)
     else:
         kinds = (poses.flange[:, :, :3], poses.flange[:, :, 3:])
-    return tuple(np.concatenate([kind, np.zeros((len(kind), k - 6, kind.shape[-1]))], 1) for kind in kinds)
+    offset = np.tile(np.eye(_SHARED)[:, -1:], (len(poses.table), 1, 1))
+    return (*(np.pad(kind, ((0, 0), (0, 1), (0, 0))) for kind in kinds), offset)
 
 
-def _coarse(problem: CalibrationProblem, state: _State) -> NDArray[np.bool_]:
+def _coarse(problem: CalibrationProblem, state: _State) -> tuple[_State, NDArray[np.bool_]]:
     """Robust fit without pose errors, by Tukey's weights; which points (m,) belong to the artefact."""
     weights = np.ones(len(problem.observations.sigma))
     for _ in range(_MOST_STEPS):
-        found = _residuals(problem, state)
-        scale = max(1.4826 * float(np.median(np.abs(found.distance))), _COARSE_FLOOR)
-        relative = found.distance / (_OUTLIER * scale)
+        found = _residuals(problem, state, is_coarse=True)
+        scale = max(1.4826 * float(np.median(np.abs(found.gap))), _COARSE_FLOOR)
+        relative = found.gap / (_OUTLIER * scale)
         weights = np.where(np.abs(relative) < 1, (1 - relative**2) ** 2, 0.0)
-        moments = _moments(problem, replace(found, variance=np.full_like(found.variance, scale**2)), weights)
-        basis = determined_basis(moments, len(problem.free))
-        x = _step(replace(moments, modes=()), basis, np.zeros(1), _DAMPING)
-        _apply(problem, state, x)
-        if np.abs(x).max() < _COARSE:
+        with np.errstate(divide="ignore"):
+            variance = scale**2 / weights
+        before, state = state, _fitted(problem, state, variance, np.zeros(1), 1)
+        if np.abs(_difference(before, state)).max() < _COARSE * UNIT:
             break
-    return np.asarray(weights > 0)
+    return state, np.asarray(weights > 0)
 
 
-def _converge(problem: CalibrationProblem, state: _State, log_variances: Array) -> tuple[_Residuals, Moments, Array]:
-    """Gauss-Newton at given noise; residuals, moments in the determined basis, and that basis.
+def _fitted(
+    problem: CalibrationProblem, state: _State, variance: Array, log_variances: Array, steps: int = _MOST_STEPS
+) -> _State:
+    """The state of the least sum of squares at given variances.
 
-    It ends when the sum of squares, in variances, falls no more: facets of a mesh keep steps from becoming zero.
+    If the variances of points followed the geometry, they would lower the sum by steps to oblique views. Without those
+    of shared errors there are none.
+
+    Raises `CalibrationError` if more than one step is permitted, and they do not suffice.
     """
-    before = np.inf
-    for _ in range(_MOST_STEPS):
-        found = _residuals(problem, state)
-        moments = _moments(problem, found, np.ones(len(found.distance)))
-        basis = determined_basis(moments, len(problem.free))
-        require_determined(problem, moments, basis, log_variances)
-        squares = normal_equations(moments, log_variances)[2]
-        if before - _CONVERGED < squares < _GROWTH * before:
-            return found, replace(moments, design=moments.design @ basis), basis
-        before = squares
-        _apply(problem, state, _step(moments, basis, log_variances, 0.0))
-    raise CalibrationError(f"the calibration did not converge in {_MOST_STEPS} steps: check start and artefact")
+
+    def equations(at: _State) -> tuple[NormalEquations, Callable[[Array], _State]]:
+        found = _residuals(problem, at, is_coarse=steps == 1)
+        moments = _moments(problem, found, variance)
+        if len(log_variances) == 1:
+            moments = replace(moments, modes=())
+        weighted = weighted_by(moments, log_variances)
+        inverse = np.exp(-log_variances[1:])[weighted.kind]
+        squares = float(np.sum(found.gap**2 / variance)) * np.exp(-log_variances[0])
+        if at.errors.shape[1]:
+            squares += float(np.sum(at.errors**2 * inverse))
+        normal = replace(equations_of(moments, weighted), squares=squares)
+
+        def moved(step: Array) -> _State:
+            rest = weighted.by_mode[:, :, -1] + weighted.by_mode[:, :, :-1] @ moments.design @ step
+            return replace(_moved(problem, at, step), errors=rest / np.sqrt(inverse))
+
+        return normal, moved
+
+    state, is_settled = minimise(equations, state, steps)
+    if steps > 1 and not is_settled:
+        raise CalibrationError(f"the calibration did not converge in {_MOST_STEPS} steps: check start and artefact")
+    return state
 
 
-def _step(moments: Moments, basis: Array, log_variances: Array, damping: float) -> Array:
-    """Step of the unknowns, by Gauss-Newton with Levenberg's damping."""
-    information, gradient, _, _ = normal_equations(replace(moments, design=moments.design @ basis), log_variances)
-    damped = information + damping * np.diag(np.diag(information))
-    return np.asarray(basis @ np.linalg.solve(damped, gradient))
-
-
-def _apply(problem: CalibrationProblem, state: _State, x: Array) -> None:
-    """Add a step (unknowns,) in units of `UNIT` to the state."""
+def _moved(problem: CalibrationProblem, state: _State, x: Array) -> _State:
+    """The state after a step (unknowns,) in units of `UNIT`."""
     step, count = x * UNIT, len(problem.free)
+    deviations = dict(state.deviations)
     for name, change in zip(problem.free, step[:count].tolist(), strict=True):
-        state.deviations[name] += change
+        deviations[name] += change
+    artefact = state.platter_from_artefact
     if not problem.artefact.is_pose_known:
         velocity, rate = step[count : count + 3], step[count + 3 : count + 6]
-        state.platter_from_artefact = (
-            pose.from_rotation(pose.exp_rotation(rate), velocity) @ state.platter_from_artefact
-        )
+        artefact = pose.from_rotation(pose.exp_rotation(rate), velocity) @ artefact
         count += 6
-    state.sizes = state.sizes + step[count:]
+    return _State(deviations, artefact, state.sizes + step[count:], state.errors)
 
 
-def _inliers(problem: CalibrationProblem, state: _State, log_variances: Array) -> NDArray[np.bool_]:
-    """Which points (m,) agree with the fit and the pose error of their exposure, within `_OUTLIER` deviations."""
-    found = _residuals(problem, state)
-    moments = _moments(problem, found, np.ones(len(found.distance)))
-    errors = pose_errors(moments, log_variances)[problem.observations.frame]
-    rest = found.distance - np.einsum("mk,mk->m", found.wrench, errors[:, :6])
-    return np.asarray(np.abs(rest) < _OUTLIER * np.sqrt(found.variance * np.exp(log_variances[0])))
+def _difference(a: _State, b: _State) -> Array:
+    """Differences of all unknowns."""
+    deviations = [b.deviations[name] - value for name, value in a.deviations.items()]
+    artefact = (b.platter_from_artefact - a.platter_from_artefact).ravel()
+    return np.concatenate([deviations, artefact, b.sizes - a.sizes])
 
 
 def _result(
-    problem: CalibrationProblem, state: _State, last: Estimate, basis: Array, found: _Residuals, points: int
+    problem: CalibrationProblem,
+    state: _State,
+    moments: Moments,
+    basis: Array,
+    last: Estimate,
+    found: _Residuals,
+    points: int,
 ) -> CalibrationResult:
     count = len(problem.free)
-    spread = basis[:count] @ last.covariance @ basis[:count].T * UNIT**2
-    of_sizes = basis[len(basis) - len(state.sizes) :]
-    # Of each deviation by the unknown of the basis that carries most of it.
-    main = np.abs(basis[:count] * np.sqrt(np.diag(last.covariance))).argmax(1)
+    rows = basis[:count]
+    slopes = np.einsum("pi,kij,pj->kp", rows, last.slopes, rows)
+    variances = np.einsum("pi,ij,pj->p", rows, last.covariance, rows)
     noise = np.exp(0.5 * last.log_variances)
     return CalibrationResult(
         names=problem.free,
         values=np.array([state.deviations[name] for name in problem.free]),
-        covariance=spread,
-        degrees_of_freedom=last.degrees_of_freedom[main],
+        joint_covariance=basis @ last.covariance @ basis.T * UNIT**2,
+        degrees_of_freedom=last.degrees_of_freedom(variances, slopes),
         held={name: value for name, value in state.deviations.items() if name not in problem.free},
         platter_from_artefact=state.platter_from_artefact,
         sizes=state.sizes,
-        size_standard_deviations=np.sqrt(np.diag(of_sizes @ last.covariance @ of_sizes.T)) * UNIT,
-        residuals=found.distance,
+        residuals=(found.gap + found.explained) * found.cosine,
         frame=problem.observations.frame,
         points=points,
         noise_of_points=float(noise[0]),
-        noise_of_robot=tuple(noise[1:].tolist()),
+        noise_of_robot=tuple(noise[1:-1].tolist()),
+        noise_of_surface=float(noise[-1]) if len(noise) > 1 else 0.0,
+        left_out=left_out(replace(moments, design=moments.design @ basis), last, found.poses.platter_from_sensor),
     )
