@@ -129,6 +129,8 @@ REFUSED = [
     ("a.ply", PLY.removesuffix("4 5 0 6 11\n"), "20 rows, but 19 lines follow: the file is truncated"),
     ("a.ply", PLY + "3 0 1 2\n", "counts 20 rows, but 21 lines follow: the file is longer"),
     ("a.ply", PLY.replace("4 5 0 6 11", "4 5 0 6 11 9"), "is no row of element face"),
+    ("a.ply", PLY.replace("uchar int", "uchar float").replace("4 5 0 6 11", "4 5 0 6 1e999"), "are not integers"),
+    ("a.ply", PLY.replace("uchar int", "uchar float").replace("4 5 0 6 11", "4 5 0 6 nan"), "are not integers"),
     ("a.ply", PLY.replace("element vertex 12", "element vertex 11"), "counts 19 rows, but 20 lines follow"),
     ("a.ply", PLY.replace("element face", "element vertex"), "not known, or stands there twice"),
     ("a.ply", PLY.replace("float x", "real x"), "'property real x'"),
@@ -143,6 +145,7 @@ REFUSED = [
 ]
 
 
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize(("name", "content", "reason"), REFUSED)
 def test_files_that_cannot_be_read_whole_are_refused_with_the_reason(tmp_path, name, content, reason):
     path = tmp_path / name

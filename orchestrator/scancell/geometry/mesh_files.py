@@ -379,7 +379,8 @@ def _read_ply(data: bytes) -> MeshContent:
         return vertices, np.empty((0, 3), np.int64), remarks
     if len(lists) != 1 or lists[0].lengths is None:
         raise ValueError(f"element face has {', '.join(faces)}; expected a list vertex_indices")
-    corners = lists[0].values.astype(np.int64)
+    with np.errstate(invalid="ignore"):  # what is not finite has no integer
+        corners = lists[0].values.astype(np.int64)
     if (corners != lists[0].values).any():
         raise ValueError("numbers of vertices are not integers")
     triangles, more = triangulated(vertices, corners, lists[0].lengths)
