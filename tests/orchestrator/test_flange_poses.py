@@ -274,6 +274,12 @@ def test_wrong_diameter_of_the_sphere_is_named(scanner, recording, tmp_path, siz
     assert ("which seems to hold the radius" in str(refused.value)) == (size == 0.5)
 
 
+def test_three_poses_are_too_few(scanner, tmp_path) -> None:
+    one = Recording(count=3)
+    with pytest.raises(CalibrationError, match=r"3 exposures of a sphere do not determine 9 .* 5 exposures or more"):
+        scanner.calibrate("tool", from_points=one.write(tmp_path / "p.parquet", one.columns("wxyz")))
+
+
 def test_one_wrong_pose_is_named(scanner, tmp_path) -> None:
     one = Recording()
     one.flange[6, :3, 3] += [0.012, -0.016, 0.0]

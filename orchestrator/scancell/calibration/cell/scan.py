@@ -222,7 +222,8 @@ class CalibrationScan:
         try:
             result = solve(problem)
         except CalibrationError as error:
-            raise CalibrationError("; ".join([str(error), *filter(None, self._causes(measured, problem))])) from None
+            said = self._too_few(measured) or "; ".join([str(error), *filter(None, self._causes(measured, problem))])
+            raise CalibrationError(said) from None
         whole = self._problem(measured)
         sphere = None if whole.artefact.unknown_sizes else single_sphere(whole, self._part)
         # A wrong size would pass as an offset of each profile.
@@ -243,6 +244,19 @@ class CalibrationScan:
         if sphere is not None and measured.flange is not None:
             check_flange(measured, problem, *sphere)
         return self.solve(measured.observations)
+
+    def _too_few(self, measured: Observations) -> str:
+        """How many exposures of a sphere are needed, as a sentence; empty if there are enough."""
+        problem = self._problem(measured)
+        unknowns = len(problem.free) + (0 if problem.artefact.is_pose_known else 3)
+        exposures, wanted = len(np.unique(measured.frame)), -(-unknowns // 2)
+        if exposures >= wanted or single_sphere(problem, self._part) is None:
+            return ""
+        return (
+            f"{exposures} exposures of a sphere do not determine {unknowns} unknowns, its centre included: the circle in"
+            f" a profile gives two coordinates of the centre, so that {wanted} exposures or more are needed, at"
+            " orientations of the sensor that differ by 20 deg or more about two axes"
+        )
 
     def _causes(self, measured: Observations, problem: CalibrationProblem) -> Iterator[str]:
         """Likely causes of unusable points; a cause that explains all of them is returned alone."""
