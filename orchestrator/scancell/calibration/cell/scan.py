@@ -253,8 +253,8 @@ class CalibrationScan:
         if exposures >= wanted or single_sphere(problem, self._part) is None:
             return ""
         return (
-            f"{exposures} exposures of a sphere do not determine {unknowns} unknowns, its centre included: the circle in"
-            f" a profile gives two coordinates of the centre, so that {wanted} exposures or more are needed, at"
+            f"{exposures} exposures of a sphere do not determine {unknowns} unknowns, its centre included: the circle"
+            f" in a profile gives two coordinates of the centre, so that {wanted} exposures or more are needed, at"
             " orientations of the sensor that differ by 20 deg or more about two axes"
         )
 
