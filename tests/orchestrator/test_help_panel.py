@@ -46,7 +46,14 @@ class Rig:
         self.panel = HelpPanel(self.gui, *workspace, self.state(), np.array([0.45, 0.0, 0.25]))
 
     def state(self, **changes: Any) -> Any:
-        values = {"joints": np.zeros(6), "controller": "at rest", "guard_text": "", "operation": Operation.MANUAL}
+        values = {
+            "joints": np.zeros(6),
+            "controller": "at rest",
+            "guard_text": "",
+            "operation": Operation.MANUAL,
+            "moving": False,
+            "time": 0.0,
+        }
         return SimpleNamespace(**values | changes)
 
     def done(self, **changes: Any) -> int:
@@ -66,10 +73,15 @@ def test_steps_are_ticked_off_when_they_are_done_and_stay_so(rig: Rig) -> None:
     assert rig.done(joints=np.full(6, 0.001)) == 0
     assert rig.done(joints=np.full(6, 0.1)) == 1
     assert rig.done() == 1
-    rig.feed.frame = SimpleNamespace(points_in_sensor=np.zeros((0, 3)))
-    assert rig.done() == 1
-    rig.feed.frame = SimpleNamespace(points_in_sensor=np.zeros((5, 3)))
-    assert rig.done() == 2
+    assert "<b>2 of 9</b> Move, Pose" in rig.panel.next_step
+    for nothing_or_elsewhere in (np.zeros((0, 3)), np.zeros((5, 3))):
+        rig.feed.frame = SimpleNamespace(points_in_base=nothing_or_elsewhere, time=1.0)
+        assert rig.done() == 1
+    rig.feed.frame = SimpleNamespace(points_in_base=np.full((5, 3), [0.45, 0.01, 0.13]), time=1.0)
+    assert rig.done(moving=True, time=2.0) == 1
+    assert rig.done(time=3.0) == 1  # the frame is older than the motion
+    rig.feed.frame.time = 2.5
+    assert rig.done(time=3.0) == 2
     assert rig.done(controller="emergency stop") == 2  # by the button
     assert rig.done(guard_text="slowed: sensor - table: 12 mm") == 2
     assert rig.done(guard_text="no jog: sensor - table: 3 mm") == 3
@@ -87,6 +99,13 @@ def test_steps_are_ticked_off_when_they_are_done_and_stay_so(rig: Rig) -> None:
     assert rig.done() == 8
     rig.program.state = SimpleNamespace(file=rig.taught.path, stage="done")
     assert rig.done() == 9
+    assert rig.panel.next_step == ""
+
+
+def test_profile_at_the_start_does_not_tick_off_the_way_back_over_the_part(rig: Rig) -> None:
+    rig.feed.frame = SimpleNamespace(points_in_base=np.full((5, 3), [0.45, 0.01, 0.13]), time=1.0)
+    assert rig.done() == 0
+    assert "<b>1 of 9</b> Move, Joints" in rig.panel.next_step
 
 
 @pytest.mark.parametrize("text", ["no jog: sensor - table: 3 mm", "stop: sensor - table: 33 mm"])

@@ -139,6 +139,7 @@ def test_run_is_opened_and_left_and_the_session_is_recorded(opened: Opened, tmp_
     entry(page, "Record (MCAP)").check()
     page.get_by_text("recording: ").wait_for()
     tab(page, "Move")
+    fill(page, "speed, %", 2)  # long enough for some records
     fill(page, "joint 1, deg", 5.0)
     opened.until(lambda state: abs(state.joints[0] - np.radians(5.0)) < 1e-6, "joint 1 at 5 deg")
     page.get_by_role("tab", name="File").click()

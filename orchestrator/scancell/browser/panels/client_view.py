@@ -14,7 +14,7 @@ from scancell.browser.panels.conditions import is_stopped
 from scancell.browser.panels.exercise_panel import ExercisePanel
 from scancell.browser.panels.file_panel import FilePanel, Opener
 from scancell.browser.panels.handles import set_changed
-from scancell.browser.panels.help import add_help
+from scancell.browser.panels.help import TourCard, add_help
 from scancell.browser.panels.jog_panel import JogPanel
 from scancell.browser.panels.joint_panel import JointPanel
 from scancell.browser.panels.messages import report_errors
@@ -52,7 +52,10 @@ class Panel(Protocol):
 
 @dataclass(frozen=True)
 class Shared:
-    """Objects that all browsers share; `program_file` and `attempt` are None if the workspace was started without."""
+    """Objects that all browsers share; `program_file` and `attempt` are None if the workspace was started without.
+
+    `next_step` returns the next step of the tour.
+    """
 
     scene: CellScene
     plans: Plans
@@ -66,6 +69,7 @@ class Shared:
     program_file: Path | None
     opener: Opener
     attempt: Attempt | None
+    next_step: Callable[[], str]
     out: Path
 
 
@@ -114,6 +118,8 @@ class ClientView:
         self._add_tab(tabs, "File", lambda: FilePanel(gui, operator, shared.opener, shared.recording, shared.scans))
         self._cameras = CameraPanel(gui, shared.feed, shared.sensor, is_wide)
         self._view = ViewPanel(gui, client.camera, operator, shared.scene)
+        self._next_step = shared.next_step
+        self._card = TourCard(gui) if shared.attempt is None else None
         self._said: dict[object, str] = {}
         self.show(state)
 
@@ -126,6 +132,8 @@ class ClientView:
         """Show a state."""
         set_changed(self._take, "visible", not self._operator.is_operator)
         self._operator.enable_inputs(state)
+        if self._card is not None:
+            self._card.show(self._next_step())
         # Less often than the small images: it takes longer.
         self._report(self._cameras, self._cameras.show_enlarged)
         for panel in self._panels:

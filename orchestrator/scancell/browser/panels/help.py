@@ -15,7 +15,7 @@ from scancell.browser.panels.checklist import checklist_html
 from scancell.browser.panels.handles import set_changed, small_html
 from scancell.browser.panels.scans import Scans
 from scancell.cell.controller import Operation
-from scancell.live.camera import CameraFeed
+from scancell.live.camera import CameraFeed, CameraFrame
 from scancell.live.state import LiveState
 from scancell.programs.live_program import LiveProgram
 from scancell.programs.taught_file import TaughtFile
@@ -51,6 +51,8 @@ KEYS = {
 }
 _LAST = 1e6  # order of a folder at the end of a tab
 _MOVED = np.radians(1.0)
+_NEAR = 0.03  # m
+_PLACE_PX, _WIDTH_PX = 15, 220  # from the upper right corner of the scene
 
 
 def add_help(gui: Any, tab: str) -> None:
@@ -92,6 +94,7 @@ class HelpPanel:
     ) -> None:
         nominal = feed.as_built
         x, y, z = np.round(1e3 * over_part) + 0.0
+        self._moved = start.time  # s
         self._held_at: Array | None = None  # joints at which the guard held a jog
         self._steps = [
             _Step(
@@ -99,9 +102,9 @@ class HelpPanel:
                 lambda state: _are_apart(state.joints, start.joints),
             ),
             _Step(
-                f"Move, Pose: move over the part, to {x:g}, {y:g}, {z:g} mm with the angles 180, 0, 0°, "
+                f"Move, Pose: move back over the part, to {x:g}, {y:g}, {z:g} mm with the angles 180, 0, 0°, "
                 "until the cameras show a profile",
-                lambda _: feed.frame is not None and len(feed.frame.points_in_sensor) > 0,
+                lambda state: self._done[0] and not state.moving and _is_at(feed.frame, over_part, self._moved),
             ),
             _Step(
                 "Move, Jog: jog the tool along z towards the table until the guard holds the robot",
@@ -128,9 +131,57 @@ class HelpPanel:
         by_guard = state.guard_text.startswith(("stop", "no jog"))
         if by_guard and state.operation is Operation.MANUAL:
             self._held_at = state.joints
+        if state.moving:
+            self._moved = state.time
         self._done = [done or step.is_done(state) for done, step in zip(self._done, self._steps, strict=True)]
         shown = checklist_html("Tour", "steps", [step.text for step in self._steps], self._done)
         set_changed(self._tour, "content", shown)
+
+    @property
+    def next_step(self) -> str:
+        """The first step that is not done, with its number, as HTML; empty at the end."""
+        if all(self._done):
+            return ""
+        number = self._done.index(False)
+        return f"<b>{number + 1} of {len(self._steps)}</b> {escape(self._steps[number].text)}"
+
+
+class TourCard:
+    """The next step of the tour in a small window of one browser, which stays until it is closed or the tour ends.
+
+    Parameters
+    ----------
+    gui
+        Of the browser.
+    """
+
+    def __init__(self, gui: Any) -> None:
+        self._panel = gui.add_panel()
+        with self._panel.add_tab("Tour"):
+            self._text = gui.add_html("")
+            close = gui.add_button("Close the tour", hint='"Keys and tour" at the bottom of the panel lists all steps')
+        self._panel.float(x=-_PLACE_PX, y=_PLACE_PX, width=_WIDTH_PX)
+        self._is_open = True
+        close.on_click(lambda _: self.close())
+
+    def close(self) -> None:
+        """Close the window."""
+        self._is_open = False
+        set_changed(self._panel, "visible", False)
+
+    def show(self, step: str) -> None:
+        """Show a step; an empty one closes the window."""
+        if self._is_open and step:
+            set_changed(self._text, "content", small_html([step]))
+        elif self._is_open:
+            self.close()
+
+
+def _is_at(frame: CameraFrame | None, position: Array, since: float) -> bool:
+    """Whether a frame that is taken after a time has a profile around a position, seen from above."""
+    if frame is None or frame.time <= since or not len(frame.points_in_base):
+        return False
+    return bool(np.linalg.norm((frame.points_in_base.mean(0) - position)[:2]) < _NEAR)
 
 
 def _are_apart(joints: Array, others: Array) -> bool:

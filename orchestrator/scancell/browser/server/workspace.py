@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Event, Lock
@@ -28,6 +28,7 @@ from scancell.browser.scene.scene import CellScene
 from scancell.browser.server.operators import Operators
 from scancell.config.choices import Engine
 from scancell.config.sensor import SensorDescription
+from scancell.errors import CommandError, PlanningError
 from scancell.exercises.attempt import Attempt
 from scancell.exercises.declaration import Exercise
 from scancell.geometry import pose
@@ -107,8 +108,11 @@ class Workspace:
         settings: WorkspaceSettings,
         opener: Opener,
     ) -> None:
-        self.live, self.nominal = LiveCell(session), session.nominal
-        self._session = session
+        self.nominal, self._session = session.nominal, session
+        over_part = _over_part(session.nominal, session.job.setup.sensor)
+        if part is not None and settings.exercise is None and session.job.setup.cell.part.arrival is None:
+            _start_over_part(session, over_part)
+        self.live = LiveCell(session)
         setup, mesh = session.job.setup, session.nominal.part if part is not None else None
         self.scene = CellScene(server, session.true, setup.sensor, setup.cell)
         self.feed = CameraFeed(self.live, session, settings.engine)
@@ -128,7 +132,6 @@ class Workspace:
         self.feed.wanted, self._drawn = True, 0
         program = LiveProgram(self.live, settings.engine, settings.out, self.scans.points_of_program)
         taught = TaughtFile(settings.out / "taught.py")
-        over_part = _over_part(self.nominal, setup.sensor)
         self._help = HelpPanel(server.gui, self.feed, self.scans, taught, program, self.live.state, over_part)
         exercise, attempt = settings.exercise, None
         if exercise is not None and session.job.part_file == exercise.part_file:
@@ -146,6 +149,7 @@ class Workspace:
             settings.program,
             opener,
             attempt,
+            lambda: self._help.next_step,
             settings.out,
         )
 
@@ -228,6 +232,18 @@ def _over_part(cell: NominalCell, sensor: SensorDescription) -> NDArray[np.float
     standoff = 0.5e-3 * (sensor.range.near_mm + sensor.range.far_mm)
     above = np.array([middle[0], middle[1], corners[:, 2].max() + standoff])
     return np.asarray(pose.transform_points(pose.inverse(cell.arm.world_from_base), above[None])[0])
+
+
+def _start_over_part(session: ScanSession, over_part: NDArray[np.float64]) -> None:
+    """Move the sensor over the part, so that the first frame has a stripe; the arm stays at home if it cannot."""
+    job, looks_down = session.job, np.diag([1.0, -1.0, -1.0])
+    world_from_sensor = session.nominal.arm.world_from_base @ pose.from_rotation(looks_down, over_part)
+    with suppress(CommandError, PlanningError):
+        start = session.come_to_rest()
+        goal = np.append(session.joints_for(world_from_sensor, "sensor", start[:-1]), start[-1])
+        way = session.pipeline.approach(job.loaded, job.setup, job.sensors.nominal, start, goal, "the part")
+        if way is not None:
+            session.run_program(way, session.exposure)
 
 
 @contextmanager
