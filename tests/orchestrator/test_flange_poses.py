@@ -24,6 +24,7 @@ from benchmarks.sphere_cell import (
     sphere_views,
 )
 from scancell.calibration.cell.kinematics import TOOL, AxisReadings
+from scancell.calibration.cell.request import CalibrationRequest
 from scancell.calibration.measured_table import write_measured_table
 from scancell.config.choices import FlangeConvention
 from scancell.config.files import assets_dir
@@ -272,6 +273,19 @@ def test_wrong_diameter_of_the_sphere_is_named(scanner, recording, tmp_path, siz
     found = float(re.search(r"for a diameter of about ([\d.]+) mm", str(refused.value))[1])  # type: ignore[index]
     assert found == pytest.approx(diameter, rel=0.02)
     assert ("which seems to hold the radius" in str(refused.value)) == (size == 0.5)
+
+
+@pytest.mark.parametrize("error", [0.6, -0.4])
+def test_unknown_diameter_is_found_from_a_wrong_one(scanner, recording, tmp_path, error: float) -> None:
+    text = (assets_dir() / "artefacts" / "sphere.toml").read_text()
+    diameter = float(re.search(r"diameter_mm = ([\d.]+)", text)[1])  # type: ignore[index]
+    artefact = tmp_path / "ball.toml"
+    artefact.write_text(text.replace(f"diameter_mm = {diameter}", f"diameter_mm = {diameter + error}", 1))
+    points = recording.write(tmp_path / "p.parquet", recording.columns("wxyz"))
+    sized = CalibrationRequest("tool", is_size_known=False)
+    result = scanner.calibrate(sized, artefact, from_points=points).result
+    (size,) = 2e3 * result.sizes
+    assert size == pytest.approx(-error, abs=max(0.005, 8e3 * float(result.size_standard_deviations[0])))
 
 
 def test_three_poses_are_too_few(scanner, tmp_path) -> None:

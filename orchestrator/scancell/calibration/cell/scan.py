@@ -56,6 +56,7 @@ Array = NDArray[np.float64]
 _PER_POSE = 20  # candidates per wanted pose
 _LEAST_CANDIDATES = 400
 _DOUBTFUL_SHARE = 0.01  # of the radius: profiles of a sphere with larger offsets may be those of another size
+_SHARES = (1.0, 1.003, 1.01, 1.03)  # radius of a sphere of unknown size in terms of that of its largest circle
 _LEAST_POINTS = 30  # of a candidate, on the artefact
 # Expected pose errors of the robot: position (m) and orientation (rad) of the flange.
 _EXPECTED = np.log([1.0, 20e-6**2, np.radians(0.003) ** 2])
@@ -334,7 +335,12 @@ def with_sphere_start(problem: CalibrationProblem, part: Mesh) -> CalibrationPro
     if sphere is None:
         return problem
     radius, centre = sphere
-    found = sphere_start(problem.kinematics, data.readings, circles_of(data, radius), centre)
+    circles = circles_of(data, radius)
+    radii = [radius]
+    if artefact.unknown_sizes and len(circles):
+        radii += [share * float(circles.radius.max()) for share in _SHARES]
+    starts = [sphere_start(problem.kinematics, data.readings, circles.of_sphere(one), centre) for one in radii]
+    found = min(filter(None, starts), key=lambda one: one.rms, default=None)
     if found is None or found.rms > AGREED:
         return problem
     if not artefact.is_pose_known:
