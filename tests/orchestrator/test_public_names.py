@@ -63,10 +63,11 @@ def test_docs_and_examples_use_public_names_only(file: Path) -> None:
 
 @pytest.mark.parametrize("file", MARKDOWN, ids=lambda file: file.name)
 def test_names_in_docs_are_public(file: Path) -> None:
-    """``NAME`` is a placeholder; commands of a shell are left out."""
+    """``NAME`` is a placeholder; commands of a shell are left out. Styles of Matplotlib are named as modules are."""
+    styles = {path.stem for path in Path(scancell.__file__).parent.glob("*.mplstyle")}
     text = re.sub(r"^```(?:sh|console)$.*?^```$", "", file.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
     names = set(re.findall(r"(?<![\w./-])scancell\.([A-Za-z_]\w*)", text))
-    assert names <= {*scancell.__all__, "NAME", "__version__"} | FILE_ENDINGS
+    assert names <= {*scancell.__all__, "NAME", "__version__"} | FILE_ENDINGS | styles
 
 
 def test_script_of_a_user_passes_the_type_checker_but_for_its_mistakes() -> None:
