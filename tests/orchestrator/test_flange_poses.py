@@ -290,7 +290,7 @@ def test_unknown_diameter_is_found_from_a_wrong_one(scanner, recording, tmp_path
 
 def test_three_poses_are_too_few(scanner, tmp_path) -> None:
     one = Recording(count=3)
-    with pytest.raises(CalibrationError, match=r"3 exposures of a sphere do not determine 9 .* 5 exposures or more"):
+    with pytest.raises(CalibrationError, match=r"in 3 exposure\(s\) does not determine 9 .* 5 exposures or more"):
         scanner.calibrate("tool", from_points=one.write(tmp_path / "p.parquet", one.columns("wxyz")))
 
 

@@ -254,9 +254,9 @@ class CalibrationScan:
         if exposures >= wanted or single_sphere(problem, self._part) is None:
             return ""
         return (
-            f"{exposures} exposures of a sphere do not determine {unknowns} unknowns, its centre included: the circle"
-            f" in a profile gives two coordinates of the centre, so that {wanted} exposures or more are needed, at"
-            " orientations of the sensor that differ by 20 deg or more about two axes"
+            f"a sphere in {exposures} exposure(s) does not determine {unknowns} unknowns, its centre included: the"
+            f" circle in a profile gives two coordinates of the centre, so that {wanted} exposures or more are needed,"
+            " at orientations of the sensor that differ by 20 deg or more about two axes"
         )
 
     def _causes(self, measured: Observations, problem: CalibrationProblem) -> Iterator[str]:
