@@ -215,13 +215,14 @@ def main() -> None:
     parser.add_argument("--judge", help="interpreter with pypcd4, NumPy and Open3D")
     parser.add_argument("--count", type=int, default=20_000)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", choices=FORMATS, nargs="+", default=FORMATS, help="formats")
     arguments = parser.parse_args()
     found = {}
-    for kind in FORMATS:
+    for kind in arguments.only:
         outcomes, kept = campaign(kind, arguments.count, arguments.judge, arguments.seed)
         found[kind] = {"outcomes": dict(outcomes), "files": kept}
         print(kind, dict(outcomes), flush=True)
-    arguments.out.write_text(json.dumps(found, indent=1))
+        arguments.out.write_text(json.dumps(found, indent=1))
 
 
 if __name__ == "__main__":
