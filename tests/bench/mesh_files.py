@@ -132,7 +132,7 @@ def measured(vertices: np.ndarray, faces: np.ndarray) -> tuple[float, float]:
     corners = np.asarray(vertices, float)[faces].reshape(-1, 3, 3)
     corners = corners - (corners[0, 0] if len(corners) else 0)
     a, b, c = corners.transpose(1, 0, 2)
-    with np.errstate(all="ignore"):  # faces without an area are singular
+    with np.errstate(all="ignore"):  # coordinates of damaged files may be of any size
         volume = float(np.linalg.det(corners).sum() / 6)
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2), volume
 

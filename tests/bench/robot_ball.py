@@ -31,24 +31,37 @@ _LARGEST = 1.01
 
 
 @dataclass(frozen=True)
-class BallProfiles:
-    """Poses (n, 4, 4) of the flange, profiles (k, 3) in the sensor frame, m, and the stored result of the authors.
+class Recording:
+    """Poses (n, 4, 4) of the flange, and profiles (k, 3) in a frame of the sensor, m."""
+
+    flange: Array
+    profiles: tuple[Array, ...]
+
+    def rows(self, chosen: Sequence[int]) -> Recording:
+        """Some exposures."""
+        return Recording(self.flange[list(chosen)], tuple(self.profiles[i] for i in chosen))
+
+    def in_frame(self, scale: float, offset: float) -> Recording:
+        """With another z."""
+        change = np.array([1.0, 1.0, scale]), np.array([0.0, 0.0, offset])
+        return Recording(self.flange, tuple(one * change[0] + change[1] for one in self.profiles))
+
+
+@dataclass(frozen=True)
+class BallProfiles(Recording):
+    """Recording in the sensor frame, and the stored result of the authors.
 
     `centres` (n, 3) are those of the ball in the sensor frame by the circles, on the side x > 0 of the laser's plane;
     `stated` is flange_from_sensor (4, 4).
     """
 
-    flange: Array
-    profiles: tuple[Array, ...]
     centres: Array
     stated: Array
 
     def rows(self, chosen: Sequence[int]) -> BallProfiles:
         """Those of some profiles."""
-        of_them = list(chosen)
-        return BallProfiles(
-            self.flange[of_them], tuple(self.profiles[i] for i in of_them), self.centres[of_them], self.stated
-        )
+        some = super().rows(chosen)
+        return BallProfiles(some.flange, some.profiles, self.centres[list(chosen)], self.stated)
 
 
 def _centre(profile: Array) -> Array:
@@ -58,29 +71,33 @@ def _centre(profile: Array) -> Array:
     return np.array([np.sqrt(max(RADIUS**2 - circle[1] ** 2, 0.0)), *circle[0]])
 
 
-def read_robot_ball(data: Path) -> BallProfiles:
-    """The set: ``RobPoses.rob``, profiles ``p1.yml`` … and the result in ``calibration.sec``, in mm and deg (WPR)."""
-    stated = np.array(json.loads((data / "RobPoses.rob").read_text())["RobPoses"])
-    flange = pose.from_rotation(
-        Rotation.from_euler("xyz", stated[:, 3:], degrees=True).as_matrix(), 1e-3 * stated[:, :3]
-    )
+def read_recording(folder: Path, every: int) -> Recording:
+    """``RobPoses.rob``, and one in `every` points of ``p1.yml`` …, in mm and deg (WPR)."""
+    stated = np.array(json.loads((folder / "RobPoses.rob").read_text())["RobPoses"])
+    turn = Rotation.from_euler("xyz", stated[:, 3:], degrees=True).as_matrix()
     profiles = []
     for number in range(1, len(stated) + 1):
-        file = cv2.FileStorage(str(data / f"p{number}.yml"), cv2.FILE_STORAGE_READ)
+        file = cv2.FileStorage(str(folder / f"p{number}.yml"), cv2.FILE_STORAGE_READ)
         line = file.getNode("scan_line")
         x, _, z = 1e-3 * np.array([line.at(i).real() for i in range(line.size())]).reshape(-1, 3).T
         file.release()
-        points = np.column_stack([np.zeros(len(x)), x, _SENSOR_Z - z])
-        profiles.append(points[np.isfinite(points).all(1)][::_EVERY])
+        points = np.column_stack([np.zeros(len(x)), x, z])
+        profiles.append(points[np.isfinite(points).all(1)][::every])
+    return Recording(pose.from_rotation(turn, 1e-3 * stated[:, :3]), tuple(profiles))
+
+
+def read_robot_ball(data: Path) -> BallProfiles:
+    """The set, with the result in ``calibration.sec``."""
+    found = read_recording(data, _EVERY).in_frame(-1.0, _SENSOR_Z)
     matrix = np.array(json.loads((data / "calibration.sec").read_text())["Solution"]["HTM"])
     theirs = pose.from_rotation(matrix[:3, :3], 1e-3 * matrix[:3, 3])
     # Their sensor frame: x along the line, z towards the sensor, y across.
     own = pose.from_rotation(np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]]), [0.0, 0.0, _SENSOR_Z])
-    return BallProfiles(flange, tuple(profiles), np.array([_centre(one) for one in profiles]), theirs @ own)
+    return BallProfiles(found.flange, found.profiles, np.array([_centre(one) for one in found.profiles]), theirs @ own)
 
 
-def calibrated(data: BallProfiles) -> CalibrationReport:
-    """``scancell calibrate tool`` by the profiles."""
+def calibrated(data: Recording) -> CalibrationReport:
+    """``scancell calibrate tool`` by the profiles, without a described tool or place of the ball."""
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)
         ball = write_ball_artefact(folder, RADIUS)

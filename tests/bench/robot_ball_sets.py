@@ -7,80 +7,24 @@ docs/reality.md names. Prints the table of docs/calibration.md.
 from __future__ import annotations
 
 import argparse
-import json
-import tempfile
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
 
-import scancell
-from bench.ball_profiles import write_ball_artefact
+from bench.robot_ball import RADIUS, Recording, calibrated, read_recording
 from scancell.calibration.cell.report import CalibrationReport
 from scancell.calibration.cell.sphere_start import Circles, circles_of
-from scancell.calibration.flange_poses import flange_columns
-from scancell.calibration.measured_table import write_measured_table
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
 
 Array = NDArray[np.float64]
 
-RADIUS = 40e-3
 _EVERY = 5  # points are 30 µm apart
 _OF_JUDGE = 20  # points of the plain fit
 SETS = (".", "tmp/10.30")
-
-
-@dataclass(frozen=True)
-class Recording:
-    """Poses (n, 4, 4) of the flange, and profiles (k, 3) in a frame of the sensor, m."""
-
-    flange: Array
-    profiles: tuple[Array, ...]
-
-    def rows(self, chosen: Sequence[int]) -> Recording:
-        """Some exposures."""
-        return Recording(self.flange[list(chosen)], tuple(self.profiles[i] for i in chosen))
-
-    def in_frame(self, scale: float, offset: float) -> Recording:
-        """With another z."""
-        change = np.array([1.0, 1.0, scale]), np.array([0.0, 0.0, offset])
-        return replace(self, profiles=tuple(one * change[0] + change[1] for one in self.profiles))
-
-
-def read(folder: Path) -> Recording:
-    """``RobPoses.rob``, and ``p1.yml`` …, in mm and deg (WPR)."""
-    stated = np.array(json.loads((folder / "RobPoses.rob").read_text())["RobPoses"])
-    turn = Rotation.from_euler("xyz", stated[:, 3:], degrees=True).as_matrix()
-    profiles = []
-    for number in range(1, len(stated) + 1):
-        file = cv2.FileStorage(str(folder / f"p{number}.yml"), cv2.FILE_STORAGE_READ)
-        line = file.getNode("scan_line")
-        x, _, z = 1e-3 * np.array([line.at(i).real() for i in range(line.size())]).reshape(-1, 3).T
-        file.release()
-        points = np.column_stack([np.zeros(len(x)), x, z])
-        profiles.append(points[np.isfinite(points).all(1)][::_EVERY])
-    return Recording(pose.from_rotation(turn, 1e-3 * stated[:, :3]), tuple(profiles))
-
-
-def calibrated(data: Recording) -> CalibrationReport:
-    """``scancell calibrate tool`` by the profiles, without a described tool or place of the ball."""
-    with tempfile.TemporaryDirectory() as made:
-        folder = Path(made)
-        row = np.repeat(np.arange(len(data.flange)), [len(one) for one in data.profiles])
-        points = 1e3 * np.concatenate(data.profiles)
-        columns = {
-            "exposure": row + 1.0,
-            **{name: values[row] for name, values in flange_columns(data.flange).items()},
-            **{f"{axis}_mm": points[:, i] for i, axis in enumerate("xyz")},
-        }
-        write_measured_table(folder / "points.csv", columns)
-        return scancell.calibrate("tool", write_ball_artefact(folder, RADIUS), from_points=folder / "points.csv")
 
 
 def centres(report: CalibrationReport) -> Array:
@@ -127,7 +71,7 @@ def lines(data: Path) -> Iterator[str]:
     yield "| set | misfit, plain least squares (mm) | ratio | frames agree to (um) | half sets | all but one | inside |"
     yield "|---|---|---|---|---|---|---|"
     for name in SETS:
-        own = read(data / name)
+        own = read_recording(data / name, _EVERY)
         report = calibrated(own)
         found = centres(report)
         circles = circles_of(report.calibration.problem.observations, RADIUS)

@@ -1,4 +1,4 @@
-"""Where the robot is when a workspace opens."""
+"""The position of the robot when a workspace opens."""
 
 from __future__ import annotations
 

@@ -264,8 +264,7 @@ def _solved(jacobian: Complex, twist: Complex) -> Complex:
     try:
         angles[:] = np.linalg.solve(jacobian, twist)[..., 0].T
     except np.linalg.LinAlgError:  # one singular matrix is enough
-        with np.errstate(all="ignore"):  # what is not finite is not usable
-            determinant = np.linalg.det(jacobian)
+        determinant = np.linalg.det(jacobian)
         usable = np.isfinite(determinant) & (determinant != 0)
         angles[:, usable] = np.linalg.solve(jacobian[usable], twist[usable])[..., 0].T
     return angles

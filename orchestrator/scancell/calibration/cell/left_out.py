@@ -11,8 +11,8 @@ from scancell.calibration.cell.noise import (
     Estimate,
     Moments,
     covariance_slopes,
+    equations_of,
     informations,
-    normal_equations,
     shares,
     weighted_by,
 )
@@ -55,9 +55,9 @@ def left_out(moments: Moments, fit: Estimate, platter_from_sensor: Array) -> Lef
     radius is wrong. The first regressors are those of a wrench and this offset.
     """
     k, p = moments.design.shape[1:]
-    normal = normal_equations(moments, fit.log_variances)
-    own, own_slopes = informations(moments, fit.log_variances), shares(moments, fit.log_variances)
     weighted = weighted_by(moments, fit.log_variances)
+    normal = equations_of(moments, weighted)
+    own, own_slopes = informations(moments, fit.log_variances), shares(moments, fit.log_variances)
     gradient = -(moments.design.swapaxes(1, 2) @ weighted.second[:, :k, k:])[:, :, 0]
     rows, found = [], []
     for i, second in enumerate(moments.second):

@@ -92,7 +92,10 @@ class Estimate:
     slopes: Array
 
     def degrees_of_freedom(self, variances: Array, slopes: Array) -> Array:
-        """Of variances (q,) with derivatives (1 + kinds, q), by Satterthwaite's approximation: ``2 v² / var(v)``."""
+        """Degrees of freedom (q,) of variances (q,) with derivatives (1 + kinds, q).
+
+        Satterthwaite's approximation: ``2 v² / var(v)``.
+        """
         spread = np.einsum("kq,kl,lq->q", slopes, self.uncertainty, slopes)
         return np.asarray(np.clip(2.0 * variances**2 / np.maximum(spread, 1e-30 * variances**2), 1.0, None))
 

@@ -105,8 +105,9 @@ def solve(problem: CalibrationProblem) -> CalibrationResult:
     """
     _check(problem)
     state, observed = _start(problem), len(problem.observations.sigma)
-    _, moments, basis = _linearised(_assigned(problem, state), state)
-    require_determined(_assigned(problem, state), moments, basis, np.log(_ASSUMED[problem.robot_noise]))
+    assigned = _assigned(problem, state)
+    _, moments, basis = _linearised(assigned, state)
+    require_determined(assigned, moments, basis, np.log(_ASSUMED[problem.robot_noise]))
     problem, state, kept = _coarse_fit(problem, state)
     inner = replace(problem, observations=problem.observations.chosen(kept))
     found, moments, basis = _linearised(inner, state)
@@ -290,8 +291,8 @@ def _moments(problem: CalibrationProblem, found: _Residuals, variance: Array) ->
 def _modes(problem: CalibrationProblem, poses: SensorPoses) -> tuple[Array, ...]:
     """Errors that all points of an exposure share: of the robot, and last an offset from the surface.
 
-    The offset stands for errors of sensor and artefact that a motion does not explain, such as another radius of a
-    sphere in every profile; without it they would pass as knowledge of the distance from the sphere's centre.
+    The offset models errors of sensor and artefact that no motion explains, such as an error of the sphere's radius
+    that differs between profiles; without it the distance from the sphere's centre would seem better known than it is.
     """
     if problem.robot_noise == "none":
         return ()
