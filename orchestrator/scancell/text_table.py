@@ -28,6 +28,8 @@ _DIALECTS = ((",", "."), (";", "."), ("\t", "."), (" ", "."), (";", ","), ("\t",
 _QUOTED = (",", ",")  # decimal commas within quotation marks
 _NUMBER = {mark: re.compile(rf"[+-]?(\d+({re.escape(mark)}\d*)?|{re.escape(mark)}\d+)([eE][+-]?\d+)?\Z", re.ASCII)
            for mark in ".,"}  # fmt: skip
+# A number with decimals, which is no version: what stands behind it has damaged its line.
+_BEGINS_AS_ROW = re.compile(r"\s*[+-]?\d*[.,]\d+(?![\d.]*\.\d)", re.ASCII)
 _SAMPLE = 100  # lines at the end, and in the middle, that tell the separator
 _SHOWN = 40  # characters of a line in a message
 SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "blank": " "}
@@ -292,7 +294,10 @@ def _require_words_above(
                 file=path, key=f"line {number}", value=fields[0], expected=f"the number of rows, which is {rows}"
             )
         found = _numeric(fields, decimal)
-        is_row = found == len(fields) if has_header else found > 1 or _numeric(fields[:1], decimal) == 1
+        if has_header:
+            is_row = found == len(fields)
+        else:
+            is_row = found > 1 or _numeric(fields[:1], decimal) == 1 or _BEGINS_AS_ROW.match(line) is not None
         if fields and not is_count and is_row:
             raise DescriptionError(
                 file=path, key=f"line {number}", value=line.strip()[:_SHOWN],

@@ -252,6 +252,29 @@ def test_missing_points_are_left_out_and_counted(tmp_path: Path, mark: str, suff
     assert "3 of 37" in found.warnings[0]
 
 
+def test_height_of_two_of_four_points_is_no_mark(tmp_path: Path) -> None:
+    """Two others do not tell how far heights of points lie apart."""
+    path = tmp_path / "a.xyz"
+    path.write_text("18 76 -35.3\n-26 7 -35.3\n-26 71 79.5\n8 44 71.2\n")
+    assert len(read_cloud_file(path).points) == 4
+
+
+@pytest.mark.parametrize("first", ["26.546g-40.872 -89.476", "-84.54DATA ascii", "78.052\xdc-59.879 -43.138"])
+def test_damaged_first_row_is_no_header(tmp_path: Path, first: str) -> None:
+    path = tmp_path / "a.xyz"
+    path.write_text(first + "\n" + "1 2 3\n4 5 6\n", encoding="utf-8")
+    with pytest.raises(DescriptionError, match=r"line 1.*: expected as many values as the lines below have"):
+        read_cloud_file(path)
+
+
+@pytest.mark.parametrize("first", ["3.2.1 of a program", "scan 2026-11-30", "mm", "2026-11-30"])
+def test_words_above_the_table_are_kept_apart(tmp_path: Path, first: str) -> None:
+    path = tmp_path / "a.xyz"
+    path.write_text(first + "\n" + "1 2 3\n4 5 6\n", encoding="utf-8")
+    found = read_cloud_file(path)
+    assert len(found.points) == 2 and "1 line above the table" in found.kind
+
+
 def test_single_origin_and_planes_are_kept(tmp_path: Path) -> None:
     lattice = np.array(list(itertools.product(range(5), repeat=3)), float)
     (tmp_path / "a.xyz").write_text("\n".join(" ".join(map(str, point)) for point in lattice.tolist()))

@@ -32,6 +32,7 @@ SUFFIXES = (".ply", ".pcd", ".las", ".laz", ".e57", ".npz", ".xyz", ".txt", ".as
 FARTHEST = 1e6  # m from the origin, beyond which no point is accepted
 _HEAD = 1 << 12
 _MATRIX = 16  # columns of numbers without a header from which on they may be a matrix of heights
+_LEAST_OTHERS = 8  # values that tell how far values of points lie apart
 _LEAST_ZEROS = 2  # points at exactly 0, 0, 0 from which on they mark missing points
 _PCD_BEGIN = re.compile(rb"\s*(#[^\n]*\n\s*)*(VERSION|FIELDS|COLUMNS)\b")
 _MATRIX_BEGIN = re.compile(r'\s*"?y\s*[\\/]\s*x"?\s*([,;\t])', re.IGNORECASE)
@@ -194,13 +195,13 @@ def missing_value(values: Array, gap: float = 1.0) -> tuple[NDArray[np.bool_], f
     largest value, which repeats more often than others do, and farther from all others than `gap` times their range.
     """
     none = np.zeros(len(values), bool)
-    if len(values) < 4:
+    if len(values) < _LEAST_OTHERS:
         return none, np.nan
     for extreme in (values.min(), values.max()):
         marked = values == extreme
         others = values[~marked]
         count = int(marked.sum())
-        if count < 2 or len(others) < 2:
+        if count < 2 or len(others) < _LEAST_OTHERS:
             continue
         apart = np.abs(others - extreme).min()
         if apart <= max(gap * float(np.ptp(others)), 1e-9 * abs(extreme)):
