@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from scancell.calibration.board.problem import COUNT, BoardView, Rig, displaced
 from scancell.calibration.board.solve import BoardCalibration
@@ -23,13 +24,16 @@ class PredictionError:
     ----------
     displacement
         (6,) from the predicted to the seen pose in the frame of the board: translation, mm, and rotation vector, mrad.
-    covariance
-        (6, 6) that is expected of it: of the calibration, of a view and of corners. Errors of the calibration move both
-        poses: what a wrong focal length adds to the seen distance, the hand-eye pose has taken into account.
+    standard_deviation
+        (6,) that is expected of it, by the calibration, a view and corners. Errors of the calibration move both poses:
+        what a wrong focal length adds to the seen distance, the hand-eye pose has taken into account.
+    half_width
+        (6,) of its interval of 95 %.
     """
 
     displacement: Array
-    covariance: Array
+    standard_deviation: Array
+    half_width: Array
 
 
 def prediction_error(found: BoardCalibration, view: BoardView) -> PredictionError:
@@ -46,10 +50,14 @@ def prediction_error(found: BoardCalibration, view: BoardView) -> PredictionErro
     pixels_by_rig = np.stack([(pixels(one, np.zeros(6)) - pixels(rig, np.zeros(6))) / step for one in moved], 1)
     seen_by_rig = -np.linalg.lstsq(by_pose, pixels_by_rig, rcond=None)[0]
     difference = seen_by_rig - by_rig
-    of_view = np.diag(np.repeat(found.sizes[2:4] ** 2, 3))
-    of_corners = found.sizes[0] ** 2 * np.linalg.inv(by_pose.T @ by_pose)
-    covariance = difference @ found.covariance @ difference.T + of_view + of_corners
-    return PredictionError(displacement(predicted, seen), covariance)
+    estimate, squares = found.estimate, found.sizes**2
+    noise = np.zeros((len(squares), 6))  # variances by corners, translations and rotations of a view
+    noise[0] = squares[0] * np.diag(np.linalg.inv(by_pose.T @ by_pose))
+    noise[2, :3], noise[3, 3:] = squares[2], squares[3]
+    variance = np.einsum("ap,pq,aq->a", difference, estimate.covariance, difference) + noise.sum(0)
+    slopes = np.einsum("ap,kpq,aq->ka", difference, estimate.slopes, difference) + noise
+    factor = stdtrit(estimate.degrees_of_freedom(variance, slopes), 0.975)
+    return PredictionError(displacement(predicted, seen), np.sqrt(variance), factor * np.sqrt(variance))
 
 
 def seen_pose(rig: Rig, view: BoardView) -> Array:

@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from scipy.special import stdtrit
 from scipy.stats import binomtest, t
 
 from bench.ball_prediction import prediction_lines
@@ -176,7 +177,10 @@ def etna_folder(data: Path, folder: str) -> FolderResult:
     found = etna_views(data, folder)
     views, size = found.views, found.size
     whole = solve(views, start_rig(views, size))
-    focal = (float(whole.rig.intrinsics[0]), float(whole.factor() * 10.0 * np.sqrt(whole.covariance[0, 0])))
+    estimate = whole.estimate
+    variance = estimate.covariance[:1, 0]
+    factor = stdtrit(estimate.degrees_of_freedom(variance, estimate.slopes[:, :1, 0]), 0.975)
+    focal = (float(whole.rig.intrinsics[0]), float(10.0 * (factor * np.sqrt(variance))[0]))
     result = FolderResult(
         folder.replace(".", "data"), len(views), whole.sizes, focal, [], [], [], np.zeros((0, 6), bool)
     )
@@ -189,7 +193,7 @@ def etna_folder(data: Path, folder: str) -> FolderResult:
             rig, aspect = vision_calibration_chain(others)
             result.peer.append(held_errors(rig, stretched_rows(held, aspect)))
         error = prediction_error(one, held)
-        half = one.factor() * np.sqrt(np.diag(error.covariance))
+        half = error.half_width
         result.inside = np.vstack([result.inside, np.abs(error.displacement) < half])
     return result
 
@@ -200,7 +204,7 @@ def board_errors(fitted: Sequence[BoardView], others: Sequence[BoardView], size:
     squares = np.zeros((2, 2))
     for view in others:
         error = prediction_error(one, view)
-        variance, away = np.diag(error.covariance), error.displacement
+        variance, away = error.standard_deviation**2, error.displacement
         squares += [[variance[:3].sum(), variance[3:].sum()], [(away[:3] ** 2).sum(), (away[3:] ** 2).sum()]]
     return squares / len(others)
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 S = TypeVar("S")
 
-_SETTLED = 1e-10  # of a variance: predicted decrease of the sum of squares that no longer counts
+_SETTLED = 1e-10  # predicted decrease of the sum of squares that moves no unknown any more
 _ROUNDING = 1e-8  # share of the sum of squares, by which rounding and curvature may hide a decrease
 _MOST_DAMPING = 1e2  # beyond which steps are too short to matter
 _DAMPING = 1e-4  # first damping after a step that raises the sum
@@ -32,6 +32,12 @@ class NormalEquations:
     squares: float
     reduced: float
 
+    @property
+    def rank(self) -> int:
+        """Number of combinations of unknowns that change anything."""
+        values = np.linalg.eigvalsh(_scaled(self.information)[0])
+        return int((values > _DEPENDENT * max(values[-1], 0.0)).sum())
+
     def step(self, damping: float = 0.0) -> tuple[Array, float]:
         """The step (p,), damped after Levenberg and Marquardt, and the decrease of the sum that it promises.
 
@@ -46,7 +52,10 @@ class NormalEquations:
 
 
 def minimise(
-    equations: Callable[[S], tuple[NormalEquations, Callable[[Array], S]]], state: S, most_steps: int
+    equations: Callable[[S], tuple[NormalEquations, Callable[[Array], S]]],
+    state: S,
+    most_steps: int,
+    settled: float = _SETTLED,
 ) -> tuple[S, bool]:
     """The state of the least sum of squares near a start, and whether the steps ended there.
 
@@ -57,11 +66,14 @@ def minimise(
     ----------
     equations
         Normal equations at a state, and the state after a step of the unknowns from it.
+    settled
+        Predicted decrease of the sum of squares, in units of the noise, that no longer counts: 1e-4 moves unknowns by
+        0.01 of their standard deviations at most.
     """
     (at, moved), damping = equations(state), 0.0
     for _ in range(most_steps):
         step, promised = at.step(damping)
-        if promised <= _SETTLED:
+        if promised <= settled:
             return state, True
         further = moved(step)
         beyond, moved_further = equations(further)

@@ -187,8 +187,8 @@ class BoardProblem:
         own = errors[self.stripe_view, 6:]
         return corners.ravel(), self._stripe_residuals(rig, boards) - own[:, 0] - own[:, 1] * self._along
 
-    def jacobian(self, rig: Rig, errors: Array) -> Array:
-        """Derivatives (residuals, 22 + 8 n) by the unknowns; a view's errors act on its own residuals alone."""
+    def derivatives(self, rig: Rig, errors: Array) -> tuple[Array, Array]:
+        """Derivatives of the residuals (c + s, 22) by the unknowns, and (c + s, 8) by the errors of their own view."""
 
         def at(x: Array, shift: Array) -> Array:
             return np.concatenate(self.residuals(rig.moved(x), errors + shift))
@@ -196,12 +196,7 @@ class BoardProblem:
         none, still = np.zeros(COUNT), np.zeros(ERRORS)
         by_rig = [(at(_STEP * e, still) - at(-_STEP * e, still)) / (2 * _STEP) for e in np.eye(COUNT)]
         by_error = [(at(none, _STEP * e) - at(none, -_STEP * e)) / (2 * _STEP) for e in np.eye(ERRORS)]
-        view = np.concatenate([self.corner_view, self.stripe_view])
-        result = np.zeros((len(view), COUNT + errors.size))
-        result[:, :COUNT] = np.transpose(by_rig)
-        for k, column in enumerate(by_error):
-            result[np.arange(len(view)), COUNT + ERRORS * view + k] = column
-        return result
+        return np.stack(by_rig, 1), np.stack(by_error, 1)
 
     def _stripe_residuals(self, rig: Rig, boards: Array) -> Array:
         """Distances (s,) of the stripe in the image from where the sheet meets the board, px, to first order."""

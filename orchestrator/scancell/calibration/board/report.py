@@ -107,17 +107,35 @@ class BoardCalibrationReport(SavedCalibration):
         return self.result.rig.base_from_board
 
     @cached_property
-    def covariance(self) -> Array:
-        """(23, 23) of the values, in the order of `rows`."""
+    def _by_unknown(self) -> Array:
         rig = self.result.rig
         steps = [(rig.moved(_STEP * e).values - rig.moved(-_STEP * e).values) / (2 * _STEP) for e in np.eye(COUNT)]
-        derivative = np.stack(steps, 1)
-        return np.asarray(derivative @ self.result.covariance @ derivative.T)
+        return np.stack(steps, 1)
+
+    @cached_property
+    def covariance(self) -> Array:
+        """(23, 23) of the values, in the order of `rows`."""
+        derivative = self._by_unknown
+        return np.asarray(derivative @ self.result.estimate.covariance @ derivative.T)
+
+    @cached_property
+    def _degrees_of_freedom(self) -> Array:
+        """(23,) of the variances of the values."""
+        estimate, derivative = self.result.estimate, self._by_unknown
+        slopes = np.einsum("vp,kpq,vq->kv", derivative, estimate.slopes, derivative, optimize=True)
+        return estimate.degrees_of_freedom(np.diag(self.covariance), slopes)
+
+    @property
+    def _factor(self) -> Array:
+        """Half widths (23,) of the intervals, in standard deviations."""
+        from scipy.special import stdtrit  # noqa: PLC0415  (slow to import)
+
+        return np.asarray(stdtrit(self._degrees_of_freedom, 0.5 + self.probability / 2))
 
     @property
     def rows(self) -> list[BoardRow]:
         """The calibrated values."""
-        half = self.result.factor(self.probability) * np.sqrt(np.diag(self.covariance))
+        half = self._factor * np.sqrt(np.diag(self.covariance))
         return [
             BoardRow(name, float(value), float(width))
             for name, value, width in zip(VALUES, self.result.rig.values, half, strict=True)
@@ -140,7 +158,7 @@ class BoardCalibrationReport(SavedCalibration):
             "values": [asdict(row) for row in self.rows],
             "probability": self.probability,
             "covariance": self.covariance.tolist(),
-            "degrees_of_freedom": result.degrees_of_freedom,
+            "degrees_of_freedom": self._degrees_of_freedom.tolist(),
             "images": len(result.problem.views),
             "stripe_points": len(result.stripe),
             "stripe_points_discarded": result.discarded,
@@ -157,6 +175,21 @@ class BoardCalibrationReport(SavedCalibration):
                     "orientation_deg": float(np.degrees(1e-3 * np.linalg.norm(error[3:6]))),
                 }
                 for view, error in zip(result.problem.views, result.errors, strict=True)
+            ],
+            "left_out": [
+                {
+                    "image": result.problem.views[i].name,
+                    "displacement_mm": moved[:3].tolist(),
+                    "half_width_mm": half[:3].tolist(),
+                    "rotation_mrad": moved[3:].tolist(),
+                    "half_width_mrad": half[3:].tolist(),
+                }
+                for i, moved, half in zip(
+                    result.left_out.exposure,
+                    result.left_out.displacement,
+                    result.left_out.half_widths(self.probability),
+                    strict=True,
+                )
             ],
             "flange_from_camera_m": self.flange_from_camera.tolist(),
             "flange_from_sensor_m": self.flange_from_sensor.tolist(),

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
-from scipy.special import stdtrit
 
 from scancell.calibration.board.problem import COUNT, ERRORS, NAMES, BoardProblem, BoardView, Rig, met
+from scancell.calibration.least_squares import NormalEquations, minimise, undetermined
+from scancell.calibration.left_out import LeftOut, left_out
+from scancell.calibration.variance_components import Estimate, Moments, equations_at, estimate
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
 
@@ -21,13 +22,9 @@ LEAST_VIEWS = 4
 _OUTLIER = 4.0  # standard deviations, of stripe points
 _FLOOR = 0.05  # px: least scale of stripe residuals
 _START = np.array([0.3, 0.3, 0.3, 1.0, 1.0])  # px, px, mm, mrad, px
-_LEAST = np.array([0.01, 0.01, 1e-3, 1e-3, 1e-3])
 _ROUNDS = 5  # of linearisation, between estimates of the errors' sizes
-_ESTIMATES = 300
-_SETTLED = 3e-4
-_STEPS, _EVALUATIONS = 3, 15
-_MOVED = 1e-2  # of unknowns in their scales
-_LEAST_EIGENVALUE = 1e-12  # of the scaled information, over the largest one
+_STEPS = 60
+_SETTLED = 1e-4  # decrease of the sum of squares
 
 
 @dataclass(frozen=True)
@@ -38,11 +35,8 @@ class BoardCalibration:
     ----------
     rig
         Camera, laser, hand-eye and board.
-    covariance
-        (22, 22) of the unknowns, in the units of the solution.
-    sizes
-        (5,) standard deviations of corners and single points of the stripe (px), of a view's displacement of the board
-        (mm) and its rotation (mrad), and of offset and tilt of its stripe (px).
+    estimate
+        Covariance (22, 22) of the unknowns in the units of the solution, and the variances of all errors.
     errors
         (n, 8) most likely errors of each view, see `BoardProblem`.
     corners, stripe
@@ -51,25 +45,34 @@ class BoardCalibration:
         The views with the stripe points that were used.
     discarded
         Number of stripe points that were not.
+    left_out
+        Displacement (6,) of the board of each view from where the other views predict it, in the frame of the board:
+        translation, mm, and rotation vector, mrad.
     """
 
     rig: Rig
-    covariance: Array
-    sizes: Array
+    estimate: Estimate
     errors: Array
     corners: Array
     stripe: Array
     problem: BoardProblem
     discarded: int
+    left_out: LeftOut
 
     @property
-    def degrees_of_freedom(self) -> float:
-        """Of the variances of the views' errors, which govern the covariance: three of each view but the unknowns'."""
-        return float(max(3 * len(self.problem.views) - 6, 1))
+    def sizes(self) -> Array:
+        """Standard deviations (5,) of all errors.
 
-    def factor(self, probability: float = 0.95) -> float:
-        """Half width of an interval, in standard deviations."""
-        return float(stdtrit(self.degrees_of_freedom, 0.5 + probability / 2))
+        Those of corners and single points of the stripe (px), of a view's displacement of the board (mm) and its
+        rotation (mrad), and of offset and tilt of its stripe (px).
+        """
+        return np.asarray(np.exp(0.5 * self.estimate.log_variances))
+
+
+@dataclass(frozen=True)
+class _State:
+    rig: Rig
+    errors: Array
 
 
 def calibrate_cameras(views: Sequence[BoardView], size: tuple[int, int]) -> tuple[Array, Array]:
@@ -104,8 +107,8 @@ def hand_eye(flange: Array, camera_from_board: Array) -> HandEye:
     """
     count = len(flange)
     found: list[HandEye] = []
-    for left_out in range(count):
-        rows = np.arange(count) != left_out
+    for row in range(count):
+        rows = np.arange(count) != row
         rotation, offset = cv2.calibrateHandEye(
             list(flange[rows, :3, :3]),
             list(flange[rows, :3, 3]),
@@ -166,96 +169,64 @@ def solve(views: Sequence[BoardView], start: Rig) -> BoardCalibration:
         raise CalibrationError(f"{len(views)} images show the board", expected=f"{LEAST_VIEWS} or more")
     given = sum(len(view.stripe) for view in views)
     views = _without_outliers(views, start)
-    sizes, rig, errors = _START.copy(), start, np.zeros((len(views), ERRORS))
-    covariance, corners, stripe, problem = np.eye(COUNT), np.zeros(0), np.zeros(0), BoardProblem(views)
+    log_variances, state = 2 * np.log(_START), _State(start, np.zeros((len(views), ERRORS)))
     for _ in range(_ROUNDS):
         problem = BoardProblem(views)
-        rig, errors = _adjusted(problem, rig, errors, sizes)
-        sizes, covariance = _variance_components(problem, rig, errors, sizes)
-        corners, stripe = problem.residuals(rig, errors)
+        state, is_settled = _adjusted(problem, state, log_variances)
+        moments = _moments(problem, state)
+        last = estimate(moments)
+        log_variances = last.log_variances
+        corners, stripe = problem.residuals(state.rig, state.errors)
         before, views = views, _kept(_with_good_corners(problem, corners), stripe, problem.stripe_view)
         if all(a.counts == b.counts for a, b in zip(before, views, strict=True)):
             break
-    return BoardCalibration(rig, covariance, sizes, errors, corners, stripe, problem, given - len(stripe))
+    if not is_settled:
+        raise CalibrationError(f"the calibration did not converge in {_STEPS} steps: check images and poses")
+    by_displacement = np.concatenate(moments.modes, -1)
+    displaced = left_out(moments, last, by_displacement, 6)
+    return BoardCalibration(state.rig, last, state.errors, corners, stripe, problem, given - len(stripe), displaced)
 
 
-def _adjusted(problem: BoardProblem, rig: Rig, errors: Array, sizes: Array) -> tuple[Rig, Array]:
-    """The rig and errors of the views with the least sum of squares."""
-    weight, prior = _weights(problem, sizes)
+def _adjusted(problem: BoardProblem, start: _State, log_variances: Array) -> tuple[_State, bool]:
+    """The rig and errors of the views with the least sum of squares, and whether the steps ended there."""
 
-    def split(x: Array) -> tuple[Rig, Array]:
-        return rig.moved(x[:COUNT]), x[COUNT:].reshape(-1, ERRORS)
+    def equations(at: _State) -> tuple[NormalEquations, Callable[[Array], _State]]:
+        squares = np.array([residual @ residual for residual in problem.residuals(at.rig, at.errors)])
+        normal, errors_after = equations_at(_moments(problem, at), squares, at.errors, log_variances)
+        return normal, lambda step: _State(at.rig.moved(step), errors_after(step))
 
-    def function(x: Array) -> Array:
-        return np.concatenate([np.concatenate(problem.residuals(*split(x))) * weight, x[COUNT:] * prior])
-
-    def jacobian(x: Array) -> Array:
-        # About the rig of x, a step of which is to first order one of the start.
-        own = problem.jacobian(*split(x)) * weight[:, None]
-        return np.vstack([own, np.hstack([np.zeros((len(prior), COUNT)), np.diag(prior)])])
-
-    for _ in range(_STEPS):
-        start = np.r_[np.zeros(COUNT), errors.ravel()]
-        # MINPACK: its own factorization waits for no other threads.
-        found = least_squares(function, start, jacobian, method="lm", x_scale="jac", max_nfev=_EVALUATIONS, ftol=1e-9)
-        rig, errors = split(found.x)
-        if np.abs(found.x - start).max() < _MOVED:
-            break
-    return rig, errors
+    _require_determined(equations(start)[0].information)
+    return minimise(equations, start, _STEPS, _SETTLED)
 
 
-def _weights(problem: BoardProblem, sizes: Array) -> tuple[Array, Array]:
-    """Of the residuals, and of the errors of all views."""
-    corners, stripe = (
-        np.full(len(of), 1.0 / size)
-        for of, size in zip((problem.corner_view, problem.stripe_view), sizes, strict=False)
-    )
-    per_view = 1.0 / np.repeat(sizes[2:], (3, 3, 2))
-    return np.r_[corners, stripe], np.tile(per_view, len(problem.views))
-
-
-def _variance_components(problem: BoardProblem, rig: Rig, errors: Array, sizes: Array) -> tuple[Array, Array]:
-    """Standard deviations of the errors by REML, and the covariance of the rig's unknowns; linearised at a solution."""
-    base, jacobian = np.concatenate(problem.residuals(rig, errors)), problem.jacobian(rig, errors)
-    x = np.r_[np.zeros(COUNT), errors.ravel()]
-    constant = base - jacobian @ x
-    corners = len(problem.corner_view)
-    groups = [slice(0, corners), slice(corners, len(base))]
-    squares = [jacobian[group].T @ jacobian[group] for group in groups]
-    gradients = [jacobian[group].T @ constant[group] for group in groups]
-    kinds = np.tile(np.repeat([0, 1, 2], (3, 3, 2)), len(errors))
-    # A view without a stripe tells nothing of its errors.
-    told = np.diag(squares[0] + squares[1])[COUNT:] > 0
-    covariance = np.eye(len(x))
-    for _ in range(_ESTIMATES):
-        prior = np.r_[np.zeros(COUNT), sizes[2:][kinds] ** -2.0]
-        information = squares[0] / sizes[0] ** 2 + squares[1] / sizes[1] ** 2 + np.diag(prior)
-        _require_determined(information)
-        covariance = np.linalg.inv(information)
-        x = -covariance @ (gradients[0] / sizes[0] ** 2 + gradients[1] / sizes[1] ** 2)
-        new = []
-        for group, square, gradient, size in zip(groups, squares, gradients, sizes, strict=False):
-            rest = constant[group] @ constant[group] + 2 * gradient @ x + x @ square @ x
-            spent = float(np.sum(square * covariance)) / size**2
-            new.append(np.sqrt(max(rest, 0.0) / max(group.stop - group.start - spent, 1.0)))
-        spread = x[COUNT:] ** 2 + np.diag(covariance)[COUNT:]
-        new += [np.sqrt(spread[told & (kinds == kind)].mean()) for kind in range(3)]
-        before, sizes = sizes, np.maximum(new, _LEAST)
-        if np.abs(np.log(sizes / before)).max() < _SETTLED:
-            break
-    return sizes, covariance[:COUNT, :COUNT]
+def _moments(problem: BoardProblem, at: _State) -> Moments:
+    """Regressors are the unknowns and the errors of a view, and the groups of measurements corners and stripe."""
+    by_rig, by_error = problem.derivatives(at.rig, at.errors)
+    views, width = len(problem.views), COUNT + ERRORS
+    second = np.zeros((2, views, width + 1, width + 1))
+    first = 0
+    for group, (residual, view) in enumerate(
+        zip(problem.residuals(at.rig, at.errors), (problem.corner_view, problem.stripe_view), strict=True)
+    ):
+        own = slice(first, first := first + len(residual))
+        without_errors = residual - np.sum(by_error[own] * at.errors[view], 1)
+        rows = np.column_stack([by_rig[own], by_error[own], without_errors])
+        for i in range(views):
+            second[group, i] = rows[view == i].T @ rows[view == i]
+    design, modes = np.broadcast_to(np.eye(width), (views, width, width)), (slice(0, 3), slice(3, 6), slice(6, 8))
+    of_views = -design[:, :, COUNT:]
+    count = np.array([len(problem.corner_view), len(problem.stripe_view)])
+    return Moments(second, design[:, :, :COUNT], tuple(of_views[:, :, own] for own in modes), count)
 
 
 def _require_determined(information: Array) -> None:
-    scale = np.sqrt(np.diag(information))
-    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
-    if values[0] < _LEAST_EIGENVALUE * values[-1]:
-        worst = np.argsort(-np.abs(vectors[:COUNT, 0]))[:3]
+    """Raise `CalibrationError` if a combination of unknowns has no information."""
+    for direction, _ in undetermined(information, np.zeros_like(information), np.inf):
+        worst = np.argsort(-np.abs(direction) * np.sqrt(np.diag(information)))[:3]
         raise CalibrationError(
             "the images do not determine "
             + ", ".join(NAMES[i] for i in worst)
-            + ": turn the camera about two axes, and"
-            " take images from different distances"
+            + ": turn the camera about two axes, and take images from different distances"
         )
 
 

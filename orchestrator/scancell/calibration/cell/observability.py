@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from scancell.calibration.cell.kinematics import LATENCY
-from scancell.calibration.cell.noise import Moments, normal_equations
 from scancell.calibration.cell.problem import CalibrationProblem, Direction, points_on_platter
 from scancell.calibration.least_squares import undetermined, without
+from scancell.calibration.variance_components import Moments, normal_equations
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
 
@@ -34,7 +32,7 @@ def determined_basis(moments: Moments, count: int) -> Array:
         return np.eye(unknowns)
     design = moments.design[:, :, count:]
     k = design.shape[1]
-    own = (design.swapaxes(1, 2) @ moments.second[:, :k, :k] @ design).sum(0)
+    own = (design.swapaxes(1, 2) @ moments.second.sum(0)[:, :k, :k] @ design).sum(0)
     values, vectors = np.linalg.eigh(own)
     seen = vectors[:, values > _SYMMETRY * values[-1]]
     basis = np.zeros((unknowns, count + seen.shape[1]))
@@ -50,7 +48,7 @@ def require_determined(problem: CalibrationProblem, moments: Moments, basis: Arr
     their extent: neither depends on frames, units or the number of points.
     """
     count, data = len(problem.free), problem.observations
-    information = normal_equations(replace(moments, design=moments.design @ basis), log_variances).information
+    information = normal_equations(moments.by_basis(basis), log_variances).information
     points = points_on_platter(data, problem.kinematics.poses(data.readings, problem.start))
     mean = np.zeros((len(data.readings), 6, 6))
     np.add.at(mean, data.frame, _displacement(points))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.calibration.cell.kinematics import LATENCY, UNIT, AxisReadings, CellKinematics, SensorPoses, written_unit
-from scancell.calibration.cell.left_out import LeftOut
+from scancell.calibration.left_out import LeftOut
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import ShapeGroup, ShapeMesh

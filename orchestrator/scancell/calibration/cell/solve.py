@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.calibration.cell.kinematics import LATENCY, UNIT, SensorPoses
-from scancell.calibration.cell.left_out import left_out
-from scancell.calibration.cell.noise import Estimate, Moments, equal_shares, equations_of, estimate, weighted_by
 from scancell.calibration.cell.observability import determined_basis, require_determined
 from scancell.calibration.cell.problem import MOST_OBLIQUE, CalibrationProblem, CalibrationResult, points_on_platter
 from scancell.calibration.least_squares import NormalEquations, minimise
+from scancell.calibration.left_out import left_out
+from scancell.calibration.variance_components import Estimate, Moments, equal_shares, equations_at, estimate
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
 
@@ -91,7 +91,7 @@ def moments_of(problem: CalibrationProblem) -> Moments:
     """
     state = _start(problem)
     _, moments, basis = _linearised(_assigned(problem, state), state)
-    return replace(moments, design=moments.design @ basis, modes=moments.modes[:-1])
+    return replace(moments.by_basis(basis), modes=moments.modes[:-1])
 
 
 def solve(problem: CalibrationProblem) -> CalibrationResult:
@@ -119,7 +119,7 @@ def solve(problem: CalibrationProblem) -> CalibrationResult:
         was_kept, kept = kept, np.abs(residuals.gap) < limit
         inner = replace(problem, observations=problem.observations.chosen(kept))
         found, moments, basis = _linearised(inner, state)
-        last = estimate(replace(moments, design=moments.design @ basis))
+        last = estimate(moments.by_basis(basis))
         change = np.abs(last.log_variances - log_variances).max()
         log_variances = last.log_variances
         if change < _SETTLED and np.array_equal(was_kept, kept):
@@ -276,16 +276,16 @@ def _moments(problem: CalibrationProblem, found: _Residuals, variance: Array) ->
     used = np.flatnonzero(np.isfinite(variance))
     rows, weight, frame = rows[used], 1.0 / variance[used], data.frame[used]
     n, k = len(data.readings), rows.shape[1] - 1
-    second = np.zeros((n, k + 1, k + 1))
+    second = np.zeros((1, n, k + 1, k + 1))
     order = np.argsort(frame, kind="stable")
     starts = np.flatnonzero(np.diff(frame[order], prepend=-1))
     for part, number in zip(np.split(order, starts[1:]), frame[order][starts], strict=True):
-        second[number] = (rows[part] * weight[part, None]).T @ rows[part]
+        second[0, number] = (rows[part] * weight[part, None]).T @ rows[part]
     moved, count = found.motion.shape[-1], len(sizes)
     design = np.zeros((n, k, moved + count))
     design[:, :6, :moved], design[:, _SHARED:, moved:] = found.motion, np.eye(count)
     modes = tuple(np.pad(mode, ((0, 0), (0, count), (0, 0))) for mode in found.modes)
-    return Moments(second, UNIT * design, modes, len(used))
+    return Moments(second, UNIT * design, modes, np.array([len(used)]))
 
 
 def _modes(problem: CalibrationProblem, poses: SensorPoses) -> tuple[Array, ...]:
@@ -336,18 +336,9 @@ def _fitted(
         moments = _moments(problem, found, variance)
         if len(log_variances) == 1:
             moments = replace(moments, modes=())
-        weighted = weighted_by(moments, log_variances)
-        inverse = np.exp(-log_variances[1:])[weighted.kind]
-        squares = float(np.sum(found.gap**2 / variance)) * np.exp(-log_variances[0])
-        if at.errors.shape[1]:
-            squares += float(np.sum(at.errors**2 * inverse))
-        normal = replace(equations_of(moments, weighted), squares=squares)
-
-        def moved(step: Array) -> _State:
-            rest = weighted.by_mode[:, :, -1] + weighted.by_mode[:, :, :-1] @ moments.design @ step
-            return replace(_moved(problem, at, step), errors=rest / np.sqrt(inverse))
-
-        return normal, moved
+        squares = np.array([np.sum(found.gap**2 / variance)])
+        normal, errors_after = equations_at(moments, squares, at.errors, log_variances)
+        return normal, lambda step: replace(_moved(problem, at, step), errors=errors_after(step))
 
     state, is_settled = minimise(equations, state, steps)
     if steps > 1 and not is_settled:
@@ -390,6 +381,10 @@ def _result(
     slopes = np.einsum("pi,kij,pj->kp", rows, last.slopes, rows)
     variances = np.einsum("pi,ij,pj->p", rows, last.covariance, rows)
     noise = np.exp(0.5 * last.log_variances)
+    moments = moments.by_basis(basis)
+    # A profile is displaced along y and z of the sensor, and offset along its normals.
+    by_displacement = np.zeros((len(found.motion), moments.design.shape[1], 3))
+    by_displacement[:, :3, :2], by_displacement[:, 6, 2] = found.poses.platter_from_sensor[:, :3, 1:3], 1.0
     return CalibrationResult(
         names=problem.free,
         values=np.array([state.deviations[name] for name in problem.free]),
@@ -404,5 +399,5 @@ def _result(
         noise_of_points=float(noise[0]),
         noise_of_robot=tuple(noise[1:-1].tolist()),
         noise_of_surface=float(noise[-1]) if len(noise) > 1 else 0.0,
-        left_out=left_out(replace(moments, design=moments.design @ basis), last, found.poses.platter_from_sensor),
+        left_out=left_out(moments, last, by_displacement, 2),
     )

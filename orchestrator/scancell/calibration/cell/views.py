@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.calibration.cell.kinematics import UNIT
-from scancell.calibration.cell.noise import informations
 from scancell.calibration.cell.problem import CalibrationProblem, measured_meshes
 from scancell.calibration.cell.solve import moments_of
+from scancell.calibration.variance_components import informations
 from scancell.errors import CalibrationError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh

@@ -1,18 +1,15 @@
-"""Linearised residuals of a sensor's calibration: distances of triangulated points from targets, corners in images.
-
-The targets' unknown poses are eliminated (variable projection): the rows of a mounting are projected on the complement
-of what a displacement of its targets can explain, which leaves a least-squares problem of the sensor's parameters.
-"""
+"""Linearised residuals of a sensor's calibration: distances of triangulated points from targets, corners in images."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
+from scancell.calibration.least_squares import NormalEquations
 from scancell.calibration.sensor.parameters import RADIUS_OFFSET, SensorParameters
 from scancell.calibration.sensor.problem import Corners, SensorProblem, TargetExposure
 from scancell.errors import CalibrationError
@@ -20,16 +17,13 @@ from scancell.geometry import pose
 from scancell.geometry.shapes import Plane, ShapeGroup, Sphere
 
 Array = NDArray[np.float64]
+Rows = NDArray[np.bool_]
 
 _STEP = 1e-3  # of a parameter's tolerance: half the interval of difference quotients
 _ROW_STEP = 0.01  # px
 _POINT_STEP = 1e-6  # m
 # Where the line of sight grazes the surface, row noise moves the point along it, and its distance would seem exact.
 _LEAST_INCIDENCE = 0.2
-Rows = NDArray[np.bool_]
-
-_RANK = 1e-9  # relative singular value below which a target's symmetry leaves a displacement undetermined
-_SCALES = np.array([0.01, 0.01, 0.01, 1e-3, 1e-3, 1e-3])  # rad, m
 
 
 @dataclass(frozen=True)
@@ -46,8 +40,8 @@ class Block:
 
     Attributes
     ----------
-    residual
-        (n,)
+    residual, deviation
+        (n,) residuals, and their standard deviations in m or px.
     by_parameter
         (n, k) derivative by the free parameters, per tolerance.
     by_pose
@@ -64,6 +58,7 @@ class Block:
     """
 
     residual: Array
+    deviation: Array
     by_parameter: Array
     by_pose: Array
     distance: Array
@@ -75,6 +70,21 @@ class Block:
     def joined(cls, blocks: list[Block]) -> Block:
         """Of blocks of one mounting."""
         return cls(*(np.concatenate([getattr(block, one.name) for block in blocks]) for one in fields(cls)))
+
+    def chosen(self, rows: Rows) -> Block:
+        """Some of the residuals."""
+        return Block(*(getattr(self, one.name)[rows] for one in fields(Block)))
+
+    def with_deviations_of(self, other: Block) -> Block:
+        """The residuals in the standard deviations of another block of the same measurements."""
+        ratio = self.deviation / other.deviation
+        return replace(
+            self,
+            residual=self.residual * ratio,
+            deviation=other.deviation,
+            by_parameter=self.by_parameter * ratio[:, None],
+            by_pose=self.by_pose * ratio[:, None],
+        )
 
 
 class Equations:
@@ -132,6 +142,7 @@ class Equations:
         deviation = sigma * np.maximum(np.abs(np.sum(normal * per_row, 1)), least)
         return Block(
             distance / deviation,
+            deviation,
             by_parameter / deviation[:, None],
             _unless_known(by_pose / deviation[:, None], exposure),
             distance,
@@ -167,6 +178,7 @@ class Equations:
         count = residual.size
         return Block(
             residual.reshape(count) / corners.sigma,
+            np.full(count, corners.sigma),
             by_parameter.reshape(count, -1) / corners.sigma,
             _unless_known(by_pose.reshape(count, 6) / corners.sigma, exposure),
             np.full(count, np.nan),
@@ -214,53 +226,15 @@ def _by_camera(camera: NDArray[np.int32], rows: Array, width: int, call: Callabl
     return result
 
 
-@dataclass(frozen=True)
-class Reduced:
-    """Residuals (n,) and their derivative (n, k), per tolerance, and the number of displacements eliminated."""
-
-    residual: Array
-    by_parameter: Array
-    eliminated: int
-
-    @property
-    def degrees_of_freedom(self) -> int:
-        """Number of residuals less that of the unknowns."""
-        return int(self.residual.size) - int(self.by_parameter.shape[1]) - self.eliminated
-
-    @property
-    def covariance(self) -> Array:
-        """(k, k) in units of the tolerances, of the stated noise."""
-        return np.asarray(np.linalg.pinv(self.by_parameter.T @ self.by_parameter, hermitian=True))
-
-
-def reduced(blocks: Sequence[Block]) -> Reduced:
-    """The least-squares problem of the parameters alone."""
-    bases = [_basis(block)[0] for block in blocks]
-    pairs = list(zip(blocks, bases, strict=True))
-    return Reduced(
-        np.concatenate([block.residual - basis @ (basis.T @ block.residual) for block, basis in pairs]),
-        np.concatenate([block.by_parameter - basis @ (basis.T @ block.by_parameter) for block, basis in pairs]),
-        sum(basis.shape[1] for basis in bases),
-    )
-
-
-def pose_step(block: Block, parameter_step: Array) -> Array:
-    """Displacement (6,), or (0,) for known poses, that goes with a step (k,) of the parameters, per tolerance."""
-    u, s, vt = _basis(block)
-    step = vt.T @ ((u.T @ -(block.residual + block.by_parameter @ parameter_step)) / s)
-    return np.asarray(step * _SCALES[: len(step)])
-
-
-def chosen(blocks: Sequence[Block], kept: Sequence[Rows]) -> list[Block]:
-    """The rows of each block that are kept."""
-    return [
-        Block(*(getattr(block, one.name)[rows] for one in fields(Block)))
-        for block, rows in zip(blocks, kept, strict=True)
-    ]
-
-
-def _basis(block: Block) -> tuple[Array, Array, Array]:
-    """Singular value decomposition of the scaled derivative by the pose, without undetermined displacements."""
-    u, s, vt = np.linalg.svd(block.by_pose * _SCALES[: block.by_pose.shape[1]], full_matrices=False)
-    rank = int((s > _RANK * s.max(initial=0.0)).sum())
-    return u[:, :rank], s[:rank], vt[:rank]
+def normal_equations(blocks: Sequence[Block]) -> NormalEquations:
+    """Those of the parameters, in tolerances, and of the displacement (rad, m) of each mounting after the other."""
+    parameters = blocks[0].by_parameter.shape[1]
+    ends = np.cumsum([parameters, *(block.by_pose.shape[1] for block in blocks)])
+    information, gradient, squares = np.zeros((ends[-1], ends[-1])), np.zeros(ends[-1]), 0.0
+    for block, first, end in zip(blocks, ends, ends[1:], strict=False):
+        own = np.r_[0:parameters, first:end]
+        rows = np.hstack([block.by_parameter, block.by_pose])
+        information[np.ix_(own, own)] += rows.T @ rows
+        gradient[own] -= rows.T @ block.residual
+        squares += float(block.residual @ block.residual)
+    return NormalEquations(information, gradient, squares, squares)

@@ -1,18 +1,19 @@
 """Calibration of a sensor's cameras and laser sheet from targets of known shape: `solve`.
 
-One weighted least squares over all free parameters of the description and the unknown poses of the targets
-(Gauss-Newton), from which the poses are eliminated (`reduced`); and which directions of the parameters it determines.
+One weighted least squares over all free parameters of the description and the unknown poses of the targets, and which
+directions of the parameters it determines.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.calibration.sensor.equations import Block, Equations, Rows, State, chosen, pose_step, reduced
+from scancell.calibration.least_squares import NormalEquations, minimise, undetermined, without
+from scancell.calibration.sensor.equations import Block, Equations, Rows, State, normal_equations
 from scancell.calibration.sensor.parameters import RADIUS_OFFSET, SensorParameters
 from scancell.calibration.sensor.problem import SensorProblem
 from scancell.config.sensor import SensorDescription
@@ -27,37 +28,32 @@ _NAMED = 0.3  # share of the largest component from which a parameter is named
 _DEPTH_SHARE = 0.4  # of the measuring range
 _ONE_DIRECTION = 0.05  # standard deviation of normals across their mean
 
-_ITERATIONS = 40
-_SETTLED = 1e-3  # of a parameter's standard deviation
-_HALVINGS = 8  # of a step that does not lower the residuals
-_COST_TOLERANCE = 1e-3  # weights follow the geometry, so that the sum of squares may rise a little at the solution
+_STEPS = 60
+_SETTLED = 1e-6  # of a parameter's tolerance: change of all weights
+_BARRED = 1e-2  # decrease of the sum of squares beyond the bounds of the description, which does not count
 _OUTLIER = 5.0  # standard deviations
 _RUN = 64  # points whose errors may be correlated
 _ROUNDS = 4  # of discarding outliers
 
 
-def require_observable(sensor: SensorDescription, parameters: SensorParameters, blocks: Sequence[Block]) -> Array:
-    """Standard deviations (k,) along the principal directions of the parameters, in tolerances, descending.
+def require_determined(sensor: SensorDescription, parameters: SensorParameters, blocks: Sequence[Block]) -> Array:
+    """Information (k, k) on the parameters, in tolerances, the displacements of mountings eliminated.
 
-    Raises `CalibrationError` if one of them exceeds 1; the message names the direction and what is missing.
+    Raises `CalibrationError` if the standard deviation along a direction exceeds the tolerances; the message names the
+    direction and what is missing.
     """
-    system = reduced(blocks)
-    _, singular, directions = np.linalg.svd(
-        system.by_parameter, full_matrices=len(system.residual) < len(parameters.names)
-    )
-    singular = np.concatenate([singular, np.zeros(len(parameters.names) - len(singular))])
-    with np.errstate(divide="ignore"):
-        deviations = 1.0 / np.abs(singular)  # LAPACK gives -0.0, too
-    weak = deviations > _LIMIT
-    if weak.any():
-        lines = [_text(parameters, *pair) for pair in zip(directions[weak], deviations[weak], strict=True)]
-        missing = "; ".join(_missing(sensor, parameters, blocks, directions[weak]))
+    count = len(parameters.names)
+    information = without(normal_equations(blocks).information, count)
+    weak = undetermined(information, np.eye(count), _LIMIT)
+    if weak:
+        lines = [_text(parameters, *one) for one in weak]
+        missing = "; ".join(_missing(sensor, parameters, blocks, np.array([direction for direction, _ in weak])))
         raise CalibrationError(
             "the measurements do not determine all free parameters of the sensor. Undetermined:\n  "
             + "\n  ".join(lines)
             + f"\nMissing: {missing}"
         )
-    return np.asarray(deviations[::-1])
+    return information
 
 
 def _text(parameters: SensorParameters, direction: Array, deviation: float) -> str:
@@ -165,67 +161,65 @@ def solve(problem: SensorProblem) -> SensorCalibration:
     state = State(parameters.start_values, {mounting: np.eye(4) for mounting in equations.mountings})
     blocks = equations.blocks(state)
     kept = [np.isfinite(block.residual) for block in blocks]
-    require_observable(problem.sensor, parameters, chosen(blocks, kept))
+    require_determined(problem.sensor, parameters, _chosen(blocks, kept))
     for _ in range(_ROUNDS):
-        state, blocks = _converged(equations, parameters, state, blocks, kept)
-        before, kept = kept, _without_outliers(blocks)
-        if all((a == b).all() for a, b in zip(before, kept, strict=True)):
+        before = state
+        state = _adjusted(equations, parameters, state, blocks, kept)
+        blocks = equations.blocks(state)
+        was_kept, kept = kept, _without_outliers(blocks)
+        moved = np.abs(state.values - before.values) / parameters.scales
+        if moved.max(initial=0.0) < _SETTLED and all((a == b).all() for a, b in zip(was_kept, kept, strict=True)):
             break
-    used = chosen(blocks, kept)
-    directions = require_observable(problem.sensor, parameters, used)
-    return _result(parameters, state, used, sum(int((~rows).sum()) for rows in kept), directions)
+    used = _chosen(blocks, kept)
+    information = require_determined(problem.sensor, parameters, used)
+    return _result(parameters, state, used, sum(int((~rows).sum()) for rows in kept), information)
 
 
-def _converged(
-    equations: Equations, parameters: SensorParameters, state: State, blocks: list[Block], kept: list[Rows]
-) -> tuple[State, list[Block]]:
-    """The state after Gauss-Newton steps with the residuals `kept`, and its blocks with all residuals."""
-    for _ in range(_ITERATIONS):
-        used = chosen(blocks, kept)
-        system = reduced(used)
-        if system.degrees_of_freedom <= 0:
-            unknowns = len(system.residual) - system.degrees_of_freedom
-            raise CalibrationError(f"{len(system.residual)} residuals for {unknowns} unknowns: take more exposures")
-        step: Array = np.linalg.lstsq(system.by_parameter, -system.residual, rcond=None)[0].astype(float)
-        state, blocks = _improved(equations, parameters, state, used, step, kept)
-        if np.abs(step / np.sqrt(np.diag(system.covariance))).max(initial=0.0) < _SETTLED:
-            return state, blocks
-    raise CalibrationError(f"the calibration did not converge in {_ITERATIONS} iterations: check start and poses")
+def _adjusted(
+    equations: Equations, parameters: SensorParameters, start: State, blocks: list[Block], kept: list[Rows]
+) -> State:
+    """The state of the least sum of squares of the residuals `kept`, in their standard deviations at the start.
 
+    If these followed the geometry, they would lower the sum by steps to oblique views.
+    """
+    first = normal_equations(_chosen(blocks, kept))
+    residuals = sum(int(rows.sum()) for rows in kept)
+    if residuals <= first.rank:
+        raise CalibrationError(f"{residuals} residuals for {first.rank} unknowns: take more exposures")
+    left: list[CalibrationError] = []  # the bounds of the description
 
-def _improved(
-    equations: Equations, parameters: SensorParameters, state: State, used: list[Block], step: Array, kept: list[Rows]
-) -> tuple[State, list[Block]]:
-    """The state after the largest of the steps 1, 1/2, 1/4, … (of `step`, per tolerance) that lowers the residuals."""
-    before = _cost(used)
-    for halvings in range(_HALVINGS):
-        part = step * 0.5**halvings
-        moved = State(state.values + part * parameters.scales, state.displacement)
-        moved = _displaced(equations, moved, [pose_step(block, part) for block in used])
+    def linearised(at: State) -> tuple[NormalEquations, Callable[[Array], State]]:
         try:
-            blocks = equations.blocks(moved)
-        except CalibrationError:  # outside the bounds of the description
-            if halvings + 1 == _HALVINGS:
-                raise
-            continue
-        if _cost(chosen(blocks, kept)) <= before * (1.0 + _COST_TOLERANCE):
-            return moved, blocks
-    raise CalibrationError("the calibration finds no better solution near its start: check target, poses and start")
+            found = equations.blocks(at)
+        except CalibrationError as error:
+            left.append(error)
+            return replace(first, squares=np.inf), lambda _: at
+        weighted = [one.with_deviations_of(before) for one, before in zip(found, blocks, strict=True)]
+        used = _chosen(weighted, kept)
+        return normal_equations(used), lambda step: _moved(equations, parameters, at, used, step)
+
+    state, is_settled = minimise(linearised, start, _STEPS)
+    if left and linearised(state)[0].step()[1] > _BARRED:
+        raise left[-1]
+    if not is_settled:
+        raise CalibrationError(f"the calibration did not converge in {_STEPS} steps: check start and poses")
+    return state
 
 
-def _cost(blocks: list[Block]) -> float:
-    return float(sum(block.residual @ block.residual for block in blocks))
+def _chosen(blocks: list[Block], kept: list[Rows]) -> list[Block]:
+    return [block.chosen(rows) for block, rows in zip(blocks, kept, strict=True)]
 
 
-def _displaced(equations: Equations, state: State, steps: list[Array]) -> State:
-    """Mountings after the displacement steps, (6,) or (0,) where the pose is known."""
-    centre = pose.translation(equations.centre)
+def _moved(equations: Equations, parameters: SensorParameters, state: State, blocks: list[Block], step: Array) -> State:
+    """The state after a step (k + displacements,) of the parameters, in tolerances, and of mountings."""
+    count, centre = len(parameters.names), pose.translation(equations.centre)
     displacement = dict(state.displacement)
-    for mounting, step in zip(equations.mountings, steps, strict=True):
-        if len(step):
-            about = pose.from_rotation(pose.exp_rotation(step[:3]), step[3:])
+    for mounting, block in zip(equations.mountings, blocks, strict=True):
+        if block.by_pose.shape[1]:
+            own, count = step[count : count + 6], count + 6
+            about = pose.from_rotation(pose.exp_rotation(own[:3]), own[3:])
             displacement[mounting] = centre @ about @ pose.inverse(centre) @ displacement[mounting]
-    return State(state.values, displacement)
+    return State(state.values + step[: len(parameters.names)] * parameters.scales, displacement)
 
 
 def _without_outliers(blocks: list[Block]) -> list[Rows]:
@@ -236,10 +230,11 @@ def _without_outliers(blocks: list[Block]) -> list[Rows]:
 
 
 def _result(
-    parameters: SensorParameters, state: State, used: list[Block], discarded: int, directions: Array
+    parameters: SensorParameters, state: State, used: list[Block], discarded: int, information: Array
 ) -> SensorCalibration:
-    system = reduced(used)
-    chi_square = float(system.residual @ system.residual) / system.degrees_of_freedom
+    equations = normal_equations(used)
+    residuals = sum(len(block.residual) for block in used)
+    chi_square = equations.squares / (residuals - equations.rank)
     distances = np.concatenate([block.distance for block in used])
     of_stripes = np.isfinite(distances)
     scale = max(1.0, chi_square, _run_variance(used))
@@ -247,15 +242,15 @@ def _result(
         parameters.description(state.values),
         parameters.names,
         state.values,
-        system.covariance * np.outer(parameters.scales, parameters.scales) * scale,
+        np.asarray(np.linalg.inv(information) * np.outer(parameters.scales, parameters.scales) * scale, float),
         state.displacement,
         distances[of_stripes],
         np.concatenate([block.exposure for block in used])[of_stripes],
         chi_square,
         scale,
-        len(system.residual),
+        residuals,
         discarded,
-        directions,
+        1.0 / np.sqrt(np.linalg.eigvalsh(information)),
     )
 
 
