@@ -2,8 +2,8 @@
 
     PYTHONPATH=tests python -m bench.file_mutants OUT.json --judge /venv/bin/python --count 20000
 
-The interpreter of `--judge` has pypcd4 (PCD), NumPy (text) and Open3D (meshes of STL, OBJ and PLY files); without it
-only the own readers are judged: a cloud becomes points whose number and dropped records make its records, a mesh finite
+The interpreter of `--judge` has pypcd4 (PCD), NumPy (text), Open3D (meshes of STL and OBJ files) and trimesh (PLY, of
+which many files end Open3D by overflows); without it only the own readers are judged: a cloud becomes points whose number and dropped records make its records, a mesh finite
 vertices and faces of them, or the file is refused by name; nothing else is raised, and NumPy warns of nothing. Where
 both read a file, numbers of records and sums of coordinates, or numbers and areas of triangles, are compared.
 """
@@ -47,10 +47,19 @@ def mesh(path):
     if not found.triangles:
         raise ValueError("no triangles")
     return [len(found.triangles), found.get_surface_area()]
+def ply(path):
+    import trimesh
+    found = trimesh.load(path, process=False, force="mesh")
+    if not len(found.faces):
+        raise ValueError("no triangles")
+    return [len(found.faces), float(found.area)]
 for line in sys.stdin:
     path = line.strip()
     try:
-        if path[-3:] in ("stl", "obj", "ply"):
+        if path.endswith("ply"):
+            print(json.dumps(ply(path)), flush=True)
+            continue
+        if path[-3:] in ("stl", "obj"):
             print(json.dumps(mesh(path)), flush=True)
             continue
         points = np.asarray({"pcd": pcd, "xyz": xyz}[path[-3:]](path), float)

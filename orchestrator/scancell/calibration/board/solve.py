@@ -178,7 +178,7 @@ def solve(views: Sequence[BoardView], start: Rig) -> BoardCalibration:
         log_variances = last.log_variances
         corners, stripe = problem.residuals(state.rig, state.errors)
         before, views = views, _kept(_with_good_corners(problem, corners), stripe, problem.stripe_view)
-        if all(a.counts == b.counts for a, b in zip(before, views, strict=True)):
+        if is_settled and all(a.counts == b.counts for a, b in zip(before, views, strict=True)):
             break
     if not is_settled:
         raise CalibrationError(f"the calibration did not converge in {_STEPS} steps: check images and poses")
