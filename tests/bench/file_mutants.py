@@ -3,9 +3,10 @@
     PYTHONPATH=tests python -m bench.file_mutants OUT.json --judge /venv/bin/python --count 20000
 
 The interpreter of `--judge` has pypcd4 (PCD), NumPy (text), Open3D (meshes of STL and OBJ files) and trimesh (PLY, of
-which many files end Open3D by overflows); without it only the own readers are judged: a cloud becomes points whose number and dropped records make its records, a mesh finite
-vertices and faces of them, or the file is refused by name; nothing else is raised, and NumPy warns of nothing. Where
-both read a file, numbers of records and sums of coordinates, or numbers and areas of triangles, are compared.
+which many files end Open3D by overflows); without it only the own readers are judged: a cloud becomes points whose
+number and dropped records make its records, a mesh finite vertices and faces of them, or the file is refused by name;
+nothing else is raised, and NumPy warns of nothing. Where both read a file, numbers of records and sums of coordinates,
+or numbers and areas of triangles, are compared.
 """
 
 from __future__ import annotations
