@@ -177,6 +177,20 @@ def test_stripe_along_rows_is_found_as_well(recording) -> None:
     assert np.abs(back[:, 0] - slope * back[:, 1] - offset).max() < 0.6
 
 
+def test_stripe_that_goes_on_beside_the_board_is_cut_there(recording) -> None:
+    """On another surface it lies in a line of its own."""
+    image = recording.images[0].copy()
+    pixels = BOARD.find(image)
+    stripe = read_stripe(image, pixels)
+    beyond = int(np.quantile(stripe[:, 1], 0.8))
+    image[beyond:] = np.roll(image[beyond:], 28, axis=1)
+    found = read_stripe(image, pixels)
+    slope, offset = np.polyfit(stripe[:, 1], stripe[:, 0], 1)
+    assert len(found) > 0.7 * len(stripe)
+    assert np.abs(found[:, 0] - slope * found[:, 1] - offset).max() < 5.0
+    assert found[:, 1].max() <= beyond + 2
+
+
 def read_stripe(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     from scancell.calibration.board.views import find_stripe  # noqa: PLC0415
 

@@ -257,14 +257,13 @@ def _on_board(points: Array, board: Board, pixels: Array) -> Array:
 
 def _on_line(points: Array) -> Array:
     """Those near the line that most of them lie on."""
-    kept = np.ones(len(points), bool)
-    for _ in range(20):
-        if kept.sum() < _LEAST_STRIPE:
-            return points[:0]
-        middle = np.median(points[kept], axis=0)
-        axes = np.linalg.svd(points[kept] - points[kept].mean(0), full_matrices=False)[2]
-        away = np.abs((points - middle) @ axes[1])
-        before, kept = kept, away < max(_OFF_LINE, 5.0 * float(np.median(away[kept])))
-        if (before == kept).all():
-            break
-    return np.asarray(points[kept])
+    if len(points) < _LEAST_STRIPE:
+        return points[:0]
+    from scipy.stats import siegelslopes  # noqa: PLC0415  (half a second)
+
+    # Repeated medians: the stripe may go on beside the board's plane, in a line of its own.
+    along, across = ((points - points.mean(0)) @ np.linalg.svd(points - points.mean(0), full_matrices=False)[2].T).T
+    line = siegelslopes(across, along)
+    away = np.abs(across - (line.slope * along + line.intercept))
+    kept = away < max(_OFF_LINE, 5.0 * float(np.median(away)))
+    return np.asarray(points[kept] if kept.sum() >= _LEAST_STRIPE else points[:0])
