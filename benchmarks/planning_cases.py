@@ -36,7 +36,7 @@ from scancell.planning.path_map.ray_shooting import shoot
 from scancell.planning.path_map.table_motion import Lattice
 from scancell.planning.views.sensor_paths import SensorPath, sensor_paths
 from scancell.proximity.judge import Judge
-from scancell.scanning.sense import make_sensors
+from scancell.scanning.world import make_sensors
 
 Array = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ from scancell.calibration.measured_table import write_measured_table
 from scancell.config.loading import load_setup
 from scancell.config.sensor import SensorDescription
 from scancell.geometry import pose
-from scancell.scanning.sense import make_sensor
+from scancell.scanning.world import make_sensor
 
 Array = NDArray[np.float64]
 

@@ -65,7 +65,7 @@ COMPARE_WITH_TRUTH = {
     *("calibration/report.py", "calibration/cell/report.py", "calibration/cell/request.py"),
     *("calibration/sensor/report.py", "calibration/sensor/simulated.py"),
 }
-# Objects that hold as-built values: `LoadedCell.true`, `Sensors.true`, `ScanSession.true`, `world_from_part_true`.
+# Objects that hold as-built values: `World.true`, `Sensors.true`, `ScanSession.true`, `world_from_part_true`.
 AS_BUILT = re.compile(r"(?:^|_)true(?:_|$)")
 
 # What each folder of sensor_rt may include besides itself.
@@ -156,7 +156,7 @@ def docstrings(tree: ast.AST) -> set[int]:
 
 
 def truth_violations(package: Path) -> list[str]:
-    """Names and strings that mention truth, ``"truth.q[1]"``, and names of as-built values, ``loaded.true``."""
+    """Names and strings that mention truth, ``"truth.q[1]"``, and names of as-built values, ``world.true``."""
     found = []
     for name, path, tree in python_files(package):
         if name in MAY_USE_TRUTH or name == "__init__":
@@ -230,7 +230,7 @@ def test_scanning_alone_composes_scans() -> None:
 
 def test_planted_composition_is_found(tmp_path: Path) -> None:
     (tmp_path / "studies").mkdir()
-    (tmp_path / "studies" / "trial.py").write_text("recording = self.pipeline.drive(request, plan, progress)\n")
+    (tmp_path / "studies" / "trial.py").write_text("recording = self.pipeline.drive(world, plan, progress)\n")
     assert len(composing_scans(tmp_path)) == 1
 
 
@@ -281,7 +281,7 @@ def test_planted_import_is_found(tmp_path: Path, file: str, line: str) -> None:
         'value = session.value("truth.q[1]")',
         'columns = f"trigger.truth.{frame}"',
         "from scancell.cell.recording import ExposureTruth",
-        "bodies = loaded.true.bodies",
+        "bodies = world.true.bodies",
         "image = render(sensors.true)",
         "cell = session.true",
         "sensors = replace(sensors, true=sensor)",

@@ -23,7 +23,7 @@ from scancell.geometry import pose
 from scancell.geometry.chain import Chain
 from scancell.geometry.shapes import Box, Cylinder, PlacedShape, ShapeGroup, Sphere
 from scancell.planning.path_map.path_planner import PathPlanner
-from scancell.scanning.sense import make_sensor
+from scancell.scanning.world import make_sensor
 from scancell.sensor import PEAK_REJECTED, extract
 
 _STEP = 1e-4  # of an unknown in the units of the solution

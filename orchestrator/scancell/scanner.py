@@ -44,12 +44,13 @@ from scancell.progress import Progress, ProgressCallback, as_progress
 from scancell.results import ScanResult, ShotResult
 from scancell.scanning.drive import FmuRunner, PreScanHook
 from scancell.scanning.guard import guard_of
-from scancell.scanning.pipeline import Job, ScanPipeline
+from scancell.scanning.pipeline import ScanPipeline
 from scancell.scanning.scan import Scan
-from scancell.scanning.sense import OnImages, make_sensors
+from scancell.scanning.sense import OnImages
 from scancell.scanning.session import ScanSession
 from scancell.scanning.single_exposure import take_shot
 from scancell.scanning.survey import Survey, SurveyRegion, SurveyResult
+from scancell.scanning.world import World, make_sensors
 from scancell.stopwatch import Stopwatch
 
 
@@ -190,12 +191,12 @@ class Scanner(Closing):
         reporter, watch = as_progress(progress), Stopwatch()
         with watch.measure("load"):
             reporter.stage("loading", 1, "cell")
-            job = self._job(part, unit, as_built, seed, setup, estimated_sensor, estimated)
+            world = self._world(part, unit, as_built, seed, setup, estimated_sensor, estimated)
             reporter.advance(1)
         saved = Plan.load(plan) if isinstance(plan, str | Path) else plan
         # Descriptions of this scan alone are not checked again.
         warnings = self.setup_warnings if setup is None else ()
-        scan = Scan(self.pipeline, job, engine, on_images, warnings, normals, samples)
+        scan = Scan(self.pipeline, world, engine, on_images, warnings, normals, samples)
         return ScanResult.of(scan.run(saved, reporter, watch, hook))
 
     @checked_arguments
@@ -224,12 +225,12 @@ class Scanner(Closing):
         require_sensor_words(assignments(as_built), "the recording states what the cell did")
         watch = Stopwatch()
         with watch.measure("load"):
-            job = self._job(part, unit, as_built, seed, None, estimated_sensor, estimated)
+            world = self._world(part, unit, as_built, seed, None, estimated_sensor, estimated)
             if not isinstance(recording, Recording):
-                job = replace(job, recording_file=Path(recording))
+                world = replace(world, recording_file=Path(recording))
                 recording = read_recording(Path(recording))
-            recording.measured.require_joints(len(job.setup.cell.robot.joint))
-        scan = Scan(self.pipeline, job, engine, on_images, self.setup_warnings)
+            recording.measured.require_joints(len(world.setup.cell.robot.joint))
+        scan = Scan(self.pipeline, world, engine, on_images, self.setup_warnings)
         return ScanResult.of(scan.of_recording(recording, None, as_progress(progress), watch))
 
     @checked_arguments
@@ -258,7 +259,7 @@ class Scanner(Closing):
             Naming the poses that cannot be reached, which bodies collide, or what was reached when
             ``scan.max_planning_work`` was used up.
         """
-        scan = Scan(self.pipeline, self._job(part, unit, setup=setup), "geometric")
+        scan = Scan(self.pipeline, self._world(part, unit, setup=setup), "geometric")
         return scan.plan(as_progress(progress), quality_factors=quality_factors)
 
     @checked_arguments
@@ -299,10 +300,10 @@ class Scanner(Closing):
         ScancellError
             Naming what is wrong and what was expected.
         """
-        job = self._job(part, unit, as_built, seed)
-        radius = job.loaded.nominal.table_radius + 0.05 if radius is None else radius
+        world = self._world(part, unit, as_built, seed)
+        radius = world.nominal.table_radius + 0.05 if radius is None else radius
         region = SurveyRegion(radius, height, voxel, pitch, inflation)
-        survey = Survey(job.setup, job.loaded, job.sensors, self.pipeline, region, seed, job.as_built)
+        survey = Survey(world, self.pipeline, region)
         return survey.run(as_progress(progress))
 
     @checked_arguments
@@ -365,12 +366,12 @@ class Scanner(Closing):
         >>> profile.points_in_base.shape[1]
         3
         """
-        job = self._job(part, unit, as_built, seed)
-        mesh = None if part is None else job.loaded.nominal.part
-        guard = guard_of(job.setup.cell, mesh, job.setup.scan) if guarded else None
+        world = self._world(part, unit, as_built, seed)
+        mesh = None if part is None else world.nominal.part
+        guard = guard_of(world.setup.cell, mesh, world.setup.scan) if guarded else None
         with FmuRunner() as runner:
-            instance = runner.start(job.drive_request(collision_outputs=True))
-            yield ScanSession(instance, job, self.pipeline, guard)
+            instance = runner.start(world, collision_outputs=True)
+            yield ScanSession(instance, world, self.pipeline, guard)
 
     @checked_arguments
     def shot(
@@ -397,8 +398,8 @@ class Scanner(Closing):
             Naming what is wrong and what was expected; only deviations of the sensor are accepted.
         """
         require_sensor_words(assignments(as_built), "a shot is taken from a given pose, without the robot's errors")
-        job = self._job(part, unit, as_built, seed)
-        return ShotResult.of(take_shot(job, part_from_sensor, engine, self.pipeline.threads))
+        world = self._world(part, unit, as_built, seed)
+        return ShotResult.of(take_shot(world, part_from_sensor, engine, self.pipeline.threads))
 
     @checked_arguments
     def calibrate(
@@ -456,15 +457,15 @@ class Scanner(Closing):
         """
         wanted = CalibrationRequest(request) if isinstance(request, str) else request
         part = assets_dir() / wanted.artefact if artefact is None else artefact
-        job = self._job(part, unit, as_built, seed, setup)
-        scan = self._calibration_scan(self._job(part, unit, setup=setup), wanted)
+        world = self._world(part, unit, as_built, seed, setup)
+        scan = self._calibration_scan(self._world(part, unit, setup=setup), wanted)
         if from_points is not None:
             poses = None if flange is None else Path(flange)
-            return calibrate_from_points(scan, job, wanted, Path(from_points), poses, convention, table_format)
+            return calibrate_from_points(scan, world, wanted, Path(from_points), poses, convention, table_format)
         for key, given in (("flange", flange), ("convention", convention), ("table_format", table_format)):
             if given is not None:
                 raise DescriptionError("applies to `from_points` alone", key=key)
-        return calibrate_in_cell(scan, job, wanted, engine, as_progress(progress))
+        return calibrate_in_cell(scan, world, wanted, engine, as_progress(progress))
 
     @checked_arguments
     def calibrate_sensor(
@@ -514,7 +515,7 @@ class Scanner(Closing):
         self._pipeline = None
         self._parts.clear()
 
-    def _job(
+    def _world(
         self,
         part: str | Path | Mesh | None,
         unit: str,
@@ -523,7 +524,7 @@ class Scanner(Closing):
         setup: Setup | None = None,
         estimated_sensor: SensorDescription | None = None,
         estimated: EstimatedDescription | None = None,
-    ) -> Job:
+    ) -> World:
         """The part, or an empty table, in the scanner's cell or in that of `setup`, as it is `estimated`."""
         setup, words = setup or self.setup, tuple(assignments(as_built))
         if estimated is not None:
@@ -532,18 +533,19 @@ class Scanner(Closing):
             raise DescriptionError(
                 "there is no part", key="part.fixture", value="free", expected='its mesh, or "clamped"'
             )
-        loaded = self.pipeline.load(setup.cell, None if part is None else self.load_part(part, unit))
-        sensors = make_sensors(setup.sensor, words, seed, estimated_sensor)
+        mesh = None if part is None else self.load_part(part, unit)
         file = Path(part) if isinstance(part, str | Path) else None
-        return Job(setup, loaded, sensors, words, seed, file, unit, estimated_sensor=estimated_sensor)
+        return self.pipeline.load(
+            setup, mesh, as_built=words, seed=seed, part_file=file, unit=unit, estimated_sensor=estimated_sensor
+        )
 
-    def _calibration_scan(self, nominal: Job, request: CalibrationRequest) -> CalibrationScan:
+    def _calibration_scan(self, nominal: World, request: CalibrationRequest) -> CalibrationScan:
         """The one made last, whose plan is kept, where it is for the same cell and request."""
         kept, options = self._calibration, request.options
         if (
             kept is None
-            or kept.job.loaded is not nominal.loaded
-            or (kept.job.setup, kept.options) != (nominal.setup, options)
+            or kept.world.scene is not nominal.scene
+            or (kept.world.setup, kept.options) != (nominal.setup, options)
         ):
             kept = self._calibration = CalibrationScan(self.pipeline, nominal, options, start_of(nominal.setup))
         return kept

@@ -347,7 +347,7 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
             Target(
                 "ScanSession",
                 scancell.ScanSession,
-                {"instance": instance, "job": session.job, "pipeline": session.pipeline, "guard": None},
+                {"instance": instance, "world": session.world, "pipeline": session.pipeline, "guard": None},
             ),
             Target("SignalLog", scancell.SignalLog, {"cell": instance, "reals": ["measured.table"], "booleans": ()}),
             Target("Robot", scancell.Robot, {"session": session, "engine": "geometric", "folder": Path()}),

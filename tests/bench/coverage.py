@@ -64,7 +64,7 @@ def chosen_and_passes(part: Path, share: float = 0.99) -> tuple[Row, Row]:
 
 def _scan(part: Path, way: str, settings: dict[str, float | int | str | bool]) -> Row:
     with Scanner(settings=settings) as scanner:
-        scanner.pipeline.load(scanner.setup.cell, scanner.load_part(part))
+        scanner.pipeline.load(scanner.setup, scanner.load_part(part))
         start = time.perf_counter()
         plan = scanner.plan(part)
         planning = time.perf_counter() - start

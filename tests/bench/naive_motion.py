@@ -17,7 +17,7 @@ from scancell.geometry.mesh import load_mesh
 from scancell.nominal.cell import Body, nominal_cell
 from scancell.planning.model import PlanningCell, SensorRange
 from scancell.planning.motion.connection import Connector
-from scancell.scanning.sense import make_sensor
+from scancell.scanning.world import make_sensor
 
 Array = NDArray[np.float64]
 

@@ -42,7 +42,7 @@ from scancell.planning.views.placement import Infeasible, Placer
 from scancell.planning.views.views import Pass, Sweep
 from scancell.planning.work import Work
 from scancell.progress import NullProgress
-from scancell.scanning.sense import make_sensors
+from scancell.scanning.world import make_sensors
 
 Array = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from scancell.planning.options import scan_options
 from scancell.planning.path_map.configuration_map import ConfigurationMap, StaticConstraints
 from scancell.planning.planner import plan
 from scancell.planning.views.sensor_paths import sensor_paths
-from scancell.scanning.sense import make_sensors
+from scancell.scanning.world import make_sensors
 
 from .table import Row
 

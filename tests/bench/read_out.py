@@ -10,7 +10,7 @@ from typing import Any
 from scancell.config.exposure_times import profile_time
 from scancell.config.loading import load_setup
 from scancell.evaluation.plane_trial import PlaneTarget, measure_plane
-from scancell.scanning.sense import make_sensors
+from scancell.scanning.world import make_sensors
 
 EXPOSURES = 20
 DISTANCE = 0.12

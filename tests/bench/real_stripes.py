@@ -24,7 +24,7 @@ from bench.table import replace_paragraphs
 from scancell import sensor as sensor_rt
 from scancell.config.loading import load_setup
 from scancell.config.sensor import ExtractionDescription
-from scancell.scanning.sense import make_sensor
+from scancell.scanning.world import make_sensor
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]

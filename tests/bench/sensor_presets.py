@@ -12,7 +12,7 @@ import numpy as np
 from scancell.config.choices import Engine
 from scancell.config.loading import assets_dir, load_setup
 from scancell.evaluation.plane_trial import PlaneReading, PlaneTarget, linearity, measure_plane
-from scancell.scanning.sense import make_sensors
+from scancell.scanning.world import make_sensors
 
 _MARGIN = 0.02  # of the measuring range, left free at both ends
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from cells import ball
 
-from scancell.cell.driver import DriveOptions, Driver
+from scancell.cell.driver import Driver
 from scancell.cell.fmu_file import cell_json, make_temporary_fmu
 from scancell.cell.instance import CellInstance
 from scancell.cell.program import Program, Segment, TriggerKind, TriggerRule
@@ -72,4 +72,4 @@ def drive(
     with CellInstance(make_temporary_fmu(cell_json(cell, nominal, 0), folder / "fmu")) as instance:
         if belt_speed is not None:
             instance.set(instance.real_group(["command.conveyor[1].speed"]), np.array([belt_speed]))
-        return Driver(instance, DriveOptions(CYCLE_US, 1e-3)).run(program)
+        return Driver(instance, CYCLE_US, 1e-3).run(program)

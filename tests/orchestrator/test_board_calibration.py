@@ -26,7 +26,7 @@ from scancell.cli import app
 from scancell.errors import CalibrationError, DescriptionError, ImageError
 from scancell.geometry import pose
 from scancell.progress import NullProgress
-from scancell.scanning.sense import make_sensor
+from scancell.scanning.world import make_sensor
 
 
 @pytest.fixture(scope="module")

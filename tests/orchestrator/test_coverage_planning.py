@@ -26,7 +26,7 @@ from scancell.planning.views.legs import legs
 from scancell.planning.views.sight import GRAZING, OCCLUDED, OUT_OF_RANGE, SEEN, Sight
 from scancell.planning.views.views import Pass, sample_part, sweep_pose
 from scancell.planning.work import Work
-from scancell.scanning.sense import make_sensors
+from scancell.scanning.world import make_sensors
 from scancell.visibility.measurable import MeasurableSurface, measurable_surface
 
 BLOCK = block(0.05, 0.04, 0.03)

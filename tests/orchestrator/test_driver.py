@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from fmu_cells import CYCLE_US, EXPOSURE, build, default_cell, moves_with_stops, turn_of_table
 
-from scancell.cell.driver import DriveOptions, Driver
+from scancell.cell.driver import Driver
 from scancell.cell.instance import CellInstance
 from scancell.cell.recording import Recording
 
 HOME = default_cell().home
-OPTIONS = DriveOptions(CYCLE_US, EXPOSURE)
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +25,7 @@ def recordings(fmus) -> dict[str, Recording]:
     found = {}
     for name, program in PROGRAMS.items():
         with CellInstance(fmus[3 if name == "stops" else 2]) as cell:
-            found[name] = Driver(cell, OPTIONS).run(program)
+            found[name] = Driver(cell, CYCLE_US, EXPOSURE).run(program)
     return found
 
 
@@ -41,7 +40,7 @@ def test_one_communication_step_per_controller_cycle(fmus) -> None:
     program = turn_of_table(HOME, "table_angle", np.radians(1.0))  # less than one exposure per cycle
     with CellInstance(fmus[2]) as cell:
         steps = count_steps(cell)
-        Driver(cell, OPTIONS).run(program)
+        Driver(cell, CYCLE_US, EXPOSURE).run(program)
         cycles = cell.time_us // CYCLE_US
     assert len(steps) == cycles == len(program.segments[0].times) - 1
 
@@ -53,7 +52,7 @@ def test_records_faster_than_controller_cycle_are_read(fmus, kind) -> None:
     rule = turn_of_table(HOME, kind, period if kind == "time" else np.radians(40.0) * period)
     with CellInstance(fmus[2]) as cell:
         steps = count_steps(cell)
-        measured = Driver(cell, OPTIONS).run(rule).measured
+        measured = Driver(cell, CYCLE_US, EXPOSURE).run(rule).measured
         fired = cell.get_integer("trigger.count")
     assert len(measured.index) == fired > 500
     assert np.array_equal(measured.index, np.arange(1, fired + 1))
@@ -94,7 +93,7 @@ def test_requested_exposures_are_at_rest_at_planned_points(recordings) -> None:
 def test_progress_reports_every_second(fmus) -> None:
     reported: list[float] = []
     with CellInstance(fmus[2]) as cell:
-        Driver(cell, OPTIONS).run(PROGRAMS["stops"], reported.append)
+        Driver(cell, CYCLE_US, EXPOSURE).run(PROGRAMS["stops"], reported.append)
     assert sum(reported) == pytest.approx(PROGRAMS["stops"].duration)
     assert len(reported) == 3
 

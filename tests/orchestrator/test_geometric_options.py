@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from scancell import sensor as sensor_rt
 from scancell.config.loading import load_setup
 from scancell.config.sensor import IMAGE_ONLY_KEYS, SensorDescription, ignored_by_geometric_engine
-from scancell.scanning.sense import make_sensor
+from scancell.scanning.world import make_sensor
 
 # A change of every key, with what it needs beside it.
 CHANGES: dict[str, tuple[str, ...]] = {

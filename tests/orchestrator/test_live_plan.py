@@ -87,8 +87,8 @@ def some_cell(map_: ConfigurationMap, cause: int) -> tuple[float, float]:
 
 def test_plan_is_that_of_the_pipeline_and_a_scan_finds_it(rig: Rig, scanner: Scanner) -> None:
     assert scanner.plan(PART) is rig.plan.plan
-    job = rig.session.job
-    assert rig.session.pipeline.plan(job.loaded, job.setup, job.sensors.nominal) is rig.plan.plan
+    world = rig.session.world
+    assert rig.session.pipeline.plan(world) is rig.plan.plan
 
 
 def test_whole_map_of_the_chosen_branch_is_evaluated(rig: Rig, map_: ConfigurationMap) -> None:
@@ -116,9 +116,9 @@ def test_free_pose_brings_the_sensor_onto_the_path(rig: Rig, map_: Configuration
 def test_pose_without_clearance_names_the_pair_and_its_distance(rig: Rig, map_: ConfigurationMap) -> None:
     pose = rig.plan.judge(0, map_.branch, *some_cell(map_, CLEARANCE))
     assert pose.quality == 0
-    job = rig.session.job
-    cell = PlanningCell(rig.session.nominal, SensorRange.of(job.sensors.nominal), 8e-3)
-    clashes = cell.clearance_violations(pose.axes[None, :-1], pose.axes[None, -1], job.setup.scan.clearance_mm * 1e-3)
+    world = rig.session.world
+    cell = PlanningCell(rig.session.nominal, SensorRange.of(world.sensors.nominal), 8e-3)
+    clashes = cell.clearance_violations(pose.axes[None, :-1], pose.axes[None, -1], world.setup.scan.clearance_mm * 1e-3)
     worst = max(clashes, key=lambda clash: clash.clearance - clash.distance)
     assert worst.body_a in pose.reason
     assert worst.body_b in pose.reason
@@ -162,14 +162,14 @@ def test_colliding_pose_is_refused_with_the_bodies_and_the_robot_stays(rig: Rig,
 
 
 def test_failed_plan_says_why_and_leaves_the_last_one(rig: Rig, map_: ConfigurationMap) -> None:
-    last, job = rig.plan.plan, rig.session.job
-    near = job.setup.scan.replace({"clearance_mm": 100.0})
-    rig.session.job = replace(job, setup=Setup(job.setup.cell, job.setup.sensor, near))
+    last, world = rig.plan.plan, rig.session.world
+    near = world.setup.scan.replace({"clearance_mm": 100.0})
+    rig.session.world = replace(world, setup=Setup(world.setup.cell, world.setup.sensor, near))
     rig.plan.start()
     with pytest.raises(CommandError, match="a plan is being made"):
         rig.plan.start()
     rig.until_done()
-    rig.session.job = job
+    rig.session.world = world
     assert rig.plan.state.stage == "failed"
     assert "clearance" in rig.plan.state.error
     assert rig.plan.plan is last

@@ -207,7 +207,7 @@ def test_points_of_a_scan_line_come_while_it_is_measured(ideal_scanner: Scanner,
         made.program = LiveProgram(made.cell.live, "geometric", made.out, lambda: chunks.append)
         made.file.write_text(SCAN_LINE)
         cell.on_cycle(16_000, count_chunks)
-        state, surface = made.runs(), session.job.loaded.part_surface
+        state, surface = made.runs(), session.world.part_surface
         assert session.on_points is None
     assert (state.stage, state.error) == ("done", "")
     assert len(chunks) > during[-1] > 0

@@ -100,13 +100,13 @@ def test_motion_15_mm_above_a_post_is_free_unless_the_post_needs_30_mm() -> None
 def test_unknown_obstacle_is_in_scene_and_fmu_but_not_in_planning() -> None:
     setup = load_setup(settings=[f"cell.obstacle=[{POST.replace('}', '}, known = false', 1)}]"])
     with Scanner(setup=setup) as scanner:
-        loaded = scanner.pipeline.load(setup.cell, BLOCK)
-    assert "post" not in [body.name for body in loaded.nominal.bodies]
-    assert "post" in [body.name for body in loaded.bodies]
-    description = loaded.for_fmu(0, collision_outputs=True)
+        world = scanner.pipeline.load(setup, BLOCK)
+    assert "post" not in [body.name for body in world.nominal.bodies]
+    assert "post" in [body.name for body in world.bodies]
+    description = world.for_fmu(collision_outputs=True)
     assert [body["frame"] for body in description["bodies"] if body["name"] == "post"] == ["world"]
     assert ["sensor", "post"] in description["collision"]["pairs"]
-    assert replace(loaded.true, bodies=loaded.true.bodies[:-1]) == loaded.nominal
+    assert replace(world.true, bodies=world.true.bodies[:-1]) == world.nominal
 
 
 def test_obstacle_is_a_contact_shape_when_parts_move_freely() -> None:

@@ -13,7 +13,8 @@ from scancell.config.loading import assets_dir, load_setup
 from scancell.config.sensor import SensorDescription, image_sensor_pixels, read_out
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
-from scancell.scanning.sense import make_sensor, row_time_offset
+from scancell.scanning.sense import row_time_offset
+from scancell.scanning.world import make_sensor
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ import pytest
 from cells import ball, block
 from fmu_cells import CYCLE_US, EXPOSURE, turn_of_table
 
-from scancell.cell.driver import DriveOptions, Driver
+from scancell.cell.driver import Driver
 from scancell.cell.fmu_file import cell_json
 from scancell.cell.instance import CellInstance
 from scancell.cell.recording import Recording
@@ -25,7 +25,7 @@ def description(mesh=None, *overrides: str, **options):
 def run(cell: CellInstance) -> Recording:
     home = cell.get(cell.real_group([f"truth.q[{i}]" for i in range(1, 7)])).copy()
     program = turn_of_table(home, "table_angle", np.radians(1.0))
-    return Driver(cell, DriveOptions(CYCLE_US, EXPOSURE)).run(program)
+    return Driver(cell, CYCLE_US, EXPOSURE).run(program)
 
 
 def same(first: Recording, second: Recording) -> bool:

@@ -50,7 +50,7 @@ class Rig:
 
     def __init__(self, session: ScanSession, server: Any, feed: CameraFeed, live: LiveCell, out: Path) -> None:
         self.session, self.live, self.feed, self.server, self.now = session, live, feed, server, 0.0
-        setup = session.job.setup
+        setup = session.world.setup
         self.scene = CellScene(server, session.true, setup.sensor, setup.cell)
         self.scans = Scans(live, LiveCloud(self.scene), session.nominal.part, out)
         self.playback = ScanPlayback(live, session.true, self.scans, feed, self.scene, lambda: self.now)

@@ -9,7 +9,7 @@ from bench.sensor_presets import CLASSES, FOLDERS, preset_file, simulate
 from scancell.config.loading import assets_dir, load_setup
 from scancell.config.sensor import SensorDescription
 from scancell.evaluation.plane_trial import PlaneTarget, linearity, measure_plane
-from scancell.scanning.sense import Sensors, make_sensors
+from scancell.scanning.world import Sensors, make_sensors
 
 
 def sensors(name: str, *words: str, ideal: bool = False) -> Sensors:

@@ -126,7 +126,7 @@ def test_command_writes_a_cell_with_riser_that_can_be_scanned(tmp_path: Path) ->
     written = _write(one, load_setup().cell, file)
     assert written == [str(file), str(tmp_path / "placed_riser.stl")]
     with Scanner(cell=file) as scanner:
-        loaded = scanner.pipeline.load(scanner.setup.cell, part).nominal
+        loaded = scanner.pipeline.load(scanner.setup, part).nominal
         result = scanner.scan(part, engine="geometric", samples=False)
     (riser,) = [body for body in loaded.bodies if body.name == "riser"]
     assert riser.mesh.bounds == pytest.approx(np.array([[-0.025, -0.02, 0.0], [0.025, 0.02, 0.03]]), abs=1e-8)

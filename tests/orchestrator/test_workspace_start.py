@@ -17,7 +17,7 @@ PART = Path(__file__).resolve().parents[2] / "assets" / "parts" / "step_block.st
 
 def test_first_profile_is_on_the_part_and_an_arm_that_cannot_get_there_stays_at_home() -> None:
     with Scanner(threads=1) as scanner, scanner.session(PART, guarded=True) as session:
-        over_part = _over_part(session.nominal, session.job.setup.sensor)
+        over_part = _over_part(session.nominal, session.world.setup.sensor)
         _start_over_part(session, over_part + np.array([10.0, 0.0, 0.0]))
         np.testing.assert_allclose(session.joints, session.home, atol=1e-3)
         _start_over_part(session, over_part)

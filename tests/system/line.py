@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import cast
 
@@ -22,9 +22,7 @@ from scancell.progress import NullProgress
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import write_ply
 from scancell.reconstruction.reconstruct import ProfilePoints
-from scancell.scanning.drive import DriveRequest
-from scancell.scanning.pipeline import LoadedCell
-from scancell.scanning.sense import Sensors, make_sensors
+from scancell.scanning.world import Sensors, World
 
 PARTS = assets_dir() / "parts"
 OFF_AXIS = "cell.part.x_mm=20"
@@ -35,10 +33,8 @@ class Line:
     """One part in one cell; `drive` and `sense` may be repeated with other perturbations and engines."""
 
     scanner: scancell.Scanner
-    loaded: LoadedCell
-    sensors: Sensors
+    world: World
     plan: Plan
-    seed: int = 0
     _drives: dict[tuple[str, ...], Recording] = field(default_factory=dict)
 
     @property
@@ -47,7 +43,15 @@ class Line:
 
     @property
     def nominal(self) -> NominalCell:
-        return self.loaded.nominal
+        return self.world.nominal
+
+    @property
+    def sensors(self) -> Sensors:
+        return self.world.sensors
+
+    @property
+    def seed(self) -> int:
+        return self.world.seed
 
     @property
     def sensor(self) -> sensor_rt.Sensor:
@@ -56,8 +60,8 @@ class Line:
     def drive(self, *as_built: str) -> Recording:
         """Recording of the planned program on a perturbed cell; the same request is driven once."""
         if as_built not in self._drives:
-            request = DriveRequest(self.setup, self.nominal, self.loaded.for_fmu(self.seed), as_built)
-            self._drives[as_built] = self.scanner.pipeline.drive(request, self.plan, NullProgress())
+            world = replace(self.world, as_built=as_built)
+            self._drives[as_built] = self.scanner.pipeline.drive(world, self.plan, NullProgress())
         return self._drives[as_built]
 
     def sense(
@@ -65,8 +69,8 @@ class Line:
     ) -> ProfilePoints:
         pipeline = self.scanner.pipeline
         pipeline.threads = threads
-        chosen = sensors or self.sensors
-        return pipeline.sense(self.loaded, recording, chosen, cast(Engine, engine), NullProgress()).profiles
+        world = replace(self.world, sensors=sensors or self.sensors)
+        return pipeline.sense(world, recording, cast(Engine, engine), NullProgress()).profiles
 
     def cloud(self, recording: Recording, points: ProfilePoints, normals: bool = True) -> Cloud:
         return self.scanner.pipeline.reconstruct(self.nominal, recording, points, self.setup, normals)[0]
@@ -84,9 +88,8 @@ def make_line(part: str | Path, *overrides: str, ideal: bool = True, seed: int =
     """The line for a part of the assets (by name) or a mesh file in mm."""
     scanner = scancell.Scanner(setup=load_setup(settings=overrides, ideal=ideal))
     path = part if isinstance(part, Path) else PARTS / f"{part}.stl"
-    loaded = scanner.pipeline.load(scanner.setup.cell, scanner.load_part(path))
-    sensors = make_sensors(scanner.setup.sensor, (), seed)
-    return Line(scanner, loaded, sensors, scanner.pipeline.plan(loaded, scanner.setup, sensors.nominal), seed)
+    world = scanner.pipeline.load(scanner.setup, scanner.load_part(path), seed=seed)
+    return Line(scanner, world, scanner.pipeline.plan(world))
 
 
 def figures_um(signed: np.ndarray) -> dict[str, float]:

@@ -78,8 +78,8 @@ def test_points_handed_over_are_those_of_saved_cloud(session: ScanSession, tmp_p
     np.testing.assert_allclose(joined(rig.chunks, "deviation"), result.deviation.distance, atol=1e-12)
     for name in ("intensity", "quality", "sigma", "camera", "time"):
         np.testing.assert_allclose(joined(rig.chunks, name), getattr(cloud, name), rtol=1e-6)
-    job = session.job
-    whole, dropped = session.pipeline.reconstruct(job.estimated, result.recording, result.profiles, job.setup)
+    world = session.world
+    whole, dropped = session.pipeline.reconstruct(world.estimated, result.recording, result.profiles, world.setup)
     np.testing.assert_allclose(whole.normals, cloud.normals, atol=1e-9)
     assert dropped.as_json() == result.dropped.as_json()
     state = rig.scan.state
@@ -174,7 +174,7 @@ def test_every_exposure_taken_before_a_stop_is_kept_while_sensing_lags(session: 
             waited.wait(0.01)
         if rig.scan.state.sensed <= 4:
             rig.live.submit(Cancel())
-            while rig.live.state.job is not None:
+            while rig.live.state.world is not None:
                 waited.wait(0.01)
 
     rig.scan = LiveScan("geometric", lag, batch=4, most_behind=1)
@@ -219,7 +219,7 @@ def test_error_of_the_receiver_ends_the_scan(session: ScanSession) -> None:
     with pytest.raises(ZeroDivisionError):
         rig.run()
     assert "ZeroDivisionError" in rig.live.state.message
-    assert rig.live.state.job is None
+    assert rig.live.state.world is None
 
 
 def test_missing_path_to_the_start_is_reported(scanner: Scanner) -> None:

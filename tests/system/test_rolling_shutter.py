@@ -12,7 +12,7 @@ from scancell.cell.recording import Recording
 from scancell.config.loading import load_setup
 from scancell.errors import SensorError
 from scancell.scanning.exposures import readout_time
-from scancell.scanning.sense import Sensors, make_sensor
+from scancell.scanning.world import Sensors, make_sensor
 
 FEWER = "scan.max_profiles=12"
 ROLLING = ('sensor.detector.shutter="rolling"', "sensor.detector.row_readout_us=20")

@@ -9,14 +9,14 @@ import pytest
 import trimesh
 from commands import scancell_here
 
-from scancell.cell.driver import DriveOptions, Driver
+from scancell.cell.driver import Driver
+from scancell.config.exposure_times import exposure_span
 from scancell.config.loading import assets_dir, load_setup
 from scancell.errors import DescriptionError, PlanningError
 from scancell.planning.occupancy import read_voxels
 from scancell.planning.plan import Plan
 from scancell.proximity.scene import cell_scene
 from scancell.scanner import Scanner
-from scancell.scanning.drive import DriveRequest
 from scancell.scanning.survey import SurveyResult
 
 PART = assets_dir() / "parts" / "step_block.stl"
@@ -92,7 +92,7 @@ def test_space_above_the_platter_is_also_blocked_where_the_table_turns_it(found)
 
 def distance_to_post(scanner: Scanner, *plans: Plan) -> float:
     """Smallest distance of arm and sensor from the post over all set-points, m, up to 50 mm."""
-    true = scanner.pipeline.load(scanner.setup.cell, scanner.load_part(PART)).true
+    true = scanner.pipeline.load(scanner.setup, scanner.load_part(PART)).true
     scene = cell_scene(true, {body.name: body.mesh for body in true.bodies})
     of_post = np.array(["post" in pair for pair in scene.pairs])
     segments = [segment for plan in plans for segment in plan.program.segments]
@@ -102,12 +102,12 @@ def distance_to_post(scanner: Scanner, *plans: Plan) -> float:
 
 def collisions_in_fmu(scanner: Scanner, plan: Plan) -> int:
     """Largest number of pairs of bodies that collide at a time while the FMU executes the plan."""
-    loaded = scanner.pipeline.load(scanner.setup.cell, scanner.load_part(PART))
-    request = DriveRequest(scanner.setup, loaded.nominal, loaded.for_fmu(0, collision_outputs=True))
-    cell = scanner.pipeline.runner.start(request)
+    world = scanner.pipeline.load(scanner.setup, scanner.load_part(PART))
+    cell = scanner.pipeline.runner.start(world, collision_outputs=True)
     pairs = [0]
     cell.on_step(lambda: pairs.append(cell.get_integer("truth.collision.pairs")))
-    Driver(cell, DriveOptions.of(scanner.setup)).run(plan.program)
+    cycle_us = scanner.setup.cell.world.controller_cycle_us
+    Driver(cell, cycle_us, exposure_span(scanner.setup.sensor)).run(plan.program)
     assert len(pairs) > len(plan.q)
     return max(pairs)
 

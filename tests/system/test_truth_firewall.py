@@ -13,9 +13,8 @@ from scancell import sensor as sensor_rt
 from scancell.cell.recording import INTEGER_COLUMNS, Recording, RecordLayout
 from scancell.progress import NullProgress
 from scancell.scanning.exposures import build_scene, exposures_from_truth, visible_bodies
-from scancell.scanning.pipeline import Job
 from scancell.scanning.scan import Exposed, Scan
-from scancell.scanning.sense import make_sensors
+from scancell.scanning.world import make_sensors
 from scancell.stopwatch import Stopwatch
 
 FEWER = "scan.max_profiles=60"
@@ -45,14 +44,13 @@ class Untouchable:
 @pytest.mark.parametrize("engine", ["ray-traced", "geometric"])
 def test_reconstruction_reads_neither_the_true_cell_nor_the_true_sensor(line, engine, tmp_path) -> None:
     recording, watch = rows(line.drive(), slice(0, None, 4)), Stopwatch()
-    job = Job(line.setup, line.loaded, line.sensors, (), line.seed, None, "mm")
-    scan = Scan(line.scanner.pipeline, job, engine, normals=False, samples=False)
+    scan = Scan(line.scanner.pipeline, line.world, engine, normals=False, samples=False)
     sensed, images = scan.sense(recording, NullProgress(), [])
     made = scan.of_profiles(Exposed(recording, sensed, images, ""), None, NullProgress(), watch).cloud
     truth: Any = Untouchable()
-    blind = replace(job, loaded=replace(line.loaded, true=truth), sensors=replace(line.sensors, true=truth))
+    blind = replace(line.world, true=truth, sensors=replace(line.sensors, true=truth))
     lost = Exposed(recording.without_truth(), sensed, images, "")
-    again = replace(scan, job=blind).of_profiles(lost, None, NullProgress(), watch).cloud
+    again = replace(scan, world=blind).of_profiles(lost, None, NullProgress(), watch).cloud
     assert len(made) > 1000
     assert ply_sha256(again, tmp_path) == ply_sha256(made, tmp_path)
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
@@ -14,8 +12,6 @@ from scancell.cell.program import BeltRun, Program, Segment, TriggerKind
 from scancell.cell.program_file import temporary_program_file
 from scancell.cell.recording import Recording
 from scancell.cell.records import PATIENCE_US, RecordBatches, RecordCollector
-from scancell.config.exposure_times import exposure_span
-from scancell.config.loading import Setup
 from scancell.errors import CellError, CommandError
 
 TRIGGER_MODES: dict[TriggerKind, int] = {
@@ -36,33 +32,24 @@ _TRIGGER_INPUTS: dict[TriggerKind, str] = {
 _REQUEST_STEPS = 4
 
 
-@dataclass(frozen=True)
-class DriveOptions:
-    """Controller cycle (µs) and duration of the exposures of a profile (s)."""
-
-    cycle_us: int
-    exposure: float
-
-    @classmethod
-    def of(cls, setup: Setup) -> Self:
-        """As described."""
-        return cls(setup.cell.world.controller_cycle_us, exposure_span(setup.sensor))
-
-
 class Driver:
-    """Runs programs on one cell instance; `batches` receives the records as they arrive.
+    """Runs programs on one cell instance with its controller cycle (µs) and the duration of exposures (s).
+
+    `batches` receives the records as they arrive.
 
     The controller executes each segment as a whole, at the monitor speed in force. A communication step lasts at most
     one controller cycle.
     """
 
-    def __init__(self, cell: CellInstance, options: DriveOptions, batches: RecordBatches | None = None) -> None:
+    def __init__(
+        self, cell: CellInstance, cycle_us: int, exposure: float, batches: RecordBatches | None = None
+    ) -> None:
         self._cell = cell
-        self._cycle_us = options.cycle_us
+        self._cycle_us = cycle_us
         self._clock = cell.real_group(["controller.clock"])
         self._gate = ["command.trigger.from", "command.trigger.to"]
         self._requests, self._starts = cell.get_integers(["command.trigger.request", "command.start"])
-        self._records = RecordCollector(cell, options.cycle_us, options.exposure, batches)
+        self._records = RecordCollector(cell, cycle_us, exposure, batches)
         cell.set_integer("command.mode", Mode.PROGRAM)
 
     def run(self, program: Program, progress: Callable[[float], None] | None = None) -> Recording:

@@ -40,7 +40,7 @@ from scancell.cell.controller import (
     refusal,
     state_in_words,
 )
-from scancell.cell.driver import TRIGGER_MODES, DriveOptions, Driver
+from scancell.cell.driver import TRIGGER_MODES, Driver
 from scancell.cell.instance import CellInstance, RealGroup
 from scancell.cell.program import Program
 from scancell.cell.recording import Recording
@@ -604,7 +604,7 @@ class CellSession:
             If the FMU reports an error, or a requested exposure never comes.
         """
         self.check_start(program)
-        recording = Driver(self._cell, DriveOptions(self._cycle_us, exposure), batches).run(program)
+        recording = Driver(self._cell, self._cycle_us, exposure, batches).run(program)
         self._cell.set_integer("command.mode", Mode.HOLD)
         return recording
 

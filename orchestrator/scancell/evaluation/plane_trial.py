@@ -17,7 +17,8 @@ from scancell import sensor as sensor_rt
 from scancell.config.choices import Engine
 from scancell.config.material import PRESETS
 from scancell.geometry import pose
-from scancell.scanning.sense import Sensors, expose
+from scancell.scanning.sense import expose
+from scancell.scanning.world import Sensors
 
 Array = NDArray[np.float64]
 

@@ -48,14 +48,14 @@ class Attempt:
 
     Attributes
     ----------
-    exercise, job
+    exercise, world
         The exercise, and the part and descriptions of the cell.
     """
 
     def __init__(
         self, exercise: Exercise, live: LiveCell, session: ScanSession, program: LiveProgram, taught: TaughtFile
     ) -> None:
-        self.exercise, self.job = exercise, session.job
+        self.exercise, self.world = exercise, session.world
         self._live, self._program, self._taught = live, program, taught
         self._lock = RLock()
         self._start = live.state
@@ -96,7 +96,7 @@ class Attempt:
 
     def _situation(self) -> Situation:
         contacts = tuple(self._contacts.pairs)
-        return Situation(self._start, self._live.state, contacts, self._finished_run(), self.job)
+        return Situation(self._start, self._live.state, contacts, self._finished_run(), self.world)
 
     def _finished_run(self) -> FinishedRun | None:
         """The last program; None unless it ran to its end."""
@@ -106,7 +106,7 @@ class Attempt:
         if self._finished is None or self._finished[0] is not state.record:
             is_taught = state.file == self._taught.path
             exposures, clouds = (self._exposures, self._clouds) if self._number == self._program.started else ([], [])
-            self._finished = state.record, FinishedRun.of(state.record, is_taught, exposures, clouds, self.job)
+            self._finished = state.record, FinishedRun.of(state.record, is_taught, exposures, clouds, self.world)
         return self._finished[1]
 
     def _receive(self, recording: Recording, cloud: Cloud | None) -> None:

@@ -101,7 +101,7 @@ def sphere_radius(situation: Situation) -> float | None:
 
 
 def _along_belt(situation: Situation) -> Array:
-    return np.asarray(pose_matrix(situation.job.setup.cell.conveyor[0].pose)[:3, 0])
+    return np.asarray(pose_matrix(situation.world.setup.cell.conveyor[0].pose)[:3, 0])
 
 
 def part_length(situation: Situation) -> float | None:
@@ -111,7 +111,7 @@ def part_length(situation: Situation) -> float | None:
 
 def part_height(situation: Situation) -> float | None:
     """Greatest height of the part above the belt in the vertical plane along the belt through distance sensor 1, mm."""
-    cell = situation.job.setup.cell
+    cell = situation.world.setup.cell
     sensor, belt = (pose_matrix(one.pose)[:3, 3] for one in (cell.distance_sensor[0], cell.conveyor[0]))
     along = _along_belt(situation)
     across = np.array([-along[1], along[0], 0.0])
@@ -129,7 +129,7 @@ def front_past_barrier(situation: Situation) -> float | None:
     if situation.run is None:
         return None
     along = _along_belt(situation)
-    barrier = pose_matrix(situation.job.setup.cell.presence_sensor[0].pose)[:3, 3]
+    barrier = pose_matrix(situation.world.setup.cell.presence_sensor[0].pose)[:3, 3]
     return float(_MM * ((situation.part_in_world @ along).max() - barrier @ along))
 
 

@@ -59,15 +59,15 @@ def write_sheet(file: Path, attempt: Attempt, student: str, picture: bytes | Non
 
 def sheet_html(attempt: Attempt, student: str, picture: bytes | None = None) -> str:
     """The text of a sheet; parameters as of `write_sheet`."""
-    exercise, job, results = attempt.exercise, attempt.job, attempt.results
+    exercise, world, results = attempt.exercise, attempt.world, attempt.results
     is_passed = all(result.is_reached for result in results)
     title = escape(f"Exercise {exercise.number}: {exercise.title}")
     facts = {
         "student": student,
         "date": datetime.now().astimezone().isoformat(" ", "seconds"),
         "result": "passed" if is_passed else "not passed",
-        "seed": str(job.seed),
-        "deviations of the cell": " ".join(job.as_built) or "none",
+        "seed": str(world.seed),
+        "deviations of the cell": " ".join(world.as_built) or "none",
         "scancell": __version__,
         "command": " ".join(command_words(None)),
     }

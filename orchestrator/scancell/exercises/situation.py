@@ -16,7 +16,7 @@ from scancell.geometry.mesh import Mesh
 from scancell.live.state import LiveState
 from scancell.programs.program import ProgramRun
 from scancell.reconstruction.cloud import Cloud
-from scancell.scanning.pipeline import Job
+from scancell.scanning.world import World
 
 Array = NDArray[np.float64]
 
@@ -33,7 +33,7 @@ class FinishedRun:
         Whether it is the taught program of the workspace.
     exposures, cloud
         What it measured; None without.
-    job
+    world
         Part and descriptions of the cell.
     """
 
@@ -41,22 +41,22 @@ class FinishedRun:
     is_taught: bool
     exposures: Recording | None
     cloud: Cloud | None
-    job: Job
+    world: World
 
     @classmethod
     def of(
-        cls, record: ProgramRun, is_taught: bool, exposures: Sequence[Recording], clouds: Sequence[Cloud], job: Job
+        cls, record: ProgramRun, is_taught: bool, exposures: Sequence[Recording], clouds: Sequence[Cloud], world: World
     ) -> FinishedRun:
         """A run that measured several exposures and clouds, one after another."""
         joined = Recording.joined(list(exposures)) if exposures else None
-        return cls(record, is_taught, joined, Cloud.concatenate(list(clouds)) if clouds else None, job)
+        return cls(record, is_taught, joined, Cloud.concatenate(list(clouds)) if clouds else None, world)
 
     @cached_property
     def rms_deviation(self) -> float | None:
         """RMS distance of the cloud from the part, m; None without points."""
         if self.cloud is None or not len(self.cloud):
             return None
-        return deviation_from_mesh(self.cloud, self.job.loaded.part_surface).rms
+        return deviation_from_mesh(self.cloud, self.world.part_surface).rms
 
     def sensor_at_exposures(self) -> Array:
         """True positions (n, 3) of the sensor at the exposures, m in the world."""
@@ -77,7 +77,7 @@ class Situation:
         Pairs of bodies that have come into contact since, gripped parts excluded.
     run
         The last program; None unless it ran to its end.
-    job
+    world
         Part and descriptions of the cell.
     """
 
@@ -85,12 +85,12 @@ class Situation:
     now: LiveState
     contacts: tuple[str, ...]
     run: FinishedRun | None
-    job: Job
+    world: World
 
     @property
     def part(self) -> Mesh:
         """Mesh of the part."""
-        return self.job.loaded.nominal.part
+        return self.world.nominal.part
 
     @property
     def part_in_world(self) -> Array:

@@ -22,11 +22,11 @@ from scancell.config.loading import require_sensor_words, sensor_words
 from scancell.errors import ScancellError
 from scancell.live.cell import LiveCell
 from scancell.scanning.exposure_control import ExposureControl
-from scancell.scanning.pipeline import Job
 from scancell.scanning.scan import ScanData
-from scancell.scanning.sense import ExposureImages, Sensors, make_sensors
+from scancell.scanning.sense import ExposureImages
 from scancell.scanning.session import ScanSession
 from scancell.scanning.single_exposure import Profile, measure_profile
+from scancell.scanning.world import Sensors, World, make_sensors
 
 Array = NDArray[np.float64]
 T = TypeVar("T", bound=np.generic)
@@ -110,10 +110,10 @@ class CameraFeed(Closing):
         engine: Engine = "ray-traced",
         on_frame: Callable[[CameraFrame], object] = lambda _: None,
     ) -> None:
-        self._live, self._job, self._threads = live, session.job, session.pipeline.threads
+        self._live, self._world, self._threads = live, session.world, session.pipeline.threads
         self._on_frame = on_frame
-        words = tuple(sensor_words(self._job.as_built))
-        self._setting = _Setting(engine, words, self._job.sensors, self._job.sensors.control())
+        words = tuple(sensor_words(self._world.as_built))
+        self._setting = _Setting(engine, words, self._world.sensors, self._world.sensors.control())
         self._replayed: tuple[_Setting, Recording] | None = None
         self._frame: CameraFrame | None = None
         self._wanted, self._closed = threading.Event(), threading.Event()
@@ -170,8 +170,8 @@ class CameraFeed(Closing):
         """
         words = tuple(assignments(as_built))
         require_sensor_words(words, "the cameras show the cell as it is")
-        made = make_sensors(self._job.setup.sensor, words, self._job.seed)
-        sensors = replace(made, nominal=self._job.sensors.nominal)
+        made = make_sensors(self._world.setup.sensor, words, self._world.seed)
+        sensors = replace(made, nominal=self._world.sensors.nominal)
         self._setting = _Setting(self._setting.engine, words, sensors, sensors.control())
 
     def replay(self, scan: ScanData, row: int) -> None:
@@ -226,7 +226,7 @@ class CameraFeed(Closing):
             key = (_poses(recording), setting, setting.control.first)
             if key != shown:
                 number += 1
-                frame = _made(number, self._job, recording, setting, self._threads)
+                frame = _made(number, self._world, recording, setting, self._threads)
                 self._frame, shown = replace(frame, is_replayed=replayed is not None), key
                 self._on_frame(self._frame)
             elif replayed is not None:
@@ -265,9 +265,11 @@ def _poses(recording: Recording) -> bytes:
     return np.concatenate([recording.columns[name] for name in moving]).tobytes()
 
 
-def _made(number: int, job: Job, recording: Recording, setting: _Setting, threads: int) -> CameraFrame:
+def _made(number: int, world: World, recording: Recording, setting: _Setting, threads: int) -> CameraFrame:
     try:
-        found = measure_profile(job, recording, setting.sensors, setting.engine, threads, setting.control)
+        found = measure_profile(
+            replace(world, sensors=setting.sensors), recording, setting.engine, threads, setting.control
+        )
     except ScancellError as error:
         nothing = np.zeros((0, 3))
         return CameraFrame(

@@ -196,8 +196,8 @@ class LivePlan:
             session.run_program(program, session.exposure)
 
     def _path(self, start: Array, goal: Array, purpose: str) -> Program | None:
-        job = self._session.job
-        return self._session.pipeline.approach(job.loaded, job.setup, job.sensors.nominal, start, goal, purpose)
+        world = self._session.world
+        return self._session.pipeline.approach(world, start, goal, purpose)
 
     # In a thread of its own
 
@@ -221,8 +221,8 @@ class LivePlan:
         self._stage, self._since, self._share = stage, monotonic(), 0.0
 
     def _make(self) -> None:
-        job = self._session.job
-        plan = self._session.pipeline.plan(job.loaded, job.setup, job.sensors.nominal, progress=self._progress)
+        world = self._session.world
+        plan = self._session.pipeline.plan(world, progress=self._progress)
         self._enter("evaluating")
         branches = [placed.lattice.map.branch for placed in plan.paths]
         maps = {(path, branch): self._evaluated(plan, path, branch) for path, branch in enumerate(branches)}

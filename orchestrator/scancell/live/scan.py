@@ -222,11 +222,11 @@ class LiveScan:
     def _plan(
         self, session: ScanSession, start: NDArray[np.float64], progress: Progress
     ) -> tuple[Plan, Program | None]:
-        job, pipeline = session.job, session.pipeline
+        world, pipeline = session.world, session.pipeline
         with self._watch.measure("plan"):
-            plan = pipeline.plan(job.loaded, job.setup, job.sensors.nominal, self._given, progress=progress)
+            plan = pipeline.plan(world, self._given, progress=progress)
         goal, purpose = plan.program.start, "the start of the program"
-        return plan, pipeline.approach(job.loaded, job.setup, job.sensors.nominal, start, goal, purpose)
+        return plan, pipeline.approach(world, start, goal, purpose)
 
     def _take(self, taken: Recording, session: ScanSession) -> None:
         self._taken += len(taken)
@@ -251,9 +251,9 @@ class LiveScan:
     # In the thread that senses
 
     def _sense_all(self, session: ScanSession, plan: Plan) -> None:
-        job = session.job
-        scan = Scan(session.pipeline, job, self._engine, setup_warnings=tuple(setup_warnings(job.setup)))
-        samples, control = np.array(sample_rows(self._planned, SAMPLE_IMAGES)), job.sensors.control()
+        world = session.world
+        scan = Scan(session.pipeline, world, self._engine, setup_warnings=tuple(setup_warnings(world.setup)))
+        samples, control = np.array(sample_rows(self._planned, SAMPLE_IMAGES)), world.sensors.control()
         try:
             while (chunk := self._next()) is not None:
                 self._sense(chunk, scan, samples, control)
@@ -282,10 +282,8 @@ class LiveScan:
         with self._watch.measure("reconstruct"):
             cloud, dropped = scan.points_of(chunk, sensed)
             self._store(chunk, sensed, cloud, dropped)
-            loaded = scan.job.loaded
-            points = LiveChunk.of(
-                cloud, deviation_from_mesh(cloud, loaded.part_surface, scan.pipeline.threads).distance
-            )
+            world = scan.world
+            points = LiveChunk.of(cloud, deviation_from_mesh(cloud, world.part_surface, scan.pipeline.threads).distance)
         self._sensed += len(chunk)
         if len(cloud):
             self._points += len(cloud)

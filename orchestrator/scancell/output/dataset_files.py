@@ -25,7 +25,8 @@ from scancell.extras import require
 from scancell.nominal.cell import Body, Lamp
 from scancell.scanning.exposures import build_scene, exposures_from_truth, readout_time
 from scancell.scanning.scan import ScanData
-from scancell.scanning.sense import ExposureImages, make_sensor
+from scancell.scanning.sense import ExposureImages
+from scancell.scanning.world import make_sensor
 
 if TYPE_CHECKING:
     import h5py

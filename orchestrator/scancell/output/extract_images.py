@@ -20,7 +20,7 @@ from scancell.output.tables import write_csv
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import write_ply
 from scancell.reconstruction.reconstruct import is_saturated, quality_of
-from scancell.scanning.sense import make_sensor
+from scancell.scanning.world import make_sensor
 from scancell.stopwatch import Stopwatch
 
 _BATCH = 16  # frames in memory at a time

@@ -234,7 +234,7 @@ class _Run:
 
     def _pass_on(self, session: ScanSession, cloud: Cloud) -> None:
         if len(cloud):
-            found = deviation_from_mesh(cloud, session.job.loaded.part_surface, session.pipeline.threads)
+            found = deviation_from_mesh(cloud, session.world.part_surface, session.pipeline.threads)
             self._on_points(LiveChunk.of(cloud, found.distance))
 
     def _before(self, session: ScanSession, line: int) -> None:

@@ -49,18 +49,18 @@ class ProgramRecorder:
         OutputError
             If the folder cannot be written.
         """
-        motion, job = self._motion.recording, self._session.job
+        motion, world = self._motion.recording, self._session.world
         if len(motion) < 2:
             return []
         has_part = any(body.moves_with == "part" for body in self._session.nominal.bodies)
-        file = job.part_file
+        file = world.part_file
         run = {
             "program": str(program.absolute()),
-            "part": str(file.absolute()) if file is not None else job.part if has_part else "",
-            "unit": job.unit,
+            "part": str(file.absolute()) if file is not None else world.part if has_part else "",
+            "unit": world.unit,
             "engine": engine,
-            "as_built": list(job.as_built),
-            "seed": job.seed,
+            "as_built": list(world.as_built),
+            "seed": world.seed,
             "command_line": command_words(None),
         }
         inputs = [program.absolute(), *([] if file is None else [file])]
@@ -72,6 +72,6 @@ class ProgramRecorder:
                 write_cloud(folder.path(CLOUD), Cloud.concatenate(self._clouds), comments)
             elif with_cloud:
                 (target / CLOUD).unlink(missing_ok=True)  # of an earlier run
-            folder.path("resolved.toml").write_text(resolved_toml(job.setup, run))
-            write_json(folder.path("manifest.json"), manifest(job.setup, inputs, run))
+            folder.path("resolved.toml").write_text(resolved_toml(world.setup, run))
+            write_json(folder.path("manifest.json"), manifest(world.setup, inputs, run))
         return folder.paths

@@ -26,7 +26,8 @@ from scancell.output.image_files import ImageSet
 from scancell.progress import Progress
 from scancell.reconstruction.cloud_files.read import cloud_of_profiles, missing_value, read_cloud_file
 from scancell.reconstruction.reconstruct import ProfilePoints
-from scancell.scanning.sense import make_sensor, row_time_offset
+from scancell.scanning.sense import row_time_offset
+from scancell.scanning.world import make_sensor
 from scancell.values import Value
 
 Array = NDArray[np.float64]

@@ -15,7 +15,8 @@ from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.recorded.measurements import Measurements
 from scancell.recorded.reconstruct import MeasuredCell
 from scancell.scanning.exposures import build_scene, visible_bodies
-from scancell.scanning.sense import Sensors, expose, make_sensor, points_of
+from scancell.scanning.sense import expose, points_of
+from scancell.scanning.world import Sensors, make_sensor
 
 _BATCH = 16  # exposures at a time
 

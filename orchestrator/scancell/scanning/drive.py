@@ -5,41 +5,21 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-from scancell.cell.driver import DriveOptions, Driver
+from scancell.cell.driver import Driver
 from scancell.cell.instance import CellInstance
 from scancell.cell.program import Program
 from scancell.cell.recording import Recording
 from scancell.cell.reusable import ReusableCell
 from scancell.cell.session import CellSession
 from scancell.closing import Closing
-from scancell.config.loading import Setup
-from scancell.nominal.cell import NominalCell
+from scancell.config.exposure_times import exposure_span
 from scancell.progress import Progress
+from scancell.scanning.world import World
 
 FOLDER_PREFIX = "scancell-fmu-"
-
-
-@dataclass(frozen=True)
-class DriveRequest:
-    """Inputs of a run of the cell.
-
-    Attributes
-    ----------
-    description
-        The cell as the FMU reads it (`cell_json`).
-    as_built
-        Perturbations as ``key=value`` words; those of the sensor are ignored here.
-    """
-
-    setup: Setup
-    nominal: NominalCell
-    description: Mapping[str, Any]
-    as_built: Sequence[str] = ()
 
 
 # Commands to the cell before the program starts, such as loading the part.
@@ -54,8 +34,8 @@ class FmuRunner(Closing):
         self._cell: ReusableCell | None = None
         self.token = ""
 
-    def start(self, request: DriveRequest) -> CellInstance:
-        """The initialised instance at time 0, with the requested cell and perturbations.
+    def start(self, world: World, collision_outputs: bool = False) -> CellInstance:
+        """The initialised instance at time 0, with the cell and its perturbations.
 
         Raises `DescriptionError` if a perturbation is unknown; `CellError` if the FMU cannot be built or reports an
         error.
@@ -64,31 +44,29 @@ class FmuRunner(Closing):
             # The process id in the name lets others remove what a killed process leaves.
             self._folder = Path(tempfile.mkdtemp(prefix=f"{FOLDER_PREFIX}{os.getpid()}-"))
             self._cell = ReusableCell(self._folder)
-        instance = self._cell.start(request.description, request.as_built)
+        instance = self._cell.start(world.for_fmu(collision_outputs), world.as_built)
         self.token = instance.token
         return instance
 
-    def units(self, request: DriveRequest) -> dict[str, str | None]:
-        """Units of the deviations of the requested cell; raises the same errors as `start`."""
-        return self.start(request).units()
+    def units(self, world: World) -> dict[str, str | None]:
+        """Units of the deviations of the cell; raises the same errors as `start`."""
+        return self.start(world).units()
 
-    def run(
-        self, request: DriveRequest, program: Program, progress: Progress, hook: PreScanHook | None = None
-    ) -> Recording:
-        """Recording of `program`, executed after the commands of `hook`.
+    def run(self, world: World, program: Program, progress: Progress, hook: PreScanHook | None = None) -> Recording:
+        """Recording of `program`, executed after the commands of `hook`, which may read collision outputs.
 
         Raises `DescriptionError` if a perturbation is unknown; `CellError` if the FMU cannot be built or reports an
         error, or its controller rejects a command of `hook`.
         """
         progress.stage("driving", program.duration, "s")
-        options = DriveOptions.of(request.setup)
+        cycle_us = world.setup.cell.world.controller_cycle_us
         try:
-            cell = self.start(request)
+            cell = self.start(world, collision_outputs=hook is not None)
             if hook is not None:
-                session = CellSession(cell, request.nominal, options.cycle_us)
+                session = CellSession(cell, world.nominal, cycle_us)
                 hook(session)
                 session.check_start(program)
-            return Driver(cell, options).run(program, progress.advance)
+            return Driver(cell, cycle_us, exposure_span(world.setup.sensor)).run(program, progress.advance)
         except BaseException:
             if self._cell is not None:
                 self._cell.discard()  # the state of the instance is unknown

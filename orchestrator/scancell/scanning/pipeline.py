@@ -1,4 +1,4 @@
-"""The steps of scans: load, plan, drive, sense, reconstruct, which `scan` composes; and the job that they start from.
+"""The steps of scans, which `scan` composes: load, plan, drive, sense, reconstruct.
 
 Nominal cells with their ray-tracing scenes, plans and the FMU instance are cached between scans.
 """
@@ -8,8 +8,8 @@ from __future__ import annotations
 import hashlib
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
-from functools import cached_property, partial
+from dataclasses import fields, is_dataclass, replace
+from functools import partial
 from pathlib import Path
 from threading import Lock
 from typing import Any, TypeVar
@@ -17,12 +17,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scancell import sensor as sensor_rt
-from scancell.cell.fmu_file import cell_json
 from scancell.cell.program import Program
 from scancell.cell.recording import Recording, TriggerRecords
 from scancell.closing import Closing
-from scancell.config.cell import CellDescription
 from scancell.config.choices import Engine
 from scancell.config.files import file_entries, plain_data
 from scancell.config.loading import Setup
@@ -32,8 +29,7 @@ from scancell.files import file_state
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import PartSurface
-from scancell.nominal.cell import Belt, Body, Lamp, NominalCell, nominal_cell, with_unknown_obstacles
-from scancell.nominal.estimated import as_estimated
+from scancell.nominal.cell import Belt, NominalCell, nominal_cell, with_unknown_obstacles
 from scancell.planning.model import PlanningCell, SensorRange
 from scancell.planning.motion.assembly import approach
 from scancell.planning.motion.torques import TorqueLimits
@@ -60,10 +56,11 @@ from scancell.reconstruction.reconstruct import (
     reconstruct_points,
     with_normals,
 )
-from scancell.scanning.drive import DriveRequest, FmuRunner, PreScanHook
+from scancell.scanning.drive import FmuRunner, PreScanHook
 from scancell.scanning.exposure_control import ExposureControl
 from scancell.scanning.exposures import build_scene, visible_bodies
-from scancell.scanning.sense import OnImages, Sensing, SensingResult, Sensors, sense
+from scancell.scanning.sense import OnImages, SensingResult, sense
+from scancell.scanning.world import World, make_sensors
 from scancell.visibility.measurable import MeasurableSurface, cache_folder, measurable_surface
 
 _MAX_CELLS = 2
@@ -71,71 +68,6 @@ _MAX_PLANS = 16
 _ENVELOPE_HEIGHT = 0.5  # m above the table: beyond the reach of the sensor
 
 T = TypeVar("T")
-
-
-@dataclass(frozen=True)
-class Job:
-    """A part in the cell.
-
-    Attributes
-    ----------
-    as_built
-        Perturbations as ``key=value`` words.
-    part_file, recording_file
-        Files of the part and of a recording, where these are from files.
-    unit
-        Of the part's file.
-    estimated_sensor
-        Calibrated sensor that interprets the images in place of the nominal one.
-    """
-
-    setup: Setup
-    loaded: LoadedCell
-    sensors: Sensors
-    as_built: tuple[str, ...]
-    seed: int
-    part_file: Path | None
-    unit: str
-    recording_file: Path | None = None
-    estimated_sensor: SensorDescription | None = None
-
-    @cached_property
-    def estimated(self) -> NominalCell:
-        """The nominal cell with what calibration found, which reconstruction assumes."""
-        return as_estimated(self.loaded.nominal, self.setup.cell)
-
-    @property
-    def part(self) -> str:
-        """Name of the part: its file, or the name of its mesh."""
-        return self.part_file.name if self.part_file else self.loaded.nominal.part.source
-
-    def drive_request(self, collision_outputs: bool = False) -> DriveRequest:
-        """The cell for the FMU; collision outputs cost most of a run."""
-        description = self.loaded.for_fmu(self.seed, collision_outputs)
-        return DriveRequest(self.setup, self.loaded.nominal, description, self.as_built)
-
-
-@dataclass(frozen=True)
-class LoadedCell:
-    """A nominal cell around a part, and the bodies that light can meet in the order of `scene`.
-
-    `true` is the nominal cell with the obstacles that planning and reconstruction do not know.
-    """
-
-    nominal: NominalCell
-    true: NominalCell
-    bodies: tuple[Body | Lamp, ...]
-    scene: sensor_rt.Scene
-    description: CellDescription
-
-    @cached_property
-    def part_surface(self) -> PartSurface:
-        """The surface of the part, prepared for distance queries."""
-        return PartSurface(self.nominal.part)
-
-    def for_fmu(self, seed: int, collision_outputs: bool = False) -> dict[str, Any]:
-        """The cell as the FMU reads it; collision outputs cost most of a run, and no scan reads them."""
-        return cell_json(self.description, self.true, seed, collision_outputs=collision_outputs)
 
 
 class ScanPipeline(Closing):
@@ -154,37 +86,59 @@ class ScanPipeline(Closing):
 
     def __init__(self, threads: int = 0) -> None:
         self.threads = threads
-        self._cells: OrderedDict[str, tuple[Mesh | None, LoadedCell]] = OrderedDict()
+        self._cells: OrderedDict[str, tuple[Mesh | None, World]] = OrderedDict()
         self._plans: OrderedDict[str, Plan] = OrderedDict()
         self._planning = Lock()
         self.runner = FmuRunner()
         self.builds = 0
 
-    def load(self, cell: CellDescription, part: Mesh | None) -> LoadedCell:
-        """The nominal cell with `part` or an empty table, and its scene; the two used last are cached.
+    def load(
+        self,
+        setup: Setup,
+        part: Mesh | None,
+        *,
+        as_built: Sequence[str] = (),
+        seed: int = 0,
+        part_file: Path | None = None,
+        unit: str = "mm",
+        estimated_sensor: SensorDescription | None = None,
+    ) -> World:
+        """The world of a setup with `part` or an empty table; the cells and scenes of the two used last are cached.
 
         Raises `MeshError` if a mesh of the description cannot be used; `CellError` if the description of the cell is
-        inconsistent.
+        inconsistent; `DescriptionError` or `SensorError` as `make_sensors`.
         """
+        cell, words = setup.cell, tuple(as_built)
+        sensors = make_sensors(setup.sensor, words, seed, estimated_sensor)
 
-        def make() -> tuple[Mesh | None, LoadedCell]:
+        def make() -> World:
             self.builds += 1
             nominal = nominal_cell(cell, part)
             true = with_unknown_obstacles(nominal, cell)
             check_cell(true)
             bodies = visible_bodies(true)
-            return part, LoadedCell(nominal, true, bodies, build_scene(bodies), cell)
+            surface = PartSurface(nominal.part)
+            return World(setup, nominal, true, bodies, build_scene(bodies), surface, sensors)
 
         described = cell.model_dump_json(exclude={"estimated"})
         files = [file_state(Path(table[key])) for table, key, _ in file_entries(plain_data(cell))]
         # The cached reference to the mesh prevents reuse of its id.
-        return _kept(self._cells, f"{id(part)} {described} {files}", _MAX_CELLS, make)[1]
+        key = f"{id(part)} {described} {files}"
+        _, world = _kept(self._cells, key, _MAX_CELLS, lambda: (part, make()))
+        return replace(
+            world,
+            setup=setup,
+            sensors=sensors,
+            as_built=words,
+            seed=seed,
+            part_file=part_file,
+            unit=unit,
+            estimated_sensor=estimated_sensor,
+        )
 
     def plan(
         self,
-        loaded: LoadedCell,
-        setup: Setup,
-        sensor: sensor_rt.Sensor,
+        world: World,
         saved: Plan | None = None,
         quality_factors: Sequence[QualityFactor] = (),
         progress: Progress | None = None,
@@ -197,8 +151,9 @@ class ScanPipeline(Closing):
         Raises `DescriptionError` if a file of occupied space cannot be used, or a pair with its own clearance does not
         exist; `PlanningError` naming the poses that cannot be reached, or the bodies that collide.
         """
+        setup = world.setup
         work = Work(setup.scan.max_planning_work, progress)
-        cell = replace(self._planning_cell(loaded, setup, sensor), work=work)
+        cell = replace(self._planning_cell(world), work=work)
         is_dynamic, options = setup.cell.robot.drive == "dynamic", scan_options(setup.scan, setup.sensor)
         if options.belt is not None:
             cell = replace(cell, nominal=with_passing_part(cell.nominal, options.belt, cell.cycle))
@@ -223,9 +178,7 @@ class ScanPipeline(Closing):
 
     def approach(
         self,
-        loaded: LoadedCell,
-        setup: Setup,
-        sensor: sensor_rt.Sensor,
+        world: World,
         start: NDArray[np.float64],
         goal: NDArray[np.float64],
         purpose: str,
@@ -234,21 +187,23 @@ class ScanPipeline(Closing):
 
         Raises `PlanningError` if no path free of collision is found, naming the bodies that collide on the direct one.
         """
-        cell = _with_torques(self._planning_cell(loaded, setup, sensor), setup)
+        setup = world.setup
+        cell = _with_torques(self._planning_cell(world), setup)
         return approach(cell, scan_options(setup.scan, setup.sensor).clearance, start, goal, purpose)
 
-    def _planning_cell(self, loaded: LoadedCell, setup: Setup, sensor: sensor_rt.Sensor) -> PlanningCell:
+    def _planning_cell(self, world: World) -> PlanningCell:
+        setup = world.setup
         cycle = setup.cell.world.controller_cycle
-        nominal = with_occupied_space(loaded.nominal, setup.scan.occupied)
-        own = pair_clearances(setup.scan, nominal)
-        return PlanningCell(nominal, SensorRange.of(sensor), cycle, threads=self.threads, pair_clearance=own)
+        nominal = with_occupied_space(world.nominal, setup.scan.occupied)
+        own, range_ = pair_clearances(setup.scan, nominal), SensorRange.of(world.sensors.nominal)
+        return PlanningCell(nominal, range_, cycle, threads=self.threads, pair_clearance=own)
 
     def _measurable(self, work: Work, nominal: NominalCell, sensor: SensorDescription) -> MeasurableSurface:
         return measurable_surface(nominal, sensor, progress=work, cache=cache_folder(), threads=self.threads)
 
     def drive(
         self,
-        request: DriveRequest,
+        world: World,
         plan: Plan,
         progress: Progress,
         hook: PreScanHook | None = None,
@@ -258,13 +213,12 @@ class ScanPipeline(Closing):
         Raises `DescriptionError` if a perturbation is unknown; `CellError` if the FMU reports an error, or its
         controller rejects a command of `hook`.
         """
-        return self.runner.run(request, plan.program, progress, hook)
+        return self.runner.run(world, plan.program, progress, hook)
 
     def sense(
         self,
-        loaded: LoadedCell,
+        world: World,
         recording: Recording,
-        sensors: Sensors,
         engine: Engine,
         progress: Progress,
         on_images: OnImages | None = None,
@@ -272,15 +226,14 @@ class ScanPipeline(Closing):
         control: ExposureControl | None = None,
     ) -> SensingResult:
         """Profiles of a recording, see `scancell.scanning.sense.sense`."""
-        task = Sensing(loaded.bodies, loaded.scene, sensors, engine, self.threads)
-        return sense(task, recording, progress, on_images, image_rows, control)
+        return sense(world, recording, engine, progress, on_images, image_rows, control, self.threads)
 
     def reconstruct(
         self, nominal: NominalCell, recording: Recording, profiles: ProfilePoints, setup: Setup, normals: bool = True
     ) -> tuple[Cloud, Dropped]:
         """Cloud from measured joints and nominal geometry alone, and the points that are not the part's.
 
-        `nominal` may be an estimated (calibrated) cell, see `Job.estimated`.
+        `nominal` may be an estimated (calibrated) cell, see `World.estimated`.
         """
         belt, (measured, poses_after) = belt_of(nominal, setup), _measured_poses(nominal, recording, setup)
         made = reconstruct_points(

@@ -28,8 +28,9 @@ from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.reconstruct import Dropped, ProfilePoints, table_warnings, why_empty
 from scancell.scanning.drive import PreScanHook
 from scancell.scanning.exposure_control import ExposureControl
-from scancell.scanning.pipeline import Job, ScanPipeline, belt_of, envelope_of, measured_motion, sensor_poses
-from scancell.scanning.sense import ExposureImages, OnImages, SensingResult, Sensors, sample_rows
+from scancell.scanning.pipeline import ScanPipeline, belt_of, envelope_of, measured_motion, sensor_poses
+from scancell.scanning.sense import ExposureImages, OnImages, SensingResult, sample_rows
+from scancell.scanning.world import Sensors, World
 from scancell.stopwatch import Stopwatch
 from scancell.values import Value
 
@@ -141,7 +142,7 @@ class Scan:
     """
 
     pipeline: ScanPipeline
-    job: Job
+    world: World
     engine: Engine
     on_images: OnImages | None = None
     setup_warnings: tuple[str, ...] = ()
@@ -155,22 +156,21 @@ class Scan:
         with watch.measure("plan"):
             plan = self.plan(progress, saved)
         with watch.measure("drive"):
-            recording = self.pipeline.drive(self.job.drive_request(hook is not None), plan, progress, hook)
+            recording = self.pipeline.drive(self.world, plan, progress, hook)
         return self.of_recording(recording, plan, progress, watch)
 
     def plan(
         self, progress: Progress, saved: Plan | None = None, quality_factors: Sequence[QualityFactor] = ()
     ) -> Plan:
         """The plan, or the `saved` one checked again, see `ScanPipeline.plan`."""
-        job = self.job
         progress.stage("planning", 1, "plan")
-        plan = self.pipeline.plan(job.loaded, job.setup, job.sensors.nominal, saved, quality_factors, progress)
+        plan = self.pipeline.plan(self.world, saved, quality_factors, progress)
         progress.advance(1)
         return plan
 
     def measure(self, plan: Plan, progress: Progress) -> tuple[Recording, SensingResult]:
         """Drive and sense a plan of which no cloud is wanted."""
-        recording = self.pipeline.drive(self.job.drive_request(), plan, progress)
+        recording = self.pipeline.drive(self.world, plan, progress)
         return recording, self.sense(recording, progress, [])[0]
 
     def of_recording(self, recording: Recording, plan: Plan | None, progress: Progress, watch: Stopwatch) -> ScanData:
@@ -195,26 +195,26 @@ class Scan:
     def of_parts(self, exposed: Exposed, cloud: Cloud, dropped: Dropped, plan: Plan, watch: Stopwatch) -> ScanData:
         """As `of_profiles`, of exposures of which `points_of` gave the cloud and what was dropped, part by part."""
         with watch.measure("reconstruct"):
-            cloud = self.pipeline.with_normals(self.job.estimated, exposed.recording, cloud, self.job.setup)
+            cloud = self.pipeline.with_normals(self.world.estimated, exposed.recording, cloud, self.world.setup)
         return self._data(exposed, cloud, dropped, plan, watch)
 
     def _reconstruct(self, recording: Recording, profiles: ProfilePoints, normals: bool) -> tuple[Cloud, Dropped]:
-        return self.pipeline.reconstruct(self.job.estimated, recording, profiles, self.job.setup, normals)
+        return self.pipeline.reconstruct(self.world.estimated, recording, profiles, self.world.setup, normals)
 
     def _data(self, exposed: Exposed, cloud: Cloud, dropped: Dropped, plan: Plan | None, watch: Stopwatch) -> ScanData:
-        job, sensed = self.job, exposed.sensed
+        world, sensed = self.world, exposed.sensed
         if not len(cloud):
-            reasons = why_empty(dropped, envelope_of(job.estimated, job.setup))
-            raise EmptyScanError(f"the scan gave no point: {'; '.join(reasons)}", file=job.part)
+            reasons = why_empty(dropped, envelope_of(world.estimated, world.setup))
+            raise EmptyScanError(f"the scan gave no point: {'; '.join(reasons)}", file=world.part)
         return ScanData(
-            part=job.part,
-            setup=job.setup,
+            part=world.part,
+            setup=world.setup,
             engine=self.engine,
-            seed=job.seed,
-            as_built=job.as_built,
-            nominal=job.loaded.nominal,
-            estimated=job.estimated,
-            sensors=job.sensors,
+            seed=world.seed,
+            as_built=world.as_built,
+            nominal=world.nominal,
+            estimated=world.estimated,
+            sensors=world.sensors,
             plan=plan,
             recording=exposed.recording,
             profiles=sensed.profiles,
@@ -223,14 +223,14 @@ class Scan:
             render_seconds=sensed.timings,
             timings=watch.seconds,
             dropped=dropped,
-            warnings=(*self._warnings(plan), *table_warnings(dropped, job.setup.scan.table_margin_mm)),
+            warnings=(*self._warnings(plan), *table_warnings(dropped, world.setup.scan.table_margin_mm)),
             fmu_token=exposed.fmu_token if plan is not None else "",
-            part_file=job.part_file,
-            recording_file=job.recording_file,
-            unit=job.unit,
+            part_file=world.part_file,
+            recording_file=world.recording_file,
+            unit=world.unit,
             threads=self.pipeline.threads,
-            part_surface=job.loaded.part_surface,
-            estimated_sensor=job.estimated_sensor,
+            part_surface=world.part_surface,
+            estimated_sensor=world.estimated_sensor,
         )
 
     def points_of(self, recording: Recording, sensed: SensingResult) -> tuple[Cloud, Dropped]:
@@ -256,21 +256,21 @@ class Scan:
             if images.trigger in chosen:
                 kept.append(images)
 
-        wanted, job = rows if on_images is None else None, self.job
-        sensed = self.pipeline.sense(job.loaded, recording, job.sensors, self.engine, progress, keep, wanted, control)
+        wanted = rows if on_images is None else None
+        sensed = self.pipeline.sense(self.world, recording, self.engine, progress, keep, wanted, control)
         return sensed, tuple(kept)
 
     def _translucent(self) -> list[str]:
         """Names of the translucent bodies."""
-        bodies = [body for body in self.job.loaded.bodies if isinstance(body, Body)]
+        bodies = [body for body in self.world.bodies if isinstance(body, Body)]
         return [body.name for body in bodies if any(m.scattering_per_mm for m in body.materials)]
 
     def _warnings(self, plan: Plan | None) -> tuple[str, ...]:
         """Warnings about descriptions, mesh and plan."""
         ignored = []
         if self.engine == "geometric":
-            ignored = ignored_by_geometric_engine(self.job.setup.sensor)
+            ignored = ignored_by_geometric_engine(self.world.setup.sensor)
             ignored += [f"scattering_per_mm of {name}" for name in self._translucent()]
         unused = (f"the geometric engine ignores {', '.join(ignored)}",) if ignored else ()
         planned = plan.warnings if plan is not None else ()
-        return (*self.setup_warnings, *unused, *self.job.loaded.nominal.part.warnings, *planned)
+        return (*self.setup_warnings, *unused, *self.world.nominal.part.warnings, *planned)

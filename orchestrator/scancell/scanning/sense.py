@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -14,15 +13,13 @@ from numpy.typing import NDArray
 from scancell import sensor as sensor_rt
 from scancell.cell.recording import Recording
 from scancell.config.choices import Engine
-from scancell.config.exposure_times import exposure_windows
-from scancell.config.loading import as_built_sensor
-from scancell.config.sensor import DetectorDescription, SensorDescription, read_out, sensor_json
-from scancell.errors import DescriptionError, SensorError
-from scancell.nominal.cell import Body, Lamp
+from scancell.config.sensor import DetectorDescription
+from scancell.errors import SensorError
 from scancell.progress import Progress
 from scancell.reconstruction.reconstruct import ProfilePoints, is_saturated
-from scancell.scanning.exposure_control import AutomaticExposure, ExposureControl, SameExposures
+from scancell.scanning.exposure_control import ExposureControl
 from scancell.scanning.exposures import exposures_from_truth, readout_time, sub_indices
+from scancell.scanning.world import Sensors, World
 from scancell.values import Value
 
 # Exposures per call: enough to use all cores, few enough for responsive interrupts and progress.
@@ -94,99 +91,15 @@ class SensingResult:
         return cls(ProfilePoints.concatenate(shifted), dict(timings))
 
 
-@dataclass(frozen=True)
-class Sensors:
-    """Sensor models: `nominal` (or calibrated) interprets the images, `true` renders them; one object if equal.
-
-    `description` is that of the true sensor, which chooses its exposures; `as_recorded` says whether fixed ones are
-    those of a recording.
-    """
-
-    nominal: sensor_rt.Sensor
-    true: sensor_rt.Sensor
-    description: SensorDescription
-    as_recorded: bool = True
-
-    @property
-    def windows(self) -> NDArray[np.float64]:
-        """Middle (s after that of all) and duration (s) of the exposures of a profile (k, 2); of automatic ones, of the
-        first."""
-        return exposure_windows(self.description)
-
-    def control(self) -> ExposureControl:
-        """A new choice of the exposure times of the profiles of a recording."""
-        if self.description.exposure.mode == "automatic":
-            return AutomaticExposure(self.description)
-        as_recorded = self.as_recorded and self.description.exposure.mode == "fixed"
-        return SameExposures(None if as_recorded else self.windows)
-
-
-def make_sensor(description: SensorDescription, seed: int) -> sensor_rt.Sensor:
-    """Native sensor model of a description.
-
-    Raises `SensorError` if the library rejects the description.
-    """
-    try:
-        return sensor_rt.Sensor(json.dumps(sensor_json(description, seed)))
-    except (ValueError, RuntimeError) as error:
-        raise SensorError(f"sensor '{description.name}': {error}") from error
-
-
-def make_sensors(
-    nominal: SensorDescription, as_built: Sequence[str], seed: int, estimated: SensorDescription | None = None
-) -> Sensors:
-    """Native sensor models of a nominal description and its perturbations.
-
-    Raises `DescriptionError` if a perturbation is invalid, or the images of the calibrated sensor are of other sizes;
-    `SensorError` if the library rejects a description.
-
-    Parameters
-    ----------
-    as_built
-        Perturbations as ``key=value`` words; those of the cell are ignored.
-    estimated
-        Calibrated description; interprets the images instead of `nominal`.
-    """
-    if estimated is not None:
-        _require_same_images(nominal, estimated)
-    interpreting = make_sensor(nominal if estimated is None else estimated, seed)
-    true = as_built_sensor(nominal, as_built)
-    same = estimated is None and true is nominal
-    as_recorded = np.array_equal(exposure_windows(true), exposure_windows(nominal))
-    return Sensors(interpreting, interpreting if same else make_sensor(true, seed), true, as_recorded)
-
-
-def _require_same_images(nominal: SensorDescription, estimated: SensorDescription) -> None:
-    sizes, expected = (
-        [f"{one.width_px} x {one.height_px}" for one in read_out(each).camera] for each in (estimated, nominal)
-    )
-    if sizes != expected:
-        raise DescriptionError(
-            f"cameras of {', '.join(sizes)} px cannot interpret the images of '{nominal.name}'",
-            key="estimated_sensor",
-            value=estimated.name,
-            expected=f"{', '.join(expected)} px",
-        )
-
-
-@dataclass(frozen=True)
-class Sensing:
-    """Bodies in the order of the scene, scene, sensors, engine and threads (0: all)."""
-
-    bodies: tuple[Body | Lamp, ...]
-    scene: sensor_rt.Scene
-    sensors: Sensors
-    engine: Engine = "ray-traced"
-    threads: int = 0
-
-
 def sense(
-    task: Sensing,
+    world: World,
     recording: Recording,
+    engine: Engine,
     progress: Progress,
     on_images: OnImages | None = None,
     image_rows: Collection[int] | None = None,
     control: ExposureControl | None = None,
+    threads: int = 0,
 ) -> SensingResult:
     """Profiles of a recording; `frame` is its row.
 
@@ -202,8 +115,8 @@ def sense(
         Chooses the exposure times. Recordings of one scan that are sensed one after another share it; by default a new
         one.
     """
-    control = control or task.sensors.control()
-    wants = on_images is not None and task.engine != "geometric"
+    control = control or world.sensors.control()
+    wants = on_images is not None and engine != "geometric"
     batches = _batches(len(recording), image_rows if wants else None, wants)
     timings: Counter[str] = Counter()
 
@@ -213,7 +126,7 @@ def sense(
             while first < batch.stop:
                 windows = control.next(batch.stop - first)
                 rows = slice(first, batch.stop if windows is None else first + len(windows))
-                taken = profiles_of(task, recording[rows], windows, wanted or control.looks)
+                taken = profiles_of(world, recording[rows], engine, windows, wanted or control.looks, threads)
                 if on_images is not None and wanted:
                     for images in taken.images():
                         on_images(images)
@@ -284,7 +197,13 @@ class Taken:
 
 
 def take(
-    task: Sensing, exposures: sensor_rt.Exposures, index: NDArray[np.int64], windows: NDArray[np.float64], images: bool
+    world: World,
+    exposures: sensor_rt.Exposures,
+    engine: Engine,
+    index: NDArray[np.int64],
+    windows: NDArray[np.float64],
+    images: bool,
+    threads: int,
 ) -> Taken:
     """Profiles (n,) of the trigger indices `index`, with the images of all exposures if requested.
 
@@ -298,10 +217,10 @@ def take(
         (n, k, 2) times from the latch to their middles, the same for all profiles, and durations, s.
     """
     offsets = windows[0, :, 0]
-    sensors = task.sensors
+    sensors = world.sensors
     several = offsets.size > 1
-    result = expose(task.scene, sensors, exposures, task.engine, task.threads, images, keep_rejected=several)
-    points, row = points_of(result.profiles, sensors.nominal, task.engine), np.asarray(result.profiles.row)
+    result = expose(world.scene, sensors, exposures, engine, threads, images, keep_rejected=several)
+    points, row = points_of(result.profiles, sensors.nominal, engine), np.asarray(result.profiles.row)
     if several:
         points, number = replace(points, frame=points.frame // offsets.size), points.frame % offsets.size
         chosen = surest(points, number)
@@ -333,7 +252,14 @@ def _changes(*values: NDArray[Any]) -> NDArray[np.bool_]:
     return differs
 
 
-def profiles_of(task: Sensing, recording: Recording, windows: NDArray[np.float64] | None, images: bool) -> Taken:
+def profiles_of(
+    world: World,
+    recording: Recording,
+    engine: Engine,
+    windows: NDArray[np.float64] | None,
+    images: bool,
+    threads: int,
+) -> Taken:
     """Profiles of a recording, each of the exposures `windows` (n, k, 2), see `Recording.truth_for_rows`; None: of one,
     as recorded.
 
@@ -341,9 +267,9 @@ def profiles_of(task: Sensing, recording: Recording, windows: NDArray[np.float64
     """
     index = recording.measured.index
     windows = recording.windows if windows is None else windows
-    truth = recording.truth_for_rows(readout_time(task.sensors.true), windows)
-    exposures = exposures_from_truth(truth, sub_indices(index, windows.shape[1]), task.bodies)
-    return take(task, exposures, index, windows, images)
+    truth = recording.truth_for_rows(readout_time(world.sensors.true), windows)
+    exposures = exposures_from_truth(truth, sub_indices(index, windows.shape[1]), world.bodies)
+    return take(world, exposures, engine, index, windows, images, threads)
 
 
 def _batches(count: int, image_rows: Collection[int] | None, images: bool) -> Iterator[tuple[slice, bool]]:

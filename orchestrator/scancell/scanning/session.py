@@ -25,9 +25,10 @@ from scancell.nominal.cell import NominalCell
 from scancell.progress import NullProgress, Progress
 from scancell.reconstruction.cloud import Cloud
 from scancell.scanning.exposure_control import ExposureControl
-from scancell.scanning.pipeline import Job, ScanPipeline
+from scancell.scanning.pipeline import ScanPipeline
 from scancell.scanning.sense import SensingResult
 from scancell.scanning.single_exposure import Profile, measure_profile
+from scancell.scanning.world import World
 
 Array = NDArray[np.float64]
 
@@ -44,14 +45,14 @@ class ScanSession(CellSession):
     ----------
     instance
         Running instance of the cell.
-    job, pipeline
+    world, pipeline
         The part in the cell with its sensors, and what measures.
     guard
         Watches the robot; None: no guard.
 
     Attributes
     ----------
-    job, pipeline
+    world, pipeline
         As above.
     progress
         Receives what is measured, and may end it by raising.
@@ -73,13 +74,13 @@ class ScanSession(CellSession):
     def __init__(
         self,
         instance: CellInstance,
-        job: Job,
+        world: World,
         pipeline: ScanPipeline,
         guard: Guard | None = None,
     ) -> None:
-        cycle_us = job.setup.cell.world.controller_cycle_us
-        super().__init__(instance, job.loaded.nominal, cycle_us)
-        self.job, self.pipeline = job, pipeline
+        cycle_us = world.setup.cell.world.controller_cycle_us
+        super().__init__(instance, world.nominal, cycle_us)
+        self.world, self.pipeline = world, pipeline
         self.progress: Progress = NullProgress()
         self.on_exposures: Callable[[Recording, Cloud | None], object] = lambda _recording, _cloud: None
         self.on_points: Callable[[Cloud], object] | None = None
@@ -87,19 +88,19 @@ class ScanSession(CellSession):
         if guard is not None:
             max_age = guard.settings.max_age
             link = Link(InProcess(guard, _ANSWER_TIME), max_age)
-            parts = PartTracker(job.setup.cell, job.loaded.nominal)
+            parts = PartTracker(world.setup.cell, world.nominal)
             self._guarded = GuardedCell(instance, cycle_us, link, max_age, parts=parts)
             self._guarded.attach()
 
     @property
     def nominal(self) -> NominalCell:
         """The nominal cell, which planning uses."""
-        return self.job.loaded.nominal
+        return self.world.nominal
 
     @property
     def true(self) -> NominalCell:
         """The cell with unknown obstacles, too; its bodies in the order in which the FMU numbers them from 1."""
-        return self.job.loaded.true
+        return self.world.true
 
     @property
     def monitor_speed(self) -> float:
@@ -160,8 +161,8 @@ class ScanSession(CellSession):
         SensorError
             If the sensor library reports an error.
         """
-        job = self.job
-        control, taken, sensing = job.sensors.control(), [], ThreadPoolExecutor(1, "sense")
+        world = self.world
+        control, taken, sensing = world.sensors.control(), [], ThreadPoolExecutor(1, "sense")
 
         def take(batch: Recording) -> None:
             taken.append((len(batch), sensing.submit(self._sense, batch, engine, control)))
@@ -174,16 +175,16 @@ class ScanSession(CellSession):
         finally:
             sensing.shutdown(cancel_futures=True)
         sensed = SensingResult.joined(parts, [count for count, _ in taken])
-        cloud = self.pipeline.reconstruct(job.estimated, recording, sensed.profiles, job.setup)[0]
+        cloud = self.pipeline.reconstruct(world.estimated, recording, sensed.profiles, world.setup)[0]
         self.on_exposures(recording, cloud)
         return cloud
 
     def _sense(self, batch: Recording, engine: Engine, control: ExposureControl) -> SensingResult:
-        job, pipeline = self.job, self.pipeline
-        sensed = pipeline.sense(job.loaded, batch, job.sensors, engine, NullProgress(), control=control)
+        world, pipeline = self.world, self.pipeline
+        sensed = pipeline.sense(world, batch, engine, NullProgress(), control=control)
         if self.on_points is not None:
             profiles = sensed.profiles
-            self.on_points(pipeline.reconstruct(job.estimated, batch, profiles, job.setup, normals=False)[0])
+            self.on_points(pipeline.reconstruct(world.estimated, batch, profiles, world.setup, normals=False)[0])
         return sensed
 
     def _sensed(self, count: int, batch: Future[SensingResult]) -> SensingResult:
@@ -196,7 +197,7 @@ class ScanSession(CellSession):
     @property
     def exposure(self) -> float:
         """Duration of the exposures of a profile of the description, s."""
-        return exposure_span(self.job.setup.sensor)
+        return exposure_span(self.world.setup.sensor)
 
     def profile(self, engine: Engine = "ray-traced") -> Profile:
         """Profile at the present pose, by the `engine`, see `scan_line`; the cell is not stepped, and may be moving.
@@ -206,9 +207,9 @@ class ScanSession(CellSession):
         SensorError
             If the sensor library reports an error.
         """
-        job = self.job
+        world = self.world
         self.progress.advance(0.0)
         recording = self.snapshot(self.exposure)
-        profile = measure_profile(job, recording, job.sensors, engine, self.pipeline.threads)
+        profile = measure_profile(world, recording, engine, self.pipeline.threads)
         self.on_exposures(recording, None)
         return profile

@@ -17,8 +17,9 @@ from scancell.planning.views.placement import PlacedPose, Placer
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.exposure_control import ExposureControl
 from scancell.scanning.exposures import still_exposures
-from scancell.scanning.pipeline import Job, measured_motion, sensor_poses
-from scancell.scanning.sense import ExposureImages, Sensing, Sensors, profiles_of, take
+from scancell.scanning.pipeline import measured_motion, sensor_poses
+from scancell.scanning.sense import ExposureImages, profiles_of, take
+from scancell.scanning.world import World
 from scancell.values import Value
 
 Array = NDArray[np.float64]
@@ -55,23 +56,21 @@ class Profile(Value):
 
 
 def measure_profile(
-    job: Job,
+    world: World,
     recording: Recording,
-    sensors: Sensors,
     engine: Engine,
     threads: int,
     control: ExposureControl | None = None,
 ) -> Profile:
     """The profile of a recording of one profile; `control` is that of `scancell.scanning.sense.sense`.
 
-    `sensors` may differ from those of the `job`. Raises `SensorError` if the sensor library reports an error.
+    Raises `SensorError` if the sensor library reports an error.
     """
-    loaded, cell = job.loaded, job.estimated
-    measured = measured_motion(cell, recording, job.setup)
-    part_from_sensor = sensor_poses(cell, job.setup)(measured.q[0], measured.table[0])
-    control = control or sensors.control()
-    task = Sensing(loaded.bodies, loaded.scene, sensors, engine, threads)
-    taken = profiles_of(task, recording, control.next(1), images=True)
+    cell = world.estimated
+    measured = measured_motion(cell, recording, world.setup)
+    part_from_sensor = sensor_poses(cell, world.setup)(measured.q[0], measured.table[0])
+    control = control or world.sensors.control()
+    taken = profiles_of(world, recording, engine, control.next(1), images=True, threads=threads)
     if control.looks:
         control.learn(taken.signals())
     profile = taken.points
@@ -99,28 +98,27 @@ class ShotData(Value):
     warnings: tuple[str, ...]
 
 
-def take_shot(job: Job, part_from_sensor: Array, engine: Engine, threads: int) -> ShotData:
+def take_shot(world: World, part_from_sensor: Array, engine: Engine, threads: int) -> ShotData:
     """The exposure from a pose (4, 4), see `Scanner.shot`.
 
     Raises `SensorError` if the sensor library reports an error.
     """
-    loaded, sensors = job.loaded, job.sensors
-    cell = PlanningCell(loaded.nominal, SensorRange.of(sensors.nominal), 1.0, threads=threads)
-    exposures, warnings = _posture(cell, job, part_from_sensor)
-    task = Sensing(loaded.bodies, loaded.scene, sensors, engine, threads)
-    taken = take(task, exposures, np.array([1]), sensors.windows[None], images=True)
+    sensors = world.sensors
+    cell = PlanningCell(world.nominal, SensorRange.of(sensors.nominal), 1.0, threads=threads)
+    exposures, warnings = _posture(cell, world, part_from_sensor)
+    taken = take(world, exposures, engine, np.array([1]), sensors.windows[None], images=True, threads=threads)
     profile = taken.points
     points = pose.transform_points(part_from_sensor, np.array(profile.points_in_sensor, float))
     if not len(points):
         warnings = (*warnings, "the sensor sees nothing from this pose")
     images = next(taken.images(), None)
-    return ShotData(loaded.nominal.part.source, profile, taken.row, points, images, sensors.nominal, warnings)
+    return ShotData(world.nominal.part.source, profile, taken.row, points, images, sensors.nominal, warnings)
 
 
-def _posture(cell: PlanningCell, job: Job, part_from_sensor: Array) -> tuple[sensor_rt.Exposures, tuple[str, ...]]:
+def _posture(cell: PlanningCell, world: World, part_from_sensor: Array) -> tuple[sensor_rt.Exposures, tuple[str, ...]]:
     """The exposures with the arm where it holds the sensor at the pose; far away where it cannot."""
     nominal = cell.nominal
-    azimuth = si_value(job.setup.scan.sweep, "azimuth_deg")
+    azimuth = si_value(world.setup.scan.sweep, "azimuth_deg")
     placed = Placer(cell, azimuth, 0.0).poses(part_from_sensor[None])[0]
     warnings: tuple[str, ...] = ()
     if isinstance(placed, PlacedPose):
@@ -130,8 +128,8 @@ def _posture(cell: PlanningCell, job: Job, part_from_sensor: Array) -> tuple[sen
         away = pose.translation((0.0, 0.0, -900.0))
         frames = {name: away @ value if _moves_with_arm(name) else value for name, value in frames.items()}
         warnings = (f"the arm is left out: {placed.reason}",)
-    world_from_body = np.stack([frames[body.moves_with] for body in job.loaded.bodies])
-    durations = job.sensors.windows[:, 1]
+    world_from_body = np.stack([frames[body.moves_with] for body in world.bodies])
+    durations = world.sensors.windows[:, 1]
     return still_exposures(frames["part"] @ part_from_sensor, world_from_body, durations), warnings
 
 

@@ -6,7 +6,6 @@ free, and goes down by layers: arm and sensor only enter space that a layer befo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.arguments import checked_arguments, checked_fields
-from scancell.config.loading import Setup
 from scancell.config.units import si_value
 from scancell.errors import DescriptionError, PlanningError
 from scancell.geometry import pose
@@ -32,9 +30,8 @@ from scancell.planning.space_map import Profiles, SpaceMap
 from scancell.planning.views.placement import PlacedPose
 from scancell.planning.work import Work, WorkLimitError
 from scancell.progress import Progress
-from scancell.scanning.drive import DriveRequest
-from scancell.scanning.pipeline import LoadedCell, ScanPipeline
-from scancell.scanning.sense import Sensors
+from scancell.scanning.pipeline import ScanPipeline
+from scancell.scanning.world import World
 from scancell.values import Result
 
 Array = NDArray[np.float64]
@@ -176,26 +173,20 @@ class Survey:
 
     Parameters
     ----------
-    setup, loaded, sensors, pipeline
-        Descriptions, cell with its part, sensor models, and what runs them.
+    world, pipeline
+        The cell with what stands in it, and what runs it.
     region
         Space to survey.
-    seed, as_built
-        Of the simulated cell, as for a scan.
     """
 
     def __init__(
         self,
-        setup: Setup,
-        loaded: LoadedCell,
-        sensors: Sensors,
+        world: World,
         pipeline: ScanPipeline,
         region: SurveyRegion,
-        seed: int = 0,
-        as_built: Sequence[str] = (),
     ) -> None:
-        self._setup, self._loaded, self._sensors, self._pipeline = setup, loaded, sensors, pipeline
-        self._region, self._range = region, SensorRange.of(sensors.nominal)
+        self._world, self._pipeline = world, pipeline
+        self._region, self._range = region, SensorRange.of(world.sensors.nominal)
         # Layers and rows overlap by a voxel.
         largest = 0.9 * min(self._range.far - self._range.near, 2 * self._range.half_near)
         if region.voxel > largest:
@@ -205,8 +196,7 @@ class Survey:
                 value=region.voxel,
                 expected=f"at most {largest:.3g} m, by the measuring range",
             )
-        self._request = DriveRequest(setup, loaded.nominal, loaded.for_fmu(seed), as_built)
-        nominal = loaded.nominal
+        nominal = world.nominal
         tolerance = max(region.inflation, 1e-3)
         self.space = SpaceMap(region.radius, region.height, region.voxel, _around_table(nominal), tolerance)
         at_home = nominal.frame_poses(nominal.home, 0.0)
@@ -214,7 +204,7 @@ class Survey:
 
     @property
     def _clearance(self) -> float:
-        return si_value(self._setup.scan, "clearance_mm")
+        return si_value(self._world.setup.scan, "clearance_mm")
 
     def run(self, progress: Progress) -> SurveyResult:
         """Survey all layers.
@@ -222,7 +212,7 @@ class Survey:
         Raises `PlanningError` if the home position is not free, no exposure is possible, or ``scan.max_planning_work``
         is used up; `CellError` if the FMU reports an error.
         """
-        counts, work = np.zeros(3, np.int64), Work(self._setup.scan.max_planning_work, progress)
+        counts, work = np.zeros(3, np.int64), Work(self._world.setup.scan.max_planning_work, progress)
         layers = self._layers()
         for height in layers:
             progress.stage("planning a layer", 1, "plan")
@@ -230,7 +220,7 @@ class Survey:
             counts += self._survey_layer(self._poses(height), work, progress)
         if not counts[0]:
             raise PlanningError("no pose of the survey can be reached: reduce its radius or height")
-        return SurveyResult(self.space, self._region, self._loaded.nominal.table_radius, *counts.tolist())
+        return SurveyResult(self.space, self._region, self._world.nominal.table_radius, *counts.tolist())
 
     def _layers(self) -> list[float]:
         """Heights of the sensor above the table: the range of each begins where free space ended before."""
@@ -258,10 +248,9 @@ class Survey:
         plan, left_out = self._plan(poses, work)
         if plan is None:
             return np.array([0, left_out, 0])
-        pipeline, loaded = self._pipeline, self._loaded
-        recording = pipeline.drive(self._request, plan, progress)
-        profiles = pipeline.sense(loaded, recording, self._sensors, "geometric", progress).profiles
-        nominal = loaded.nominal
+        pipeline, nominal = self._pipeline, self._world.nominal
+        recording = pipeline.drive(self._world, plan, progress)
+        profiles = pipeline.sense(self._world, recording, "geometric", progress).profiles
         world_from_table = nominal.world_from_platter(recording.measured.table)
         table_from_sensor = pose.inverse(world_from_table) @ nominal.world_from_sensor(recording.measured.q)
         seen = Profiles(table_from_sensor, profiles.points_in_sensor, np.asarray(profiles.frame, np.int64))
@@ -270,7 +259,7 @@ class Survey:
 
     def _plan(self, poses: Array, work: Work) -> tuple[Plan | None, int]:
         """A motion through free space to those of the poses that it leads to, and the number of the others."""
-        setup, nominal = self._setup, self._loaded.nominal
+        setup, nominal = self._world.setup, self._world.nominal
         blocked = {"fixed": self.space.blocked(self._region.inflation)}
         cell = PlanningCell(
             replace(nominal, bodies=(*nominal.bodies, *occupied_bodies(blocked, nominal))),

@@ -21,7 +21,7 @@ from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import NominalCell
 from scancell.results import ScanResult
 from scancell.scanner import Scanner
-from scancell.scanning.drive import FOLDER_PREFIX, DriveRequest
+from scancell.scanning.drive import FOLDER_PREFIX
 from scancell.scanning.sense import OnImages
 from scancell.studies.distributions import Value
 from scancell.studies.factors import Factors, Units
@@ -99,13 +99,12 @@ class ScanWorker:
     @cached_property
     def nominal(self) -> NominalCell:
         """The cell of these descriptions."""
-        return self._scanner.pipeline.load(self.setup.cell, self._part).nominal
+        return self._scanner.pipeline.load(self.setup, self._part).nominal
 
     def units(self) -> Units:
         """Units of the deviations of the FMU."""
-        setup, pipeline = self._scanner.setup, self._scanner.pipeline
-        loaded = pipeline.load(setup.cell, self._part)
-        return pipeline.runner.units(DriveRequest(setup, loaded.nominal, loaded.for_fmu(0)))
+        pipeline = self._scanner.pipeline
+        return pipeline.runner.units(pipeline.load(self.setup, self._part))
 
     def close(self) -> None:
         """Free the FMU and the files of this worker."""

@@ -109,11 +109,11 @@ class Workspace:
         opener: Opener,
     ) -> None:
         self.nominal, self._session = session.nominal, session
-        over_part = _over_part(session.nominal, session.job.setup.sensor)
-        if part is not None and settings.exercise is None and session.job.setup.cell.part.arrival is None:
+        over_part = _over_part(session.nominal, session.world.setup.sensor)
+        if part is not None and settings.exercise is None and session.world.setup.cell.part.arrival is None:
             _start_over_part(session, over_part)
         self.live = LiveCell(session)
-        setup, mesh = session.job.setup, session.nominal.part if part is not None else None
+        setup, mesh = session.world.setup, session.nominal.part if part is not None else None
         self.scene = CellScene(server, session.true, setup.sensor, setup.cell)
         self.feed = CameraFeed(self.live, session, settings.engine)
         self._recording = SessionRecording(self.live, session.true, self.feed, settings.out)
@@ -134,7 +134,7 @@ class Workspace:
         taught = TaughtFile(settings.out / "taught.py")
         self._help = HelpPanel(server.gui, self.feed, self.scans, taught, program, self.live.state, over_part)
         exercise, attempt = settings.exercise, None
-        if exercise is not None and session.job.part_file == exercise.part_file:
+        if exercise is not None and session.world.part_file == exercise.part_file:
             attempt = Attempt(exercise, self.live, session, program, taught)
         self._shared = Shared(
             self.scene,
@@ -236,12 +236,12 @@ def _over_part(cell: NominalCell, sensor: SensorDescription) -> NDArray[np.float
 
 def _start_over_part(session: ScanSession, over_part: NDArray[np.float64]) -> None:
     """Move the sensor over the part, so that the first frame has a stripe; the arm stays at home if it cannot."""
-    job, looks_down = session.job, np.diag([1.0, -1.0, -1.0])
+    world, looks_down = session.world, np.diag([1.0, -1.0, -1.0])
     world_from_sensor = session.nominal.arm.world_from_base @ pose.from_rotation(looks_down, over_part)
     with suppress(CommandError, PlanningError):
         start = session.come_to_rest()
         goal = np.append(session.joints_for(world_from_sensor, "sensor", start[:-1]), start[-1])
-        way = session.pipeline.approach(job.loaded, job.setup, job.sensors.nominal, start, goal, "the part")
+        way = session.pipeline.approach(world, start, goal, "the part")
         if way is not None:
             session.run_program(way, session.exposure)
 

@@ -20,7 +20,7 @@ from scancell.files import require_file
 from scancell.geometry.pose_conventions import StatedPoses
 from scancell.output.image_files import SUFFIXES
 from scancell.progress import Progress
-from scancell.scanning.sense import make_sensor
+from scancell.scanning.world import make_sensor
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]

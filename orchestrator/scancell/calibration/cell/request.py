@@ -21,7 +21,7 @@ from scancell.config.loading import Setup
 from scancell.config.study import CalibrateDescription
 from scancell.config.table_format import read_format, recognised_format
 from scancell.progress import Progress
-from scancell.scanning.pipeline import Job
+from scancell.scanning.world import World
 
 _PASSES = 8
 
@@ -102,9 +102,9 @@ class CalibrationRequest:
 
 
 def calibrate_in_cell(
-    scan: CalibrationScan, job: Job, request: CalibrationRequest, engine: Engine, progress: Progress
+    scan: CalibrationScan, world: World, request: CalibrationRequest, engine: Engine, progress: Progress
 ) -> CalibrationReport:
-    """Measure the artefact of a job in the simulated cell, and calibrate.
+    """Measure an artefact in the simulated cell, and calibrate.
 
     Raises `ScancellError` naming what is wrong and what was expected.
 
@@ -112,48 +112,48 @@ def calibrate_in_cell(
     ----------
     scan
         That of the request in the nominal cell.
-    job
+    world
         The artefact in the cell with as-built deviations.
     """
-    made = scan.run(job, engine, progress)
-    units = scan.pipeline.runner.units(job.drive_request())
-    return _report(made, job, request, true_deviations(parse_as_built(job.as_built, units)))
+    made = scan.run(world, engine, progress)
+    units = scan.pipeline.runner.units(world)
+    return _report(made, world, request, true_deviations(parse_as_built(world.as_built, units)))
 
 
 def calibrate_from_points(
     scan: CalibrationScan,
-    job: Job,
+    world: World,
     request: CalibrationRequest,
     points: Path,
     flange: Path | None = None,
     convention: str | None = None,
     table_format: str | Path | None = None,
 ) -> CalibrationReport:
-    """Calibrate from measured points of the artefact of a job, see `read_points`, or profiles in a sensor's format.
+    """Calibrate from measured points of an artefact, see `read_points`, or profiles in a sensor's format.
 
     Raises `ScancellError` naming what is wrong and what was expected.
     """
     form = recognised_format(points) if table_format is None else read_format(table_format)
     profiles = None if form is None else read_profiles(points, form)
     table = None if profiles is None else MeasuredTable(points, profiles.columns())
-    measured = read_points(points, len(job.setup.cell.robot.joint), flange, convention, table)
-    report = _report(scan.solve_measured(measured), job, request, None)
+    measured = read_points(points, len(world.setup.cell.robot.joint), flange, convention, table)
+    report = _report(scan.solve_measured(measured), world, request, None)
     files = (points,) if profiles is None else profiles.files
     return replace(report, inputs=(*report.inputs, *files, *([] if flange is None else [flange])))
 
 
 def _report(
-    made: Calibration, job: Job, request: CalibrationRequest, true: dict[str, float] | None
+    made: Calibration, world: World, request: CalibrationRequest, true: dict[str, float] | None
 ) -> CalibrationReport:
     run = {
-        "artefact": job.part,
+        "artefact": world.part,
         "what": request.what,
-        "seed": job.seed,
-        "as_built": list(job.as_built),
+        "seed": world.seed,
+        "as_built": list(world.as_built),
         "free": list(made.problem.free),
     }
-    inputs = () if job.part_file is None else (job.part_file,)
-    return CalibrationReport(made, job.setup, job.loaded.nominal.part, inputs, run, true)
+    inputs = () if world.part_file is None else (world.part_file,)
+    return CalibrationReport(made, world.setup, world.nominal.part, inputs, run, true)
 
 
 def start_of(setup: Setup) -> dict[str, float]:

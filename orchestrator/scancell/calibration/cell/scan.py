@@ -47,9 +47,10 @@ from scancell.planning.plan import Plan
 from scancell.planning.work import Work
 from scancell.progress import Progress
 from scancell.reconstruction.reconstruct import ProfilePoints
-from scancell.scanning.pipeline import Job, ScanPipeline
+from scancell.scanning.pipeline import ScanPipeline
 from scancell.scanning.scan import Scan
-from scancell.scanning.sense import Sensors, expose, points_of
+from scancell.scanning.sense import expose, points_of
+from scancell.scanning.world import Sensors, World
 
 Array = NDArray[np.float64]
 
@@ -164,7 +165,7 @@ class CalibrationScan:
 
     Parameters
     ----------
-    job
+    world
         The artefact in the nominal cell.
     start
         Deviations to start from, SI, by name; those that are not free stay.
@@ -173,16 +174,16 @@ class CalibrationScan:
     def __init__(
         self,
         pipeline: ScanPipeline,
-        job: Job,
+        world: World,
         options: CalibrationOptions,
         start: Mapping[str, float],
     ) -> None:
-        self.pipeline, self.job = pipeline, job
+        self.pipeline, self.world = pipeline, world
         self.options, self._start = options, start
-        self._part, self._scan = job.loaded.nominal.part, scan_options(job.setup.scan, job.setup.sensor)
-        cycle = job.setup.cell.world.controller_cycle
-        range_ = SensorRange.of(job.sensors.nominal)
-        self._cell = PlanningCell(job.loaded.nominal, range_, cycle, threads=pipeline.threads)
+        self._part, self._scan = world.nominal.part, scan_options(world.setup.scan, world.setup.sensor)
+        cycle = world.setup.cell.world.controller_cycle
+        range_ = SensorRange.of(world.sensors.nominal)
+        self._cell = PlanningCell(world.nominal, range_, cycle, threads=pipeline.threads)
 
     @cached_property
     def plan(self) -> Plan:
@@ -196,20 +197,20 @@ class CalibrationScan:
         moving = passes(self._cell, options.passes, rng, self._scan) if options.passes else []
         return plan_views(self._cell, self._scan, still, moving)
 
-    def run(self, job: Job, engine: Engine, progress: Progress) -> Calibration:
-        """Drive, sense and solve; `job` is that of the nominal cell with as-built deviations and a seed of its own.
+    def run(self, world: World, engine: Engine, progress: Progress) -> Calibration:
+        """Drive, sense and solve; `world` is that of the nominal cell with as-built deviations and a seed of its own.
 
         Raises `CalibrationError` if the artefact cannot be measured, or what was measured does not determine the
         unknowns.
         """
         progress.stage("planning", 1, "plan")
-        self._cell = replace(self._cell, work=Work(self.job.setup.scan.max_planning_work, progress))
+        self._cell = replace(self._cell, work=Work(self.world.setup.scan.max_planning_work, progress))
         plan = self.plan
         progress.advance(1)
-        recording, sensed = Scan(self.pipeline, job, engine).measure(plan, progress)
+        recording, sensed = Scan(self.pipeline, world, engine).measure(plan, progress)
         readings = readings_of(recording.measured)
         progress.stage("solving", 1, "solution")
-        found = self.solve(observations_of(sensed.profiles, readings, job.sensors.nominal), plan)
+        found = self.solve(observations_of(sensed.profiles, readings, world.sensors.nominal), plan)
         progress.advance(1)
         return found
 
@@ -232,7 +233,7 @@ class CalibrationScan:
             wrong = wrong_sphere(whole, *sphere)
             if wrong:
                 raise CalibrationError(wrong)
-        shift = shift_of(self.job.loaded.nominal, self.job.setup.cell.part)
+        shift = shift_of(self.world.nominal, self.world.setup.cell.part)
         return Calibration(problem, result, len(measured.sigma), plan, shift)
 
     def solve_measured(self, measured: MeasuredPoints) -> Calibration:
@@ -275,7 +276,7 @@ class CalibrationScan:
         if measured.readings.flange is not None and sphere is not None:
             return  # where the sphere is, its profiles tell; there may be no table
         yield where_points_lie(replace(problem, observations=measured), self._part)
-        yield shift_text(shift_of(self.job.loaded.nominal, self.job.setup.cell.part))
+        yield shift_text(shift_of(self.world.nominal, self.world.setup.cell.part))
 
     def problem(self, measured: Observations) -> CalibrationProblem:
         """The problem that measured profiles of the artefact pose."""
@@ -283,7 +284,7 @@ class CalibrationScan:
         return replace(problem, observations=measured.chosen(on_artefact(problem)))
 
     def _problem(self, observed: Observations) -> CalibrationProblem:
-        nominal, options = self.job.loaded.nominal, self.options
+        nominal, options = self.world.nominal, self.options
         return CalibrationProblem(
             kinematics=kinematics_of(nominal),
             observations=observed,
@@ -318,13 +319,13 @@ class CalibrationScan:
 
     def _expected_observations(self, found: Candidates) -> Observations:
         """Observations of the nominal sensor from the candidates in the nominal cell, by ideal rays."""
-        loaded, sensor = self.job.loaded, self.job.sensors.nominal
-        frames = loaded.nominal.frame_poses(found.q, found.table)
-        bodies = np.stack([frames[body.moves_with] for body in loaded.bodies], 1)
+        world, sensor = self.world, self.world.sensors.nominal
+        frames = world.nominal.frame_poses(found.q, found.table)
+        bodies = np.stack([frames[body.moves_with] for body in world.bodies], 1)
         duration, index = np.full(len(found.q), sensor.exposure), np.arange(len(found.q), dtype=np.int64)
         exposures = sensor_rt.Exposures(frames["sensor"][:, None], bodies[:, :, None], duration, index)
-        sensors = Sensors(sensor, sensor, self.job.setup.sensor)
-        result = expose(loaded.scene, sensors, exposures, "geometric", self.pipeline.threads, images=False)
+        sensors = Sensors(sensor, sensor, self.world.setup.sensor)
+        result = expose(world.scene, sensors, exposures, "geometric", self.pipeline.threads, images=False)
         profiles = points_of(result.profiles, sensor, "geometric")
         return observations_of(profiles, AxisReadings.at_rest(found.q, found.table), sensor)
 

@@ -23,7 +23,7 @@ from scancell.geometry.shapes import ShapeGroup
 from scancell.nominal.cell import Body, Lamp
 from scancell.progress import NullProgress, Progress
 from scancell.scanning.exposures import build_scene
-from scancell.scanning.sense import make_sensor
+from scancell.scanning.world import make_sensor
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from scancell.config.choices import Engine
 from scancell.config.loading import Setup
 from scancell.evaluation.plane_trial import Linearity, PlaneTarget, linearity, measure_plane
 from scancell.progress import Progress
-from scancell.scanning.sense import make_sensors
+from scancell.scanning.world import make_sensors
 from scancell.studies.acceptance.measure import Programme
 
 _RANGE_MARGIN = 0.02  # of the measuring range, left free at both ends
