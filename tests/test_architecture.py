@@ -97,10 +97,11 @@ SENSOR_RT = {
     },
 }
 FMU = {
+    "kinematics": set(),
     "control": set(),
-    "model": {"control", "proximity"},
-    "proximity": set(),
-    "fmi": {"control", "model", "proximity"},
+    "model": {"kinematics", "control", "proximity"},
+    "proximity": {"kinematics"},
+    "fmi": {"kinematics", "control", "model", "proximity"},
     "sequencer": {"control", "model", "fmi"},
     "windows": set(),
 }

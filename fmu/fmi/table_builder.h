@@ -22,12 +22,6 @@ std::string indexed(const std::string& name, std::size_t index_from_0);
 struct PoseDependencies {
   Refs position, orientation;
   Refs velocity;  // empty without vibration, where everything starts from rest
-
-  void add_length(std::uint32_t parameter) { position.push_back(parameter); }
-  void add_angle(std::uint32_t parameter) {
-    position.push_back(parameter);
-    orientation.push_back(parameter);
-  }
 };
 
 struct BodiesDependencies {

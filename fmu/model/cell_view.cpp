@@ -45,8 +45,8 @@ control::RunningSegment Cell::running_segment(std::int64_t time_us) const {
 
 SensorInTable Cell::sensor_in_table(std::int64_t time_us) const {
   const AxesState axes = encoders_at(time_us);
-  const Motion sensor = nominal_.sensor(nominal_.arm(axes.position, axes.rate).back());
-  const Motion platter = nominal_.platter(axes.position[kTableAxis], axes.rate[kTableAxis]);
+  const Motion sensor = nominal_.frame(nominal_.sensor(), axes.position, axes.rate);
+  const Motion platter = nominal_.frame(nominal_.platter(), axes.position, axes.rate);
   const Eigen::Vector3d from_centre = sensor.pose.translation() - platter.pose.translation();
   const Eigen::Vector3d of_table = platter.velocity + platter.angular_velocity.cross(from_centre);
   return {platter.pose.inverse() * sensor.pose.translation(), (sensor.velocity - of_table).norm()};
@@ -78,13 +78,10 @@ Motion Cell::finger_at(std::size_t finger, std::int64_t time_us, const Motion& f
 
 Cell::SupportingBodyMotions Cell::supporting_bodies(const GridPoint& point, bool vibrating) const {
   const AxesState& axes = point.true_axes;
-  Motion base = true_.base(), platter = true_.platter(axes.position[kTableAxis], axes.rate[kTableAxis]);
-  if (vibrating) {
-    base = vibration_.base(base, point.time_us);
-    platter = vibration_.platter(platter, point.time_us);
-  }
-  const Motion flange = true_.arm(axes.position, axes.rate, base).back();
-  return {Motion(), platter, vibrating ? vibration_.flange(flange, point.time_us) : flange};
+  const VibrationDisplacements vibration =
+      vibrating ? vibration_.at(point.time_us) : VibrationDisplacements();
+  return {Motion(), true_.frame(true_.platter(), axes.position, axes.rate, vibration),
+          true_.frame(true_.flange(), axes.position, axes.rate, vibration)};
 }
 
 /// A part moves with its supporting body, and relative to it with constant velocity between two grid points.
@@ -116,18 +113,18 @@ Motion Cell::part_at(std::size_t part, std::int64_t time_us,
 
 void Cell::write_truth(std::int64_t time_us, Bodies& bodies) const {
   const AxesState axes = true_axes_at(time_us);
-  auto links = true_.arm(axes.position, axes.rate, vibration_.base(true_.base(), time_us));
-  links.back() = vibration_.flange(links.back(), time_us);
-  for (std::size_t i = 0; i < links.count; ++i) bodies.links[i] = body_state(links[i]);
-  bodies.sensor = body_state(true_.sensor(links.back()));
-  const Motion platter =
-      vibration_.platter(true_.platter(axes.position[kTableAxis], axes.rate[kTableAxis]), time_us);
+  const std::vector<Motion> frames = true_.place(axes.position, axes.rate, vibration_.at(time_us)).frames;
+  const auto frame = [&frames](int number) { return frames[static_cast<std::size_t>(number)]; };
+  const Motion flange = frame(true_.flange()), platter = frame(true_.platter());
+  for (std::size_t i = 0; i < true_.joints(); ++i) bodies.links[i] = body_state(frame(true_.link(i)));
+  bodies.links[true_.joints() - 1] = body_state(flange);
+  bodies.sensor = body_state(frame(true_.sensor()));
   bodies.table = body_state(platter);
   for (std::size_t i = 0; i < bodies.parts.size(); ++i) {
-    bodies.parts[i] = body_state(part_at(i, time_us, {Motion(), platter, links.back()}));
+    bodies.parts[i] = body_state(part_at(i, time_us, {Motion(), platter, flange}));
   }
   for (std::size_t i = 0; i < bodies.fingers.size(); ++i) {
-    bodies.fingers[i] = body_state(finger_at(i, time_us, links.back()));
+    bodies.fingers[i] = body_state(finger_at(i, time_us, flange));
   }
 }
 

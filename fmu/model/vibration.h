@@ -11,8 +11,6 @@
 namespace robotcell {
 
 struct AsBuilt;
-struct CellDescription;
-struct Motion;
 
 /// Vibration of one body of the cell.
 struct VibrationParameters {
@@ -63,22 +61,23 @@ constexpr double kResidualDecayTime = 0.02;
 /// Share of a residual displacement that is left after a time (s).
 double residual_share(double elapsed);
 
+/// Displacements of robot base, flange and table, each along its own axes.
+struct VibrationDisplacements {
+  Displacement base, flange, table;
+};
+
 /// Vibration of robot base, flange and table, superimposed on their motion.
 /// Affects true poses only, neither encoder readings nor the dynamics: the displacements are too small to
 /// move what lies there.
 class CellVibration {
  public:
   /// Throws std::invalid_argument for invalid parameters.
-  CellVibration(const CellDescription& cell, const AsBuilt& as_built, std::uint64_t key);
+  CellVibration(const AsBuilt& as_built, std::uint64_t key);
 
-  /// Motions with vibration: of the base, of the flange and all it carries, and of the platter.
-  Motion base(const Motion& base, std::int64_t time_us) const;
-  Motion flange(const Motion& flange, std::int64_t time_us) const;
-  Motion platter(const Motion& platter, std::int64_t time_us) const;
+  VibrationDisplacements at(std::int64_t time_us) const;
 
  private:
   Vibration base_, flange_, table_;
-  Eigen::Matrix3d table_axes_;
 };
 
 }  // namespace robotcell

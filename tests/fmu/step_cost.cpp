@@ -112,8 +112,8 @@ class BareWorld {
     const auto joints = static_cast<int>(cell_.joints.size());
     arm_->setPositions(Eigen::Map<const Eigen::VectorXd>(prescribed.axes.position.data(), joints));
     auto* joint = static_cast<FreeJoint*>(table_->getJoint(0));
-    const double angle = prescribed.axes.position[kTableAxis];
-    joint->setRelativeTransform(kinematics_.platter(angle, 0).pose);
+    const int platter = kinematics_.platter();
+    joint->setRelativeTransform(kinematics_.frame(platter, prescribed.axes.position, {}).pose);
     joint->setAngularVelocity({0, 0, kTableRate});
   }
 
@@ -121,7 +121,8 @@ class BareWorld {
     if (!part.free) return;
     SkeletonPtr skeleton = make_free_part(part.name, part, world_->getTimeStep());
     Eigen::Isometry3d support = Eigen::Isometry3d::Identity();
-    if (part.stands_on.kind == StandsOn::Kind::kTable) support = kinematics_.platter(0, 0).pose;
+    if (part.stands_on.kind == StandsOn::Kind::kTable)
+      support = kinematics_.frame(kinematics_.platter(), {}, {}).pose;
     if (part.stands_on.kind == StandsOn::Kind::kConveyor) {
       support = cell_.conveyors[part.stands_on.conveyor].world_from_belt;
     }

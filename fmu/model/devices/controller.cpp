@@ -40,16 +40,16 @@ NominalArm::NominalArm(const CellDescription& cell) : kinematics_(cell, AsBuilt{
 
 control::ToolState NominalArm::tool(const control::Axes& position,
                                     const Eigen::Isometry3d& flange_from_tool) const {
-  const auto links = kinematics_.arm(position, {});
+  const Tree& tree = kinematics_.tree();
+  PlacedTree placed;
+  tree.place(position.data(), placed);
   control::ToolState tool;
-  tool.pose = links.back().pose * flange_from_tool;
-  tool.jacobian.resize(6, static_cast<int>(links.count));
-  Eigen::Isometry3d before = kinematics_.world_from_base();
-  for (std::size_t i = 0; i < links.count; ++i) {
-    const Eigen::Vector3d axis = before.linear().col(2);
-    tool.jacobian.col(static_cast<int>(i)) << axis.cross(tool.pose.translation() - before.translation()),
-        axis;
-    before = links[i].pose;
+  const auto flange = static_cast<std::size_t>(kinematics_.flange());
+  tool.pose = placed.frames[flange].pose * flange_from_tool;
+  const std::vector<int>& path = tree.path(kinematics_.flange());
+  tool.jacobian.resize(6, static_cast<int>(path.size()));
+  for (std::size_t i = 0; i < path.size(); ++i) {
+    tool.jacobian.col(static_cast<int>(i)) = tree.column(placed, path[i], tool.pose.translation());
   }
   return tool;
 }

@@ -1,71 +1,48 @@
-// Forward kinematics of the cell: poses and twists of all bodies from positions and rates of the axes.
+// The tree of a cell: nominal geometry plus deviations.
 #pragma once
 
-#include <Eigen/Geometry>
 #include <array>
-#include <vector>
 
+#include "fmu/kinematics/tree.h"
 #include "fmu/model/as_built.h"
 #include "fmu/model/bodies.h"
 #include "fmu/model/description/cell_description.h"
 
 namespace robotcell {
 
-/// Pose and twist of a frame in the world (velocity of its origin).
-struct Motion {
-  Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
-  Eigen::Vector3d velocity = Eigen::Vector3d::Zero();
-  Eigen::Vector3d angular_velocity = Eigen::Vector3d::Zero();
-};
-
-/// Motions of the links of an arm; only the first `count` places are used.
-struct LinkMotions {
-  std::array<Motion, kMaxJoints> motions;
-  std::size_t count = 0;
-
-  Motion& operator[](std::size_t i) { return motions[i]; }
-  const Motion& operator[](std::size_t i) const { return motions[i]; }
-  Motion& back() { return motions[count - 1]; }
-  const Motion& back() const { return motions[count - 1]; }
-};
-
-/// Motion of a frame that is fixed to a moving body.
-Motion attached(const Motion& body, const Eigen::Isometry3d& body_from_frame);
-
-/// Kinematics of arm and table: nominal geometry plus deviations.
+/// Kinematics of a cell.  The frames of its tree are the base, the links (Denavit-Hartenberg frames behind
+/// their joints), the flange, the sensor, what carries the table, and the rotating platter.
 class Kinematics {
  public:
   Kinematics(const CellDescription& cell, const AsBuilt& as_built);
 
-  std::size_t joints() const { return joint_from_link_.size(); }
+  std::size_t joints() const { return joints_; }
+  const Tree& tree() const { return tree_; }
+  static constexpr int kBase = 0;
+  int link(std::size_t i) const { return static_cast<int>(i) + 1; }
+  int flange() const { return link(joints_); }
+  int sensor() const { return flange() + 1; }
+  int table() const { return flange() + 2; }
+  int platter() const { return flange() + 3; }
 
-  /// Motions of the links; the frame of link i is the Denavit-Hartenberg frame after joint i.
-  LinkMotions arm(const std::array<double, kAxes>& position, const std::array<double, kAxes>& rate) const {
-    return arm(position, rate, base());
+  const Eigen::Isometry3d& flange_from_sensor() const {
+    return tree_[static_cast<std::size_t>(sensor())].joint_from_frame;
   }
-  /// The same on a moving base.
-  LinkMotions arm(const std::array<double, kAxes>& position, const std::array<double, kAxes>& rate,
-                  const Motion& base) const;
 
-  /// Motion of the stationary base.
-  Motion base() const;
-
-  const Eigen::Isometry3d& flange_from_sensor() const { return flange_from_sensor_; }
-  Motion sensor(const Motion& flange) const { return attached(flange, flange_from_sensor_); }
-
-  /// Motion of the platter: the rotating frame at the platter's centre, with the axis tilted by the wobble.
-  Motion platter(double angle, double rate) const;
-
-  const Eigen::Isometry3d& world_from_base() const { return world_from_base_; }
-  const Eigen::Isometry3d& joint_from_link(std::size_t i) const { return joint_from_link_[i]; }
+  /// Motions of all frames at positions and rates of the axes, with displacements by vibration.
+  PlacedTree place(const std::array<double, kAxes>& position, const std::array<double, kAxes>& rate,
+                   const VibrationDisplacements& vibration = {}) const;
+  /// Motion of one frame.
+  Motion frame(int frame, const std::array<double, kAxes>& position, const std::array<double, kAxes>& rate,
+               const VibrationDisplacements& vibration = {}) const;
 
  private:
-  Eigen::Isometry3d world_from_base_;
-  std::vector<Eigen::Isometry3d> joint_from_link_;
-  Eigen::Isometry3d flange_from_sensor_;
-  Eigen::Isometry3d world_from_axis_;
+  std::vector<Deviation> deviations(double table, double table_rate,
+                                    const VibrationDisplacements& vibration) const;
+
+  std::size_t joints_;
   TableWobble wobble_;
-  Eigen::Isometry3d axis_from_platter_;
+  Tree tree_;
 };
 
 /// Converts a motion to plain numbers.

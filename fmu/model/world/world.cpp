@@ -234,7 +234,8 @@ void World::prescribe(const PrescribedMotion& prescribed) {
   for (std::size_t i = 0; i < kinematics_.joints() && !engine_->dynamic_arm; ++i) {
     engine_->arm->setPosition(i, axes.position[i]);
   }
-  engine_->table_joint()->setRelativeTransform(kinematics_.platter(axes.position[kTableAxis], 0).pose);
+  engine_->table_joint()->setRelativeTransform(
+      kinematics_.frame(kinematics_.platter(), axes.position, {}).pose);
   for (std::size_t i = 0; i < prescribed.belts.size(); ++i) engine_->travel[i] = prescribed.belts[i].travel;
 }
 
@@ -253,7 +254,7 @@ void World::prescribe_velocities(const PrescribedMotion& from, const PrescribedM
   } else {
     for (std::size_t i = 0; i < kinematics_.joints(); ++i) engine_->arm->setVelocity(i, speed[i]);
   }
-  const Motion platter = kinematics_.platter(from.axes.position[kTableAxis], speed[kTableAxis]);
+  const Motion platter = kinematics_.frame(kinematics_.platter(), from.axes.position, speed);
   Eigen::Vector6d twist;
   twist << platter.pose.linear().transpose() * platter.angular_velocity,
       platter.pose.linear().transpose() * platter.velocity;

@@ -52,13 +52,14 @@ BodyNode::Properties named(const std::string& name) {
 SkeletonPtr make_arm(const Kinematics& kinematics, bool mobile) {
   SkeletonPtr arm = Skeleton::create("arm");
   BodyNode* parent = nullptr;
+  const Tree& tree = kinematics.tree();
   for (std::size_t i = 0; i < kinematics.joints(); ++i) {
     RevoluteJoint::Properties joint;
     joint.mName = "joint" + std::to_string(i + 1);
     joint.mAxis = Vector3d::UnitZ();
-    joint.mActuatorType = Joint::VELOCITY;
-    if (i == 0) joint.mT_ParentBodyToJoint = kinematics.world_from_base();
-    joint.mT_ChildBodyToJoint = kinematics.joint_from_link(i).inverse();
+    joint.mActuatorType = dart::dynamics::Joint::VELOCITY;
+    if (i == 0) joint.mT_ParentBodyToJoint = tree[Kinematics::kBase].parent_from_joint;
+    joint.mT_ChildBodyToJoint = tree[static_cast<std::size_t>(kinematics.link(i))].joint_from_frame.inverse();
     const auto body = named("link" + std::to_string(i + 1));
     parent = arm->createJointAndBodyNodePair<RevoluteJoint>(parent, joint, body).second;
   }

@@ -1,6 +1,8 @@
 #include "fmu/proximity/bindings/motion_bindings.h"
 
+#include <cmath>
 #include <memory>
+#include <string>
 
 #include "fmu/proximity/bindings/arrays.h"
 #include "fmu/proximity/motion_proof.h"
@@ -9,11 +11,12 @@ namespace robotcell::proximity {
 namespace {
 
 using Eigen::Isometry3d;
-using RowMajor3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 using RowMajor4 = Eigen::Matrix<double, 4, 4, Eigen::RowMajor>;
 
-constexpr py::ssize_t kJointColumns = 12;  // a, d, theta, twist (3, 3)
-constexpr py::ssize_t kBodyColumns = 23;   // carried, on table, centre, radius, radius on table, pose (4, 4)
+// Kind (0 fixed, 1 revolute, 2 prismatic), parent, axis, parent_from_joint (4, 4), joint_from_frame (4, 4).
+constexpr py::ssize_t kJointColumns = 35;
+// Frame, centre, radius, distance from the axis, frame_from_body (4, 4).
+constexpr py::ssize_t kBodyColumns = 22;
 
 Isometry3d to_pose(const double* row_major) {
   Isometry3d pose;
@@ -21,33 +24,42 @@ Isometry3d to_pose(const double* row_major) {
   return pose;
 }
 
-std::unique_ptr<CellMotion> make_motion(const Doubles& joints, const Doubles& world_from_base,
-                                        const Doubles& world_from_table, const Doubles& bodies,
-                                        const py::object& pairs) {
-  require_shape(joints, "joints", {-1, kJointColumns});
-  require_shape(world_from_base, "world_from_base", {4, 4});
-  require_shape(world_from_table, "world_from_table", {4, 4});
-  require_shape(bodies, "bodies", {-1, kBodyColumns});
-  std::vector<ChainJoint> chain;
-  for (py::ssize_t i = 0; i < joints.shape(0); ++i) {
-    const double* row = joints.data(i, 0);
-    chain.push_back({row[0], row[1], row[2], Eigen::Map<const RowMajor3>(row + 3)});
+/// A whole number between two bounds.
+int whole(double value, double least, double most, const char* name) {
+  if (!(value >= least && value <= most && value == std::floor(value))) {
+    throw std::invalid_argument(std::string(name) + ": unexpected number " + std::to_string(value));
   }
+  return static_cast<int>(value);
+}
+
+Tree to_tree(const Doubles& rows, std::size_t axes) {
+  require_shape(rows, "joints", {-1, kJointColumns});
+  std::vector<Joint> joints;
+  for (py::ssize_t i = 0; i < rows.shape(0); ++i) {
+    const double* row = rows.data(i, 0);
+    joints.push_back({static_cast<Joint::Kind>(whole(row[0], 0, 2, "joints: kind")),
+                      whole(row[1], kWorld, static_cast<double>(i) - 1, "joints: parent"),
+                      whole(row[2], -1, static_cast<double>(axes) - 1, "joints: axis"), to_pose(row + 3),
+                      to_pose(row + 19)});
+  }
+  return Tree(std::move(joints));
+}
+
+std::unique_ptr<CellMotion> make_motion(const Doubles& joints, std::size_t axes, const Doubles& bodies,
+                                        const py::object& pairs) {
+  Tree tree = to_tree(joints, axes);
+  require_shape(bodies, "bodies", {-1, kBodyColumns});
   std::vector<CarriedBody> carried;
   for (py::ssize_t i = 0; i < bodies.shape(0); ++i) {
     const double* row = bodies.data(i, 0);
-    if (!(row[0] >= 0 && row[0] <= static_cast<double>(joints.shape(0)))) {
-      throw std::invalid_argument("bodies: expected numbers of joints, got " + std::to_string(row[0]));
-    }
-    carried.push_back({static_cast<int>(row[0]), row[1] != 0, to_pose(row + 7),
-                       Eigen::Map<const Eigen::Vector3d>(row + 2), row[5], row[6]});
+    carried.push_back({whole(row[0], kWorld, static_cast<double>(tree.size()) - 1, "bodies: frame"),
+                       to_pose(row + 6), Eigen::Map<const Eigen::Vector3d>(row + 1), row[4], row[5]});
   }
   const auto numbers = to_pairs(pairs);
   for (const auto& [a, b] : numbers) {
     if (std::max(a, b) >= carried.size()) throw std::invalid_argument("pairs: expected numbers of bodies");
   }
-  return std::make_unique<CellMotion>(std::move(chain), to_pose(world_from_base.data()),
-                                      to_pose(world_from_table.data()), std::move(carried), numbers);
+  return std::make_unique<CellMotion>(std::move(tree), axes, std::move(carried), numbers);
 }
 
 py::array_t<double> bounds(const CellMotion& motion, const Doubles& at, const Doubles& half,
@@ -69,18 +81,20 @@ py::array_t<double> bounds(const CellMotion& motion, const Doubles& at, const Do
   return result;
 }
 
-py::tuple tool_poses(const CellMotion& motion, const Doubles& axes, const Doubles& link_from_tool) {
+py::tuple tool_poses(const CellMotion& motion, const Doubles& axes, int frame,
+                     const Doubles& frame_from_tool) {
   const auto count = static_cast<py::ssize_t>(motion.axes());
   require_shape(axes, "axes", {-1, count});
-  require_shape(link_from_tool, "link_from_tool", {4, 4});
+  require_shape(frame_from_tool, "frame_from_tool", {4, 4});
   py::array_t<double> poses({axes.shape(0), py::ssize_t{4}, py::ssize_t{4}});
-  py::array_t<double> jacobians({axes.shape(0), py::ssize_t{6}, count - 1});
+  py::array_t<double> jacobians({axes.shape(0), py::ssize_t{6}, count});
   Eigen::Matrix<double, 6, Eigen::Dynamic> jacobian;
   for (py::ssize_t i = 0; i < axes.shape(0); ++i) {
-    const Isometry3d tool = motion.place_tool(axes.data(i, 0), to_pose(link_from_tool.data()), jacobian);
+    const Isometry3d tool =
+        motion.place_tool(axes.data(i, 0), frame, to_pose(frame_from_tool.data()), jacobian);
     Eigen::Map<RowMajor4>(poses.mutable_data(i, 0, 0)) = tool.matrix();
     Eigen::Map<Eigen::Matrix<double, 6, Eigen::Dynamic, Eigen::RowMajor>>(jacobians.mutable_data(i, 0, 0), 6,
-                                                                          count - 1) = jacobian;
+                                                                          count) = jacobian;
   }
   return py::make_tuple(poses, jacobians);
 }
@@ -167,10 +181,9 @@ std::unique_ptr<MotionProof> make_proof(const PairDistances& scene, const CellMo
 
 void bind_motion(py::module_& module) {
   py::class_<CellMotion>(module, "CellMotion", py::module_local())
-      .def(py::init(&make_motion), py::arg("joints"), py::arg("world_from_base"), py::arg("world_from_table"),
-           py::arg("bodies"), py::arg("pairs"))
+      .def(py::init(&make_motion), py::arg("joints"), py::arg("axes"), py::arg("bodies"), py::arg("pairs"))
       .def("bounds", &bounds, py::arg("at"), py::arg("half"), py::arg("slack"))
-      .def("tool_poses", &tool_poses, py::arg("axes"), py::arg("link_from_tool"));
+      .def("tool_poses", &tool_poses, py::arg("axes"), py::arg("frame"), py::arg("frame_from_tool"));
   py::class_<MotionProof>(module, "MotionProof", py::module_local())
       .def(py::init(&make_proof), py::arg("scene"), py::arg("motion"), py::keep_alive<1, 2>())
       .def("first_clashes", &first_clashes, py::arg("start"), py::arg("end"), py::arg("deviation"),

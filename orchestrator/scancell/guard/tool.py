@@ -35,9 +35,7 @@ class Tool:
 
         The Jacobian is in world axes: linear velocity, then angular velocity.
         """
-        axes = np.zeros((len(joints), joints.shape[1] + 1))
-        axes[:, :-1] = joints
-        return self._motion.tool_poses(axes, self._flange_from_tool)
+        return self._motion.tool_poses(joints, joints.shape[1] - 1, self._flange_from_tool)
 
     def moves_straight(self, jacobian: Array) -> bool:
         """Whether Cartesian motion is possible with a Jacobian (6, joints): six active joints, no singular position."""

@@ -39,37 +39,33 @@ class PairDistances:
         """Whether surfaces intersect, (n, pairs)."""
 
 class CellMotion:
-    """Kinematics of a cell's bodies. Axes are the joints of the arm and the table, rad.
+    """Kinematics of bodies on a tree of joints.
 
     Parameters
     ----------
     joints
-        (joints, 12) Denavit-Hartenberg parameters a, d, theta and the rotation (3, 3) that follows, m and rad.
-    world_from_base, world_from_table
-        (4, 4), the table at angle 0.
+        (joints, 35) kind of each joint (0 fixed, 1 revolute, 2 prismatic), number of the joint whose frame carries it
+        (-1: the world; a lower one), number of its axis (-1: none), and the constant poses before and behind its motion
+        about or along z: ``parent_from_joint`` and ``joint_from_frame`` (4, 4), m.
+    axes
+        Number of axes, rad or m.
     bodies
-        (bodies, 23) number of joints that carry the body, whether the table turns it, bounding sphere (centre and
-        radius) in the frame of the carrier (last link, table, else world), largest distance from the table's axis, and
-        pose (4, 4) in that frame.
+        (bodies, 22) number of the frame that carries the body (-1: the world), bounding sphere (centre and radius) in
+        it, largest distance of the body from the axis of the last joint that moves it, and pose (4, 4) in the frame.
     pairs
         (pairs, 2) numbers of bodies.
     """
 
-    def __init__(
-        self,
-        joints: ArrayLike,
-        world_from_base: ArrayLike,
-        world_from_table: ArrayLike,
-        bodies: ArrayLike,
-        pairs: ArrayLike,
-    ) -> None: ...
+    def __init__(self, joints: ArrayLike, axes: int, bodies: ArrayLike, pairs: ArrayLike) -> None: ...
     def bounds(self, at: ArrayLike, half: ArrayLike, slack: ArrayLike) -> NDArray[np.float64]:
         """Bounds (n, pairs), m, on the relative motion of pairs from axes `at` (n, axes).
 
         Axes follow straight lines by `half` (n, axes) times -1 to 1 and deviate from them by up to `slack` (n, axes).
         """
-    def tool_poses(self, axes: ArrayLike, link_from_tool: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """``world_from_tool`` (n, 4, 4) at axes (n, axes), and the geometric Jacobian (n, 6, joints) of its origin."""
+    def tool_poses(
+        self, axes: ArrayLike, frame: int, frame_from_tool: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """``world_from_tool`` (n, 4, 4) at axes (n, axes), and the geometric Jacobian (n, 6, axes) of its origin."""
 
 class MotionProof:
     """Proofs that motions from `start` to `end`, straight in the axes, keep the clearances of pairs.
