@@ -9,49 +9,43 @@ namespace {
 using Eigen::Isometry3d;
 using Eigen::Vector3d;
 
-/// Motion of a frame that moves relative to a moving body.
-Motion composed(const Motion& body, const Motion& relative) {
-  Motion frame = attached(body, relative.pose);
-  frame.velocity += body.pose.linear() * relative.velocity;
-  frame.angular_velocity += body.pose.linear() * relative.angular_velocity;
-  return frame;
+/// Goes on to a frame that is fixed to a moving body.
+void attach(Motion& motion, const Isometry3d& body_from_frame) {
+  motion.velocity += motion.angular_velocity.cross(motion.pose.linear() * body_from_frame.translation());
+  motion.pose = motion.pose * body_from_frame;
 }
 
-/// Motion behind a joint that moves by `position` at a rate.
-Motion moved(const Motion& joint, Joint::Kind kind, double position, double rate) {
-  Motion frame = joint;
-  const Vector3d axis = joint.pose.linear().col(2);
-  if (kind == Joint::Kind::kRevolute) {
-    frame.pose = joint.pose * Isometry3d(Eigen::AngleAxisd(position, Vector3d::UnitZ()));
-    frame.angular_velocity += rate * axis;
-  } else {
-    frame = attached(joint, Isometry3d(Eigen::Translation3d(0, 0, position)));
-    frame.velocity += rate * axis;
-  }
-  return frame;
+/// Pose of a joint's frame relative to the joint, in front of its constant pose.
+Isometry3d moved(const Joint& joint, const double* position) {
+  const double by = position[joint.axis];
+  if (joint.kind == Joint::Kind::kPrismatic) return Isometry3d(Eigen::Translation3d(0, 0, by));
+  return Isometry3d(Eigen::AngleAxisd(by, Vector3d::UnitZ()));
 }
 
 }  // namespace
 
 Motion attached(const Motion& body, const Isometry3d& body_from_frame) {
-  Motion frame;
-  frame.pose = body.pose * body_from_frame;
-  frame.angular_velocity = body.angular_velocity;
-  frame.velocity =
-      body.velocity + body.angular_velocity.cross(body.pose.linear() * body_from_frame.translation());
+  Motion frame = body;
+  attach(frame, body_from_frame);
   return frame;
 }
 
-Tree::Tree(std::vector<Joint> joints) : joints_(std::move(joints)), paths_(1) {
-  for (std::size_t i = 0; i < joints_.size(); ++i) {
-    const Joint& joint = joints_[i];
-    const bool moves = joint.kind != Joint::Kind::kFixed;
-    if (joint.parent < kWorld || joint.parent >= static_cast<int>(i) || (moves && joint.axis < 0)) {
-      throw std::invalid_argument("joint " + std::to_string(i) +
+Tree::Tree(std::vector<Joint> joints) : paths_(1) {
+  const auto moves = [](const Isometry3d& pose) { return pose.matrix() != Isometry3d::Identity().matrix(); };
+  for (Joint& joint : joints) {
+    const int number = static_cast<int>(nodes_.size());
+    const bool is_fixed = joint.kind == Joint::Kind::kFixed;
+    if (joint.parent < kWorld || joint.parent >= number || (!is_fixed && joint.axis < 0)) {
+      throw std::invalid_argument("joint " + std::to_string(number) +
                                   ": expected a parent before it, and an axis");
     }
     paths_.push_back(path(joint.parent));
-    if (moves) paths_.back().push_back(static_cast<int>(i));
+    if (!is_fixed) paths_.back().push_back(number);
+    carried_.push_back(joint.parent == kWorld ? std::vector<int>()
+                                              : carried_[static_cast<std::size_t>(joint.parent)]);
+    carried_.back().push_back(number);
+    const bool before = moves(joint.parent_from_joint), behind = moves(joint.joint_from_frame);
+    nodes_.push_back({std::move(joint), before, behind});
   }
 }
 
@@ -64,48 +58,71 @@ std::size_t Tree::common(int frame, int other) const {
   return count;
 }
 
-Motion Tree::before_joint(int joint, const Motion& parent, const std::vector<Deviation>& deviations) const {
-  const Motion nominal = attached(parent, joints_[static_cast<std::size_t>(joint)].parent_from_joint);
+void Tree::advance(int number, const double* position, const double* rate,
+                   const std::vector<Deviation>& deviations, Motion& motion) const {
+  const Node& node = nodes_[static_cast<std::size_t>(number)];
+  const Joint& joint = node.joint;
+  if (node.displaced_before) attach(motion, joint.parent_from_joint);
   for (const Deviation& deviation : deviations) {
-    if (deviation.joint == joint) return composed(nominal, deviation.motion);
+    if (deviation.joint != number) continue;
+    const Eigen::Matrix3d axes = motion.pose.linear();
+    attach(motion, deviation.motion.pose);
+    motion.velocity += axes * deviation.motion.velocity;
+    motion.angular_velocity += axes * deviation.motion.angular_velocity;
   }
-  return nominal;
+  if (joint.kind != Joint::Kind::kFixed) {
+    const Vector3d axis = motion.pose.linear().col(2);
+    if (joint.kind == Joint::Kind::kRevolute) {
+      motion.pose = motion.pose * moved(joint, position);
+      motion.angular_velocity += rate[joint.axis] * axis;
+    } else {
+      attach(motion, moved(joint, position));
+      motion.velocity += rate[joint.axis] * axis;
+    }
+  }
+  if (node.displaced_behind) attach(motion, joint.joint_from_frame);
 }
 
-Motion Tree::behind_joint(int number, const Motion& before, const double* position,
-                          const double* rate) const {
-  const Joint& joint = joints_[static_cast<std::size_t>(number)];
-  if (joint.kind == Joint::Kind::kFixed) return attached(before, joint.joint_from_frame);
-  const double speed = rate == nullptr ? 0 : rate[joint.axis];
-  return attached(moved(before, joint.kind, position[joint.axis], speed), joint.joint_from_frame);
+void Tree::place(const double* position, PlacedTree& placed) const {
+  placed.joints.resize(nodes_.size());
+  placed.frames.resize(nodes_.size());
+  for (std::size_t i = 0; i < nodes_.size(); ++i) {
+    const Node& node = nodes_[i];
+    const int parent = node.joint.parent;
+    Isometry3d& pose = placed.joints[i];
+    pose = parent == kWorld ? Isometry3d::Identity() : placed.frames[static_cast<std::size_t>(parent)];
+    if (node.displaced_before) pose = pose * node.joint.parent_from_joint;
+    placed.frames[i] = node.joint.kind == Joint::Kind::kFixed ? pose : pose * moved(node.joint, position);
+    if (node.displaced_behind) placed.frames[i] = placed.frames[i] * node.joint.joint_from_frame;
+  }
 }
 
-void Tree::place(const double* position, const double* rate, const std::vector<Deviation>& deviations,
-                 PlacedTree& placed) const {
-  placed.joints.resize(joints_.size());
-  placed.frames.resize(joints_.size());
-  for (int i = 0; i < static_cast<int>(joints_.size()); ++i) {
-    const auto k = static_cast<std::size_t>(i);
-    const int parent = joints_[k].parent;
-    placed.joints[k] = before_joint(
-        i, parent == kWorld ? Motion() : placed.frames[static_cast<std::size_t>(parent)], deviations);
-    placed.frames[k] = behind_joint(i, placed.joints[k], position, rate);
+std::vector<Motion> Tree::motions(const double* position, const double* rate,
+                                  const std::vector<Deviation>& deviations) const {
+  std::vector<Motion> frames(nodes_.size());
+  for (std::size_t i = 0; i < nodes_.size(); ++i) {
+    const int parent = nodes_[i].joint.parent;
+    if (parent != kWorld) frames[i] = frames[static_cast<std::size_t>(parent)];
+    advance(static_cast<int>(i), position, rate, deviations, frames[i]);
   }
+  return frames;
 }
 
 Motion Tree::frame(int frame, const double* position, const double* rate,
                    const std::vector<Deviation>& deviations) const {
-  if (frame == kWorld) return {};
-  const Motion parent =
-      this->frame(joints_[static_cast<std::size_t>(frame)].parent, position, rate, deviations);
-  return behind_joint(frame, before_joint(frame, parent, deviations), position, rate);
+  Motion motion;
+  if (frame == kWorld) return motion;
+  for (const int joint : carried_[static_cast<std::size_t>(frame)]) {
+    advance(joint, position, rate, deviations, motion);
+  }
+  return motion;
 }
 
 Eigen::Matrix<double, 6, 1> Tree::column(const PlacedTree& placed, int joint, const Vector3d& point) const {
-  const Isometry3d& pose = placed.joints[static_cast<std::size_t>(joint)].pose;
+  const Isometry3d& pose = placed.joints[static_cast<std::size_t>(joint)];
   const Vector3d axis = pose.linear().col(2);
   Eigen::Matrix<double, 6, 1> column;
-  if (joints_[static_cast<std::size_t>(joint)].kind == Joint::Kind::kRevolute) {
+  if (nodes_[static_cast<std::size_t>(joint)].joint.kind == Joint::Kind::kRevolute) {
     column << axis.cross(point - pose.translation()), axis;
   } else {
     column << axis, Vector3d::Zero();

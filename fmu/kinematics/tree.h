@@ -36,9 +36,9 @@ struct Deviation {
   Motion motion;
 };
 
-/// Joints before their motion, and the frames that they carry.
+/// Poses of the joints before their motion, and of the frames that they carry.
 struct PlacedTree {
-  std::vector<Motion> joints, frames;
+  std::vector<Eigen::Isometry3d> joints, frames;
 };
 
 /// Joints in the order of their numbers, parents first.
@@ -47,19 +47,19 @@ class Tree {
   /// Throws std::invalid_argument where a parent does not come before its joint, or an axis is missing.
   explicit Tree(std::vector<Joint> joints);
 
-  std::size_t size() const { return joints_.size(); }
-  const Joint& operator[](std::size_t i) const { return joints_[i]; }
+  std::size_t size() const { return nodes_.size(); }
+  const Joint& operator[](std::size_t i) const { return nodes_[i].joint; }
   /// Joints that move a frame, from the world on.
   const std::vector<int>& path(int frame) const;
   /// Number of joints that move both frames.
   std::size_t common(int frame, int other) const;
 
-  /// Places all frames at positions of the axes; twists are those of `rate`, all 0 where it is null.
-  /// Deviations are in the order of their joints.
-  void place(const double* position, const double* rate, const std::vector<Deviation>& deviations,
-             PlacedTree& placed) const;
-  void place(const double* position, PlacedTree& placed) const { place(position, nullptr, {}, placed); }
-  /// Motion of one frame, as by `place`.
+  /// Poses at positions of the axes, without deviations.
+  void place(const double* position, PlacedTree& placed) const;
+  /// Motions of all frames at positions and rates of the axes.
+  std::vector<Motion> motions(const double* position, const double* rate,
+                              const std::vector<Deviation>& deviations) const;
+  /// Motion of one frame, as by `motions`.
   Motion frame(int frame, const double* position, const double* rate,
                const std::vector<Deviation>& deviations) const;
 
@@ -68,11 +68,18 @@ class Tree {
   Eigen::Matrix<double, 6, 1> column(const PlacedTree& placed, int joint, const Eigen::Vector3d& point) const;
 
  private:
-  Motion before_joint(int joint, const Motion& parent, const std::vector<Deviation>& deviations) const;
-  Motion behind_joint(int joint, const Motion& before, const double* position, const double* rate) const;
+  struct Node {
+    Joint joint;
+    bool displaced_before = false, displaced_behind = false;  // by a pose that is not the identity
+  };
 
-  std::vector<Joint> joints_;
-  std::vector<std::vector<int>> paths_;  // of the world, then of each frame
+  /// Moves on from the frame of the parent of a joint to its frame.
+  void advance(int joint, const double* position, const double* rate,
+               const std::vector<Deviation>& deviations, Motion& motion) const;
+
+  std::vector<Node> nodes_;
+  std::vector<std::vector<int>> paths_;    // joints that move the world, then each frame
+  std::vector<std::vector<int>> carried_;  // joints on the way to each frame
 };
 
 }  // namespace robotcell

@@ -23,9 +23,9 @@ void CellMotion::place(const double* axes, CellFrames& frames) const {
   frames.bodies.resize(bodies_.size());
   for (std::size_t i = 0; i < bodies_.size(); ++i) {
     const CarriedBody& body = bodies_[i];
-    frames.bodies[i] = body.frame == kWorld ? body.frame_from_body
-                                            : frames.tree.frames[static_cast<std::size_t>(body.frame)].pose *
-                                                  body.frame_from_body;
+    frames.bodies[i] = body.frame == kWorld
+                           ? body.frame_from_body
+                           : frames.tree.frames[static_cast<std::size_t>(body.frame)] * body.frame_from_body;
   }
 }
 
@@ -33,7 +33,7 @@ Isometry3d CellMotion::place_tool(const double* axes, int frame, const Isometry3
                                   Eigen::Matrix<double, 6, Eigen::Dynamic>& jacobian) const {
   PlacedTree placed;
   tree_.place(axes, placed);
-  const Isometry3d tool = placed.frames[static_cast<std::size_t>(frame)].pose * frame_from_tool;
+  const Isometry3d tool = placed.frames[static_cast<std::size_t>(frame)] * frame_from_tool;
   jacobian.setZero(6, static_cast<Eigen::Index>(axes_));
   for (const int joint : tree_.path(frame)) {
     jacobian.col(tree_[static_cast<std::size_t>(joint)].axis) =
@@ -54,7 +54,7 @@ RelativeMotion CellMotion::motion_of(const CellFrames& frames, std::size_t numbe
   RelativeMotion result;
   result.moving = number;
   if (path.size() == common) return result;
-  const Isometry3d& carrier = frames.tree.frames[static_cast<std::size_t>(body.frame)].pose;
+  const Isometry3d& carrier = frames.tree.frames[static_cast<std::size_t>(body.frame)];
   const Vector3d centre = result.at = carrier * body.centre;
   double before = 0;  // rotation by the joints before joint k
   for (std::size_t k = common; k < path.size(); ++k) {
@@ -69,7 +69,7 @@ RelativeMotion CellMotion::motion_of(const CellFrames& frames, std::size_t numbe
     const double rate = half[joint.axis], travel = std::abs(rate), stray = slack[joint.axis];
     if (turns) before -= travel;
     if (travel + stray == 0) continue;
-    const Isometry3d& pose = frames.tree.joints[static_cast<std::size_t>(path[k])].pose;
+    const Isometry3d& pose = frames.tree.joints[static_cast<std::size_t>(path[k])];
     const Vector3d axis = pose.linear().col(2);
     const Vector3d across = turns ? Vector3d(axis.cross(centre - pose.translation())) : axis;
     const double from_axis = turns ? across.norm() : 1;

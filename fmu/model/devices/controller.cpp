@@ -45,7 +45,7 @@ control::ToolState NominalArm::tool(const control::Axes& position,
   tree.place(position.data(), placed);
   control::ToolState tool;
   const auto flange = static_cast<std::size_t>(kinematics_.flange());
-  tool.pose = placed.frames[flange].pose * flange_from_tool;
+  tool.pose = placed.frames[flange] * flange_from_tool;
   const std::vector<int>& path = tree.path(kinematics_.flange());
   tool.jacobian.resize(6, static_cast<int>(path.size()));
   for (std::size_t i = 0; i < path.size(); ++i) {

@@ -58,12 +58,11 @@ std::array<double, N> numbers(const Eigen::Matrix<double, static_cast<int>(N), 1
 Kinematics::Kinematics(const CellDescription& cell, const AsBuilt& as_built)
     : joints_(cell.joints.size()), wobble_(as_built.wobble), tree_(tree_of(cell, as_built)) {}
 
-PlacedTree Kinematics::place(const std::array<double, kAxes>& position, const std::array<double, kAxes>& rate,
-                             const VibrationDisplacements& vibration) const {
-  PlacedTree placed;
-  tree_.place(position.data(), rate.data(), deviations(position[kTableAxis], rate[kTableAxis], vibration),
-              placed);
-  return placed;
+std::vector<Motion> Kinematics::frames(const std::array<double, kAxes>& position,
+                                       const std::array<double, kAxes>& rate,
+                                       const VibrationDisplacements& vibration) const {
+  return tree_.motions(position.data(), rate.data(),
+                       deviations(position[kTableAxis], rate[kTableAxis], vibration));
 }
 
 Motion Kinematics::frame(int frame, const std::array<double, kAxes>& position,

@@ -30,8 +30,8 @@ class Kinematics {
   }
 
   /// Motions of all frames at positions and rates of the axes, with displacements by vibration.
-  PlacedTree place(const std::array<double, kAxes>& position, const std::array<double, kAxes>& rate,
-                   const VibrationDisplacements& vibration = {}) const;
+  std::vector<Motion> frames(const std::array<double, kAxes>& position, const std::array<double, kAxes>& rate,
+                             const VibrationDisplacements& vibration = {}) const;
   /// Motion of one frame.
   Motion frame(int frame, const std::array<double, kAxes>& position, const std::array<double, kAxes>& rate,
                const VibrationDisplacements& vibration = {}) const;
