@@ -68,7 +68,7 @@ def _half_widths(found: BoardCalibration, function: Callable[[Rig], Any]) -> Any
     steps = _STEP * np.eye(COUNT)
     jacobian = np.stack([function(found.rig.moved(step)) - function(found.rig.moved(-step)) for step in steps], 1)
     jacobian /= 2 * _STEP
-    return found.factor() * np.sqrt(np.einsum("ij,jk,ik->i", jacobian, found.covariance, jacobian))
+    return found.estimate.half_widths(jacobian)
 
 
 def hand_eye(case: dict[str, Any]) -> dict[str, Any]:

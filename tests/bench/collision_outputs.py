@@ -39,7 +39,12 @@ class Judge:
         meshes = {body["name"]: read_mesh_json(body["mesh"]) for body in description["bodies"]}
         self.names = list(meshes)
         self.pairs = [(self.names.index(a), self.names.index(b)) for a, b in description["collision"]["pairs"]]
-        self._meshes, self._objects = list(meshes.values()), []
+        self._meshes, self._objects, self._range = list(meshes.values()), [], description["collision"]["range"]
+        self._centres = [vertices.mean(0) for vertices, _ in self._meshes]
+        self._radii = [
+            float(np.linalg.norm(vertices - centre, axis=1).max())
+            for (vertices, _), centre in zip(self._meshes, self._centres, strict=True)
+        ]
         for vertices, faces in self._meshes:
             model = fcl.BVHModel()
             model.beginModel(len(vertices), len(faces))
@@ -48,12 +53,16 @@ class Judge:
             self._objects.append(fcl.CollisionObject(model))
 
     def distances(self, poses: list[Array]) -> Array:
-        """Distances (pairs,), m; 0 where surfaces meet or one body is inside the other."""
+        """Distances (pairs,), m; 0 where surfaces meet or one body is inside the other, infinite beyond the range."""
+        centres = [pose[:3, :3] @ one + pose[:3, 3] for pose, one in zip(poses, self._centres, strict=True)]
         for one, pose in zip(self._objects, poses, strict=True):
             one.setTransform(fcl.Transform(pose[:3, :3], pose[:3, 3]))
         found = np.zeros(len(self.pairs))
         for k, (a, b) in enumerate(self.pairs):
             pair = self._objects[a], self._objects[b]
+            if np.linalg.norm(centres[a] - centres[b]) - self._radii[a] - self._radii[b] > self._range:
+                found[k] = np.inf
+                continue
             if not fcl.collide(*pair, fcl.CollisionRequest(), fcl.CollisionResult()):
                 away = fcl.distance(*pair, fcl.DistanceRequest(), fcl.DistanceResult())
                 inside = self._is_inside(a, b, poses) or self._is_inside(b, a, poses)

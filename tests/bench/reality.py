@@ -19,14 +19,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from scipy.special import stdtrit
 from scipy.stats import binomtest, t
 
 from bench.ball_prediction import prediction_lines
 from bench.ball_profiles import BALL_RADIUS, Circle, FoundBall, circle_of, read_profiles, repeated_poses
 from bench.board_prediction import displacement, prediction_error, seen_pose
 from bench.robot_ball import robot_ball_lines
-from scancell.calibration.board.problem import BoardView, Rig
+from scancell.calibration.board.problem import COUNT, BoardView, Rig
 from scancell.calibration.board.solve import (
     calibrate_cameras,
     plane_frame,
@@ -177,10 +176,8 @@ def etna_folder(data: Path, folder: str) -> FolderResult:
     found = etna_views(data, folder)
     views, size = found.views, found.size
     whole = solve(views, start_rig(views, size))
-    estimate = whole.estimate
-    variance = estimate.covariance[:1, 0]
-    factor = stdtrit(estimate.degrees_of_freedom(variance, estimate.slopes[:, :1, 0]), 0.975)
-    focal = (float(whole.rig.intrinsics[0]), float(10.0 * (factor * np.sqrt(variance))[0]))
+    half_width = whole.estimate.half_widths(np.eye(1, COUNT))[0]
+    focal = (float(whole.rig.intrinsics[0]), float(10.0 * half_width))
     result = FolderResult(
         folder.replace(".", "data"), len(views), whole.sizes, focal, [], [], [], np.zeros((0, 6), bool)
     )

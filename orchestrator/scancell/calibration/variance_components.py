@@ -108,6 +108,19 @@ class Estimate:
         spread = np.einsum("kq,kl,lq->q", slopes, self.uncertainty, slopes)
         return np.asarray(np.clip(2.0 * variances**2 / np.maximum(spread, 1e-30 * variances**2), 1.0, None))
 
+    def of_values(self, derivative: Array) -> tuple[Array, Array]:
+        """Variances (q,) of values with a `derivative` (q, p) by the unknowns, and their degrees of freedom."""
+        variances = np.einsum("qi,ij,qj->q", derivative, self.covariance, derivative)
+        slopes = np.einsum("qi,kij,qj->kq", derivative, self.slopes, derivative, optimize=True)
+        return variances, self.degrees_of_freedom(variances, slopes)
+
+    def half_widths(self, derivative: Array, probability: float = 0.95) -> Array:
+        """Half widths (q,) of the intervals of such values that contain the true ones with `probability`."""
+        from scipy.special import stdtrit  # noqa: PLC0415  (slow to import)
+
+        variances, degrees = self.of_values(derivative)
+        return np.asarray(stdtrit(degrees, 0.5 + probability / 2) * np.sqrt(variances))
+
 
 def estimate(moments: Moments) -> Estimate:
     """Generalised least squares at the variances that maximise the restricted likelihood.

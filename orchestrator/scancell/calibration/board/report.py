@@ -118,24 +118,10 @@ class BoardCalibrationReport(SavedCalibration):
         derivative = self._by_unknown
         return np.asarray(derivative @ self.result.estimate.covariance @ derivative.T)
 
-    @cached_property
-    def _degrees_of_freedom(self) -> Array:
-        """(23,) of the variances of the values."""
-        estimate, derivative = self.result.estimate, self._by_unknown
-        slopes = np.einsum("vp,kpq,vq->kv", derivative, estimate.slopes, derivative, optimize=True)
-        return estimate.degrees_of_freedom(np.diag(self.covariance), slopes)
-
-    @property
-    def _factor(self) -> Array:
-        """Half widths (23,) of the intervals, in standard deviations."""
-        from scipy.special import stdtrit  # noqa: PLC0415  (slow to import)
-
-        return np.asarray(stdtrit(self._degrees_of_freedom, 0.5 + self.probability / 2))
-
     @property
     def rows(self) -> list[BoardRow]:
         """The calibrated values."""
-        half = self._factor * np.sqrt(np.diag(self.covariance))
+        half = self.result.estimate.half_widths(self._by_unknown, self.probability)
         return [
             BoardRow(name, float(value), float(width))
             for name, value, width in zip(VALUES, self.result.rig.values, half, strict=True)
@@ -158,7 +144,7 @@ class BoardCalibrationReport(SavedCalibration):
             "values": [asdict(row) for row in self.rows],
             "probability": self.probability,
             "covariance": self.covariance.tolist(),
-            "degrees_of_freedom": self._degrees_of_freedom.tolist(),
+            "degrees_of_freedom": result.estimate.of_values(self._by_unknown)[1].tolist(),
             "images": len(result.problem.views),
             "stripe_points": len(result.stripe),
             "stripe_points_discarded": result.discarded,

@@ -378,8 +378,6 @@ def _result(
 ) -> CalibrationResult:
     count = len(problem.free)
     rows = basis[:count]
-    slopes = np.einsum("pi,kij,pj->kp", rows, last.slopes, rows)
-    variances = np.einsum("pi,ij,pj->p", rows, last.covariance, rows)
     noise = np.exp(0.5 * last.log_variances)
     moments = moments.by_basis(basis)
     # A profile is displaced along y and z of the sensor, and offset along its normals.
@@ -389,7 +387,7 @@ def _result(
         names=problem.free,
         values=np.array([state.deviations[name] for name in problem.free]),
         joint_covariance=basis @ last.covariance @ basis.T * UNIT**2,
-        degrees_of_freedom=last.degrees_of_freedom(variances, slopes),
+        degrees_of_freedom=last.of_values(rows)[1],
         held={name: value for name, value in state.deviations.items() if name not in problem.free},
         platter_from_artefact=state.platter_from_artefact,
         sizes=state.sizes,
