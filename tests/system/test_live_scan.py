@@ -174,7 +174,7 @@ def test_every_exposure_taken_before_a_stop_is_kept_while_sensing_lags(session: 
             waited.wait(0.01)
         if rig.scan.state.sensed <= 4:
             rig.live.submit(Cancel())
-            while rig.live.state.world is not None:
+            while rig.live.state.job is not None:
                 waited.wait(0.01)
 
     rig.scan = LiveScan("geometric", lag, batch=4, most_behind=1)
@@ -219,7 +219,7 @@ def test_error_of_the_receiver_ends_the_scan(session: ScanSession) -> None:
     with pytest.raises(ZeroDivisionError):
         rig.run()
     assert "ZeroDivisionError" in rig.live.state.message
-    assert rig.live.state.world is None
+    assert rig.live.state.job is None
 
 
 def test_missing_path_to_the_start_is_reported(scanner: Scanner) -> None:

@@ -169,15 +169,19 @@ def _bounds(moments: Moments) -> tuple[Array, Array]:
 
 
 def information_slopes(moments: Moments, log_variances: Array) -> Array:
-    """Derivatives (g + kinds, n, p, p) of the information from each exposure by the logarithms of the variances."""
+    """Derivatives (g + kinds, n, p, p) of the information from each exposure by the logarithms of the variances.
+
+    All variances together scale the information, which gives that of the last group.
+    """
     weighted = weighted_by(moments, log_variances)
-    k = moments.design.shape[1]
+    k, last = moments.design.shape[1], len(moments.count) - 1
     by_mode = weighted.by_mode[:, :, :k] @ moments.design
     rest = moments.design - weighted.modes @ by_mode
-    of_groups = np.einsum("nkp,gnkl,nlq->gnpq", rest, moments.second[:, :, :k, :k], rest, optimize=True)
-    of_groups *= np.exp(-log_variances[: len(moments.count)])[:, None, None, None]
+    of_groups = np.einsum("nkp,gnkl,nlq->gnpq", rest, moments.second[:last, :, :k, :k], rest, optimize=True)
+    of_groups *= np.exp(-log_variances[:last])[:, None, None, None]
     each = [by_mode[:, weighted.kind == kind] for kind in range(len(moments.modes))]
-    return -np.concatenate([of_groups, *((one.swapaxes(1, 2) @ one)[None] for one in each)])
+    others = np.concatenate([of_groups, *((one.swapaxes(1, 2) @ one)[None] for one in each)])
+    return -np.insert(others, last, informations(moments, log_variances) - others.sum(0), axis=0)
 
 
 def covariance_slopes(covariance: Array, slopes: Array) -> Array:
@@ -202,7 +206,7 @@ def weighted_by(moments: Moments, log_variances: Array) -> Weighted:
     across = second[:, :, :k] @ modes
     inner = np.eye(modes.shape[-1]) + modes.swapaxes(1, 2) @ across[:, :k]
     spread = np.linalg.inv(inner)
-    by_mode = spread @ across.swapaxes(1, 2)
+    by_mode = np.linalg.solve(inner, across.swapaxes(1, 2))
     kind = np.repeat(np.arange(len(each)), [mode.shape[-1] for mode in each])
     log_determinant = float(moments.count @ log_variances[:groups]) + float(np.linalg.slogdet(inner)[1].sum())
     return Weighted(second - across @ by_mode, by_mode, modes, spread, kind, log_determinant)
@@ -275,4 +279,6 @@ def _criterion(moments: Moments, log_variances: Array) -> tuple[float, Array]:
     spent = np.einsum("gnkl,nlk->g", moments.second[:, :, :-1, :-1], spread)
     left = np.einsum("gnkl,nk,nl->g", moments.second, rest, rest, optimize=True)
     of_groups = moments.count - (spent + left) * np.exp(-log_variances[:groups])
+    # All variances together are a scale, which tells the last one without the cancellation in these sums.
+    of_groups[-1] = moments.count.sum() - len(x) - squares - of_modes.sum() - of_groups[:-1].sum()
     return value, np.concatenate([of_groups, of_modes])
