@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from scancell.calibration.board.problem import COUNT, BoardView, Rig, displaced
 from scancell.calibration.board.solve import BoardCalibration
+from scancell.calibration.variance_components import half_widths
 from scancell.geometry import pose
 
 Array = NDArray[np.float64]
@@ -56,8 +56,8 @@ def prediction_error(found: BoardCalibration, view: BoardView) -> PredictionErro
     noise[2, :3], noise[3, 3:] = squares[2], squares[3]
     variance = np.einsum("ap,pq,aq->a", difference, estimate.covariance, difference) + noise.sum(0)
     slopes = np.einsum("ap,kpq,aq->ka", difference, estimate.slopes, difference) + noise
-    factor = stdtrit(estimate.degrees_of_freedom(variance, slopes), 0.975)
-    return PredictionError(displacement(predicted, seen), np.sqrt(variance), factor * np.sqrt(variance))
+    deviation, degrees = np.sqrt(variance), estimate.degrees_of_freedom(variance, slopes)
+    return PredictionError(displacement(predicted, seen), deviation, half_widths(deviation, degrees, 0.95))
 
 
 def seen_pose(rig: Rig, view: BoardView) -> Array:

@@ -13,6 +13,7 @@ from scancell.calibration.variance_components import (
     Moments,
     covariance_slopes,
     equations_of,
+    half_widths,
     information_slopes,
     informations,
     weighted_by,
@@ -44,9 +45,7 @@ class LeftOut:
 
     def half_widths(self, probability: float = 0.95) -> Array:
         """Half widths (n, q) of the intervals about 0 that contain the displacements with `probability` each."""
-        from scipy.special import stdtrit  # noqa: PLC0415  (slow to import)
-
-        return np.asarray(stdtrit(self.degrees_of_freedom, 0.5 + probability / 2) * self.standard_deviation)
+        return half_widths(self.standard_deviation, self.degrees_of_freedom, probability)
 
 
 def left_out(moments: Moments, fit: Estimate, by_displacement: Array, count: int) -> LeftOut:

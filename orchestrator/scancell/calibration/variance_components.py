@@ -63,8 +63,8 @@ class Weighted:
         (n, d, k + 1) products of the modes of all kinds, times their standard deviations, with regressors and residual.
     modes
         (n, k, d) modes of all kinds, times their standard deviations.
-    spread
-        (n, d, d) covariance of the shared errors, in their standard deviations, where the unknowns are known.
+    inner
+        (n, d, d) inverse of the covariance of the shared errors, in their standard deviations, for known unknowns.
     kind
         (d,) kind of each mode.
     log_determinant
@@ -74,7 +74,7 @@ class Weighted:
     second: Array
     by_mode: Array
     modes: Array
-    spread: Array
+    inner: Array
     kind: NDArray[np.intp]
     log_determinant: float
 
@@ -116,10 +116,18 @@ class Estimate:
 
     def half_widths(self, derivative: Array, probability: float = 0.95) -> Array:
         """Half widths (q,) of the intervals of such values that contain the true ones with `probability`."""
-        from scipy.special import stdtrit  # noqa: PLC0415  (slow to import)
-
         variances, degrees = self.of_values(derivative)
-        return np.asarray(stdtrit(degrees, 0.5 + probability / 2) * np.sqrt(variances))
+        return half_widths(np.sqrt(variances), degrees, probability)
+
+
+def half_widths(standard_deviations: Array, degrees_of_freedom: Array, probability: float) -> Array:
+    """Half widths of the intervals about estimates that contain the true values with `probability` each.
+
+    By Student's distribution with the degrees of freedom of the variances, of the same shape.
+    """
+    from scipy.special import stdtrit  # noqa: PLC0415  (slow to import)
+
+    return np.asarray(stdtrit(degrees_of_freedom, 0.5 + probability / 2) * standard_deviations)
 
 
 def estimate(moments: Moments) -> Estimate:
@@ -205,11 +213,10 @@ def weighted_by(moments: Moments, log_variances: Array) -> Weighted:
     modes = np.concatenate([np.zeros((n, k, 0)), *each], -1)
     across = second[:, :, :k] @ modes
     inner = np.eye(modes.shape[-1]) + modes.swapaxes(1, 2) @ across[:, :k]
-    spread = np.linalg.inv(inner)
     by_mode = np.linalg.solve(inner, across.swapaxes(1, 2))
     kind = np.repeat(np.arange(len(each)), [mode.shape[-1] for mode in each])
     log_determinant = float(moments.count @ log_variances[:groups]) + float(np.linalg.slogdet(inner)[1].sum())
-    return Weighted(second - across @ by_mode, by_mode, modes, spread, kind, log_determinant)
+    return Weighted(second - across @ by_mode, by_mode, modes, inner, kind, log_determinant)
 
 
 def normal_equations(moments: Moments, log_variances: Array) -> NormalEquations:
@@ -261,7 +268,7 @@ def _criterion(moments: Moments, log_variances: Array) -> tuple[float, Array]:
     """
     weighted, groups = weighted_by(moments, log_variances), len(moments.count)
     normal = equations_of(moments, weighted)
-    covariance = np.linalg.inv(normal.information)
+    covariance = np.asarray(np.linalg.inv(normal.information), float)
     x = covariance @ normal.gradient
     squares = normal.squares - float(normal.gradient @ x)
     value = weighted.log_determinant + float(np.linalg.slogdet(normal.information)[1]) + squares
@@ -270,15 +277,23 @@ def _criterion(moments: Moments, log_variances: Array) -> tuple[float, Array]:
     trace -= np.einsum("ndp,pq,ndq->d", by_unknown, covariance, by_unknown, optimize=True)
     error = weighted.by_mode[:, :, -1] + by_unknown @ x
     of_modes = np.bincount(weighted.kind, trace - (error**2).sum(0), len(moments.modes))
+    of_groups = _of_groups(moments, weighted, log_variances, covariance, x) if groups > 1 else np.zeros(0)
+    # All variances together are a scale, which tells that of the last group without cancellation.
+    last = moments.count.sum() - len(x) - squares - of_modes.sum() - of_groups.sum()
+    return value, np.concatenate([of_groups, [last], of_modes])
+
+
+def _of_groups(moments: Moments, weighted: Weighted, log_variances: Array, covariance: Array, x: Array) -> Array:
+    """Gradient (g - 1,) of the criterion by the logarithms of the variances of all groups but the last."""
+    by_unknown = weighted.by_mode[:, :, :-1] @ moments.design
+    error = weighted.by_mode[:, :, -1] + by_unknown @ x
     # Residuals of the measurements are the regressors times `rest`, with covariance `spread`.
     rest = moments.design @ x - np.einsum("nkd,nd->nk", weighted.modes, error)
     rest = np.column_stack([rest, np.ones(len(rest))])
     design = moments.design - weighted.modes @ by_unknown
     spread = design @ covariance @ design.swapaxes(1, 2)
-    spread += weighted.modes @ weighted.spread @ weighted.modes.swapaxes(1, 2)
-    spent = np.einsum("gnkl,nlk->g", moments.second[:, :, :-1, :-1], spread)
-    left = np.einsum("gnkl,nk,nl->g", moments.second, rest, rest, optimize=True)
-    of_groups = moments.count - (spent + left) * np.exp(-log_variances[:groups])
-    # All variances together are a scale, which tells the last one without the cancellation in these sums.
-    of_groups[-1] = moments.count.sum() - len(x) - squares - of_modes.sum() - of_groups[:-1].sum()
-    return value, np.concatenate([of_groups, of_modes])
+    spread += weighted.modes @ np.linalg.solve(weighted.inner, weighted.modes.swapaxes(1, 2))
+    second = moments.second[:-1]
+    spent = np.einsum("gnkl,nlk->g", second[:, :, :-1, :-1], spread)
+    left = np.einsum("gnkl,nk,nl->g", second, rest, rest, optimize=True)
+    return np.asarray(moments.count[:-1] - (spent + left) * np.exp(-log_variances[: len(second)]))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scancell.calibration.board.problem import COUNT, ERRORS, NAMES, BoardProblem, BoardView, Rig, met
 from scancell.calibration.least_squares import NormalEquations, minimise, undetermined
 from scancell.calibration.left_out import LeftOut, left_out
-from scancell.calibration.variance_components import Estimate, Moments, equations_at, estimate
+from scancell.calibration.variance_components import Estimate, Moments, equations_at, estimate, normal_equations
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
 
@@ -174,6 +174,7 @@ def solve(views: Sequence[BoardView], start: Rig) -> BoardCalibration:
         problem = BoardProblem(views)
         state, is_settled = _adjusted(problem, state, log_variances)
         moments = _moments(problem, state)
+        _require_determined(normal_equations(moments, log_variances).information)
         last = estimate(moments)
         log_variances = last.log_variances
         corners, stripe = problem.residuals(state.rig, state.errors)
@@ -195,7 +196,6 @@ def _adjusted(problem: BoardProblem, start: _State, log_variances: Array) -> tup
         normal, errors_after = equations_at(_moments(problem, at), squares, at.errors, log_variances)
         return normal, lambda step: _State(at.rig.moved(step), errors_after(step))
 
-    _require_determined(equations(start)[0].information)
     return minimise(equations, start, _STEPS, _SETTLED)
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scancell import sensor as sensor_rt
 from scancell.calibration.cell.kinematics import LATENCY, UNIT, AxisReadings, CellKinematics, SensorPoses, written_unit
 from scancell.calibration.left_out import LeftOut
+from scancell.calibration.variance_components import half_widths
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import ShapeGroup, ShapeMesh
@@ -309,10 +310,7 @@ class CalibrationResult:
 
     def half_widths(self, probability: float = 0.95) -> Array:
         """Half widths (p,) of the intervals about `values` that contain the true ones with `probability` each."""
-        from scipy.special import stdtrit  # noqa: PLC0415  (slow to import)
-
-        factor = stdtrit(self.degrees_of_freedom, 0.5 + probability / 2)
-        return np.asarray(factor * self.standard_deviations)
+        return half_widths(self.standard_deviations, self.degrees_of_freedom, probability)
 
     def contains(self, expected: Array, probability: float = 0.95) -> bool:
         """Whether the joint confidence region (an ellipsoid) contains the `expected` values (p,)."""

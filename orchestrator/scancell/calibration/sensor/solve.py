@@ -190,7 +190,7 @@ def _adjusted(
 
     def linearised(at: State) -> tuple[NormalEquations, Callable[[Array], State]]:
         try:
-            found = equations.blocks(at)
+            found = blocks if at is start else equations.blocks(at)
         except CalibrationError as error:
             left.append(error)
             return replace(first, squares=np.inf), lambda _: at
