@@ -1,9 +1,10 @@
 """Collision outputs of the FMU against python-fcl: ``PYTHONPATH=tests:tests/fmu python -m bench.collision_outputs``.
 
 In each of the four cells, the axes stream through random positions of their whole ranges, without regard to bodies in
-their way. After every controller cycle the number of colliding pairs and the pair that is nearest are compared with
-python-fcl at poses by the Python kinematics of the nominal cell; pairs whose surfaces do not meet collide, too, where a
-corner of one is inside the other (generalised winding number).
+their way. After every controller cycle the number of colliding pairs and the smallest clearance are compared with
+python-fcl. Poses are those of the Python kinematics of the nominal cell, and of parts and fingers, which contacts move,
+the true ones of the FMU. Pairs whose surfaces do not meet collide, too, where a corner of one is inside the other
+(generalised winding number).
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from scancell.cell.mesh_json import read_mesh_json
 from scancell.config.loading import load_setup
 from scancell.nominal.cell import nominal_cell
 from scancell.nominal.parts import load_part
+from scancell.proximity.judge import fcl_model
 
 Array = NDArray[np.float64]
 
@@ -39,18 +41,15 @@ class Judge:
         meshes = {body["name"]: read_mesh_json(body["mesh"]) for body in description["bodies"]}
         self.names = list(meshes)
         self.pairs = [(self.names.index(a), self.names.index(b)) for a, b in description["collision"]["pairs"]]
-        self._meshes, self._objects, self._range = list(meshes.values()), [], description["collision"]["range"]
+        self._meshes, self._range = list(meshes.values()), description["collision"]["range"]
+        self._objects = [fcl.CollisionObject(fcl_model(*mesh)) for mesh in self._meshes]
+        frames = [body["frame"] for body in description["bodies"]]
+        self.loose = [(row, frame) for row, frame in enumerate(frames) if frame.startswith(("part", "finger"))]
         self._centres = [vertices.mean(0) for vertices, _ in self._meshes]
         self._radii = [
             float(np.linalg.norm(vertices - centre, axis=1).max())
             for (vertices, _), centre in zip(self._meshes, self._centres, strict=True)
         ]
-        for vertices, faces in self._meshes:
-            model = fcl.BVHModel()
-            model.beginModel(len(vertices), len(faces))
-            model.addSubModel(vertices, faces)
-            model.endModel()
-            self._objects.append(fcl.CollisionObject(model))
 
     def distances(self, poses: list[Array]) -> Array:
         """Distances (pairs,), m; 0 where surfaces meet or one body is inside the other, infinite beyond the range."""
@@ -105,7 +104,10 @@ def run(name: str, part: Path, cycles: int, seed: int, folder: Path) -> tuple[Co
             fmu.command(at[:-1], at[-1])
             fmu.step(cycle)
             true = np.append(fmu.vector("truth.q", len(at) - 1), fmu.get("truth.table"))
-            distance = judge.distances(list(nominal.body_poses(true[:-1], true[-1])[rows]))
+            poses = list(nominal.body_poses(true[:-1], true[-1])[rows])
+            for row, frame in judge.loose:
+                poses[row] = fmu.body(frame)
+            distance = judge.distances(poses)
             colliding, nearest = fmu.get_int("truth.collision.pairs"), float(fmu.get("truth.clearance.distance")[0])
             counts["cycles"] += 1
             counts["with a collision"] += bool((distance == 0).any())

@@ -57,11 +57,8 @@ def ply(path):
 for line in sys.stdin:
     path = line.strip()
     try:
-        if path.endswith("ply"):
-            print(json.dumps(ply(path)), flush=True)
-            continue
-        if path[-3:] in ("stl", "obj"):
-            print(json.dumps(mesh(path)), flush=True)
+        if path[-3:] in ("stl", "obj", "ply"):
+            print(json.dumps(ply(path) if path.endswith("ply") else mesh(path)), flush=True)
             continue
         points = np.asarray({"pcd": pcd, "xyz": xyz}[path[-3:]](path), float)
         kept = np.isfinite(points).all(1) & (points != 0).any(1)

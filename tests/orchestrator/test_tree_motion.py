@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import fcl
 import numpy as np
 import pytest
+from fcl_collisions import collision_object
 from scipy.spatial.transform import Rotation
 
 from scancell.geometry.mesh import Mesh, box_mesh
@@ -110,8 +111,8 @@ def excess(tree: RandomTree, error: str, rng: np.random.Generator) -> float:
     q, half = rng.uniform(-2, 2, JOINTS), random_travel(rng)
     slack = np.where(rng.uniform(size=JOINTS) < 0.5, 0.0, 10.0 ** rng.uniform(-6, -1, JOINTS))
     stated = np.where(tree.kinds == PRISMATIC, 0.5, 1.0) if error == "half of the travel" else np.ones(JOINTS)
-    believed = without_joint(tree, q, rng) if error == "joint left out" else tree
-    bound = believed.motion().bounds(q[None], (stated * half)[None], (stated * slack)[None])[0]
+    assumed = without_joint(tree, q, rng) if error == "joint left out" else tree
+    bound = assumed.motion().bounds(q[None], (stated * half)[None], (stated * slack)[None])[0]
 
     def points(at: np.ndarray) -> list[np.ndarray]:
         return [m.vertices @ p[:3, :3].T + p[:3, 3] for m, p in zip(tree.meshes, tree.poses(at), strict=True)]
@@ -139,20 +140,12 @@ def test_points_move_within_their_bounds(error: str) -> None:
         assert (found > 1.01).sum() > 50
 
 
-def fcl_object(mesh: Mesh) -> fcl.CollisionObject:
-    model = fcl.BVHModel()
-    model.beginModel(len(mesh.vertices), len(mesh.faces))
-    model.addSubModel(mesh.vertices, mesh.faces)
-    model.endModel()
-    return fcl.CollisionObject(model)
-
-
 def test_proved_motions_keep_their_clearance() -> None:
-    """Of motions on random trees; python-fcl and homogeneous matrices judge samples of those that are proved."""
+    """python-fcl and homogeneous matrices judge samples of the motions on random trees that are proved."""
     rng, counts = np.random.default_rng(21), {True: 0, False: 0}
     for _ in range(60):
         tree = random_tree(rng)
-        objects = [fcl_object(mesh) for mesh in tree.meshes]
+        objects = [collision_object(mesh) for mesh in tree.meshes]
         scene = PairDistances([(mesh.vertices, mesh.faces) for mesh in tree.meshes], tree.pairs)
         proof = MotionProof(scene, tree.motion())
         start = rng.uniform(-2, 2, (4, JOINTS))
