@@ -179,7 +179,7 @@ def run(part: Path, out: Path, setup: Setup, engine: str = "ray-traced") -> tupl
         With a message for people, whatever is wrong.
     """
     with Scanner(setup=setup) as scanner:
-        task = PickAndPlace(setup, scanner.pipeline.load(setup.cell, scanner.load_part(part)).nominal)
+        task = PickAndPlace(setup, scanner.pipeline.load(setup, scanner.load_part(part)).nominal)
         result = scanner.scan(part, engine="geometric" if engine == "geometric" else "ray-traced", hook=task)
     result.save(out)
     draw(task, out / "devices.png")

@@ -91,11 +91,11 @@ from scancell.scanning.drive import FmuRunner
 class Referent:
     pass
 
-def start(runner, request):
+def start(runner, *given, **named):
     referent = Referent()
     reference = weakref.ref(referent, lambda _: os.kill(os.getpid(), signal.SIGINT))
     del referent
-    return original(runner, request)
+    return original(runner, *given, **named)
 
 original, FmuRunner.start = FmuRunner.start, start
 main()
