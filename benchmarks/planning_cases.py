@@ -102,14 +102,14 @@ def dense_poses(axes: Array, step: float) -> Array:
 def judge_of(cell: PlanningCell) -> Judge:
     """The collision queries of python-fcl for the bodies of a cell."""
     meshes = {body.name: body.mesh for body in cell.nominal.bodies}
-    home = cell.nominal.body_poses(cell.nominal.home, cell.table_start)
+    home = cell.nominal.body_poses([*cell.nominal.home, cell.table_start])
     return Judge(meshes, tuple(meshes), home)
 
 
 def first_contact(cell: PlanningCell, judge: Judge, axes: Array) -> str:
     """Bodies that python-fcl finds to hit each other at one of axes (n, joints + 1), rad; "" for none."""
     for at in np.array_split(axes, -(-len(axes) // _CHUNK)):
-        bodies = cell.nominal.body_poses(at[:, :-1], at[:, -1])
+        bodies = cell.nominal.body_poses(at)
         clash = judge.first_collision(bodies)
         if clash is not None:
             return f"{clash.body_a} hits {clash.body_b}"

@@ -63,8 +63,8 @@ def fault(case: Case, axes: Array) -> str:
     """Why axes (n, 7), rad, are no motion along the path: off path, limits, jump or contact; "" if they are one."""
     cell = planning_cell(case.truth["case"])
     nominal = cell.nominal
-    q, table = axes[:, :-1], axes[:, -1]
-    found = pose.inverse(nominal.world_from_platter(table)) @ nominal.world_from_sensor(q)
+    q = axes[:, :-1]
+    found = pose.inverse(nominal.world_from("table", axes)) @ nominal.world_from("sensor", axes)
     away = pose.inverse(case.truth["poses"]) @ found
     turned = np.linalg.norm(pose.log_rotation(away[:, :3, :3]), axis=1)
     if np.linalg.norm(away[:, :3, 3], axis=1).max() > _OFF_M or turned.max() > _OFF_RAD:

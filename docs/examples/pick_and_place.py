@@ -104,7 +104,7 @@ class PickAndPlace:
 
     def place(self, session: CellSession, part_from_gripper: Array) -> None:
         """Put the part where the scan expects it."""
-        goal = pose.translation((0, 0, DROP)) @ self.nominal.world_from_part(0.0) @ part_from_gripper
+        goal = pose.translation((0, 0, DROP)) @ self.nominal.world_from("part") @ part_from_gripper
         session.move_tool(lifted(goal), "gripper", speed=0.3)
         session.move_line(goal, "gripper", speed=0.05)
         session.open_gripper(OPEN)
@@ -130,7 +130,7 @@ def placing_error(task: PickAndPlace) -> tuple[float, float]:
     row = int(np.searchsorted(task.log.time, task.stages[-1][0]))
     position = [task.log[f"truth.part[1].position[{i}]"][row] for i in (1, 2, 3)]
     turn = [task.log[f"truth.part[1].orientation[{i}]"][row] for i in (1, 2, 3, 4)]
-    off = pose.inverse(task.nominal.world_from_part(0.0)) @ pose.pose(position, turn)
+    off = pose.inverse(task.nominal.world_from("part")) @ pose.pose(position, turn)
     return float(np.linalg.norm(off[:3, 3])), float(np.linalg.norm(pose.log_rotation(off[:3, :3])))
 
 

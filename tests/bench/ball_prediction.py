@@ -79,7 +79,7 @@ def compare_with_simulation(poses: Poses, contrast: float, seed: int) -> Compari
 def _table(poses: Poses) -> dict[str, Array]:
     """Points and poses of the flange: all repeats of a pose have that of their mean circle."""
     cell = nominal_cell(scancell.load_setup().cell, None)
-    base_from_table = pose.inverse(cell.arm.world_from_base) @ cell.world_from_platter(0.0)
+    base_from_table = pose.inverse(cell.arm.world_from_base) @ cell.world_from("table")
     sensor_from_flange = pose.inverse(cell.flange_from_sensor)
     flange, rows, points, columns = [], [], [], []
     for group, side in zip(poses.groups, poses.side, strict=True):

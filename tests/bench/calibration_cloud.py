@@ -87,7 +87,7 @@ class Reconstruction:
         """Points (m, 3) in the part frame."""
         cell = estimated_cell(self._scan.nominal, deviations)
         late = self._scan.recording.measured.after(cell.trigger_latency)
-        poses, profiles = cell.part_from_sensor(late.q, late.table), self._scan.profiles
+        poses, profiles = cell.part_from_sensor(late.axes), self._scan.profiles
         return points_in_part(profiles.points_in_sensor[self._rows], profiles.frame[self._rows], poses)
 
     def distances(self, deviations: dict[str, float]) -> Array:

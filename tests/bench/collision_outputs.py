@@ -104,7 +104,7 @@ def run(name: str, part: Path, cycles: int, seed: int, folder: Path) -> tuple[Co
             fmu.command(at[:-1], at[-1])
             fmu.step(cycle)
             true = np.append(fmu.vector("truth.q", len(at) - 1), fmu.get("truth.table"))
-            poses = list(nominal.body_poses(true[:-1], true[-1])[rows])
+            poses = list(nominal.body_poses(true)[rows])
             for row, frame in judge.loose:
                 poses[row] = fmu.body(frame)
             distance = judge.distances(poses)

@@ -97,7 +97,7 @@ def distributions(result: ScanResult) -> tuple[Array, Array]:
     nearest = cKDTree(result.cloud.points_in_part).query(samples)[1]
     profile = result.cloud.profile[nearest]
     measured = result.recording.measured
-    poses = result.nominal.part_from_sensor(measured.q, measured.table)
+    poses = result.nominal.part_from_sensor(measured.axes)
     row = np.searchsorted(measured.index, profile)
     source = poses[row][:, :3, 3]
     ray = source - samples

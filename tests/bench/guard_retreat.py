@@ -79,7 +79,7 @@ def _feigned(cell: NominalCell, axes: np.ndarray) -> float:
     """How far, m, the error of each measured angle moves the sensor, at most; the errors are independent."""
     ((number, mesh),) = ((k, body.mesh) for k, body in enumerate(cell.bodies) if body.name == "sensor")
     off = np.vstack([axes, axes + np.diag(np.broadcast_to(SETTINGS.angle_error, len(axes)))])
-    poses = cell.body_poses(off[:, :-1], off[:, -1])[:, number]
+    poses = cell.body_poses(off)[:, number]
     points = np.einsum("nij,mj->nmi", poses[:, :3, :3], mesh.vertices) + poses[:, None, :3, 3]
     moved = np.linalg.norm(points[1:] - points[0], axis=-1).max(1)
     return float(np.sqrt((moved**2).sum()))

@@ -93,7 +93,7 @@ def _starts(nominal: NominalCell, rng: np.random.Generator) -> Iterator[Array]:
     while True:
         while not near or not anywhere:
             axes = np.array([random_start(nominal, rng) for _ in range(_TRIED)])
-            distance = scene.distances(nominal.body_poses(axes[:, :-1], axes[:, -1]), 2 * _NEAR[1], 1)
+            distance = scene.distances(nominal.body_poses(axes), 2 * _NEAR[1], 1)
             least, clear = distance[:, ~inner].min(1), distance[:, inner].min(1) > _CLEAR
             near += list(axes[clear & (least > _NEAR[0]) & (least < _NEAR[1])])
             anywhere += list(axes[clear & (least > _NEAR[0])])

@@ -63,7 +63,7 @@ def measured(cell: PlanningCell, name: str, motions: Sequence[Array]) -> Motion:
     points = np.concatenate([motions[0], *(motion[1:] for motion in motions[1:])])
     on_arm = {body.name for body in cell.nominal.bodies if body.moves_with.startswith(("link", "sensor"))} | {"base"}
     around = [len(on_arm & set(pair)) == 1 for pair in cell.proximity.pairs]
-    distance = cell.proximity.distances(cell.nominal.body_poses(points[:, :-1], points[:, -1]), SHOWN)
+    distance = cell.proximity.distances(cell.nominal.body_poses(points), SHOWN)
     return Motion(name, points, distance[:, around].min(1))
 
 
@@ -88,11 +88,11 @@ def main() -> None:
 def draw_side(axis: plt.Axes, cell: PlanningCell, motion: Motion, colour: str) -> None:
     """Table and part as seen along world x, and the sensor's housing at several instants."""
     bodies = {body.name: body for body in cell.nominal.bodies}
-    at_start = cell.nominal.frame_poses(motion.points[0, :-1], motion.points[0, -1])
+    at_start = cell.nominal.frame_poses(motion.points[0])
     for name in ("table_base", "table", "part"):
         axis.add_collection(silhouette(bodies[name], at_start[bodies[name].moves_with], "lightgrey", 1.0))
     for k in np.linspace(0, len(motion.points) - 1, INSTANTS).round().astype(int):
-        frames = cell.nominal.frame_poses(motion.points[k, :-1], motion.points[k, -1])
+        frames = cell.nominal.frame_poses(motion.points[k])
         hit = motion.distance[k] <= 0.0
         axis.add_collection(silhouette(bodies["sensor"], frames["sensor"], colour, 0.9 if hit else 0.25))
     path = cell.nominal.world_from_sensor(motion.points[:, :-1])[:, :3, 3]

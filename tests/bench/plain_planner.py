@@ -53,7 +53,7 @@ class Cell:
         self.nominal = nominal
         self.names = [body.name for body in nominal.bodies]
         meshes = {body.name: body.mesh for body in nominal.bodies}
-        home = nominal.body_poses(nominal.home, 0.0)
+        home = nominal.body_poses(nominal.home)
         self._judge = Judge(meshes, self.names, home)
         self.corners = [
             body.mesh.bounds[np.indices((2, 2, 2)).reshape(3, 8), np.arange(3)[:, None]].T for body in nominal.bodies
@@ -90,7 +90,7 @@ def judged(nominal: NominalCell, made: Plan, step: float, errors: dict[str, floa
     off = np.array([errors.get(name, 0.0) for name in cell.names])
     for segment in made.program.segments:
         axes = np.column_stack([segment.q, segment.table])
-        poses = nominal.body_poses(axes[:, :-1], axes[:, -1])
+        poses = nominal.body_poses(axes)
         at = np.stack([pose.transform_points(poses[:, i], corner[None]) for i, corner in enumerate(cell.corners)], 1)
         moved = np.linalg.norm(np.diff(at, axis=0), axis=-1).max((1, 2), initial=0.0)
         # Two bodies may move towards each other.
@@ -102,7 +102,7 @@ def judged(nominal: NominalCell, made: Plan, step: float, errors: dict[str, floa
         dense = np.concatenate([*pieces, axes[-1:]])
         for first in range(0, len(dense), _BLOCK):
             block = dense[first : first + _BLOCK]
-            clash, least = _judge_block(cell, nominal.body_poses(block[:, :-1], block[:, -1]), off)
+            clash, least = _judge_block(cell, nominal.body_poses(block), off)
             margin = min(margin, least)
             if clash:
                 return Judgement(count, f"{clash} in {segment.name}", margin)
@@ -173,7 +173,7 @@ class PlainPlanner:
 
         Bodies of the arm have to be free of contact only.
         """
-        poses = self.nominal.body_poses(axes[:-1], axes[-1])
+        poses = self.nominal.body_poses(axes)
         near = self._cell.near(poses[None], self._pairs, clearance)[0]
         if only_around:
             near &= self._around

@@ -173,7 +173,7 @@ def make_cell(seed: int) -> tuple[str, str, float, Setup, PlanningCell]:
 
 def _obstacles(nominal: NominalCell, opening: Array, rng: np.random.Generator) -> list[Body]:
     """A hook that hangs into or above the opening, posts beside the part, things on the table and in the arm's way."""
-    world_from_part, material = nominal.world_from_part(0.0), nominal.bodies[0].material
+    world_from_part, material = nominal.world_from("part"), nominal.bodies[0].material
     made, side = [], float(rng.choice([0.0005, 0.002, 0.005, 0.012]))
     axis, part = nominal.world_from_table[:3, 3], nominal.part.vertices
     on_table = pose.transform_points(nominal.table_from_part, part)
@@ -234,7 +234,7 @@ def _keeps(nominal: NominalCell, margin: float, angles: Any) -> bool:
     ]
     index = np.array(pairs, np.int64).reshape(-1, 2)
     for angle in angles:
-        poses = nominal.body_poses(nominal.home, angle)
+        poses = nominal.body_poses([*nominal.home, angle])
         for a, b in index[cell.near(poses[None], index, margin)[0]]:
             if cell.distance(poses, a, b) <= margin:
                 return False

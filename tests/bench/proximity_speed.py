@@ -58,7 +58,7 @@ class Scene:
         """(n, 12, 4, 4) for joints (n, 6) and table angles (n,), rad."""
         wall = np.eye(4)
         wall[:3, 3] = 0.0, -0.6, 0.4
-        bodies = self.nominal.body_poses(q, table)
+        bodies = self.nominal.body_poses(np.column_stack([q, table]))
         return np.concatenate([bodies, np.broadcast_to(wall, (len(bodies), 1, 4, 4))], 1)
 
     def random_poses(self, count: int) -> Array:

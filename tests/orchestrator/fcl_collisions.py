@@ -50,7 +50,7 @@ def path_collisions(cell: PlanningCell, path: Array) -> set[tuple[int, str, str]
     Bodies that touch each other where it begins, such as neighbouring links, are left out.
     """
     meshes = {body.name: body.mesh for body in cell.nominal.bodies}
-    poses = cell.nominal.body_poses(path[:, :-1], path[:, -1])
+    poses = cell.nominal.body_poses(path)
     relative = {
         (a, b): pose.inverse(poses[:, i]) @ poses[:, k] for (i, a), (k, b) in combinations(enumerate(meshes), 2)
     }

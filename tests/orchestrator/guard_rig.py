@@ -142,7 +142,7 @@ class GuardRig:
     def poses(self) -> np.ndarray:
         """True poses (n, bodies, 4, 4) of all bodies."""
         axes, rows = np.array(self.axes), np.array(self.frames)
-        frames = self.nominal.frame_poses(axes[:, :-1], axes[:, -1])
+        frames = self.nominal.frame_poses(axes)
         for k, frame in enumerate(self._moving):
             row = rows[:, 7 * k : 7 * k + 7]
             placed = np.tile(np.eye(4), (len(row), 1, 1))
@@ -211,12 +211,12 @@ class Distance:
         self._scene = ProximityScene({body.name: body.mesh for body in bodies}, [pair])
 
     def __call__(self, axes: np.ndarray) -> float:
-        poses = self._cell.body_poses(axes[None, :-1], axes[None, -1])
+        poses = self._cell.body_poses(axes[None])
         return float(self._scene.distances(poses, np.inf, 1)[0, 0])
 
     def direction(self, axes: np.ndarray) -> np.ndarray:
         """Unit vector (3,), in the world, from the first body to the second."""
-        poses = self._cell.body_poses(axes[None, :-1], axes[None, -1])
+        poses = self._cell.body_poses(axes[None])
         first, second = self._scene.closest_points(poses, np.inf, 1)[1][0, 0]
         return np.asarray((second - first) / np.linalg.norm(second - first))
 

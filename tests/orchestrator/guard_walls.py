@@ -34,7 +34,7 @@ def boxes() -> NominalCell:
 def behind_wall(axes: np.ndarray, direction: np.ndarray, gap: float) -> tuple[NominalCell, ProximityScene]:
     """The cell with a wall across `direction`, `gap` in front of the foremost point of the sensor at `axes`."""
     cell = boxes()
-    poses = dict(zip([body.name for body in cell.bodies], cell.body_poses(axes[:-1], axes[-1]), strict=True))
+    poses = dict(zip([body.name for body in cell.bodies], cell.body_poses(axes), strict=True))
     points = transform_points(poses["sensor"], next(b.mesh.vertices for b in cell.bodies if b.name == "sensor"))
     foremost = points[np.argmax(points @ direction)]
     across = np.linalg.svd(direction[None])[2][1]
@@ -46,7 +46,7 @@ def behind_wall(axes: np.ndarray, direction: np.ndarray, gap: float) -> tuple[No
 
 
 def distances(cell: NominalCell, scene: ProximityScene, axes: np.ndarray, bound: float = 0.05) -> np.ndarray:
-    return scene.distances(cell.body_poses(axes[:, :-1], axes[:, -1]), bound, 1)
+    return scene.distances(cell.body_poses(axes), bound, 1)
 
 
 def straight(axes: np.ndarray, velocity: np.ndarray) -> np.ndarray:
@@ -63,7 +63,7 @@ def near_home(rng: np.random.Generator) -> np.ndarray:
 def is_clear(cell: NominalCell, scene: ProximityScene, axes: np.ndarray, gap: float) -> bool:
     """Whether all bodies keep the gap to the wall, and 2 mm to each other."""
     required = [gap - 1e-9 if "wall" in pair else 2e-3 for pair in scene.pairs]
-    return not scene.clearance_violations(cell.body_poses(axes[None, :-1], axes[None, -1]), required, 1)
+    return not scene.clearance_violations(cell.body_poses(axes[None]), required, 1)
 
 
 def square(rng: np.random.Generator, gaps: tuple[float, float], count: int) -> Iterator[Square]:

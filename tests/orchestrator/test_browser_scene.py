@@ -105,7 +105,7 @@ def test_bodies_are_shown_where_they_truly_are(server, scene, live) -> None:
 def test_frames_without_a_body_follow_nominal_kinematics(server, live, setup) -> None:
     bare = without_bodies(live.true, ["sensor", "link[5]"])
     CellScene(server, bare, setup.sensor, setup.cell).show(live.state)
-    nominal = bare.frame_poses(live.state.joints, np.array(live.state.table_angle))
+    nominal = bare.frame_poses([*live.state.joints, live.state.table_angle])
     for name in ("sensor", "link[5]"):
         np.testing.assert_allclose(shown_at(node(server, f"/frames/{name}")), nominal[name], atol=POSE)
 
@@ -191,7 +191,7 @@ def test_preview_shows_any_axes_and_leaves_the_ghost_of_the_target(server, scene
     ghosts = scene.ghosts
     axes = np.append(live.state.joints + 0.5, live.state.table_angle + 0.4)
     scene.show_preview(axes)
-    nominal = dict(zip([b.name for b in live.true.bodies], live.true.body_poses(axes[:-1], axes[-1]), strict=True))
+    nominal = dict(zip([b.name for b in live.true.bodies], live.true.body_poses(axes), strict=True))
     for name in ("link2", "link6", "sensor"):
         np.testing.assert_allclose(shown_at(node(server, f"/preview/{name}")), nominal[name], atol=POSE)
     assert scene.ghosts == ghosts
@@ -467,7 +467,7 @@ def test_first_view_has_the_whole_cell_in_it(server, scene, live) -> None:
     forward = (camera.look_at - camera.position) / np.linalg.norm(camera.look_at - camera.position)
     assert forward[2] < -0.2  # from above
     slope = np.tan(camera.fov / 2)
-    frames = live.true.frame_poses(live.true.home, np.array(0.0))
+    frames = live.true.frame_poses(live.true.home)
     for body in live.true.bodies:
         seen = pose.transform_points(frames[body.moves_with], body.mesh.vertices) - camera.position
         ahead = seen @ forward

@@ -68,11 +68,12 @@ def test_calibration_and_reconstruction_share_one_geometry() -> None:
     deviations = {name: 0.01 * rng.normal() for name in cell.names}
     made, number = some_readings(rng, 6), np.arange(6)
     measured = TriggerRecords(
-        number, number // 4, 0.02 * number, np.full(6, 1e-3), made.q, made.qd, made.table, made.table_rate
+        *(number, number // 4, 0.02 * number, np.full(6, 1e-3)),
+        *(made.q, made.qd, made.table, made.table_rate, np.empty((6, 0)), np.empty((6, 0))),
     )
     estimated = estimated_cell(nominal, deviations)
     late = measured.after(estimated.trigger_latency)
-    expected = pose.inverse(estimated.world_from_platter(late.table)) @ estimated.world_from_sensor(late.q)
+    expected = pose.inverse(estimated.world_from("table", late.axes)) @ estimated.world_from("sensor", late.axes)
     assert cell.poses(readings_of(measured), deviations).platter_from_sensor == pytest.approx(expected, abs=1e-12)
 
 

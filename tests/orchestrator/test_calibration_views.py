@@ -24,7 +24,7 @@ def plate() -> Mesh:
 def test_views_look_at_the_surface_within_range_and_tilt(turn_table: bool) -> None:
     cell = planning_cell(plate())
     found = candidates(cell, 300, np.random.default_rng(1), 0.005, turn_table)
-    views = cell.nominal.part_from_sensor(found.q, found.table)
+    views = cell.nominal.part_from_sensor(np.column_stack([found.q, found.table]))
     rotation = views[:, :3, :3]
     np.testing.assert_allclose(
         rotation @ np.swapaxes(rotation, 1, 2), np.tile(np.eye(3), (len(views), 1, 1)), atol=1e-9

@@ -63,7 +63,7 @@ def test_the_quality_is_the_product_of_all_factors(cell: PlanningCell) -> None:
     for column, row in np.argwhere(judged.quality > 0)[::17]:
         angle = float(judged.angle(row))
         q = judged.joints([column], [angle])[0]
-        distance = cell.proximity.distances(cell.nominal.body_poses(q[None], np.array([angle])), np.inf)[0]
+        distance = cell.proximity.distances(cell.nominal.body_poses(np.array([[*q, angle]])), np.inf)[0]
         low, high = cell.clearance_ranges(0.005, 0.05, 0.01).T
         expected = constraints.arm_metric(cell.nominal.arm, q)
         expected = expected * constraints.clearance(distance, low, high).prod()
@@ -91,7 +91,7 @@ def test_exponents_of_joints_and_pairs_by_definition(cell: PlanningCell) -> None
     for column, row in np.argwhere(judged.quality > 0)[::29]:
         angle = float(judged.angle(row))
         q = judged.joints([column], [angle])[0]
-        distance = cell.proximity.distances(cell.nominal.body_poses(q[None], np.array([angle])), np.inf)[0]
+        distance = cell.proximity.distances(cell.nominal.body_poses(np.array([[*q, angle]])), np.inf)[0]
         share = np.clip((distance - low) / (high - low), 0, 1)
         factors = [float(constraints.joint_range(a, *limits)) for a, *limits in zip(q, *arm.limits, strict=True)]
         regular = singularity_distance(np.linalg.inv(arm.jacobian(q)))

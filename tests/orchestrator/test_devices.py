@@ -86,7 +86,7 @@ def test_recorded_part_poses_move_bodies(described, tmp_path) -> None:
     assert travelled[1] > 0.04
     assert travelled[[0, 2]].max() < 1e-6
     # At the start all parts are at their nominal poses.
-    first = nominal.frame_poses(nominal.home, 0.0)
+    first = nominal.frame_poses(nominal.home)
     assert np.abs(rider[0, [0, 2]] - first["part[2]"][[0, 2], 3]).max() < 1e-6
     bodies = visible_bodies(nominal)
     names = [body.name for body in bodies]
@@ -130,7 +130,7 @@ def test_scanned_part_starts_on_conveyor(described) -> None:
     part = cell_json(setup.cell, nominal, 0)["parts"][0]
     assert (part["name"], part["stands_on"], part["fixture"]) == ("part", "conveyor[1]", "free")
     assert part["support_from_part"]["position"] == pytest.approx([-0.1, 0.0, 0.01])
-    np.testing.assert_allclose(nominal.world_from_part(0.0)[:3, 3], [0.45, 0.0, 0.11], atol=1e-12)
+    np.testing.assert_allclose(nominal.world_from("part")[:3, 3], [0.45, 0.0, 0.11], atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from scancell.reconstruction.reconstruct import (
     Envelope,
     ProfilePoints,
     points_in_part,
-    poses_by_joints,
+    poses_by_axes,
     reconstruct_points,
     why_empty,
 )
@@ -45,6 +45,7 @@ pose = { y_mm = 60.0, rz_deg = 30.0 }
 RNG = np.random.default_rng(8)
 PART = box_mesh((0.06, 0.04, 0.03), "part").transformed(pose.translation((0.0, 0.0, 0.015)))
 NOISE = 50e-6
+TABLE = 6  # column of the table among the positions of the axes
 TABLE_FROM_PART = pose.from_euler_xyz((0.02, 0.0, 0.03), (0.0, 0.0, 0.4))
 
 
@@ -61,12 +62,12 @@ def turned(points: np.ndarray, angle: np.ndarray) -> np.ndarray:
     return np.einsum("nij,nj->ni", pose.rotation_about(2, angle), points)
 
 
-def beside(x: float, on_table: bool = True, name: str = "neighbour") -> Neighbour:
-    return Neighbour(name, PART.transformed(pose.translation((x, 0.0, 0.0))), on_table)
+def beside(x: float, rides: bool = True, name: str = "neighbour") -> Neighbour:
+    return Neighbour(name, PART.transformed(pose.translation((x, 0.0, 0.0))), rides)
 
 
 def around(*bodies: Neighbour) -> Neighbours:
-    return Neighbours(bodies, PART, np.eye(4))
+    return Neighbours(bodies, PART, np.eye(4), TABLE)
 
 
 def test_points_are_assigned_to_nearest_body():
@@ -80,9 +81,9 @@ def test_points_are_assigned_to_nearest_body():
 
 def test_bodies_beside_a_belt_stand_and_those_on_it_travel():
     post = PART.transformed(pose.translation((0.08, 0.12, 0.0)))  # which the part passes
-    standing, riding = Neighbour("post", post, on_table=False), beside(-0.08)
+    standing, riding = Neighbour("post", post, rides=False), beside(-0.08)
     travel = RNG.uniform(-0.05, 0.3, 3000)
-    neighbours = Neighbours((standing, riding), PART, np.eye(4), on_belt=True)
+    neighbours = Neighbours((standing, riding), PART, np.eye(4), axis=7, slides=True)
     seen = surface(standing.mesh)
     seen[:, 0] -= travel  # in the frame that moves with the belt
     assert (foreign_points(seen, travel, neighbours) == 0).all()
@@ -92,7 +93,7 @@ def test_bodies_beside_a_belt_stand_and_those_on_it_travel():
 
 
 def test_static_neighbour_is_found_at_all_table_angles():
-    standing = beside(0.08, on_table=False)
+    standing = beside(0.08, rides=False)
     angle = RNG.uniform(-7.0, 7.0, 3000)
     neighbours = around(standing)
     assert (foreign_points(turned(surface(standing.mesh), -angle), angle, neighbours) == 0).all()
@@ -139,8 +140,8 @@ def test_neighbours_have_poses_of_cell_description(tmp_path):
     nominal = nominal_cell(load_setup(cell_file(tmp_path, DEVICES)).cell, PART)
     found = {body.name: body for body in neighbours_of(nominal).bodies}
     assert set(found) == {"base", "table_base", "belt", "rider", "bracket"}
-    assert {name for name, body in found.items() if body.on_table} == {"bracket"}
-    frames = nominal.frame_poses(nominal.home, np.array(0.0))
+    assert {name for name, body in found.items() if body.rides} == {"bracket"}
+    frames = nominal.frame_poses(nominal.home)
     for name, frame in (("bracket", "part[3]"), ("rider", "part[2]"), ("belt", "world")):
         mesh = next(body.mesh for body in nominal.bodies if body.name == name)
         in_world = found[name].mesh.transformed(nominal.world_from_table)
@@ -159,7 +160,7 @@ def measured(points_in_table: np.ndarray) -> tuple[ProfilePoints, Triggers]:
 def reconstructed(
     profiles: ProfilePoints, triggers: Triggers, envelope: Envelope, neighbours: Neighbours
 ) -> tuple[Cloud, Dropped]:
-    poses = poses_by_joints(triggers, part_from_sensor)
+    poses = poses_by_axes(triggers, lambda axes: part_from_sensor(axes[:, :TABLE], axes[:, TABLE]))
     made = reconstruct_points(profiles, triggers, poses, TABLE_FROM_PART, envelope, False, neighbours)
     return made.cloud, made.dropped
 
@@ -170,7 +171,7 @@ def test_all_measured_points_are_counted():
     points = np.concatenate([low, high, outside, surface(PART, 30), surface(beside(0.07).mesh, 20)])
     points[-50:, 2] += 0.8e-3
     profiles, triggers = measured(points)
-    neighbours = Neighbours((beside(0.07),), PART, np.eye(4))
+    neighbours = around(beside(0.07))
     cloud, dropped = reconstructed(profiles, triggers, envelope, neighbours)
     assert (dropped.measured, dropped.low, dropped.high, dropped.outside) == (54, 2, 1, 1)
     assert dropped.foreign == {"neighbour": 20}

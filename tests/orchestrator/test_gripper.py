@@ -32,14 +32,14 @@ def test_gripper_is_optional() -> None:
     setup = load_setup()
     nominal = nominal_cell(setup.cell, BLOCK)
     assert cell_json(setup.cell, nominal, 0)["gripper"] is None
-    assert "finger[1]" not in nominal.frame_poses(nominal.home, 0.0)
+    assert "finger[1]" not in nominal.frame_poses(nominal.home)
 
 
 def test_finger_poses_match_description(tmp_path) -> None:
     setup = load_setup(settings=WORDS, ideal=True)
     nominal = nominal_cell(setup.cell, BLOCK)
     recording = drive(tmp_path, setup.cell, nominal, np.zeros(12), TriggerRule("time", 0.05))
-    first = nominal.frame_poses(nominal.home, 0.0)
+    first = nominal.frame_poses(nominal.home)
     truth = recording.truth
     for frame in ("finger[1]", "finger[2]"):
         np.testing.assert_allclose(truth.world_from_frame[frame][0, 0], first[frame], atol=1e-9)
@@ -59,7 +59,7 @@ def test_planner_checks_fingers_against_table_and_part() -> None:
         assert frozenset(("finger1", around)) in pairs
     q = cell.nominal.home
     assert not cell.clearance_violations(q[None], np.zeros(1), 0.01)
-    world_from_finger = cell.nominal.frame_poses(q, 0.0)["finger[1]"]
+    world_from_finger = cell.nominal.frame_poses(q)["finger[1]"]
     target = np.eye(4)
     target[:3, :3] = np.diag([1.0, -1.0, -1.0])
     target[:3, 3] = cell.nominal.world_from_table[:3, 3] + np.array([-0.05, 0.05, 0.02])

@@ -41,7 +41,7 @@ def test_starts_are_inside_the_limits_and_free_of_contact(world: World, drawn: l
     for number, draw in drawn:
         start = draw.scenario.start
         assert (np.minimum(start[:-1] - lower, upper - start[:-1]) > 0.01).all()
-        poses = shifted(world.nominal.body_poses(start[None, :-1], start[None, -1]), draw.shifts)
+        poses = shifted(world.nominal.body_poses(start[None]), draw.shifts)
         distances = world.scene.distances(poses, 1.0, 1)[0]
         assert distances.min() > 0.2e-3
         if stratum_of(number).near:
@@ -58,7 +58,7 @@ def test_bodies_are_off_by_their_stated_error_towards_each_other(world: World, d
         assert (sizes <= error).all()
         if draw.pair and sizes.any():
             start = draw.scenario.start
-            poses = world.nominal.body_poses(start[None, :-1], start[None, -1])
+            poses = world.nominal.body_poses(start[None])
             bound = np.where([set(pair) == set(draw.pair) for pair in world.pairs], np.inf, 0.0)
             true, nominal = (world.scene.distances(one, bound, 1)[0] for one in (shifted(poses, draw.shifts), poses))
             nearer.append((nominal - true)[np.isinf(bound)][0])
@@ -133,7 +133,7 @@ def test_part_is_displaced_by_what_it_moves_after_the_gripper_has_closed_or_open
 def test_fingers_are_around_the_part_of_a_gripping_robot(gripping: World) -> None:
     world = gripping
     carrying = world.carrying(held=False)
-    names, poses = world.names, carrying.body_poses(world.start[:-1], world.start[-1])
+    names, poses = world.names, carrying.body_poses(world.start)
     centres = [
         pose[:3, :3] @ body.mesh.bounds.mean(0) + pose[:3, 3] for body, pose in zip(carrying.bodies, poses, strict=True)
     ]

@@ -27,7 +27,7 @@ def test_tool_poses_and_jacobians_are_those_of_the_arm(arm):
         poses, jacobians = tool.poses(
             joints + step * np.vstack([0 * joints, np.eye(len(joints)), -np.eye(len(joints))])
         )
-        frames = nominal.frame_poses(joints, np.array(0.0))
+        frames = nominal.frame_poses(joints)
         np.testing.assert_allclose(poses[0], frames["sensor"], atol=1e-12)
         plus, minus = poses[1 : len(joints) + 1], poses[len(joints) + 1 :]
         np.testing.assert_allclose(jacobians[0, :3].T, (plus - minus)[:, :3, 3] / (2 * step), atol=1e-7)

@@ -126,7 +126,7 @@ def cell_with(folder: Path, name: str, mesh: Mesh, *settings: str) -> CellDescri
 def beside_finger(cell: CellDescription, gap: float, size: tuple[float, float, float]) -> tuple[Mesh, np.ndarray]:
     """A box `gap` (m) outside the first finger at home, across its stroke, and the direction to it in the world."""
     nominal = nominal_cell(cell, PART)
-    poses = dict(zip((b.name for b in nominal.bodies), nominal.body_poses(nominal.home, 0.0), strict=True))
+    poses = dict(zip((b.name for b in nominal.bodies), nominal.body_poses(nominal.home), strict=True))
     body = next(b for b in nominal.bodies if b.name == "finger1")
     outside = body.mesh.bounds[1][0] + gap + size[0] / 2
     middle = body.mesh.bounds.mean(0)
@@ -212,7 +212,7 @@ def plate_and_post(folder: Path) -> tuple[CellDescription, Mesh]:
         "plate",
     )
     described = load_setup().cell
-    placed = nominal_cell(described, plate).world_from_part(0.5) @ pose.translation((0.15, 0.0, 0.08))
+    placed = nominal_cell(described, plate).world_from("part", [0.0] * 6 + [0.5]) @ pose.translation((0.15, 0.0, 0.08))
     return cell_with(folder, "post", box_mesh((0.01, 0.01, 0.16)).transformed(placed)), plate
 
 
@@ -240,7 +240,7 @@ def test_table_does_not_turn_a_part_into_a_post(motion: str, tmp_path: Path) -> 
 def test_bodies_that_are_both_off_by_their_error_do_not_touch(share: float, tmp_path: Path) -> None:
     """A link near the base, where the errors of the angles add little, and a block in its way."""
     free = nominal_cell(load_setup().cell, PART)
-    poses = dict(zip([body.name for body in free.bodies], free.body_poses(free.home, 0.0), strict=True))
+    poses = dict(zip([body.name for body in free.bodies], free.body_poses(free.home), strict=True))
     points = pose.transform_points(poses["link1"], next(b.mesh.vertices for b in free.bodies if b.name == "link1"))
     foremost = points[np.argmax(np.hypot(points[:, 0], points[:, 1]))]
     ahead = pose.from_rotation(pose.rotation_about(2, -0.6)) @ pose.translation(foremost)

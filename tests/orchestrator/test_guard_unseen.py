@@ -129,7 +129,7 @@ def test_table_alone_brings_nearer_what_turns_with_it():
     assert not UnseenApproach(cell, pairs, still).bound(axes, 0.04).any()
     part, base = UnseenApproach(cell, pairs, turning).bound(axes, 0.04)
     names = [body.name for body in cell.bodies]
-    poses = cell.body_poses(cell.home[None], np.zeros(1))[0]
+    poses = cell.body_poses(cell.home[None])[0]
     points = transform_points(poses[names.index("part")], cell.bodies[names.index("part")].mesh.vertices)
     radius = np.linalg.norm((points - poses[names.index("table"), :3, 3])[:, :2], axis=1).max()
     assert base == 0.0

@@ -59,7 +59,7 @@ def test_moves_run_one_after_another(operator: SteppedCell) -> None:
     operator.cycle(4)
     state = operator.live.state
     np.testing.assert_array_equal(state.destination[:-1], first)
-    expected = operator.session.nominal.frame_poses(first, np.array(0.5))["sensor"]
+    expected = operator.session.nominal.frame_poses([*first, 0.5])["sensor"]
     np.testing.assert_allclose(state.world_from_body_at_destination["sensor"], expected, atol=1e-9)
     operator.until(lambda state: np.array_equal(state.destination[:-1], second))
     state = operator.rests()

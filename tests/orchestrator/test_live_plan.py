@@ -105,7 +105,7 @@ def test_free_pose_brings_the_sensor_onto_the_path(rig: Rig, map_: Configuration
     assert pose.reason == ""
     q, table = pose.axes[:-1], pose.axes[-1]
     path = rig.plan.plan.paths[0].path
-    frames = rig.session.nominal.frame_poses(q, np.array(table))
+    frames = rig.session.nominal.frame_poses([*q, table])
     table_from_sensor = np.linalg.inv(frames["table"]) @ frames["sensor"]
     along = path.at(np.linspace(0.0, path.length, 20_000))
     off = np.abs(along - table_from_sensor).max((1, 2))

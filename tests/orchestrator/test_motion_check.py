@@ -53,11 +53,11 @@ def test_distances_change_by_no_more_than_the_motion_bound(cell):
     start, end = random_motions(cell, 20, 0.6, 1)
     middle, half = (start + end) / 2, np.abs(end - start) / 2
     bound = MotionBounds(cell, scene.pairs).pairs(middle, half)
-    before = scene.distances(cell.body_poses(middle[:, :6], middle[:, 6]), np.inf)
+    before = scene.distances(cell.body_poses(middle), np.inf)
     largest = np.zeros_like(bound)
     for fraction in np.linspace(0, 1, 9):
         at = start + fraction * (end - start)
-        change = np.abs(scene.distances(cell.body_poses(at[:, :6], at[:, 6]), np.inf) - before)
+        change = np.abs(scene.distances(cell.body_poses(at), np.inf) - before)
         largest = np.maximum(largest, change)
     assert (largest <= bound + 1e-12).all()
     moving = bound > 0
@@ -74,11 +74,11 @@ def test_bound_of_a_straight_motion_holds_and_is_tighter(cell):
     assert (straight <= summed + 1e-12).all()
     moving = summed > 0
     assert np.median(straight[moving] / summed[moving]) < 0.97
-    before = scene.distances(cell.body_poses(middle[:, :6], middle[:, 6]), np.inf)
+    before = scene.distances(cell.body_poses(middle), np.inf)
     rng = np.random.default_rng(5)
     for fraction in np.linspace(-1, 1, 9):
         at = middle + fraction * half + rng.choice([-1, 1], half.shape) * slack
-        change = np.abs(scene.distances(cell.body_poses(at[:, :6], at[:, 6]), np.inf) - before)
+        change = np.abs(scene.distances(cell.body_poses(at), np.inf) - before)
         assert (change <= straight + 1e-12).all()
 
 
@@ -92,7 +92,7 @@ def test_violations_of_a_way_match_those_of_its_motions(cell):
         way = np.linspace(a, b, 5)
         violated, first = check.violations(way[:-1], way[1:]), check.first_violations(way[:-1], way[1:], 8)
         fine = np.linspace(a, b, 4 * 8 * 20 + 1)
-        nearest = scene.distances(cell.body_poses(fine[:, :6], fine[:, 6]), 0.05)
+        nearest = scene.distances(cell.body_poses(fine), 0.05)
         assert violated[nearest.min(0) < 0.01].all()
         assert (nearest.min(0)[violated] < 0.011).all()
         assert np.isfinite(first).any() == violated.any()
@@ -113,7 +113,7 @@ def test_motion_along_a_wall_is_proved_with_little_work(cell):
     scene = ProximityScene({body.name: body.mesh for body in slab.bodies}, [("sensor", "slab")])
     start, end = np.append(cell.home, 0.0), np.append(cell.home, 0.0)
     start[0], end[0] = -0.4, 0.4
-    distance = scene.distances(slab.body_poses(start[None, :6], start[6:]), np.inf)[0, 0]
+    distance = scene.distances(slab.body_poses(start[None]), np.inf)[0, 0]
     works = []
     for room in (1e-2, 1e-4, 1e-6):
         budget = Budget(100_000)
@@ -153,7 +153,7 @@ def test_verdicts_match_fine_sampling(cell, clearance):
     for i, clash in enumerate(clashes):
         steps = int(np.ceil(np.abs(end[i] - start[i]).max() / np.radians(0.05))) + 1
         path = np.linspace(start[i], end[i], steps)
-        sampled = scene.distances(cell.body_poses(path[:, :6], path[:, 6]), max(clearance, 1e-3))
+        sampled = scene.distances(cell.body_poses(path), max(clearance, 1e-3))
         nearest = sampled.min()
         verdicts[clash is None] += 1
         if clash is None:
@@ -164,7 +164,7 @@ def test_verdicts_match_fine_sampling(cell, clearance):
             assert nearest <= clearance + 1e-3
             at = start[i] + clash.fraction * (end[i] - start[i])
             pair = scene.pairs.index((clash.body_a, clash.body_b))
-            there = scene.distances(cell.body_poses(at[None, :6], at[6:]), 0.05)[0, pair]
+            there = scene.distances(cell.body_poses(at[None]), 0.05)[0, pair]
             assert there == pytest.approx(clash.distance, abs=1e-9)
     assert min(verdicts.values()) > 5
 
@@ -207,7 +207,9 @@ def test_table_turns_its_part_into_an_obstacle(cell):
     (clash,) = MotionCheck(blocked, scene, 0.0).first_clashes(start, end)
     assert clash is not None
     angles = np.radians(np.arange(-20, 200, 0.05))
-    hit = scene.collisions(blocked.body_poses(np.broadcast_to(cell.home, (len(angles), 6)), angles))[:, 0]
+    hit = scene.collisions(blocked.body_poses(np.column_stack([np.broadcast_to(cell.home, (len(angles), 6)), angles])))[
+        :, 0
+    ]
     free = angles[: int(np.argmax(hit))]
     (clear,) = MotionCheck(blocked, scene, 0.0).first_clashes(start, np.append(cell.home, free[-2]))
     assert clear is None
@@ -237,7 +239,7 @@ def test_clash_names_the_pair_that_lacks_most(cell):
         if clash is None:
             continue
         at = start[clash.index] + clash.fraction * (end[clash.index] - start[clash.index])
-        lack = scene.distances(cell.body_poses(at[None, :6], at[6:]), 0.25)[0] - clearance
+        lack = scene.distances(cell.body_poses(at[None]), 0.25)[0] - clearance
         pair = scene.pairs.index((clash.body_a, clash.body_b))
         assert lack[pair] == pytest.approx(lack.min(), abs=1e-9)
         several += int(np.count_nonzero(lack < -1e-6) > 1)

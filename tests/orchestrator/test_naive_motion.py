@@ -27,7 +27,7 @@ def test_only_the_straight_motion_collides(motions) -> None:
     cell, naive, planned = motions
     found = []
     for motion in (naive, planned):
-        poses = cell.nominal.body_poses(motion.points[:, :-1], motion.points[:, -1])
+        poses = cell.nominal.body_poses(motion.points)
         found.append(judge_of(cell).first_collision(poses))
     assert naive.distance.min() == 0.0
     assert found[0] is not None

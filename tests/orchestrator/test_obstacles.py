@@ -42,7 +42,7 @@ def test_known_obstacle_is_a_body_at_its_pose() -> None:
 def test_obstacle_on_the_table_turns_with_it() -> None:
     on_table = POST.replace('"post.stl",', '"post.stl", moves_with = "table",').replace("x_mm = 300.0", "x_mm = 50.0")
     nominal = nominal_cell(cell_with(on_table.replace("y_mm = 150.0", "y_mm = 0.0")), BLOCK)
-    before, after = (nominal.body_poses(nominal.home, angle)[-1] for angle in (0.0, np.pi / 2))
+    before, after = (nominal.body_poses([*nominal.home, angle])[-1] for angle in (0.0, np.pi / 2))
     top = np.append(nominal.bodies[-1].mesh.vertices.max(0), 1.0)
     axis = nominal.world_from_table[:3, 3]
     turned = (after @ top)[:3] - axis

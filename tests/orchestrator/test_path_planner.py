@@ -48,8 +48,8 @@ def spiral(cell: PlanningCell) -> PlacedPath:
 
 
 def test_set_points_lead_the_sensor_along_the_path(cell: PlanningCell, spiral: PlacedPath) -> None:
-    world = cell.nominal.world_from_part(spiral.table) @ np.linalg.inv(cell.nominal.table_from_part)
-    table_from_sensor = np.linalg.inv(world) @ cell.nominal.world_from_sensor(spiral.q)
+    placed = cell.nominal.tree.place(np.column_stack([spiral.q, spiral.table]), ["table", "sensor"])
+    table_from_sensor = np.linalg.inv(placed["table"]) @ placed["sensor"]
     np.testing.assert_allclose(
         table_from_sensor, spiral.path.at(spiral.run.at(CYCLE * np.arange(len(spiral.q)))), atol=1e-9
     )

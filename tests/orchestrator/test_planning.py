@@ -93,7 +93,7 @@ def test_trigger_rules_reproduce_planned_exposures(any_plan):
                 travelled = np.linalg.norm(origin - origin[0], axis=1)
             fired = [np.searchsorted(travelled, k * s.trigger.interval) for k in range(mine.sum() + 1)]
             assert fired[-1] == len(fine)  # no further trigger before `trigger_to`
-            poses = cell.nominal.part_from_sensor(q[fired[:-1]], table[fired[:-1]])
+            poses = cell.nominal.part_from_sensor(np.column_stack([q[fired[:-1]], table[fired[:-1]]]))
             assert np.abs(poses - exposed(cell, result)[mine]).max() < 2e-4
 
 
@@ -127,7 +127,7 @@ def test_passes_keep_vertical_orientation(off_axis):
 
 def exposed(cell, result) -> np.ndarray:
     """Planned poses ``part_from_sensor`` (m, 4, 4) of all exposures."""
-    return cell.nominal.part_from_sensor(result.q, result.table)
+    return cell.nominal.part_from_sensor(np.column_stack([result.q, result.table]))
 
 
 def test_sweeps_make_one_turn_with_vertical_sheet(off_axis):

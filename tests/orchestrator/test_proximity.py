@@ -133,7 +133,7 @@ class Arm:
         self.meshes = {name: one.mesh for name, one in self.cell.reduced_meshes.items()}
 
     def poses(self, q, table):
-        return self.cell.nominal.body_poses(q, table)
+        return self.cell.nominal.body_poses(np.column_stack([q, table]))
 
     def random_poses(self, count):
         lower, upper = self.cell.nominal.arm.limits
@@ -309,7 +309,7 @@ def test_bodies_that_cannot_move_relative_to_each_other_are_no_pair() -> None:
     """The gripper's housing and the sensor are both screwed to the last link."""
     cell = nominal_cell(load_setup(assets_dir() / "cells" / "pick_and_place.toml").cell, None)
     rng = np.random.default_rng(2)
-    poses = cell.body_poses(rng.uniform(*cell.arm.limits, (20, 6)), rng.uniform(0, 6, 20))
+    poses = cell.body_poses(np.column_stack([rng.uniform(*cell.arm.limits, (20, 6)), rng.uniform(0, 6, 20)]))
     names = [body.name for body in cell.bodies]
     pairs = set(map(frozenset, cell_scene(cell, {body.name: body.mesh for body in cell.bodies}).pairs))
     for rigid in (("link6", "gripper"), ("sensor", "gripper")):
@@ -371,7 +371,7 @@ def test_enclosure_is_known_along_a_path_in_and_out():
 def test_motions_inside_a_closed_body_are_not_proved():
     """A voxel-like box around the wrist, which no surface touches."""
     nominal = planning_cell(ball()).nominal
-    wrist = nominal.frame_poses(nominal.home, 0.0)["sensor"][:3, 3]
+    wrist = nominal.frame_poses(nominal.home)["sensor"][:3, 3]
     cage = mesh_of(trimesh.creation.box((3.0, 3.0, 3.0), pose.translation(wrist)))
     for mesh, is_free in ((cage, False), (_without_lid(cage), True)):
         bodies = (*nominal.bodies, Body("cage", "world", mesh, nominal.bodies[0].material))

@@ -311,7 +311,7 @@ def test_run_without_a_part_is_drawn(scanned, tmp_path) -> None:
     scancell.reconstruct(table).save(tmp_path / "run")
     run = open_run(tmp_path / "run")
     assert run.part is None and run.cloud is not None
-    in_world = pose.transform_points(run.cell.world_from_part(0.0), run.cloud.points_in_part)
+    in_world = pose.transform_points(run.cell.world_from("part"), run.cloud.points_in_part)
     assert np.abs(in_world[:, 2]).max() < 1.0
     assert scancell.picture(tmp_path / "run", tmp_path / "picture.png", size=(160, 120)) >= 0
     assert write_page(run, tmp_path / "page.html") > 0

@@ -17,7 +17,7 @@ from scancell.reconstruction.reconstruct import (
     Envelope,
     ProfilePoints,
     points_in_part,
-    poses_by_joints,
+    poses_by_axes,
     quality_of,
     reconstruct_points,
 )
@@ -32,7 +32,8 @@ RADIUS = 0.025
 
 
 def reconstruct(profiles: ProfilePoints, triggers: Triggers, kinematics: Any, *inputs: Any, **options: Any) -> Cloud:
-    return reconstruct_points(profiles, triggers, poses_by_joints(triggers, kinematics), *inputs, **options).cloud
+    poses = poses_by_axes(triggers, lambda axes: kinematics(axes[:, :6], axes[:, 6]))
+    return reconstruct_points(profiles, triggers, poses, *inputs, **options).cloud
 
 
 def part_from_sensor(q: np.ndarray, table: np.ndarray) -> np.ndarray:

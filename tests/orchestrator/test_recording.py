@@ -53,7 +53,8 @@ def accelerating(time: np.ndarray, segment: np.ndarray) -> TriggerRecords:
     acceleration = np.arange(1.0, 7.0)
     count = len(time)
     q, qd = 0.5 * acceleration * time[:, None] ** 2, acceleration * time[:, None]
-    return TriggerRecords(np.arange(count), segment, time, np.zeros(count), q, qd, 3.5 * time**2, 7.0 * time)
+    none = np.empty((2, count, 0))
+    return TriggerRecords(np.arange(count), segment, time, np.zeros(count), q, qd, 3.5 * time**2, 7.0 * time, *none)
 
 
 @pytest.mark.parametrize("pitch", [1e-3, 14e-3])
@@ -82,11 +83,11 @@ def test_travel_of_belts_is_read_by_number(tmp_path) -> None:
         columns[f"trigger.measured.conveyor[{belt}].travel"] = belt * np.arange(COUNT, dtype=float)
         columns[f"trigger.measured.conveyor[{belt}].speed"] = np.full(COUNT, 0.1 * belt)
     measured = read_recording(Recording(columns).save(tmp_path / "belts.csv")).measured
-    on_second = measured.on_belt(2)
-    assert np.array_equal(on_second.table, 2.0 * np.arange(COUNT))
-    assert np.array_equal(on_second.table_rate, np.full(COUNT, 0.2))
+    measured.require_axes(["table", "conveyor[2]"])
+    assert np.array_equal(measured.axes[:, -1], 2.0 * np.arange(COUNT))
+    assert np.array_equal(measured.axis_rates[:, -1], np.full(COUNT, 0.2))
     with pytest.raises(DescriptionError, match=r"no travel of conveyor\[3\]"):
-        measured.on_belt(3)
+        measured.require_axes(["conveyor[3]"])
     assert recording().measured.belt.shape == (COUNT, 0)
 
 

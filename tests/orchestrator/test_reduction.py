@@ -90,7 +90,7 @@ def test_distances_in_planning_are_lower_bounds() -> None:
     exact = ProximityScene({body.name: body.mesh for body in nominal.bodies}, pairs)
     rng = np.random.default_rng(3)
     q = nominal.home + rng.uniform(-1.0, 1.0, (120, 6)) * [0.6, 0.7, 0.7, 1, 1, 1]
-    poses = nominal.body_poses(q, rng.uniform(-np.pi, np.pi, 120))
+    poses = nominal.body_poses(np.column_stack([q, rng.uniform(-np.pi, np.pi, 120)]))
     taken = scene.distances(poses, 0.3)[:, ["part" in pair for pair in scene.pairs]]
     true = exact.distances(poses, 0.3)
     near = taken < 0.29

@@ -163,7 +163,7 @@ def test_bodies_of_the_arm_stand_where_forward_kinematics_puts_them() -> None:
     setup = load_setup()
     cell = nominal_cell(setup.cell, block(0.05, 0.05, 0.03))
     q = cell.home + np.array([0.4, -0.3, 0.2, 0.7, -0.5, 1.1])
-    poses = cell.body_poses(q, 0.6)
+    poses = cell.body_poses([*q, 0.6])
     everything = np.concatenate(
         [pose.transform_points(p, b.mesh.vertices) for p, b in zip(poses, cell.bodies, strict=True)]
     )

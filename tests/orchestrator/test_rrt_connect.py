@@ -81,7 +81,7 @@ def test_search_leads_past_the_wall(walled, ends) -> None:
     # Every 0.2 degrees at most.
     steps = [max(2, int(np.ceil(np.abs(b - a).max() / np.radians(0.2)))) for a, b in pairwise(path)]
     fine = np.concatenate([np.linspace(a, b, n) for (a, b), n in zip(pairwise(path), steps, strict=True)])
-    distance = walled.proximity.distances(walled.nominal.body_poses(fine[:, :-1], fine[:, -1]), 0.02)
+    distance = walled.proximity.distances(walled.nominal.body_poses(fine), 0.02)
     assert (distance >= MOTION_SHARE * walled.clearances(CLEARANCE) - 1e-9).all()
 
 

@@ -146,7 +146,7 @@ def test_playback_shows_recorded_poses_profiles_cloud_and_the_images_of_the_scan
 
 def _nominal_start(rig: Rig, result: ScanResult) -> np.ndarray:
     start = result.plan.program.start
-    return np.asarray(rig.session.nominal.frame_poses(start[:-1], start[-1])["link[3]"])[:3, 3]
+    return np.asarray(rig.session.nominal.frame_poses(start)["link[3]"])[:3, 3]
 
 
 def test_engine_and_sensor_are_those_with_which_the_scan_started(rig: Rig) -> None:

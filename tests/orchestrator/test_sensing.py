@@ -123,7 +123,7 @@ def test_described_sensors_measure_the_part(tmp_path) -> None:
         beams = cell.get_integer("light_curtain[1].beams")
         measured, bottom = cell.get(cell.real_group(["distance[1].value", "truth.part[1].position[3]"]))
     part = [body.name for body in nominal.bodies].index("part")
-    assert measured == pytest.approx(0.25 - nominal.body_poses(nominal.home[None], np.zeros(1))[0, part, 2, 3] - 0.02)
+    assert measured == pytest.approx(0.25 - nominal.body_poses(nominal.home[None])[0, part, 2, 3] - 0.02)
     assert bottom == pytest.approx(0.1, abs=1e-6)
     assert beams == np.sum(0.101 + 0.003 * np.arange(21) < bottom + 0.02)
 

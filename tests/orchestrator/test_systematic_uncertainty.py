@@ -162,7 +162,7 @@ def test_cells_with_errors_of_the_calibration_scatter_as_stated(tmp_path: Path, 
     assert np.array_equal(found.covariance, plain.covariance) and plain.systematic_covariance is None
     assert np.array_equal(found.cloud.points_in_part, plain.cloud.points_in_part)
 
-    platter_from_base = pose.inverse(nominal.world_from_platter(0.0)) @ nominal.arm.world_from_base
+    platter_from_base = pose.inverse(nominal.world_from("table")) @ nominal.arm.world_from_base
     root, means = np.sqrt(len(OF_CELL)) * np.linalg.cholesky(correlated(OF_CELL)).T, []
     for error in np.concatenate([root, -root]):
         deviations = dict(zip(OF_CELL, error.tolist(), strict=True))

@@ -58,7 +58,7 @@ def changing(nominal: NominalCell) -> set[frozenset[str]]:
     """Pairs of bodies whose relative pose changes between random poses of joints and table."""
     lower, upper = nominal.arm.limits
     rng = np.random.default_rng(3)
-    poses = nominal.body_poses(rng.uniform(lower, upper, (8, len(lower))), rng.uniform(0, 6, 8))
+    poses = nominal.body_poses(np.column_stack([rng.uniform(lower, upper, (8, len(lower))), rng.uniform(0, 6, 8)]))
     found = set()
     for (i, a), (k, b) in combinations(enumerate(nominal.bodies), 2):
         relative = pose.inverse(poses[:, i]) @ poses[:, k]
@@ -105,7 +105,7 @@ def test_bound_on_the_motion_of_the_table_holds_for_every_point(hook: str) -> No
     at = np.append(nominal.home, 0.3)
     for half in (0.01, 0.2, 1.0):
         bound = MotionBounds(nominal, pairs).straight(at[None], np.append(np.zeros(6), half)[None], np.zeros((1, 7)))[0]
-        frames = [nominal.frame_poses(nominal.home, np.array(0.3 + half * f)) for f in np.linspace(-1, 1, 41)]
+        frames = [nominal.frame_poses([*nominal.home, 0.3 + half * f]) for f in np.linspace(-1, 1, 41)]
         meshes = {body.name: body for body in nominal.bodies}
         for (a, b), limit in zip(pairs, bound, strict=True):
             body = meshes[a if a != "hook" else b]
@@ -147,7 +147,7 @@ def test_judge_finds_the_part_in_the_hook_whatever_the_planner_compares(hook: st
 def test_judge_compares_all_that_moves_but_what_touches_at_the_start(hook: str) -> None:
     nominal = cell_with(hook).nominal
     meshes = {body.name: body.mesh for body in nominal.bodies}
-    judge = Judge(meshes, tuple(meshes), nominal.body_poses(nominal.home, 0.0))
+    judge = Judge(meshes, tuple(meshes), nominal.body_poses(nominal.home))
     pairs = set(map(frozenset, judge.pairs))
     assert changing(nominal) - pairs <= {frozenset((f"link{i}", f"link{i + 1}")) for i in range(1, 6)} | {
         frozenset(("base", "link1")), frozenset(("link6", "link5"))

@@ -27,7 +27,7 @@ def cell() -> NominalCell:
 
 @pytest.fixture(scope="module")
 def frames(cell: NominalCell) -> dict[str, np.ndarray]:
-    return {name: np.asarray(world) for name, world in cell.frame_poses(cell.home, np.array(0.0)).items()}
+    return {name: np.asarray(world) for name, world in cell.frame_poses(cell.home).items()}
 
 
 def shown(seen: Viewpoint, points: np.ndarray, aspect: float) -> np.ndarray:

@@ -21,6 +21,14 @@ class Triggers:
     qd: np.ndarray
     table_rate: np.ndarray
 
+    @property
+    def axes(self) -> np.ndarray:
+        return np.column_stack([self.q, self.table])
+
+    @property
+    def axis_rates(self) -> np.ndarray:
+        return np.column_stack([self.qd, self.table_rate])
+
 
 def records(q: np.ndarray, table: np.ndarray) -> Triggers:
     """Exposures of one segment at joints (n, 6) and table angles (n,), at rest."""

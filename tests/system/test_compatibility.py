@@ -71,7 +71,7 @@ def test_recordings_agree_with_the_kinematics_of_their_cell(files: Path, name: s
     """Measured joints and table angles lead to the true poses but for the encoders."""
     recording = scancell.read_recording(files / name / "recording.parquet")
     measured, nominal = recording.measured, open_run(files / name).cell
-    frames = nominal.frame_poses(measured.q, measured.table)
+    frames = nominal.frame_poses(measured.axes)
     for frame, own in (("link[6]", "link[6]"), ("table", "table")):
         true = recording.truth_at_middle(frame)
         assert np.abs(np.asarray(frames[own]) - true).max() < 10 * ENCODER

@@ -118,7 +118,7 @@ def test_follow_seam_stays_on_groove(angle: float, offset: float, capsys) -> Non
                 visited.append(session.world_from_tool()[:3, 3])
 
         done = run_program(EXAMPLES / "follow_seam.py", session, "geometric", show=show)
-        part_from_world = np.linalg.inv(scanner.pipeline.load(scanner.setup, None).nominal.world_from_part(0.0))
+        part_from_world = np.linalg.inv(scanner.pipeline.load(scanner.setup, None).nominal.world_from("part"))
     assert done.contacts == []
     in_part = np.array(visited) @ part_from_world[:3, :3].T + part_from_world[:3, 3]
     # The first step goes straight on; from the third on the heading is that of the groove.

@@ -51,7 +51,7 @@ def test_executed_clearances_are_those_planned_within_a_fifth_of_a_millimetre(
     assert len(executed) > 6 * len(planned)
 
     def clearances(at: np.ndarray) -> np.ndarray:
-        poses = cell.nominal.body_poses(at[:, :-1], at[:, -1])
+        poses = cell.nominal.body_poses(at)
         return np.asarray(cell.proximity.distances(poses, BOUND).min(0))
 
     smallest, met = clearances(planned), clearances(executed)

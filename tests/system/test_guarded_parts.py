@@ -56,7 +56,7 @@ def test_part_is_where_the_guard_places_it_from_belt_to_table(example) -> None:
             (part,) = placed
             joints, table = session.joints, session.table_angle
             carrier = {0: np.eye(4), JOINTS: session.nominal.arm.fk(joints)}.get(part.carrier)
-            carrier = session.nominal.world_from_platter(table) if carrier is None else carrier
+            carrier = session.nominal.world_from("table", [*joints, table]) if carrier is None else carrier
             assumed = carrier @ pose.pose(part.pose[:3], part.pose[3:])
             values = session.cell.get(truth)
             found = pose.pose(values[:3], values[3:])

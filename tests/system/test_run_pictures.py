@@ -97,7 +97,9 @@ def test_without_a_plan_the_run_is_from_the_first_to_the_last_exposure(run, reco
         )
         frames = motion.frames(float(time))
         np.testing.assert_allclose(frames["sensor"], run.cell.world_from_sensor(q), atol=1e-9)
-        np.testing.assert_allclose(frames["table"], run.cell.frame_poses(q, table)["table"], atol=1e-9)
+        np.testing.assert_allclose(
+            frames["table"], run.cell.frame_poses(np.column_stack([q, table]))["table"], atol=1e-9
+        )
 
 
 def test_part_stays_on_the_table(run) -> None:
@@ -164,7 +166,7 @@ def test_what_stands_before_the_cloud_hides_it(run) -> None:
 def test_cloud_file_in_another_frame_shows_the_same_points(folder, run, tmp_path) -> None:
     other = tmp_path / "world"
     shutil.copytree(folder, other)
-    world_from_part = run.cell.world_from_part(0.0)
+    world_from_part = run.cell.world_from("part")
     write_cloud(other / "cloud.ply", read_ply(folder / "cloud.ply"), ("frame world",), world_from_part)
     moved = open_run(other, most_points=20_000)
     np.testing.assert_allclose(moved.cloud.points_in_part, run.cloud.points_in_part, atol=1e-9)

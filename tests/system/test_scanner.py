@@ -191,7 +191,7 @@ def test_session_measures_where_the_sensor_stands(scanner, result) -> None:
         assert session.profile("geometric").profile.points_in_sensor.shape == found.profile.points_in_sensor.shape
         world_from_base = scanner.plan(PART) and result.nominal.arm.world_from_base
         world = pose.transform_points(world_from_base, found.points_in_base)
-        part = pose.transform_points(pose.inverse(result.nominal.world_from_part(table)), world)
+        part = pose.transform_points(pose.inverse(result.nominal.world_from("part", [*q, table])), world)
         assert np.abs(part - found.points_in_part).max() < 1e-6
         from_mesh = scancell.sensor.closest_points(
             result.nominal.part.vertices, result.nominal.part.faces, found.points_in_part

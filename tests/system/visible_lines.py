@@ -81,7 +81,7 @@ def covered_share(result: ScanResult, radius: float, incidence_limit: float, exp
     for mesh in (part, placed):
         scene.add_triangles(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32))
     measured = result.recording.measured
-    poses = nominal.part_from_sensor(measured.q, measured.table)
+    poses = nominal.part_from_sensor(measured.axes)
     total = covered = 0
     for row in np.unique(np.linspace(0, len(poses) - 1, exposures).round().astype(int)):
         places = visible_places(part, scene, poses[row], incidence_limit)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NoReturn
 
@@ -122,8 +122,8 @@ class TriggerRecords(Value):
     qd: Array
     table: Array
     table_rate: Array
-    belt: Array = field(default_factory=lambda: np.empty((0, 0)))
-    belt_speed: Array = field(default_factory=lambda: np.empty((0, 0)))
+    belt: Array
+    belt_speed: Array
 
     def require_joints(self, joints: int) -> None:
         """Raises `DescriptionError` if the records are of an arm with another number of joints."""
@@ -132,19 +132,23 @@ class TriggerRecords(Value):
                 f"states {self.q.shape[1]} joints", key="recording", expected=f"{joints}, as the arm of the cell"
             )
 
-    def on_belt(self, conveyor: int) -> TriggerRecords:
-        """Records for a part on conveyor number `conveyor` (from 1): `table` is the travel of its belt, m, and
-        `table_rate` its speed, m/s.
+    def require_axes(self, names: Sequence[str]) -> None:
+        """Raises `DescriptionError` if the records do not state one of these axes, ``conveyor[1]`` …"""
+        for name in names:
+            if name.startswith("conveyor[") and self.belt.shape[1] < int(name[9:-1]):
+                raise DescriptionError(
+                    f"states no travel of {name}", key="recording", expected=f"trigger.measured.{name}.travel"
+                )
 
-        Raises `DescriptionError` if the records are of a cell without it.
-        """
-        if self.belt.shape[1] < conveyor:
-            raise DescriptionError(
-                f"states no travel of conveyor[{conveyor}]",
-                key="recording",
-                expected=_BELT.format(conveyor) + ".travel",
-            )
-        return replace(self, table=self.belt[:, conveyor - 1], table_rate=self.belt_speed[:, conveyor - 1])
+    @property
+    def axes(self) -> Array:
+        """Positions (n, k) of all axes: joints, table, belts, rad and m."""
+        return np.column_stack([self.q, self.table, self.belt])
+
+    @property
+    def axis_rates(self) -> Array:
+        """Rates (n, k) of all axes, rad/s and m/s."""
+        return np.column_stack([self.qd, self.table_rate, self.belt_speed])
 
     @property
     def qdd(self) -> Array:
@@ -157,14 +161,13 @@ class TriggerRecords(Value):
         return slopes(self.table_rate, self.time, self.segment)
 
     def after(self, latency: float) -> TriggerRecords:
-        """With joints and table angle `latency` (s) later than they were latched, by their rates and accelerations."""
+        """With all axes `latency` (s) later than they were latched, by their rates and accelerations."""
         if not latency:
             return self
-        return replace(
-            self,
-            q=later(self.q, self.qd, self.qdd, latency),
-            table=later(self.table, self.table_rate, self.table_acceleration, latency),
-        )
+        rates = self.axis_rates
+        moved = later(self.axes, rates, slopes(rates, self.time, self.segment), latency)
+        q, table, belt = np.split(moved, [self.q.shape[1], self.q.shape[1] + 1], 1)
+        return replace(self, q=q, table=table[:, 0], belt=belt)
 
 
 def later(position: Array, rate: Array, acceleration: Array, time: float) -> Array:

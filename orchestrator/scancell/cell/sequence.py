@@ -149,7 +149,7 @@ def _pick_and_place(
     reach = np.array([0.0, 0.0, _GRIP_HEIGHT + gripper.finger_length_mm * 1e-3])
     grip = pose.from_rotation(down, (world_from_belt @ travel @ np.append(middle, 1.0))[:3] + reach)
     part_from_flange = pose.inverse(world_from_part) @ grip @ pose.inverse(flange_from_tool(nominal, "gripper"))
-    world_from_drop = pose.translation((0.0, 0.0, _DROP)) @ nominal.world_from_part(0.0)
+    world_from_drop = pose.translation((0.0, 0.0, _DROP)) @ nominal.world_from("part")
 
     opened = {"gripper.mode": int(GripperMode.WIDTH), "gripper.width": width}
     sequence.add({**opened, "conveyor[1].speed": _BELT_SPEED}, Until.PRESENCE)
@@ -185,7 +185,7 @@ def _lifted(world_from_flange: Array) -> Array:
 def _scan(sequence: _Sequence, setup: Setup) -> None:
     """Turn the table under the sensor, whose laser line crosses the axis of the table, the part within its range."""
     nominal = sequence.nominal
-    top = pose.transform_points(nominal.world_from_part(0.0), nominal.part.vertices)[:, 2].max()
+    top = pose.transform_points(nominal.world_from("part"), nominal.part.vertices)[:, 2].max()
     standoff = 1e-3 * setup.sensor.range.standoff_mm(setup.scan.sweep.standoff_mm)
     above = np.append(nominal.world_from_table[:2, 3], top + standoff)
     down = pose.rotation_about(0, math.pi)

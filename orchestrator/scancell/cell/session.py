@@ -167,7 +167,7 @@ class CellSession:
         DescriptionError
             If the cell has no such frame.
         """
-        return world_from_frame(self._nominal, frame, self.table_angle)
+        return world_from_frame(self._nominal, frame, self._cell.get(self._position))
 
     def presence(self, sensor: int) -> bool:
         """Whether presence sensor number `sensor` (from 1) detects a body."""
@@ -361,7 +361,7 @@ class CellSession:
         wanted = np.asarray(deflections, float)
         if not isinstance(frame, JogFrame):
             # By the commanded angle of the table: encoder noise would change the direction of a renewed jog.
-            axes = world_from_frame(self._nominal, frame, self.destination[-1])[:3, :3]
+            axes = world_from_frame(self._nominal, frame, self.destination)[:3, :3]
             wanted, frame = _in_world(axes, wanted), JogFrame.WORLD
         self._set_pose(self._tool, self.flange_from_tool(tool))
         self._cell.set_integer("command.jog_frame", frame)

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scancell.geometry import pose
+from scancell.geometry.tree import Joint as TreeJoint
+from scancell.geometry.tree import Tree
 
 Array = NDArray[np.float64]
 
@@ -50,38 +52,41 @@ class Chain:
         return np.array([getattr(joint, name) for joint in self.joints], float)
 
     @cached_property
-    def _links(self) -> tuple[Array, Array, Array, Array]:
-        """Constants of the chain: a, d and theta (joints,), and rotations ``Rx(alpha) Ry(beta)`` (joints, 3, 3)."""
-        alpha, beta = self.column("alpha"), self.column("beta")
-        twist = pose.rotation_about(0, alpha) @ pose.rotation_about(1, beta)
-        return self.column("a"), self.column("d"), self.column("theta"), twist
+    def tree(self) -> Tree:
+        """The tree of the base and the links: frames ``base``, ``link[1]`` …, axes ``joint[1]`` …"""
+        joints = [TreeJoint("base", parent_from_joint=self.world_from_base)]
+        for number, joint in enumerate(self.joints, 1):
+            twist = pose.rotation_about(0, joint.alpha) @ pose.rotation_about(1, joint.beta)
+            behind = pose.from_rotation(twist, (joint.a, 0.0, joint.d))
+            joints.append(
+                TreeJoint(
+                    f"link[{number}]",
+                    joints[-1].frame,
+                    "revolute",
+                    f"joint[{number}]",
+                    zero=joint.theta,
+                    joint_from_frame=behind,
+                )
+            )
+        return Tree(joints)
+
+    @property
+    def flange(self) -> str:
+        """Name of the last frame."""
+        return self.tree.joints[-1].frame
 
     def link_poses(self, q: ArrayLike) -> Array:
         """``world_from_link`` (..., joints + 1, 4, 4) at q (..., joints), rad: base first, flange last."""
-        a, d, theta, twist = self._links
-        angle = np.asarray(q, float) + theta
-        step = np.zeros((*angle.shape, 4, 4))
-        turn = pose.rotation_about(2, angle)
-        step[..., :3, :3] = turn @ twist
-        step[..., 0, 3] = a * turn[..., 0, 0]
-        step[..., 1, 3] = a * turn[..., 1, 0]
-        step[..., 2, 3] = d
-        step[..., 3, 3] = 1.0
-        frames = [np.broadcast_to(self.world_from_base, (*angle.shape[:-1], 4, 4))]
-        for i in range(angle.shape[-1]):
-            frames.append(frames[-1] @ step[..., i, :, :])
-        return np.stack(frames, -3)
+        placed = self.tree.place(q)
+        return np.stack([placed[joint.frame] for joint in self.tree.joints], -3)
 
     def fk(self, q: ArrayLike) -> Array:
         """Forward kinematics: ``world_from_flange`` (..., 4, 4) at q (..., joints), rad."""
-        return np.asarray(self.link_poses(q)[..., -1, :, :])
+        return self.tree.place(q, [self.flange])[self.flange]
 
     def jacobian(self, q: ArrayLike) -> Array:
         """Geometric Jacobian (..., 6, joints) of the flange in world axes: linear velocity, then angular velocity."""
-        frames = self.link_poses(q)
-        axes = frames[..., :-1, :3, 2]
-        lever = frames[..., -1:, :3, 3] - frames[..., :-1, :3, 3]
-        return np.swapaxes(np.concatenate([np.cross(axes, lever), axes], -1), -1, -2)
+        return self.tree.jacobian(self.flange, q)
 
 
 def dh_from_axes(points: ArrayLike, directions: ArrayLike, end: ArrayLike) -> tuple[Chain, Array]:

@@ -7,6 +7,7 @@ it is, on the platter, on a belt or in the world.  How it slips in the grip or s
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ from scancell.config.cell import CellDescription
 from scancell.config.units import si_value
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
+from scancell.geometry.tree import WORLD
 from scancell.guard.messages import PlacedPart
 from scancell.nominal.cell import NominalCell
 from scancell.nominal.poses import pose_matrix
@@ -28,7 +30,7 @@ _NEAR_GRIP = 0.02  # m: a part farther from the space between the fingers is not
 _ABOVE = 0.05  # m: a part that is released higher above the platter or a belt falls elsewhere
 _RESTS = 1e-6  # m that a belt at rest travels between two states
 
-WORLD, TABLE, FLANGE = "world", "table", "flange"
+TABLE = "table"
 
 
 def movable_parts(cell: CellDescription) -> list[int]:
@@ -42,14 +44,12 @@ def movable_parts(cell: CellDescription) -> list[int]:
     return [1, *numbers] if cell.part.fixture == "free" and (is_moved or cell.part.arrival) else numbers
 
 
-@dataclass
+@dataclass(frozen=True)
 class _Place:
-    """Where a part is: its pose in the frame of a carrier, or on a belt (its index) since a travel, m."""
+    """Where a part is: its pose (4, 4) in the frame that carries it."""
 
     carrier: str
     pose: Array
-    belt: int | None = None
-    travel: float = 0.0
 
 
 class PartTracker:
@@ -75,9 +75,11 @@ class PartTracker:
 
     @checked_arguments
     def __init__(self, cell: CellDescription, nominal: NominalCell) -> None:
-        self._nominal = nominal
-        self._belts = [pose_matrix(belt.pose) for belt in cell.conveyor]
-        self._belt_sizes = [(si_value(belt, "length_mm") / 2, si_value(belt, "width_mm") / 2) for belt in cell.conveyor]
+        self._nominal, self._flange = nominal, nominal.arm.flange
+        self._belts = {
+            f"conveyor[{number}]": (si_value(belt, "length_mm") / 2, si_value(belt, "width_mm") / 2)
+            for number, belt in enumerate(cell.conveyor, 1)
+        }
         self._meshes: dict[int, Mesh] = {1: nominal.part}
         self._meshes |= {number: part.mesh for number, part in enumerate(nominal.further_parts, start=2)}
         self._places = {number: self._start(cell, number) for number in movable_parts(cell)}
@@ -105,78 +107,64 @@ class PartTracker:
             Whether the gripper reports that it holds something.
         """
         axes, travel = np.asarray(axes, float), np.asarray(travel, float)
-        moving, self._travel = np.abs(travel - self._travel) > _RESTS, travel
+        moves, self._travel = np.abs(travel - self._travel) > _RESTS, travel
+        moving = {frame for frame, moved in zip(self._belts, moves, strict=True) if moved}
+        frames = self._nominal.tree.place([*axes, *travel])
         if self._held is not None and width > self._width + _OPENED:
-            self._release(self._held, axes)
+            self._release(self._held, frames)
             self._held = None
         elif self._held is None and gripped:
-            self._take(axes, width)
-        joints = len(axes) - 1
-        numbers = {WORLD: 0, FLANGE: joints, TABLE: joints + 1}
+            self._take(frames, width)
+        numbers = {self._flange: len(axes) - 1, TABLE: len(axes)}
         return tuple(
-            PlacedPart(number, numbers[place.carrier], _numbers(self._on_carrier(place)))
+            PlacedPart(number, 0, _numbers(frames[place.carrier] @ place.pose))
+            if place.carrier not in numbers
+            else PlacedPart(number, numbers[place.carrier], _numbers(place.pose))
             for number, place in self._places.items()
-            if place.belt is None or not moving[place.belt]
+            if place.carrier not in moving
         )
 
     def _start(self, cell: CellDescription, number: int) -> _Place:
         if number > 1:
             further = self._nominal.further_parts[number - 2]
-            conveyor = further.description.conveyor
-            return _Place(further.carrier, further.carrier_from_part, None if conveyor is None else conveyor - 1)
+            return _Place(further.carrier, further.carrier_from_part)
         arrival = cell.part.arrival
         if arrival is None:
             return _Place(TABLE, self._nominal.table_from_part)
-        at = pose_matrix(arrival.pose)
-        if arrival.conveyor is None:
-            return _Place(WORLD, at)
-        return _Place(WORLD, self._belts[arrival.conveyor - 1] @ at, arrival.conveyor - 1)
+        return _Place(arrival.stands_on, pose_matrix(arrival.pose))
 
-    def _on_carrier(self, place: _Place) -> Array:
-        if place.belt is None:
-            return place.pose
-        along = self._belts[place.belt][:3, 0] * (self._travel[place.belt] - place.travel)
-        return np.asarray(pose.translation(along) @ place.pose)
-
-    def _in_world(self, place: _Place, axes: Array) -> Array:
-        at = self._on_carrier(place)
-        if place.carrier == FLANGE:
-            return np.asarray(self._nominal.arm.fk(axes[:-1]) @ at)
-        return np.asarray(self._nominal.world_from_platter(axes[-1]) @ at) if place.carrier == TABLE else at
-
-    def _take(self, axes: Array, width: float) -> None:
+    def _take(self, frames: Mapping[str, Array], width: float) -> None:
         """The part nearest to the space between the fingers moves with the flange from now on."""
-        flange = self._nominal.arm.fk(axes[:-1])
+        flange = frames[self._flange]
         grip = pose.transform_points(flange, self._grip)
         nearest, number = _NEAR_GRIP, None
         for candidate, place in self._places.items():
-            in_part = pose.transform_points(pose.inverse(self._in_world(place, axes)), grip)
+            in_part = pose.transform_points(pose.inverse(frames[place.carrier] @ place.pose), grip)
             low, high = self._meshes[candidate].bounds
             outside = np.maximum(np.maximum(low - in_part, in_part - high), 0.0)
             apart = float(np.linalg.norm(outside, axis=1).min())
             if apart < nearest:
                 nearest, number = apart, candidate
         if number is not None:
-            held = pose.inverse(flange) @ self._in_world(self._places[number], axes)
-            self._places[number] = _Place(FLANGE, np.asarray(held))
+            place = self._places[number]
+            self._places[number] = _Place(self._flange, pose.inverse(flange) @ frames[place.carrier] @ place.pose)
             self._held, self._width = number, width
 
-    def _release(self, number: int, axes: Array) -> None:
-        """The part stays where it is."""
-        at = self._in_world(self._places[number], axes)
+    def _release(self, number: int, frames: Mapping[str, Array]) -> None:
+        """The part stays on the platter or belt below it, or in the world."""
+        place = self._places[number]
+        at = frames[place.carrier] @ place.pose
         mesh = self._meshes[number].transformed(at)
         centre, lowest = mesh.bounds.mean(0), mesh.bounds[0][2]
-        platter = self._nominal.world_from_platter(axes[-1])
-        on_platter = pose.transform_points(pose.inverse(platter), centre[None])[0]
-        if np.hypot(*on_platter[:2]) < self._nominal.table_radius and abs(lowest - platter[2, 3]) < _ABOVE:
-            self._places[number] = _Place(TABLE, np.asarray(pose.inverse(platter) @ at))
-            return
-        belt = None
-        for k, (world_from_belt, half) in enumerate(zip(self._belts, self._belt_sizes, strict=True)):
-            on_belt = pose.transform_points(pose.inverse(world_from_belt), centre[None])[0]
-            if (np.abs(on_belt[:2]) < half).all() and abs(lowest - world_from_belt[2, 3]) < _ABOVE:
-                belt = k
-        self._places[number] = _Place(WORLD, at, belt, 0.0 if belt is None else float(self._travel[belt]))
+        carrier = WORLD
+        for frame in (*self._belts, TABLE):
+            top = self._nominal.world_from(frame)
+            across = np.abs(pose.transform_points(pose.inverse(top), centre[None])[0, :2])
+            half = self._belts.get(frame)
+            inside = np.hypot(*across) < self._nominal.table_radius if half is None else (across < half).all()
+            if inside and abs(lowest - top[2, 3]) < _ABOVE:
+                carrier = frame
+        self._places[number] = _Place(carrier, pose.inverse(frames[carrier]) @ at)
 
 
 def _numbers(at: Array) -> tuple[float, ...]:

@@ -84,6 +84,6 @@ def _is_on_tool(nominal: NominalCell, body: Body) -> bool:
 
 def _lever(nominal: NominalCell, body: Body) -> float:
     """Largest distance of a body's points from the tool's origin, m."""
-    frames = nominal.frame_poses(nominal.home, np.array(0.0))
+    frames = nominal.frame_poses(nominal.home)
     tool_from_body = pose.inverse(frames["sensor"]) @ frames[body.moves_with]
     return float(np.linalg.norm(pose.transform_points(tool_from_body, body.mesh.vertices), axis=1).max())

@@ -182,7 +182,7 @@ class StateReader:
 
     def _poses_at(self, axes: Array) -> Poses:
         if not np.array_equal(axes, self._destination):
-            poses = self._nominal.body_poses(axes[:-1], axes[-1])
+            poses = self._nominal.body_poses(axes)
             named = zip(self._nominal.bodies, poses, strict=True)
             self._destination, self._poses_there = axes, _frozen({body.name: pose_ for body, pose_ in named})
         return self._poses_there

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -20,8 +21,10 @@ from scancell.config.robot import RobotDescription
 from scancell.config.units import si_value, to_si
 from scancell.errors import CellError, DescriptionError
 from scancell.geometry import pose
-from scancell.geometry.arm import Arm, HeldJoint, Joint
+from scancell.geometry.arm import Arm, HeldJoint
+from scancell.geometry.arm import Joint as ArmJoint
 from scancell.geometry.mesh import Mesh, box_mesh, is_stable_pose, load_mesh
+from scancell.geometry.tree import WORLD, Joint, Tree
 from scancell.nominal.gripper import finger_mesh, gripper_from_finger, housing_mesh, start_width
 from scancell.nominal.parts import load_part
 from scancell.nominal.patches import Patch, part_patches
@@ -33,6 +36,9 @@ from scancell.values import Value
 _OF_SPEED, _OF_ACCELERATION = 0.4, 0.3
 
 Array = NDArray[np.float64]
+
+# Of a joint in the frame of a belt, which moves along its x.
+_Z_ALONG_X = np.array([[0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 _SIDES = 96  # of a platter without a mesh: 0.05 % beyond its radius at the corners
 _PLACEHOLDER = box_mesh((0.01, 0.01, 0.01), "no part")
@@ -103,8 +109,7 @@ class Lamp:
 class FurtherPart:
     """A part beside the one that is scanned.
 
-    `carrier` is ``table`` or ``world``, and `carrier_from_part` (4, 4) where the part starts (a belt stands in the
-    world).
+    `carrier` is ``table``, ``world`` or ``conveyor[1]`` …, and `carrier_from_part` (4, 4) where the part starts.
     """
 
     description: FurtherPartDescription
@@ -192,6 +197,10 @@ class NominalCell(Value):
         Time by which exposures are later than the angles that are latched for them, s, in an estimated cell.
     belt
         On which the part arrives; None: it does not.
+    world_from_conveyors
+        Poses (4, 4) of the belts at travel 0.
+    support
+        Frame that carries the part in the scan: ``table``, or ``conveyor[1]`` … of its belt.
 
     Examples
     --------
@@ -199,8 +208,10 @@ class NominalCell(Value):
     >>> nominal = scancell.nominal_cell(setup.cell, scancell.load_part("part.stl"))
     >>> print(nominal.world_from_sensor(nominal.home)[:3, 3].round(3))
     [0.412 0.289 0.313]
-    >>> nominal.part_from_sensor(np.tile(nominal.home, (4, 1)), np.linspace(0, np.pi, 4)).shape
-    (4, 4, 4)
+    >>> nominal.tree.axes
+    ('joint[1]', 'joint[2]', 'joint[3]', 'joint[4]', 'joint[5]', 'joint[6]', 'table')
+    >>> nominal.part_from_sensor([*nominal.home, np.pi / 2]).shape
+    (4, 4)
     """
 
     arm: Arm
@@ -223,6 +234,13 @@ class NominalCell(Value):
     wobble: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
     trigger_latency: float = 0.0
     belt: Belt | None = None
+    world_from_conveyors: tuple[Array, ...] = ()
+    support: str = "table"
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the axes that the controller moves, which are the first ones of the `tree`: joints and table."""
+        return self.tree.axes[: len(self.arm.joints) + 1]
 
     @property
     def axis_max_speed(self) -> Array:
@@ -234,44 +252,59 @@ class NominalCell(Value):
         """Acceleration limits of the joints and the table, (joints + 1,), rad/s²."""
         return np.append(self.arm.max_acceleration, self.table_max_acceleration)
 
-    def world_from_sensor(self, q: ArrayLike) -> Array:
-        """Pose (..., 4, 4) of the sensor for joint angles `q` (..., joints), rad."""
-        return np.asarray(self.arm.fk(q) @ self.flange_from_sensor)
+    @cached_property
+    def tree(self) -> Tree:
+        """Frames and axes of the cell, nominal or estimated.
 
-    def world_from_platter(self, table: ArrayLike) -> Array:
-        """Pose (..., 4, 4) of the frame that turns with the table, for its angles `table` (...,), rad."""
-        angle = np.asarray(table, float)
-        axis = self.world_from_table
-        if any(self.wobble):
-            rx_cos, rx_sin, ry_cos, ry_sin = self.wobble
-            c, s = np.cos(angle), np.sin(angle)
-            tilt = pose.rotation_about(0, rx_cos * c + rx_sin * s) @ pose.rotation_about(1, ry_cos * c + ry_sin * s)
-            axis = axis @ pose.from_rotation(tilt)
-        turn = pose.from_rotation(pose.rotation_about(2, angle))
-        return np.asarray(axis @ turn @ pose.translation((*self.eccentricity, 0.0)))
+        The axes are ``joint[1]`` …, ``table`` and ``conveyor[1]`` …, in rad or m.
+        """
+        flange = self.arm.flange
+        joints = [*self.arm.tree.joints, Joint("sensor", flange, parent_from_joint=self.flange_from_sensor)]
+        eccentric = pose.translation((*self.eccentricity, 0.0))
+        joints.append(
+            Joint(
+                *("table", WORLD, "revolute", "table"),
+                parent_from_joint=self.world_from_table,
+                joint_from_frame=eccentric,
+                wobble=self.wobble,
+            )
+        )
+        for number, world_from_belt in enumerate(self.world_from_conveyors, 1):
+            name = f"conveyor[{number}]"
+            ahead = world_from_belt @ _Z_ALONG_X
+            joints.append(Joint(name, WORLD, "prismatic", name, parent_from_joint=ahead, joint_from_frame=_Z_ALONG_X.T))
+        joints.append(Joint("part", self.support, parent_from_joint=self.support_from_part))
+        for number, further in enumerate(self.further_parts, 2):
+            joints.append(Joint(f"part[{number}]", further.carrier, parent_from_joint=further.carrier_from_part))
+        fingers = () if self.flange_from_finger is None else self.flange_from_finger
+        for number, flange_from_finger in enumerate(fingers, 1):
+            joints.append(Joint(f"finger[{number}]", flange, parent_from_joint=flange_from_finger))
+        return Tree(joints)
 
-    def world_from_part(self, table: ArrayLike) -> Array:
-        """Pose (..., 4, 4) of the part for angles of the `table` (...,), rad."""
-        return np.asarray(self.world_from_platter(table) @ self.table_from_part)
+    def world_from(self, frame: str, axes: ArrayLike = ()) -> Array:
+        """Pose (..., 4, 4) of a frame of the `tree` at positions (..., k) of the `axes`; those not stated are at 0."""
+        return self.tree.place(axes, [frame])[frame]
 
-    def part_from_sensor(self, q: ArrayLike, table: ArrayLike) -> Array:
-        """Pose (..., 4, 4) of the sensor in the frame of the part, for `q` (..., joints) and `table` (...,), rad."""
-        return np.asarray(pose.inverse(self.world_from_part(table)) @ self.world_from_sensor(q))
+    def world_from_sensor(self, axes: ArrayLike) -> Array:
+        """Pose (..., 4, 4) of the sensor at positions (..., k) of the `axes`, of which only the joints matter, rad."""
+        return self.world_from("sensor", axes)
 
-    def world_from_part_on_belt(self, travel: ArrayLike) -> Array:
-        """Pose (..., 4, 4) of the part on its belt, which it moves with, for the `travel` (...,) since the start, m.
+    def part_from_sensor(self, axes: ArrayLike) -> Array:
+        """Pose (..., 4, 4) of the sensor in the frame of the part at positions (..., k) of the `axes`."""
+        placed = self.tree.place(axes, ["part", "sensor"])
+        return np.asarray(pose.inverse(placed["part"]) @ placed["sensor"])
+
+    @property
+    def support_from_part(self) -> Array:
+        """Pose (4, 4) of the part in the frame of what carries it."""
+        return self.table_from_part if self.support == "table" else self.required_belt().belt_from_part
+
+    def on_belt(self) -> NominalCell:
+        """The cell in which the part is scanned while its belt carries it.
 
         Raises `DescriptionError` if the part does not arrive on a conveyor.
         """
-        belt = self.required_belt()
-        along = np.zeros((*np.shape(travel), 3))
-        along[..., 0] = travel
-        return np.asarray(belt.world_from_belt @ pose.translation(along) @ belt.belt_from_part)
-
-    def part_on_belt_from_sensor(self, q: ArrayLike, travel: ArrayLike) -> Array:
-        """Pose (..., 4, 4) of the sensor in the frame of the part on its belt, for `q` (..., joints), rad, and `travel`
-        (...,), m; see `world_from_part_on_belt`."""
-        return np.asarray(pose.inverse(self.world_from_part_on_belt(travel)) @ self.world_from_sensor(q))
+        return replace(self, support=f"conveyor[{self.required_belt().conveyor}]")
 
     def required_belt(self) -> Belt:
         """`belt`; `DescriptionError` if the part does not arrive on a conveyor."""
@@ -283,28 +316,18 @@ class NominalCell(Value):
             )
         return self.belt
 
-    def frame_poses(self, q: ArrayLike, table: ArrayLike) -> dict[str, Array]:
+    def frame_poses(self, axes: ArrayLike = ()) -> dict[str, Array]:
         """Poses ``world_from_frame`` (..., 4, 4) by name of every frame that a body can move with.
 
-        For joint angles `q` (..., joints) and angles of the `table` (...,), rad. The frames are ``world``,
+        At positions (..., k) of the `axes` of the `tree`; those not stated are at 0. The frames are ``world``,
         ``link[1]`` …, ``sensor``, ``table``, ``part``, ``part[2]`` … of further parts, ``finger[1]`` and ``finger[2]``.
         """
-        links = self.arm.link_poses(q)
-        frames = {f"link[{i}]": links[..., i, :, :] for i in range(1, links.shape[-3])}
-        frames["world"] = np.broadcast_to(np.eye(4), (*links.shape[:-3], 4, 4))
-        frames["sensor"] = links[..., -1, :, :] @ self.flange_from_sensor
-        frames["table"] = self.world_from_platter(table)
-        frames["part"] = frames["table"] @ self.table_from_part
-        for number, further in enumerate(self.further_parts, start=2):
-            frames[f"part[{number}]"] = frames[further.carrier] @ further.carrier_from_part
-        if self.flange_from_finger is not None:
-            for number, flange_from_finger in enumerate(self.flange_from_finger, start=1):
-                frames[f"finger[{number}]"] = links[..., -1, :, :] @ flange_from_finger
-        return frames
+        names = [joint.frame for joint in self.tree.joints if not joint.frame.startswith(("base", "conveyor["))]
+        return self.tree.place(axes, [WORLD, *names])
 
-    def body_poses(self, q: ArrayLike, table: ArrayLike) -> Array:
-        """Poses (..., bodies, 4, 4) in the world, in the order of `bodies`, for `q` and `table` as in `frame_poses`."""
-        frames = self.frame_poses(q, table)
+    def body_poses(self, axes: ArrayLike) -> Array:
+        """Poses (..., bodies, 4, 4) in the world, in the order of `bodies`, at positions of the `axes`."""
+        frames = self.tree.place(axes, [body.moves_with for body in self.bodies])
         return np.stack([frames[body.moves_with] for body in self.bodies], -3)
 
 
@@ -338,7 +361,7 @@ def nominal_cell(cell: CellDescription, part: Mesh | None) -> NominalCell:
     table_from_part = lay_down(part, cell.part)
     if cell.part.fixture == "free" and not is_empty:
         _refuse_unstable(part, table_from_part, cell.part)
-    further = tuple(_further_part(part_, cell) for part_ in cell.further_part)
+    further = tuple(_further_part(part_) for part_ in cell.further_part)
     table_max_speed, table_max_acceleration = table_limits(cell, part, table_from_part)
     nominal = NominalCell(
         arm=arm_of(robot),
@@ -363,6 +386,7 @@ def nominal_cell(cell: CellDescription, part: Mesh | None) -> NominalCell:
         user_frames={frame.name: UserFrame(frame.moves_with, pose_matrix(frame.pose)) for frame in cell.frame},
         further_parts=further,
         belt=_belt(cell),
+        world_from_conveyors=tuple(pose_matrix(belt.pose) for belt in cell.conveyor),
     )
     return without_bodies(nominal, ["part"]) if is_empty else nominal
 
@@ -384,7 +408,7 @@ def with_unknown_obstacles(nominal: NominalCell, cell: CellDescription) -> Nomin
 
 def arm_of(robot: RobotDescription) -> Arm:
     """Kinematics of a described arm; joints that are held without values are held at their home angles."""
-    joints = [Joint(**_joint_fields(joint.model_dump())) for joint in robot.joint]
+    joints = [ArmJoint(**_joint_fields(joint.model_dump())) for joint in robot.joint]
     held = [
         HeldJoint(one.joint - 1, tuple(np.radians(one.values_deg or (robot.home_deg[one.joint - 1],)).tolist()))
         for one in robot.held
@@ -392,13 +416,9 @@ def arm_of(robot: RobotDescription) -> Arm:
     return Arm(joints, pose_matrix(robot.base), tuple(held))
 
 
-def _further_part(description: FurtherPartDescription, cell: CellDescription) -> FurtherPart:
-    support_from_part = pose_matrix(description.pose)
+def _further_part(description: FurtherPartDescription) -> FurtherPart:
     mesh = load_part(description.mesh, description.unit)
-    if description.conveyor is None:
-        return FurtherPart(description, mesh, description.stands_on, support_from_part)
-    world_from_belt = pose_matrix(cell.conveyor[description.conveyor - 1].pose)
-    return FurtherPart(description, mesh, "world", world_from_belt @ support_from_part)
+    return FurtherPart(description, mesh, description.stands_on, pose_matrix(description.pose))
 
 
 def _belt(cell: CellDescription) -> Belt | None:

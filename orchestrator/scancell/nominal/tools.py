@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from scancell.errors import CommandError, DescriptionError
 from scancell.nominal.cell import NominalCell
@@ -48,24 +48,20 @@ def flange_from_tool(nominal: NominalCell, tool: str) -> Array:
     return np.asarray(flange_from_gripper)
 
 
-def world_from_frame(nominal: NominalCell, frame: str, table_angle: float) -> Array:
-    """Pose (4, 4) of ``base``, ``table`` or a user frame at the angle `table_angle` of the table, rad.
+def world_from_frame(nominal: NominalCell, frame: str, axes: ArrayLike) -> Array:
+    """Pose (4, 4) of ``base``, ``table`` or a user frame at positions of the axes.
 
     Raises
     ------
     DescriptionError
         If the cell has no such frame.
     """
-    if frame == "base":
-        return nominal.arm.world_from_base
-    if frame == "table":
-        return nominal.world_from_platter(table_angle)
+    if frame in ("base", "table"):
+        return nominal.world_from(frame, axes)
     if frame not in nominal.user_frames:
         raise DescriptionError(key="frame", value=frame, expected=_listed(frame_names(nominal)))
     found = nominal.user_frames[frame]
-    if found.carrier == "world":
-        return found.carrier_from_frame
-    return np.asarray(nominal.world_from_platter(table_angle) @ found.carrier_from_frame)
+    return np.asarray(nominal.world_from(found.carrier, axes) @ found.carrier_from_frame)
 
 
 def _listed(names: Collection[str]) -> str:

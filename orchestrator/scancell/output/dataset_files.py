@@ -93,7 +93,7 @@ def write_measured(file: h5py.Group, scan: ScanData) -> None:
         file[name] = getattr(measured, name)
     for name, unit in (("time", "s"), ("exposure", "s"), ("q", "rad"), ("table", "rad")):
         file[f"{name}_{unit}"] = getattr(measured, name)
-    file["part_from_sensor"] = scan.nominal.part_from_sensor(measured.q, measured.table)
+    file["part_from_sensor"] = scan.nominal.part_from_sensor(measured.axes)
 
 
 @dataclass(frozen=True)

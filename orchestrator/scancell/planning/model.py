@@ -213,14 +213,14 @@ class PlanningCell:
         for first in range(0, len(q), _BLOCK):
             rows = slice(first, first + _BLOCK)
             self.work.spend(CONFIGURATION * len(q[rows]))
-            poses = self.nominal.body_poses(q[rows], table[rows])
+            poses = self.nominal.body_poses(np.column_stack([q[rows], table[rows]]))
             clashes = self.proximity.clearance_violations(poses, required, self.threads)
             found += [replace(clash, index=first + clash.index) for clash in clashes]
         return found
 
     def contacts(self, q: ArrayLike, table: ArrayLike) -> list[Clash]:
         """Pairs of bodies that touch (0.1 mm) at joints (n, joints) and table angles (n,), rad."""
-        poses, scene = self.nominal.body_poses(q, table), self.proximity
+        poses, scene = self.nominal.body_poses(np.column_stack([q, table])), self.proximity
         self.work.spend(0.0)
         return scene.clearance_violations(poses, _TOUCHING + self._errors, self.threads)
 

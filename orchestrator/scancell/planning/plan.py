@@ -80,6 +80,11 @@ class Plan(Value):
     reduced: tuple[str, ...] = ()
     source: str = field(default="", compare=False)
 
+    @property
+    def axes(self) -> Array:
+        """Planned positions (m, axes) of joints and table at each exposure, rad."""
+        return np.column_stack([self.q, self.table])
+
     @checked_arguments
     def save(self, path: str | Path) -> Path:
         """Write program and exposures to the file `path` (JSON), for `load` and `Scanner.scan`.

@@ -49,7 +49,7 @@ def check_cell(nominal: NominalCell) -> None:
 
 
 def _intersections(nominal: NominalCell) -> Iterator[tuple[str, str, float]]:
-    frames = nominal.frame_poses(nominal.home, np.array(0.0))
+    frames = nominal.frame_poses(nominal.home)
     standing = [body for body in nominal.bodies if body.moves_with.partition("[")[0] in ("world", "table", "part")]
     placed = [(body.name, body.mesh.transformed(frames[body.moves_with])) for body in standing]
     for (a, mesh_a), (b, mesh_b) in combinations(placed, 2):

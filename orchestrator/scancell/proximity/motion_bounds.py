@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scancell.geometry import pose
-from scancell.geometry.chain import Chain
+from scancell.geometry.tree import WORLD, Tree
 from scancell.nominal.cell import Body, NominalCell
 from scancell.proximity._native import CellMotion
 
 Array = NDArray[np.float64]
 
-_REVOLUTE = 1  # kind of a joint
+_KINDS = {"fixed": 0, "revolute": 1, "prismatic": 2}
 _WORLD = -1  # as the parent of a joint, or the frame of a body
 
 
@@ -37,14 +38,14 @@ class MotionBounds:
     def __init__(self, nominal: NominalCell, pairs: Sequence[tuple[str, str]]) -> None:
         number = {body.name: i for i, body in enumerate(nominal.bodies)}
         index = np.array([(number[a], number[b]) for a, b in pairs], np.int64).reshape(-1, 2)
-        joints = _joints(nominal)
+        joints = _joints(nominal.tree, nominal.axes)
         bodies = np.array([_row(nominal, body) for body in nominal.bodies])
         self.native = CellMotion(joints, len(joints), bodies, index)
 
     def pairs(self, at: Array, half_travel: Array) -> Array:
         """Bounds (..., n, pairs), m, on the motion of a body relative to the other while no axis moves by more.
 
-        `at` is (n, joints + 1) and `half_travel` (..., n, joints + 1), rad.
+        `at` is (n, axes) and `half_travel` (..., n, axes), rad.
         """
         return self.straight(at, np.zeros_like(half_travel), half_travel)
 
@@ -59,22 +60,27 @@ class MotionBounds:
 
 def arm_motion(nominal: NominalCell) -> CellMotion:
     """Kinematics of the arm alone; its last frame is the flange."""
-    joints = _joints(nominal)[:-1]
+    joints = _joints(nominal.arm.tree, nominal.axes)
     return CellMotion(joints, len(joints), np.zeros((0, 22)), np.zeros((0, 2), np.int64))
 
 
-def _joints(nominal: NominalCell) -> Array:
-    """Joints (joints + 1, 35) of arm and table: kind, parent, axis, and the constant poses before and behind each."""
-    arm = nominal.arm
+def _moved_frames(tree: Tree, axes: Sequence[str]) -> list[str]:
+    return [joint.frame for joint in tree.joints if joint.axis in axes]
+
+
+def _joints(tree: Tree, axes: Sequence[str]) -> Array:
+    """Joints (n, 35) that the axes move: kind, parent, axis, and the constant poses before and behind each."""
+    frames = _moved_frames(tree, axes)
     rows = []
-    for i, joint in enumerate(arm.joints):
-        before = arm.world_from_base if i == 0 else np.eye(4)
-        rows.append(_joint(i - 1, i, before, Chain([joint]).fk([0.0])))
-    return np.array([*rows, _joint(_WORLD, len(rows), nominal.world_from_table, np.eye(4))])
-
-
-def _joint(parent: int, axis: int, parent_from_joint: Array, joint_from_frame: Array) -> Array:
-    return np.concatenate([[_REVOLUTE, parent, axis], parent_from_joint.ravel(), joint_from_frame.ravel()])
+    for frame in frames:
+        joint = tree[frame]
+        carrier, carrier_from_parent = tree.carrier_of(joint.parent, axes)
+        parent = _WORLD if carrier == WORLD else frames.index(carrier)
+        behind = replace(joint, parent_from_joint=np.eye(4)).parent_from_frame
+        numbers = [_KINDS[joint.kind], parent, axes.index(joint.axis)]
+        before = carrier_from_parent @ joint.parent_from_joint
+        rows.append(np.concatenate([numbers, before.ravel(), behind.ravel()]))
+    return np.array(rows).reshape(-1, 35)
 
 
 def _row(nominal: NominalCell, body: Body) -> Array:
@@ -83,19 +89,14 @@ def _row(nominal: NominalCell, body: Body) -> Array:
     Frame that carries it, bounding sphere (centre and radius) in it, largest distance of the body from the axis of the
     last joint that moves it, and its pose in the frame.
     """
-    frame, _, number = body.moves_with.partition("[")
-    here, turned = (nominal.frame_poses(nominal.home, np.array(angle)) for angle in (0.0, 1.0))
-    joints, links = len(nominal.arm.joints), nominal.arm.link_poses(nominal.home)
-    carrier, world_from_joint, carried = np.eye(4), np.eye(4), _WORLD
-    if not np.allclose(here[body.moves_with], turned[body.moves_with]):
-        carrier, world_from_joint, carried = nominal.world_from_table, nominal.world_from_table, joints
-    elif frame in ("link", "sensor", "finger"):
-        last = int(number.rstrip("]")) if frame == "link" else joints
-        carrier, world_from_joint, carried = links[last], links[last - 1], last - 1
-    carrier_from_body = pose.inverse(carrier) @ here[body.moves_with]
+    tree, axes = nominal.tree, nominal.axes
+    carrier, carrier_from_body = tree.carrier_of(body.moves_with, axes)
     points = pose.transform_points(carrier_from_body, body.mesh.vertices)
     centre = (points.min(0) + points.max(0)) / 2
     radius = np.linalg.norm(points - centre, axis=1).max()
-    in_joint = pose.transform_points(pose.inverse(world_from_joint) @ carrier, points)
-    from_axis = np.linalg.norm(in_joint[:, :2], axis=1).max()
-    return np.concatenate([[carried], centre, [radius, from_axis], carrier_from_body.ravel()])
+    number, from_axis = _WORLD, 0.0
+    if carrier != WORLD:
+        number = _moved_frames(tree, axes).index(carrier)
+        in_joint = pose.transform_points(replace(tree[carrier], parent_from_joint=np.eye(4)).parent_from_frame, points)
+        from_axis = np.linalg.norm(in_joint[:, :2], axis=1).max()
+    return np.concatenate([[number], centre, [radius, from_axis], carrier_from_body.ravel()])

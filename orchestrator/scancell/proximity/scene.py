@@ -150,9 +150,9 @@ def cell_scene(
     lower, upper = nominal.arm.limits
     rng = np.random.default_rng(0)
     q, table = rng.uniform(lower, upper, (100, len(lower))), rng.uniform(0.0, 2 * np.pi, 100)
-    overlapping = intersecting_pairs(scene, nominal.body_poses(q, table))
+    overlapping = intersecting_pairs(scene, nominal.body_poses(np.column_stack([q, table])))
     excepted = {pair for pair in overlapping if not pair & parts and not _measured(pair)}
-    home, arm = nominal.body_poses(nominal.home, 0.0)[None], set(arm_chain(nominal)) - {"base"}
+    home, arm = nominal.body_poses(nominal.home)[None], set(arm_chain(nominal)) - {"base"}
     around = {pair for pair in map(frozenset, scene.pairs) if _measured(pair) and not pair & arm}
     if around:
         excepted |= around & {frozenset((c.body_a, c.body_b)) for c in scene.clearance_violations(home, _UNTOLD)}
@@ -187,17 +187,8 @@ def moving_pairs(nominal: NominalCell, loose: Collection[str] = frozenset()) -> 
 
 def carrying_axes(nominal: NominalCell, body: Body, loose: Collection[str] = frozenset()) -> frozenset[str]:
     """Names of the axes that move a body in the world: joints, the table, its own frame if it is `loose`."""
-    frame, _, number = body.moves_with.partition("[")
-    axes = {body.moves_with} & set(loose)
-    if frame == "link":
-        axes |= {f"joint[{i}]" for i in range(1, int(number.rstrip("]")) + 1)}
-    elif frame in ("sensor", "finger"):
-        axes |= {f"joint[{i}]" for i in range(1, len(nominal.arm.joints) + 1)}
-    elif frame == "part" and number:
-        axes |= {nominal.further_parts[int(number.rstrip("]")) - 2].carrier} & {"table"}
-    elif frame in ("table", "part"):
-        axes.add("table")
-    return frozenset(axes)
+    driven = set(nominal.tree.axes_of(body.moves_with)) & set(nominal.axes)
+    return frozenset(driven | {body.moves_with} & set(loose))
 
 
 def _are_neighbours(nominal: NominalCell, a: Body, b: Body) -> bool:

@@ -28,111 +28,92 @@ _CONTACT = 1.5  # tolerances between surfaces of neighbour and part up to which 
 
 @dataclass(frozen=True)
 class Neighbour:
-    """A body beside the part; `mesh` is in the frame of the table at angle 0, or of the belt at travel 0, m.
+    """A body beside the part; `mesh` is in the frame of the part's support with the axes at 0, m.
 
-    `on_table`: whether it turns with the table, or moves with the belt.
+    `rides`: whether it moves with the support.
     """
 
     name: str
     mesh: Mesh
-    on_table: bool
+    rides: bool
 
 
 @dataclass(frozen=True)
 class Neighbours:
     """Nominal bodies around the scanned part, the part itself, and the distance (m) that tells them apart.
 
-    `on_belt`: whether a belt carries the part; then `table_from_part` is its pose on the belt, and travels of the belt
-    (m) replace the angles of the table.
+    The part rests on its support at `support_from_part` (4, 4); the support turns about its z or `slides` along its x
+    with the axis in the column `axis` of the positions of axes.
     """
 
     bodies: tuple[Neighbour, ...]
     part: Mesh
-    table_from_part: Array
+    support_from_part: Array
+    axis: int
+    slides: bool = False
     tolerance: float = TOLERANCE
-    on_belt: bool = False
 
-    def moved(self, points: Array, travel: Array) -> Array:
-        """Points (n, 3) moved by the table about its axis by angles (n,), or by the belt along x by travels (n,)."""
-        if self.on_belt:
-            return np.asarray(points + travel[:, None] * np.array([1.0, 0.0, 0.0]))
-        return _turned(points, travel)
+    def moved(self, points: Array, position: Array) -> Array:
+        """Points (n, 3) of the support moved with it by positions (n,) of its axis, rad or m."""
+        if self.slides:
+            return np.asarray(points + position[:, None] * np.array([1.0, 0.0, 0.0]))
+        return _turned(points, position)
 
     @cached_property
-    def part_in_table(self) -> Mesh:
+    def part_on_support(self) -> Mesh:
         """The scanned part, used only to find where neighbours touch it."""
-        return self.part.transformed(self.table_from_part)
+        return self.part.transformed(self.support_from_part)
 
 
 def neighbours_of(nominal: NominalCell) -> Neighbours:
-    """Bodies that stand in the cell, without the arm and the table (which the envelope removes).
+    """Bodies that stand in the cell, without the arm and the part's support (which the envelope removes).
 
-    A part on a belt is where it starts.
+    Where other axes than that of the support move them, they are where they start.
     """
-    frames = nominal.frame_poses(nominal.home, np.array(0.0))
-    table_from_world = pose.inverse(frames["table"])
-    riding = {f"part[{i}]" for i, further in enumerate(nominal.further_parts, start=2) if further.carrier == "table"}
+    frames, tree = nominal.frame_poses(nominal.home), nominal.tree
+    support_from_world, (axis,) = pose.inverse(nominal.world_from(nominal.support)), tree.axes_of(nominal.support)
+    support = "table" if nominal.support == "table" else nominal.required_belt().name
     bodies = tuple(
         Neighbour(
             body.name,
-            body.mesh.transformed(table_from_world @ frames[body.moves_with]),
-            body.moves_with in riding | {"table"},
+            body.mesh.transformed(support_from_world @ frames[body.moves_with]),
+            tree.axes_of(body.moves_with) == (axis,),
         )
         for body in nominal.bodies
-        if body.name not in ("part", "table") and body.moves_with.partition("[")[0] in ("world", "table", "part")
+        if body.name not in ("part", support) and body.moves_with.partition("[")[0] in ("world", "table", "part")
     )
-    return Neighbours(bodies, nominal.part, nominal.table_from_part)
+    slides = tree[nominal.support].kind == "prismatic"
+    return Neighbours(bodies, nominal.part, nominal.support_from_part, tree.axes.index(axis), slides)
 
 
-def neighbours_on_belt(nominal: NominalCell) -> Neighbours:
-    """Bodies beside the belt of a part and on it, without the arm and the belt itself (which the envelope removes).
-
-    Further parts on the belt move with it; the table is at angle 0.
-    """
-    belt = nominal.required_belt()
-    frames = nominal.frame_poses(nominal.home, np.array(0.0))
-    belt_from_world = pose.inverse(belt.world_from_belt)
-    riding = {
-        f"part[{i}]"
-        for i, further in enumerate(nominal.further_parts, start=2)
-        if further.description.conveyor == belt.conveyor
-    }
-    bodies = tuple(
-        Neighbour(
-            body.name, body.mesh.transformed(belt_from_world @ frames[body.moves_with]), body.moves_with in riding
-        )
-        for body in nominal.bodies
-        if body.name not in ("part", belt.name) and body.moves_with.partition("[")[0] in ("world", "table", "part")
-    )
-    return Neighbours(bodies, nominal.part, belt.belt_from_part, on_belt=True)
-
-
-def foreign_points(points_in_table: Array, table_angle: Array, neighbours: Neighbours) -> NDArray[np.int64]:
+def foreign_points(points_on_support: Array, position: Array, neighbours: Neighbours) -> NDArray[np.int64]:
     """Number (n,) of the neighbour that each point lies on, -1 for none.
 
     Parameters
     ----------
-    points_in_table
-        (n, 3) in the frame that turns with the table, or moves with the belt, m.
-    table_angle
-        (n,) measured angle of the table, rad, or travel of the belt, m, at each point.
+    points_on_support
+        (n, 3) in the frame that moves with the part's support, m.
+    position
+        (n,) measured position of the support's axis at each point, rad or m.
     """
-    owner = np.full(len(points_in_table), -1, np.int64)
+    owner = np.full(len(points_on_support), -1, np.int64)
     tolerance = neighbours.tolerance
-    for number, rows, points in _candidates(points_in_table, table_angle, neighbours):
+    for number, rows, points in _candidates(points_on_support, position, neighbours):
         body = neighbours.bodies[number]
         nearest, _, signed = closest_points(body.mesh.vertices, body.mesh.faces.astype(np.uint32), points)
         inside = (np.asarray(signed) < 0.0) & body.mesh.is_closed
         on_it = np.flatnonzero(inside | (np.abs(signed) <= tolerance))
         place = np.asarray(nearest)[on_it]
-        if not body.on_table:
-            place = neighbours.moved(place, -table_angle[rows[on_it]])
-        contact = _nearer(place, neighbours.part_in_table, _CONTACT * tolerance)
+        if not body.rides:
+            place = neighbours.moved(place, -position[rows[on_it]])
+        contact = _nearer(place, neighbours.part_on_support, _CONTACT * tolerance)
         owner[rows[on_it[~contact]]] = number
     return owner
 
 
-def _candidates(points: Array, angle: Array, neighbours: Neighbours) -> Iterator[tuple[int, NDArray[np.int64], Array]]:
+def _candidates(
+    points: Array, position: Array, neighbours: Neighbours
+) -> Iterator[tuple[int, NDArray[np.int64], Array]]:
     """Number of each neighbour with points in its bounding box, their rows, and the points in the frame of its mesh."""
     if not len(points):
         return
@@ -140,9 +121,9 @@ def _candidates(points: Array, angle: Array, neighbours: Neighbours) -> Iterator
     margin = np.array([[-neighbours.tolerance], [neighbours.tolerance]])
     for number, body in enumerate(neighbours.bodies):
         low, high = body.mesh.bounds + margin
-        from_axis = 0.0 if neighbours.on_belt else np.linalg.norm(np.maximum(np.maximum(low, -high), 0.0)[:2])
+        from_axis = 0.0 if neighbours.slides else np.linalg.norm(np.maximum(np.maximum(low, -high), 0.0)[:2])
         rows = np.flatnonzero((radius >= from_axis) & (height >= low[2]) & (height <= high[2]))
-        placed = points[rows] if body.on_table else neighbours.moved(points[rows], angle[rows])
+        placed = points[rows] if body.rides else neighbours.moved(points[rows], position[rows])
         inside = ((placed >= low) & (placed <= high)).all(1)
         if inside.any():
             yield number, rows[inside], placed[inside]

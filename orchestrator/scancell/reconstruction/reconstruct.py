@@ -34,10 +34,7 @@ REFERENCE_SIGMA = 20e-6  # m: standard deviation at which `quality_of` is 1/2
 
 
 class Triggers(Protocol):
-    """Trigger records, one per exposure, with the table angle (n,), rad, and its rate, rad/s.
-
-    Of a part on a belt: with the travel (m) and speed (m/s) of the belt in their place.
-    """
+    """Trigger records, one per exposure, with positions and rates (n, k) of the axes."""
 
     @property
     def index(self) -> NDArray[np.int64]: ...
@@ -46,37 +43,21 @@ class Triggers(Protocol):
     @property
     def time(self) -> Array: ...
     @property
-    def table(self) -> Array: ...
+    def axes(self) -> Array: ...
     @property
-    def table_rate(self) -> Array: ...
-
-
-class JointTriggers(Triggers, Protocol):
-    """Trigger records with joints (n, joints), rad, and their rates, rad/s."""
-
-    @property
-    def q(self) -> Array: ...
-    @property
-    def qd(self) -> Array: ...
+    def axis_rates(self) -> Array: ...
 
 
 PosesAfter = Callable[[float], Array]
 """Poses (n, 4, 4) of the sensor in the part frame, by seconds after the latch."""
 
 
-def poses_by_joints(triggers: JointTriggers, part_from_sensor: Callable[[Array, Array], Array]) -> PosesAfter:
-    """Poses by the latched joints and table angle and their rates.
+def poses_by_axes(triggers: Triggers, part_from_sensor: Callable[[Array], Array]) -> PosesAfter:
+    """Poses by the latched positions and rates of the axes.
 
-    `part_from_sensor` is the nominal or calibrated kinematics: joints (n, joints) and table angles (n,), rad, to poses
-    (n, 4, 4).
+    `part_from_sensor` is the nominal or calibrated kinematics: positions of the axes (n, k) to poses (n, 4, 4).
     """
-
-    def poses(time: float) -> Array:
-        q = np.asarray(triggers.q, float) + np.asarray(triggers.qd, float) * time
-        table = np.asarray(triggers.table, float) + np.asarray(triggers.table_rate, float) * time
-        return part_from_sensor(q, table)
-
-    return poses
+    return lambda time: part_from_sensor(triggers.axes + triggers.axis_rates * time)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -296,7 +277,7 @@ def reconstruct_points(
     profiles: ProfilePoints,
     triggers: Triggers,
     poses_after: PosesAfter,
-    table_from_part: Array,
+    support_from_part: Array,
     envelope: Envelope,
     normals: bool = True,
     neighbours: Neighbours | None = None,
@@ -311,11 +292,11 @@ def reconstruct_points(
     profiles
         Points in the sensor frame; `frame` is the row in `triggers`.
     triggers
-        With the measured table angle at mid-exposure.
+        With the measured positions of the axes at mid-exposure.
     poses_after
         By measurements; times other than 0 are used with a rolling shutter or several exposures.
-    table_from_part
-        Nominal pose (4, 4) of the part on the table; of a part on a belt, in the frame that moves with the belt.
+    support_from_part
+        Nominal pose (4, 4) of the part in the frame of what carries it, table or belt.
     normals
         Whether to estimate normals; without, they are NaN.
     neighbours
@@ -337,11 +318,9 @@ def reconstruct_points(
     else:
         points = points_in_part(points, frame, poses)
     kept, dropped = _sort_out(
-        pose.transform_points(table_from_part, points),
+        pose.transform_points(support_from_part, points),
         np.asarray(profiles.sigma),
-        lambda rows: (
-            np.asarray(triggers.table)[frame[rows]] + np.asarray(triggers.table_rate)[frame[rows]] * time_offset[rows]
-        ),
+        lambda rows: triggers.axes[frame[rows]] + triggers.axis_rates[frame[rows]] * time_offset[rows, None],
         envelope,
         neighbours,
     )
@@ -379,39 +358,39 @@ def with_normals(cloud: Cloud, triggers: Triggers, poses_after: PosesAfter, thre
 
 
 def _sort_out(
-    points_in_table: Array,
+    points_on_support: Array,
     sigma: NDArray[np.floating[Any]],
-    table_angle: Callable[[NDArray[np.int64]], Array],
+    axes: Callable[[NDArray[np.int64]], Array],
     envelope: Envelope,
     neighbours: Neighbours | None,
 ) -> tuple[NDArray[np.int64], Dropped]:
-    """Rows (k,) of the part's points among those in the table frame (n, 3), and what became of the others.
+    """Rows (k,) of the part's points among those in the frame of its support (n, 3), and what became of the others.
 
     `sigma` (n,) are the standard deviations of the points, m.
-    `table_angle` gives the angle (k,) of the table at the points of some rows, rad.
+    `axes` gives the positions (k, axes) of the axes at the points of some rows.
     """
-    inside = envelope.contains(points_in_table)
+    inside = envelope.contains(points_on_support)
     on_part = ambiguous = np.zeros(0, bool)
     if envelope.footprint is not None:
-        near_table = np.flatnonzero((points_in_table[:, 2] < envelope.lowest) & envelope.is_over(points_in_table))
-        on_part, ambiguous = envelope.footprint.part_points(points_in_table[near_table])
+        near_table = np.flatnonzero((points_on_support[:, 2] < envelope.lowest) & envelope.is_over(points_on_support))
+        on_part, ambiguous = envelope.footprint.part_points(points_on_support[near_table])
         inside[near_table[on_part]] = True
-    kept, beyond = np.flatnonzero(inside), points_in_table[~inside]
+    kept, beyond = np.flatnonzero(inside), points_on_support[~inside]
     low, high = beyond[:, 2] < envelope.lowest, beyond[:, 2] > envelope.highest
     height = beyond[low, 2]
     foreign: dict[str, int] = {}
     if neighbours is not None:
-        owner = foreign_points(points_in_table[kept], table_angle(kept), neighbours)
+        owner = foreign_points(points_on_support[kept], axes(kept)[:, neighbours.axis], neighbours)
         found = zip(*np.unique(owner[owner >= 0], return_counts=True), strict=True)
         foreign = {neighbours.bodies[number].name: int(count) for number, count in found}
         kept = kept[owner < 0]
     beside = 0
     if envelope.outline is not None:
-        lowest = points_in_table[kept[points_in_table[kept, 2] < envelope.lowest + TOLERANCE], :2]
+        lowest = points_on_support[kept[points_on_support[kept, 2] < envelope.lowest + TOLERANCE], :2]
         away = (lowest < envelope.outline[0] - TOLERANCE) | (lowest > envelope.outline[1] + TOLERANCE)
         beside = int(away.any(1).sum())
     return kept, Dropped(
-        measured=len(points_in_table),
+        measured=len(points_on_support),
         low=int(low.sum()),
         high=int(high.sum()),
         outside=len(beyond) - int(low.sum()) - int(high.sum()),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,7 +68,7 @@ class MeasuredCell:
         """The described cell with deviations by name, SI."""
         cell = estimated_cell(nominal, deviations) if deviations else nominal
         if not has_part:
-            platter_from_base = pose.inverse(cell.world_from_platter(0.0)) @ cell.arm.world_from_base
+            platter_from_base = pose.inverse(cell.world_from("table")) @ cell.arm.world_from_base
             cell = replace(cell, table_from_part=platter_from_base)
         return cls(cell, has_part)
 
@@ -78,13 +79,17 @@ class MeasuredCell:
 
     def part_from_sensor(self, readings: AxisReadings) -> Array:
         """Poses (n, 4, 4) of the sensor in the frame of the cloud."""
-        return np.asarray(pose.inverse(self.cell.world_from_part(readings.table)) @ self.world_from_sensor(readings))
+        return np.asarray(pose.inverse(self.world_from("part", readings)) @ self.world_from("sensor", readings))
 
-    def world_from_sensor(self, readings: AxisReadings) -> Array:
-        """Poses (n, 4, 4) of the sensor in the world."""
-        if readings.flange is None:
-            return self.cell.world_from_sensor(readings.q)
-        return np.asarray(self.cell.arm.world_from_base @ readings.flange @ self.cell.flange_from_sensor)
+    def world_from(self, frame: Literal["sensor", "table", "part"], readings: AxisReadings) -> Array:
+        """Poses (n, 4, 4) of a frame in the world."""
+        if frame == "sensor" and readings.flange is not None:
+            return np.asarray(self.cell.arm.world_from_base @ readings.flange @ self.cell.flange_from_sensor)
+        return self.cell.world_from(frame, self.joints_and_table(readings.q, readings.table))
+
+    def joints_and_table(self, q: Array, table: Array) -> Array:
+        """The columns of both, (n, axes); joints that poses of the flange leave open are 0."""
+        return np.column_stack([q if q.shape[1] else np.zeros((len(table), len(self.cell.home))), table])
 
 
 @dataclass(frozen=True)
@@ -119,17 +124,20 @@ class ReconstructedData:
     warnings: tuple[str, ...]
 
 
-def records_of(found: Measurements, readings: AxisReadings) -> TriggerRecords:
-    """Records of a controller; without joints where poses of the flange are given."""
+def records_of(cell: MeasuredCell, found: Measurements, readings: AxisReadings) -> TriggerRecords:
+    """Records of a controller; the joints are 0 where poses of the flange are given."""
+    axes = cell.joints_and_table(readings.q, readings.table)
     return TriggerRecords(
         index=found.index,
         segment=np.ones(len(readings), np.int64),
         time=found.time,
         exposure=np.zeros(len(readings)),
-        q=readings.q,
-        qd=readings.qd,
+        q=axes[:, :-1],
+        qd=cell.joints_and_table(readings.qd, readings.table_rate)[:, :-1],
         table=readings.table,
         table_rate=readings.table_rate,
+        belt=np.empty((len(readings), 0)),
+        belt_speed=np.empty((len(readings), 0)),
     )
 
 
@@ -175,7 +183,7 @@ def reconstruct_measurements(
     envelope = _EVERYWHERE if whole else envelope_of(cell, setup)
     made = reconstruct_points(
         found.profiles,
-        records_of(found, readings),
+        records_of(measured_cell, found, readings),
         lambda time: measured_cell.part_from_sensor(readings.moved(time)),
         cell.table_from_part,
         envelope,

@@ -42,9 +42,9 @@ def simulate(
     count = len(readings)
     frames = {
         "world": np.broadcast_to(np.eye(4), (count, 4, 4)),
-        "table": cell.world_from_platter(readings.table),
-        "part": cell.world_from_part(readings.table),
-        "sensor": measured.world_from_sensor(readings),
+        "table": measured.world_from("table", readings),
+        "part": measured.world_from("part", readings),
+        "sensor": measured.world_from("sensor", readings),
     }
     bodies = [body for body in visible_bodies(cell) if body.moves_with in frames]
     scene = build_scene(bodies)

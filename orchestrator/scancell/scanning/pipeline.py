@@ -15,7 +15,7 @@ from threading import Lock
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from scancell.cell.program import Program
 from scancell.cell.recording import Recording, TriggerRecords
@@ -29,7 +29,7 @@ from scancell.files import file_state
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import PartSurface
-from scancell.nominal.cell import Belt, NominalCell, nominal_cell, with_unknown_obstacles
+from scancell.nominal.cell import NominalCell, nominal_cell, with_unknown_obstacles
 from scancell.planning.model import PlanningCell, SensorRange
 from scancell.planning.motion.assembly import approach
 from scancell.planning.motion.torques import TorqueLimits
@@ -46,13 +46,12 @@ from scancell.progress import Progress
 from scancell.proximity.cell_check import check_cell
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.footprint import footprint_of
-from scancell.reconstruction.foreign import neighbours_of, neighbours_on_belt
+from scancell.reconstruction.foreign import neighbours_of
 from scancell.reconstruction.reconstruct import (
     Dropped,
     Envelope,
-    PosesAfter,
     ProfilePoints,
-    poses_by_joints,
+    poses_by_axes,
     reconstruct_points,
     with_normals,
 )
@@ -114,6 +113,8 @@ class ScanPipeline(Closing):
         def make() -> World:
             self.builds += 1
             nominal = nominal_cell(cell, part)
+            if setup.scan.belt is not None:
+                nominal = nominal.on_belt()
             true = with_unknown_obstacles(nominal, cell)
             check_cell(true)
             bodies = visible_bodies(true)
@@ -123,7 +124,7 @@ class ScanPipeline(Closing):
         described = cell.model_dump_json(exclude={"estimated"})
         files = [file_state(Path(table[key])) for table, key, _ in file_entries(plain_data(cell))]
         # The cached reference to the mesh prevents reuse of its id.
-        key = f"{id(part)} {described} {files}"
+        key = f"{id(part)} {setup.scan.belt is None} {described} {files}"
         _, world = _kept(self._cells, key, _MAX_CELLS, lambda: (part, make()))
         return replace(
             world,
@@ -235,22 +236,23 @@ class ScanPipeline(Closing):
 
         `nominal` may be an estimated (calibrated) cell, see `World.estimated`.
         """
-        belt, (measured, poses_after) = belt_of(nominal, setup), _measured_poses(nominal, recording, setup)
+        measured = measured_motion(nominal, recording)
         made = reconstruct_points(
             profiles,
             measured,
-            poses_after,
-            nominal.table_from_part if belt is None else belt.belt_from_part,
+            poses_by_axes(measured, nominal.part_from_sensor),
+            nominal.support_from_part,
             envelope_of(nominal, setup),
             normals,
-            neighbours_of(nominal) if belt is None else neighbours_on_belt(nominal),
+            neighbours_of(nominal),
             self.threads,
         )
         return made.cloud, made.dropped
 
-    def with_normals(self, nominal: NominalCell, recording: Recording, cloud: Cloud, setup: Setup) -> Cloud:
+    def with_normals(self, nominal: NominalCell, recording: Recording, cloud: Cloud) -> Cloud:
         """A cloud that was reconstructed in parts, without normals, with its normals; `nominal` as of `reconstruct`."""
-        return with_normals(cloud, *_measured_poses(nominal, recording, setup), self.threads)
+        measured = measured_motion(nominal, recording)
+        return with_normals(cloud, measured, poses_by_axes(measured, nominal.part_from_sensor), self.threads)
 
     def close(self) -> None:
         """Release the FMU, its files and the cached scenes."""
@@ -263,38 +265,25 @@ def _with_torques(cell: PlanningCell, setup: Setup) -> PlanningCell:
     return replace(cell, torques=TorqueLimits(setup.cell)) if setup.cell.robot.drive == "dynamic" else cell
 
 
-def belt_of(nominal: NominalCell, setup: Setup) -> Belt | None:
-    """The belt that carries the part in the described scan; None: the part is on the table."""
-    return None if setup.scan.belt is None else nominal.required_belt()
+def measured_motion(nominal: NominalCell, recording: Recording) -> TriggerRecords:
+    """Measured positions of the axes at the light of each exposure.
 
-
-def measured_motion(nominal: NominalCell, recording: Recording, setup: Setup) -> TriggerRecords:
-    """Measured joints and table angle, or travel of the belt that carries the part, at the light of each exposure."""
-    belt, measured = belt_of(nominal, setup), recording.measured
-    return (measured if belt is None else measured.on_belt(belt.conveyor)).after(nominal.trigger_latency)
-
-
-def sensor_poses(nominal: NominalCell, setup: Setup) -> Callable[[ArrayLike, ArrayLike], NDArray[np.float64]]:
-    """The function of the cell that returns ``part_from_sensor`` for `measured_motion`."""
-    return nominal.part_from_sensor if setup.scan.belt is None else nominal.part_on_belt_from_sensor
-
-
-def _measured_poses(nominal: NominalCell, recording: Recording, setup: Setup) -> tuple[TriggerRecords, PosesAfter]:
-    """`measured_motion`, and the poses of the sensor in the frame of the part by it."""
-    measured = measured_motion(nominal, recording, setup)
-    return measured, poses_by_joints(measured, sensor_poses(nominal, setup))
+    Raises `DescriptionError` if the recording does not state the axis that moves the part.
+    """
+    measured = recording.measured
+    measured.require_axes(nominal.tree.axes_of("part"))
+    return measured.after(nominal.trigger_latency)
 
 
 def envelope_of(nominal: NominalCell, setup: Setup) -> Envelope:
     """Room above the nominal table, or the belt that carries the part, in which points are kept."""
-    belt, lowest = belt_of(nominal, setup), si_value(setup.scan, "table_margin_mm")
-    support_from_part = nominal.table_from_part if belt is None else belt.belt_from_part
+    lowest, support_from_part = si_value(setup.scan, "table_margin_mm"), nominal.support_from_part
     footprint = footprint_of(nominal.part, support_from_part, lowest)
     corners = np.stack(np.meshgrid(*nominal.part.bounds.T), -1).reshape(-1, 3)
     placed = pose.transform_points(support_from_part, corners)[:, :2]
     outline = np.stack([placed.min(0), placed.max(0)])
-    if belt is not None:
-        return Envelope(lowest, _ENVELOPE_HEIGHT, np.inf, footprint, outline, belt.width / 2)
+    if nominal.support != "table":
+        return Envelope(lowest, _ENVELOPE_HEIGHT, np.inf, footprint, outline, nominal.required_belt().width / 2)
     return Envelope(lowest, _ENVELOPE_HEIGHT, nominal.table_radius, footprint, outline)
 
 

@@ -28,7 +28,7 @@ from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.reconstruct import Dropped, ProfilePoints, table_warnings, why_empty
 from scancell.scanning.drive import PreScanHook
 from scancell.scanning.exposure_control import ExposureControl
-from scancell.scanning.pipeline import ScanPipeline, belt_of, envelope_of, measured_motion, sensor_poses
+from scancell.scanning.pipeline import ScanPipeline, envelope_of, measured_motion
 from scancell.scanning.sense import ExposureImages, OnImages, SensingResult, sample_rows
 from scancell.scanning.world import Sensors, World
 from scancell.stopwatch import Stopwatch
@@ -90,16 +90,15 @@ class ScanData(Value):
         Raises `DescriptionError` if `frame` is not part, world, base, or what carries the part: table or belt.
         """
         cell = self.estimated
-        belt = belt_of(cell, self.setup)
-        support, support_from_part = ("table", cell.table_from_part) if belt is None else ("belt", belt.belt_from_part)
+        support = "table" if cell.support == "table" else "belt"
         if frame in ("table", "belt") and frame != support:
             raise DescriptionError(key="frame", value=frame, expected=f"part, {support}, base or world")
-        world_from_part = cell.world_from_part(table_angle) if belt is None else cell.world_from_part_on_belt(0.0)
+        world_from_part = cell.world_from("part", [*cell.home, table_angle])
         match frame:
             case "part":
                 return np.eye(4)
             case "table" | "belt":
-                return support_from_part
+                return cell.support_from_part
             case "world":
                 return world_from_part
             case "base":
@@ -108,8 +107,7 @@ class ScanData(Value):
     @property
     def part_from_sensor(self) -> Array:
         """Nominal pose (n, 4, 4) of the sensor in the frame of the part at the measurements of each exposure."""
-        measured = measured_motion(self.nominal, self.recording, self.setup)
-        return sensor_poses(self.nominal, self.setup)(measured.q, measured.table)
+        return self.nominal.part_from_sensor(measured_motion(self.nominal, self.recording).axes)
 
     @checked_arguments
     def points_in(self, frame: CloudFrame, table_angle: float = 0.0) -> Array:
@@ -195,7 +193,7 @@ class Scan:
     def of_parts(self, exposed: Exposed, cloud: Cloud, dropped: Dropped, plan: Plan, watch: Stopwatch) -> ScanData:
         """As `of_profiles`, of exposures of which `points_of` gave the cloud and what was dropped, part by part."""
         with watch.measure("reconstruct"):
-            cloud = self.pipeline.with_normals(self.world.estimated, exposed.recording, cloud, self.world.setup)
+            cloud = self.pipeline.with_normals(self.world.estimated, exposed.recording, cloud)
         return self._data(exposed, cloud, dropped, plan, watch)
 
     def _reconstruct(self, recording: Recording, profiles: ProfilePoints, normals: bool) -> tuple[Cloud, Dropped]:

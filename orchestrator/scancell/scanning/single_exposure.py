@@ -17,7 +17,7 @@ from scancell.planning.views.placement import PlacedPose, Placer
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.exposure_control import ExposureControl
 from scancell.scanning.exposures import still_exposures
-from scancell.scanning.pipeline import measured_motion, sensor_poses
+from scancell.scanning.pipeline import measured_motion
 from scancell.scanning.sense import ExposureImages, profiles_of, take
 from scancell.scanning.world import World
 from scancell.values import Value
@@ -67,8 +67,8 @@ def measure_profile(
     Raises `SensorError` if the sensor library reports an error.
     """
     cell = world.estimated
-    measured = measured_motion(cell, recording, world.setup)
-    part_from_sensor = sensor_poses(cell, world.setup)(measured.q[0], measured.table[0])
+    measured = measured_motion(cell, recording)
+    part_from_sensor = cell.part_from_sensor(measured.axes[0])
     control = control or world.sensors.control()
     taken = profiles_of(world, recording, engine, control.next(1), images=True, threads=threads)
     if control.looks:
@@ -122,9 +122,9 @@ def _posture(cell: PlanningCell, world: World, part_from_sensor: Array) -> tuple
     placed = Placer(cell, azimuth, 0.0).poses(part_from_sensor[None])[0]
     warnings: tuple[str, ...] = ()
     if isinstance(placed, PlacedPose):
-        frames = nominal.frame_poses(placed.q, np.array(placed.table))
+        frames = nominal.frame_poses([*placed.q, placed.table])
     else:
-        frames = nominal.frame_poses(nominal.home, np.array(0.0))
+        frames = nominal.frame_poses(nominal.home)
         away = pose.translation((0.0, 0.0, -900.0))
         frames = {name: away @ value if _moves_with_arm(name) else value for name, value in frames.items()}
         warnings = (f"the arm is left out: {placed.reason}",)

@@ -199,7 +199,7 @@ class Survey:
         nominal = world.nominal
         tolerance = max(region.inflation, 1e-3)
         self.space = SpaceMap(region.radius, region.height, region.voxel, _around_table(nominal), tolerance)
-        at_home = nominal.frame_poses(nominal.home, 0.0)
+        at_home = nominal.frame_poses(nominal.home)
         self.space.take_as_free(_merged(nominal, at_home, ("link", "sensor", "finger")), self._clearance + region.voxel)
 
     @property
@@ -251,8 +251,8 @@ class Survey:
         pipeline, nominal = self._pipeline, self._world.nominal
         recording = pipeline.drive(self._world, plan, progress)
         profiles = pipeline.sense(self._world, recording, "geometric", progress).profiles
-        world_from_table = nominal.world_from_platter(recording.measured.table)
-        table_from_sensor = pose.inverse(world_from_table) @ nominal.world_from_sensor(recording.measured.q)
+        placed = nominal.tree.place(recording.measured.axes, ["table", "sensor"])
+        table_from_sensor = pose.inverse(placed["table"]) @ placed["sensor"]
         seen = Profiles(table_from_sensor, profiles.points_in_sensor, np.asarray(profiles.frame, np.int64))
         self.space.add(seen, self._range)
         return np.array([len(recording), left_out, len(profiles.points_in_sensor)])
@@ -313,7 +313,7 @@ class Survey:
 
 def _around_table(nominal: NominalCell) -> Mesh:
     """All known bodies but the arm, in the frame of the table at angle 0, m."""
-    return _merged(nominal, nominal.frame_poses(nominal.home, 0.0), ("world", "table", "part"))
+    return _merged(nominal, nominal.frame_poses(nominal.home), ("world", "table", "part"))
 
 
 def _merged(nominal: NominalCell, frames: dict[str, Array], kinds: tuple[str, ...]) -> Mesh:

@@ -81,7 +81,7 @@ class BatchWorker:
         world = TrueWorld(scan.recording, bodies, sensor, trial.seed, threads=1)
         geometric = trial.engine == "geometric"
         stripe = world.stripe() if sensor.render.noise or not geometric else None
-        sensor_from_part_nominal = pose.inverse(scan.nominal.part_from_sensor(measured.q, measured.table))
+        sensor_from_part_nominal = pose.inverse(scan.nominal.part_from_sensor(measured.axes))
         cloud = world.of_cloud(
             scan.cloud, sensor_from_part_nominal, scan.sensors.nominal, stripe, between_columns=geometric
         )

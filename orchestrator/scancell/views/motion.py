@@ -97,12 +97,12 @@ class RunMotion:
         self.times = measured.time
         self.exposures = self.times if exposures is None else exposures
         self._axes = np.column_stack([measured.q, measured.table])
-        wanted = {name: _RECORDED.get(name, name) for name in cell.frame_poses(cell.home, 0.0) if name != "world"}
+        wanted = {name: _RECORDED.get(name, name) for name in cell.frame_poses() if name != "world"}
         if recording.has_truth:
             _require_true_poses(recording, wanted.values())
             self._recorded = {name: recording.truth_at_middle(frame) for name, frame in wanted.items()}
         else:
-            frames = cell.frame_poses(measured.q, measured.table)
+            frames = cell.frame_poses(measured.axes)
             self._recorded = {name: np.asarray(frames[name]) for name in wanted}
         self._table_from_part = pose.inverse(self._recorded["table"]) @ self._recorded["part"]
         self._plan = None if program is None else _Plan(program, measured.segment, self._axes)
@@ -135,7 +135,7 @@ class RunMotion:
         if 0.0 < gap <= _CLOSE or time == self.times[after]:
             return between
         axes = self._axes_in_gap(before, after, share, time)
-        nominal = {name: np.asarray(p) for name, p in self._cell.frame_poses(axes[:-1], axes[-1]).items()}
+        nominal = {name: np.asarray(p) for name, p in self._cell.frame_poses(axes).items()}
         carried = {name: p for name, p in between.items() if name.startswith("part[")}
         carried["part"] = nominal["table"] @ _between(self._table_from_part, before, after, share)
         return {**nominal, **carried}

@@ -38,7 +38,7 @@ def _content(run: RecordedRun, colour: ColourBy, threads: int) -> dict[str, Any]
     length = motion.duration - motion.start
     samples = int(np.clip(np.ceil(length / _STEP) + 1, 2, _SAMPLES))
     times = motion.start + np.linspace(0.0, length, samples)
-    frames = list(run.cell.frame_poses(run.cell.home, 0.0))
+    frames = list(run.cell.frame_poses())
     poses = np.array([[at[name] for name in frames] for at in map(motion.frames, times.tolist())])
     flat = np.concatenate([poses[..., :3, 3], pose.quaternion_from_rotation(poses[..., :3, :3])], -1)
     bodies = [

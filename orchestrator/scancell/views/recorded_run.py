@@ -110,9 +110,11 @@ def open_run(folder: str | Path, most_points: int = 200_000) -> RecordedRun:
                 file=folder / _START, key=f"run.{key}", value=made.get(key), expected="a text, as of a scan or program"
             )
     nominal = nominal_cell(setup.cell, _part(folder, made))
+    if setup.scan.belt is not None:
+        nominal = nominal.on_belt()
     cell, estimated = with_unknown_obstacles(nominal, setup.cell), as_estimated(nominal, setup.cell)
     motion = (_motion_of_program if "program" in made else _motion_of_scan)(folder, cell)
-    cloud, count = _cloud(folder / "cloud.ply", estimated, most_points, on_belt=setup.scan.belt is not None)
+    cloud, count = _cloud(folder / "cloud.ply", estimated, most_points)
     return RecordedRun(Path(made["part"] or folder).name, setup, cell, motion, cloud, count)
 
 
@@ -152,7 +154,7 @@ def _part(folder: Path, made: dict[str, Any]) -> Mesh | None:
     return load_part(beside if beside.is_file() and not file.is_file() else file, made["unit"])
 
 
-def _cloud(path: Path, cell: NominalCell, most: int, *, on_belt: bool) -> tuple[Cloud | None, int]:
+def _cloud(path: Path, cell: NominalCell, most: int) -> tuple[Cloud | None, int]:
     """The thinned cloud in the part frame, from any frame of the file, and the number of points there.
 
     The cell is the one that reconstruction assumed, as it was estimated.
@@ -160,10 +162,10 @@ def _cloud(path: Path, cell: NominalCell, most: int, *, on_belt: bool) -> tuple[
     if not path.is_file():
         return None, 0
     frame = next((note.split()[1] for note in read_ply_comments(path) if note.startswith("frame ")), "part")
-    world_from_part = cell.world_from_part_on_belt(0.0) if on_belt else cell.world_from_part(0.0)
+    world_from_part = cell.world_from("part")
     world_from_frame = {
         "part": world_from_part,
-        **({"belt": cell.required_belt().world_from_belt} if on_belt else {"table": cell.world_from_table}),
+        ("table" if cell.support == "table" else "belt"): cell.world_from(cell.support),
         "base": cell.arm.world_from_base,
         "world": np.eye(4),
     }

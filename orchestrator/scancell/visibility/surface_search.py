@@ -69,10 +69,11 @@ class SurfaceSearch:
         self.normals = nominal.part.normals[face]
         self._orientations = orientations()
         self._sides = (1.0,) if nominal.part.is_closed else (1.0, -1.0)
-        frames = nominal.frame_poses(nominal.home, 0.0)
+        frames = nominal.frame_poses(nominal.home)
         table_from_world = pose.inverse(frames["table"])
-        on_table = {"table", *(f"part[{i}]" for i, p in enumerate(nominal.further_parts, 2) if p.carrier == "table")}
-        fixed = {"world", *(f"part[{i}]" for i, p in enumerate(nominal.further_parts, 2) if p.carrier == "world")}
+        further = {f"part[{i}]": nominal.tree.axes_of(f"part[{i}]") for i in range(2, 2 + len(nominal.further_parts))}
+        on_table = {"table", *(frame for frame, axes in further.items() if "table" in axes)}
+        fixed = {"world"} | further.keys() - on_table
         self.obstacles = [nominal.part.transformed(nominal.table_from_part)] + [
             body.mesh.transformed(table_from_world @ frames[body.moves_with]) for body in _bodies(nominal, on_table)
         ]

@@ -66,7 +66,7 @@ class PairMoves:
                 continue
             axes = np.linspace(start, contact, _SAMPLES)
             bound = np.where(pair, _FREE, _APART)
-            near = self._world.scene.distances(self._world.nominal.body_poses(axes[:, :-1], axes[:, -1]), bound, 1)
+            near = self._world.scene.distances(self._world.nominal.body_poses(axes), bound, 1)
             if (near[:, ~pair] >= _APART).all() and (near[0] >= bound).all():
                 return np.asarray(start)
         return None

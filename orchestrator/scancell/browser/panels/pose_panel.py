@@ -76,7 +76,8 @@ class PosePanel:
     def _reference(self) -> Array:
         if self._relative_to.value == _TOOL:
             return self._present()
-        return world_from_frame(self._operator.nominal, self._relative_to.value, self._state.table_angle)
+        axes = [*self._state.joints, self._state.table_angle]
+        return world_from_frame(self._operator.nominal, self._relative_to.value, axes)
 
     def _typed_pose(self) -> Array:
         position, angles = np.array(self._position.value) * 1e-3, np.radians(self._angles.value)

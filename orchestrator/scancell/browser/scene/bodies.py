@@ -76,7 +76,7 @@ class BodyNodes:
         collision_meshes: Mapping[str, Mesh],
     ) -> None:
         self._scene, self._cell, self._collision_meshes = scene, cell, collision_meshes
-        self.names = tuple(cell.frame_poses(cell.home, 0.0))
+        self.names = tuple(cell.frame_poses())
         self._frames = MovedNodes({name: self._add_frame(name) for name in self.names})
         self._labels = [
             scene.add_label(f"/frames/{name}/name", name, position=tip, visible=False, font_screen_scale=0.8)

@@ -92,7 +92,7 @@ class CellScene:
         carried = {body.moves_with: body.name for body in reversed(cell.bodies)}
         self._carried = {name: carried.get(name) for name in self._bodies.names if name != "world"}
         self.options = SceneOptions(self._apply_options)
-        frames = {name: np.asarray(world) for name, world in cell.frame_poses(cell.home, np.array(0.0)).items()}
+        frames = {name: np.asarray(world) for name, world in cell.frame_poses(cell.home).items()}
         self._add_floor(frames)
         self._apply_options()
         self.move(frames)
@@ -140,7 +140,7 @@ class CellScene:
             if axes is None:
                 self._preview_from_body = None
             else:
-                poses = self._cell.body_poses(axes[:-1], axes[-1])
+                poses = self._cell.body_poses(axes)
                 named = zip(self._cell.bodies, poses, strict=True)
                 self._preview_from_body = {body.name: np.asarray(at) for body, at in named}
                 if self._preview is None:
@@ -209,7 +209,7 @@ class CellScene:
         """Poses (4, 4) of all frames: true where a body shows them, else nominal at the measured angles."""
         frames = {name: state.world_from_body[body] for name, body in self._carried.items() if body is not None}
         if len(frames) < len(self._carried):
-            nominal = self._cell.frame_poses(state.joints, np.array(state.table_angle))
+            nominal = self._cell.frame_poses([*state.joints, state.table_angle])
             frames = {name: np.asarray(world) for name, world in nominal.items()} | frames
         return {**frames, "world": np.eye(4)}
 

@@ -227,7 +227,7 @@ class Workspace:
 
 def _over_part(cell: NominalCell, sensor: SensorDescription) -> NDArray[np.float64]:
     """Position (3,) in the base from which a sensor that looks down has the part in the middle of its range, m."""
-    corners = pose.transform_points(cell.world_from_part(0.0), cell.part.vertices)
+    corners = pose.transform_points(cell.world_from("part"), cell.part.vertices)
     middle = (corners.min(0) + corners.max(0)) / 2
     standoff = 0.5e-3 * (sensor.range.near_mm + sensor.range.far_mm)
     above = np.array([middle[0], middle[1], corners[:, 2].max() + standoff])

@@ -320,7 +320,7 @@ class CalibrationScan:
     def _expected_observations(self, found: Candidates) -> Observations:
         """Observations of the nominal sensor from the candidates in the nominal cell, by ideal rays."""
         world, sensor = self.world, self.world.sensors.nominal
-        frames = world.nominal.frame_poses(found.q, found.table)
+        frames = world.nominal.frame_poses(np.column_stack([found.q, found.table]))
         bodies = np.stack([frames[body.moves_with] for body in world.bodies], 1)
         duration, index = np.full(len(found.q), sensor.exposure), np.arange(len(found.q), dtype=np.int64)
         exposures = sensor_rt.Exposures(frames["sensor"][:, None], bodies[:, :, None], duration, index)

@@ -57,7 +57,8 @@ def candidates(
     for _ in range(_ATTEMPTS * count // _BLOCK + 1):
         part_from_sensor = _random_views(cell, _BLOCK, rng)
         table = rng.uniform(-np.pi, np.pi, _BLOCK) if turn_table else np.zeros(_BLOCK)
-        world_from_sensor = cell.nominal.world_from_part(table) @ part_from_sensor
+        at_home = np.column_stack([np.tile(cell.nominal.home, (_BLOCK, 1)), table])
+        world_from_sensor = cell.nominal.world_from("part", at_home) @ part_from_sensor
         solutions = cell.nominal.arm.ik(world_from_sensor @ pose.inverse(cell.nominal.flange_from_sensor))
         # A random one of the configurations that reach the view.
         score = np.where(np.isnan(solutions).any(2), -1.0, rng.uniform(size=solutions.shape[:2]))

@@ -99,13 +99,11 @@ def verified(cell: PlanningCell, options: ScanOptions, made: Plan) -> Plan:
     if not options.verify:
         return made
     segments = made.program.segments
-    poses = cell.nominal.body_poses(
-        np.concatenate([segment.q[::2] for segment in segments]),
-        np.concatenate([segment.table[::2] for segment in segments]),
-    )
+    axes = [np.column_stack([segment.q, segment.table])[::2] for segment in segments]
+    poses = cell.nominal.body_poses(np.concatenate(axes))
     cell.work.doing = "checking the finished plan by python-fcl"
     names = [body.name for body in cell.nominal.bodies]
-    judge = Judge(cell.judged_meshes, names, cell.nominal.body_poses(cell.nominal.home, cell.table_start))
+    judge = Judge(cell.judged_meshes, names, cell.nominal.body_poses([*cell.nominal.home, cell.table_start]))
     for first in range(0, len(poses), _BLOCK):
         block = poses[first : first + _BLOCK]
         cell.work.spend(CONFIGURATION * len(block))

@@ -177,7 +177,7 @@ class ConfigurationMap:
         if not len(row):
             return []
         angle = self.angle(row)
-        poses = self._cell.nominal.body_poses(self.joints(np.full(len(row), column), angle), angle)
+        poses = self._cell.nominal.body_poses(np.column_stack([self.joints(np.full(len(row), column), angle), angle]))
         low, pairs = self._static.clearance[:, 0], self._cell.proximity.pairs
         distance = self._cell.proximity.distances(poses, low, self._cell.threads)
         worst = (low - distance).argmax(1)
@@ -258,7 +258,7 @@ class ConfigurationMap:
     def _factor(self, scene: ProximityScene, limits: Array, power: float | Array, q: Array, angle: Array) -> Array:
         if not len(q) or not len(scene.pairs):
             return np.ones(len(q))
-        poses = self._cell.nominal.body_poses(q, angle)
+        poses = self._cell.nominal.body_poses(np.column_stack([q, angle]))
         distance = scene.distances(poses, limits[:, 1], self._cell.threads)
         factors = constraints.clearance(distance, limits[:, 0], limits[:, 1], power, self._static.printed)
         return np.asarray(factors.prod(-1))
@@ -275,12 +275,9 @@ def _split(cell: PlanningCell, static: StaticConstraints) -> tuple[_Pairs, _Pair
     """Pairs whose distance is the same at every table angle (sensor and table with what they carry), and the others."""
     limits, power = static.clearance, static.clearance_power
     scene, nominal = cell.proximity, cell.nominal
-    last = f"link[{len(nominal.arm.joints)}]"
-    on_flange = {
-        b.name for b in nominal.bodies if b.moves_with in ("sensor", last) or b.moves_with.startswith("finger")
-    }
-    here, turned = (nominal.frame_poses(nominal.home, angle) for angle in (0.0, 1.0))
-    on_table = {b.name for b in nominal.bodies if not np.allclose(here[b.moves_with], turned[b.moves_with])}
+    axes = {body.name: nominal.tree.axes_of(body.moves_with) for body in nominal.bodies}
+    on_flange = {name for name, moving in axes.items() if moving == nominal.arm.tree.axes}
+    on_table = {name for name, moving in axes.items() if "table" in moving}
     fixed = np.array([bool({a, b} & on_flange) and bool({a, b} & on_table) for a, b in scene.pairs], bool)
     pairs = np.array([frozenset(pair) for pair in scene.pairs], object)
 

@@ -212,7 +212,7 @@ class Draws:
     ) -> bool:
         """Whether all pairs keep their `least` distances (pairs,), m, at axes (joints + 1,)."""
         shifts = np.zeros((len(self._world.names), 3)) + shifts
-        poses = shifted(nominal.body_poses(axes[None, :-1], axes[None, -1]), shifts)
+        poses = shifted(nominal.body_poses(axes[None]), shifts)
         return bool((scene.distances(poses, least, 1)[0] >= least - 1e-9).all())
 
     @cached_property
@@ -227,7 +227,7 @@ class Draws:
         apart = np.where(self._world.inner, _FAR_INSIDE, _FAR_OUTSIDE)
         nominal = self._world.carrying(held=True) if self._world.grips else self._world.nominal
         scene = self._carrying_scene(True) if self._world.grips else self._world.scene
-        found = scene.distances(nominal.body_poses(axes[:, :-1], axes[:, -1]), 2 * apart, 1)
+        found = scene.distances(nominal.body_poses(axes), 2 * apart, 1)
         return np.asarray(np.minimum(apart, found.max(0) / 2))
 
     def _carrying_scene(self, held: bool) -> ProximityScene:
@@ -254,7 +254,7 @@ class Draws:
         if key not in self._single:  # the scene is kept, so that its number stays its own
             others = [frozenset(names) for i, names in enumerate(scene.pairs) if i != pair]
             self._single[key] = scene, scene.without(others)
-        poses = shifted(nominal.body_poses(axes[:, :-1], axes[:, -1]), shifts)
+        poses = shifted(nominal.body_poses(axes), shifts)
         return np.asarray(self._single[key][1].distances(poses, np.inf, 1)[:, 0])
 
     def _gap(
@@ -317,7 +317,7 @@ class Draws:
         if not len(apart):
             return shifts
         axes = before[apart[0]][None]
-        poses = nominal.body_poses(axes[:, :-1], axes[:, -1])
+        poses = nominal.body_poses(axes)
         bound = np.where(np.arange(len(scene.pairs)) == pair, np.inf, 0.0)
         first, second = scene.closest_points(poses, bound, 1)[1][0, pair]
         across = (second - first) / np.linalg.norm(second - first)

@@ -270,7 +270,7 @@ class Simulation(Closing):
     def poses(self, record: MotionRecord, kept: NDArray[np.int64], shifts: Array) -> Array:
         """True poses (n, bodies, 4, 4) at samples; bodies are off by `shifts` (bodies, 3), m, in their own frames."""
         nominal = self.world.nominal
-        frames = nominal.frame_poses(record.axes[kept, :-1], record.axes[kept, -1])
+        frames = nominal.frame_poses(record.axes[kept])
         for k, frame in enumerate(self._moving):
             row = record.frames[kept, k]
             placed = np.tile(np.eye(4), (len(row), 1, 1))
@@ -303,7 +303,7 @@ class Simulation(Closing):
 
     def distances(self, pair: NDArray[np.bool_], axes: Array) -> Array:
         """Nominal distances (n,), m, of the one `pair` (pairs,) of those judged at axes (n, joints + 1)."""
-        poses = self.world.nominal.body_poses(axes[:, :-1], axes[:, -1])
+        poses = self.world.nominal.body_poses(axes)
         return np.asarray(self.world.scene.distances(poses, np.where(pair, np.inf, 0.0), 1)[:, pair][:, 0])
 
     def clearances(self, record: MotionRecord, shifts: Array, farthest: ArrayLike = _FAR) -> Array:

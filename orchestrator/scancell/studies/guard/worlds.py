@@ -182,7 +182,7 @@ class World:
         rng = np.random.default_rng(0)
         q, table = rng.uniform(lower, upper, (_RANDOM, len(lower))), rng.uniform(-3.0, 3.0, _RANDOM)
         scene = ProximityScene({body.name: body.mesh for body in self.nominal.bodies}, pairs)
-        farthest = scene.distances(self.nominal.body_poses(q, table), _NEARLY, 1).max(0)
+        farthest = scene.distances(self.nominal.body_poses(np.column_stack([q, table])), _NEARLY, 1).max(0)
         return [pair for pair, distance in zip(pairs, farthest, strict=True) if distance >= _NEARLY]
 
     def _carrier(self, body: Body) -> str:
@@ -199,7 +199,7 @@ class World:
         """Contacts of the judged pairs by python-fcl."""
         meshes, kept = {body.name: body.mesh for body in self.nominal.bodies}, {frozenset(pair) for pair in self.pairs}
         others = [frozenset(pair) for pair in combinations(self.names, 2) if frozenset(pair) not in kept]
-        return Judge(meshes, self.names, self.nominal.body_poses(self.nominal.home, 0.0), others)
+        return Judge(meshes, self.names, self.nominal.body_poses(self.nominal.home), others)
 
     @cached_property
     def inner(self) -> NDArray[np.bool_]:
@@ -218,7 +218,7 @@ class World:
     def carrying(self, held: bool) -> NominalCell:
         """The geometry with the free part in the gripper, as at `start`, or where it lies on the belt."""
         assert self.nominal.belt is not None
-        placed, frame = self.nominal.world_from_part_on_belt(0.0), "world"
+        placed, frame = self.nominal.belt.world_from_belt @ self.nominal.belt.belt_from_part, "world"
         if held:
             placed = pose.inverse(self.nominal.arm.fk(self.start[:-1])) @ placed
             frame = f"link[{len(self.nominal.arm.joints)}]"
@@ -260,7 +260,8 @@ def world_of(described: CellDescription, part: Mesh, name: str, rng: np.random.G
     bodies = list(nominal.bodies)
     if not grips and name in POSTS and rng.random() < 0.5:
         size, centre, angle = POSTS[name]
-        placed_at = nominal.world_from_part(angle * rng.choice([-1.0, 1.0])) @ pose.translation(centre)
+        turned = [*nominal.home, angle * rng.choice([-1.0, 1.0])]
+        placed_at = nominal.world_from("part", turned) @ pose.translation(centre)
         bodies.append(Body("fixed_post", "world", box_mesh(size).transformed(placed_at), Material(0.5)))
     if rng.random() >= _DESCRIBED:
         bodies = [replace(body, mesh=decimated(body.mesh, _FEW_FACES), patches=()) for body in bodies]
