@@ -91,7 +91,11 @@ class Tree:
         names = (WORLD, *self._number) if frames is None else tuple(frames)
         branch = self._branch(names)
         placed = {WORLD: np.eye(4)} | dict(zip(branch.frames, branch.place(q)[1], strict=True))
-        return {name: np.broadcast_to(placed[name], (*q.shape[:-1], 4, 4)) for name in names}
+        shape = (*q.shape[:-1], 4, 4)
+        return {
+            name: placed[name] if placed[name].shape == shape else np.broadcast_to(placed[name], shape).copy()
+            for name in names
+        }
 
     def jacobian(self, frame: str, positions: ArrayLike) -> Array:
         """Geometric Jacobian (..., 6, axes) of the origin of a frame at positions (..., k).
