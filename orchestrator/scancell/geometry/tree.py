@@ -66,6 +66,11 @@ class Joint:
         )
 
 
+def z_along(direction: int) -> Array:
+    """Pose (4, 4) of a joint whose z lies along the coordinate axis `direction`: 0, 1 or 2."""
+    return pose.from_rotation(np.roll(np.eye(3), direction + 1, axis=0))
+
+
 class Tree:
     """Joints, each behind the one that carries it.
 
@@ -102,18 +107,40 @@ class Tree:
 
         Velocity of the origin, then angular velocity, in world axes, per velocity of each axis.
         """
-        q, branch = np.asarray(positions, float), self._branch((frame,))
+        return self.relative(frame, WORLD, positions)[1]
+
+    def relative(self, frame: str, other: str, positions: ArrayLike) -> tuple[Array, Array]:
+        """Pose (..., 4, 4) of a frame in another one, and its Jacobian (..., 6, axes) in there, see `jacobian`.
+
+        Joints that move both frames do not count.
+        """
+        q, branch, paths = (
+            np.asarray(positions, float),
+            self._branch((frame, other)),
+            (self._path(frame), self._path(other)),
+        )
         joints, frames = branch.place(q)
+        world_from = {WORLD: np.eye(4)} | dict(zip(branch.frames, frames, strict=True))
+        at, base = world_from[frame], world_from[other]
         result = np.zeros((*q.shape[:-1], 6, len(self.axes)))
-        if len(branch.moving):
-            at = np.stack(np.broadcast_arrays(*(joints[i] for i in branch.moving)), -3)
-            along = at[..., :3, 2]
-            linear = np.cross(along, frames[-1][..., None, :3, 3] - at[..., :3, 3])
-            slides = branch.slides[:, None]
-            columns = np.concatenate([np.where(slides, along, linear), np.where(slides, 0.0, along)], -1)
-            for k, column in enumerate(branch.column):
-                result[..., column] += columns[..., k, :]
-        return result
+        moving = [
+            (k, i)
+            for k, i in enumerate(branch.moving)
+            if (branch.frames[i] in paths[0]) != (branch.frames[i] in paths[1])
+        ]
+        if moving:
+            rows, numbers = (list(one) for one in zip(*moving, strict=True))
+            joint = np.stack(np.broadcast_arrays(*(joints[i] for i in numbers)), -3)
+            along = joint[..., :3, 2] * [[1.0 if branch.frames[i] in paths[0] else -1.0] for i in numbers]
+            linear = np.cross(along, at[..., None, :3, 3] - joint[..., :3, 3])
+            slides = branch.slides[rows][:, None]
+            columns = np.stack([np.where(slides, along, linear), np.where(slides, 0.0, along)], -2)
+            if other != WORLD:
+                columns = columns @ base[..., None, :3, :3]
+            columns = columns.reshape(*columns.shape[:-2], 6)
+            for k, row in enumerate(rows):
+                result[..., branch.column[row]] += columns[..., k, :]
+        return (at if other == WORLD else pose.inverse(base) @ at), result
 
     def axes_of(self, frame: str) -> tuple[str, ...]:
         """Names of the axes that move a frame, from the world on."""
@@ -135,13 +162,17 @@ class Tree:
         """The joint that carries a frame."""
         return self.joints[self._number[frame]]
 
+    def _path(self, frame: str) -> list[str]:
+        """Frames that carry a frame, from itself to the world."""
+        path = []
+        while frame != WORLD:
+            path.append(frame)
+            frame = self[frame].parent
+        return path
+
     def _branch(self, frames: tuple[str, ...]) -> _Branch:
         if frames not in self._branches:
-            needed: set[int] = set()
-            for frame in frames:
-                while frame != WORLD:
-                    needed.add(self._number[frame])
-                    frame = self[frame].parent  # noqa: PLW2901
+            needed = {self._number[carrier] for frame in frames for carrier in self._path(frame)}
             self._branches[frames] = _Branch([self.joints[i] for i in sorted(needed)], self.axes)
         return self._branches[frames]
 

@@ -24,7 +24,7 @@ from scancell.geometry import pose
 from scancell.geometry.arm import Arm, HeldJoint
 from scancell.geometry.arm import Joint as ArmJoint
 from scancell.geometry.mesh import Mesh, box_mesh, is_stable_pose, load_mesh
-from scancell.geometry.tree import WORLD, Joint, Tree
+from scancell.geometry.tree import WORLD, Joint, Tree, z_along
 from scancell.nominal.gripper import finger_mesh, gripper_from_finger, housing_mesh, start_width
 from scancell.nominal.parts import load_part
 from scancell.nominal.patches import Patch, part_patches
@@ -36,9 +36,6 @@ from scancell.values import Value
 _OF_SPEED, _OF_ACCELERATION = 0.4, 0.3
 
 Array = NDArray[np.float64]
-
-# Of a joint in the frame of a belt, which moves along its x.
-_Z_ALONG_X = np.array([[0.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 _SIDES = 96  # of a platter without a mesh: 0.05 % beyond its radius at the corners
 _PLACEHOLDER = box_mesh((0.01, 0.01, 0.01), "no part")
@@ -271,8 +268,8 @@ class NominalCell(Value):
         )
         for number, world_from_belt in enumerate(self.world_from_conveyors, 1):
             name = f"conveyor[{number}]"
-            ahead = world_from_belt @ _Z_ALONG_X
-            joints.append(Joint(name, WORLD, "prismatic", name, parent_from_joint=ahead, joint_from_frame=_Z_ALONG_X.T))
+            along = z_along(0)  # a belt moves along its x
+            joints.append(Joint(name, WORLD, "prismatic", name, 0.0, world_from_belt @ along, along.T))
         joints.append(Joint("part", self.support, parent_from_joint=self.support_from_part))
         for number, further in enumerate(self.further_parts, 2):
             joints.append(Joint(f"part[{number}]", further.carrier, parent_from_joint=further.carrier_from_part))

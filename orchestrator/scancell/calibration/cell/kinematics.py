@@ -8,15 +8,17 @@ general tilt of an axis that repeats with every revolution.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scancell.cell.recording import later
-from scancell.geometry import pose
 from scancell.geometry.chain import Chain
+from scancell.geometry.tree import Joint, Tree, z_along
 
 Array = NDArray[np.float64]
 
@@ -25,6 +27,10 @@ TABLE = tuple(f"table.{name}" for name in ("x", "y", "rx", "ry"))
 PLATTER = ("platter.x", "platter.y")
 UNIT = 1e-3  # of unknowns in normal equations and of directions: mm, mrad, ms
 
+# Coordinate axes along which and about which a frame is moved.
+_XYZ = _X, _Y, _Z, _RX, _RY, _RZ = range(6)
+_DH = {"theta": _RZ, "a": _X, "d": _Z, "alpha": _RX, "beta": _RY}
+_FLANGE = {f"flange.{name}": direction for direction, name in enumerate(("x", "y", "z", "rx", "ry", "rz"))}
 _TILTS = ("rx", "ry")
 WOBBLE = tuple(f"table.wobble_{axis}_{part}" for axis in _TILTS for part in ("cos", "sin"))
 LATENCY = "trigger.latency"
@@ -100,30 +106,6 @@ class SensorPoses:
     flange: Array
 
 
-@dataclass
-class _Walk:
-    """A frame that is moved on by elementary transforms; keeps the screw of each in the world."""
-
-    world_from_frame: Array
-    screws: dict[str, Array] = field(default_factory=dict)
-
-    def move(self, frame_from_next: Array) -> None:
-        self.world_from_frame = self.world_from_frame @ frame_from_next
-
-    def translate(self, axis: int, amount: float, name: str) -> None:
-        direction = self.world_from_frame[:, :3, axis]
-        self.screws[name] = np.hstack([direction, np.zeros_like(direction)])
-        step = np.eye(4)
-        step[axis, 3] = amount
-        self.move(step)
-
-    def rotate(self, axis: int, angle: Array | float, name: str = "") -> None:
-        if name:
-            direction, origin = self.world_from_frame[:, :3, axis], self.world_from_frame[:, :3, 3]
-            self.screws[name] = np.hstack([np.cross(origin, direction), direction])
-        self.move(pose.from_rotation(pose.rotation_about(axis, angle)))
-
-
 @dataclass(frozen=True)
 class CellKinematics:
     """Nominal geometry of arm, tool and table; poses (4, 4), m."""
@@ -135,7 +117,7 @@ class CellKinematics:
     @property
     def names(self) -> tuple[str, ...]:
         """All deviations."""
-        joints = joint_names(len(self.arm.joints), "theta", "d", "a", "alpha", "beta")
+        joints = joint_names(len(self.arm.joints), *_DH)
         return (*TOOL, *TABLE, *PLATTER, *WOBBLE, *joints, LATENCY)
 
     def poses(self, readings: AxisReadings, deviations: Mapping[str, float]) -> SensorPoses:
@@ -153,84 +135,71 @@ class CellKinematics:
         latency = value[LATENCY]
         qd = readings.qd + latency * readings.qdd
         table_rate = readings.table_rate + latency * readings.table_acceleration
-        if readings.flange is None:
-            arm = self._flange(readings.q + latency * (readings.qd + qd) / 2, value)
-        else:
-            arm = _Walk(self.arm.world_from_base @ readings.flange)
-        self._sensor(arm, value)
         angle = readings.table + latency * (readings.table_rate + table_rate) / 2
-        table = self._platter(angle, value)
-        world_from_platter = table.world_from_frame
-        flange = _flange_screws(arm.screws.pop("flange"))
-        # A platter that moves one way moves what is fixed to the world the other way.
-        screws = {**arm.screws, **{name: -screw for name, screw in table.screws.items()}}
-        named = dict(zip(screws, _in_frame(world_from_platter, np.stack(list(screws.values()))), strict=True))
-        thetas = joint_names(readings.q.shape[1], "theta")
-        joints = np.stack([named[name] for name in thetas], -1) if thetas else np.zeros((len(readings), 6, 0))
-        tilts, turn = {name: named.pop(name) for name in _TILTS}, named.pop("table")
-        for name, tilt in tilts.items():
-            cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
+        cosine, sine = np.cos(angle), np.sin(angle)
+        position: dict[str, Array | float] = {**value, "table": angle}
+        for name in _TILTS:
             along, across = value[f"table.wobble_{name}_cos"], value[f"table.wobble_{name}_sin"]
-            named[f"table.wobble_{name}_cos"], named[f"table.wobble_{name}_sin"] = tilt * cosine, tilt * sine
-            turn = turn + tilt * (across * cosine - along * sine)
+            position[f"wobble.{name}"] = along * cosine + across * sine
+        thetas = joint_names(readings.q.shape[1], "theta")
+        q = readings.q + latency * (readings.qd + qd) / 2
+        position |= {name: q[:, i] + value[name] for i, name in enumerate(thetas)}
+
+        tree = self._tree if readings.flange is None else self._tree_behind(readings.flange)
+        positions = np.stack([np.broadcast_to(position.get(axis, 0.0), len(readings)) for axis in tree.axes], -1)
+        platter_from_sensor, screws = tree.relative("sensor", "platter", positions)
+        # From the velocity of the sensor's origin to that of the point at the platter's.
+        screws[:, :3] += np.cross(platter_from_sensor[:, :3, 3:], screws[:, 3:], axis=1)
+        named = dict(zip(tree.axes, np.moveaxis(screws, -1, 0), strict=True))
+        turn = named.pop("table")
+        for name in _TILTS:
+            tilt = named.pop(f"wobble.{name}")
+            along, across = value[f"table.wobble_{name}_cos"], value[f"table.wobble_{name}_sin"]
+            for part, share in (("cos", cosine), ("sin", sine)):
+                named[f"table.wobble_{name}_{part}"] = tilt * share[:, None]
+            turn = turn + tilt * (across * cosine - along * sine)[:, None]
+        joints = np.stack([named[name] for name in thetas], -1) if thetas else np.zeros((len(readings), 6, 0))
         named[LATENCY] = np.einsum("nij,nj->ni", joints, qd) + turn * table_rate[:, None]
-        return SensorPoses(
-            platter_from_sensor=pose.inverse(world_from_platter) @ arm.world_from_frame,
-            deviations=named,
-            joints=joints,
-            table=turn,
-            flange=np.moveaxis(_in_frame(world_from_platter, flange), 0, -1),
-        )
+        flange = np.stack([named.pop(name) for name in _FLANGE], -1)
+        return SensorPoses(platter_from_sensor, named, joints, turn, flange)
 
-    def _flange(self, q: Array, value: Mapping[str, float]) -> _Walk:
-        walk = _Walk(np.broadcast_to(self.arm.world_from_base, (len(q), 4, 4)))
-        for i, joint in enumerate(self.arm.joints):
-            row = f"dh[{i + 1}]."
-            walk.rotate(2, q[:, i] + joint.theta + value[row + "theta"], row + "theta")
-            walk.translate(0, joint.a + value[row + "a"], row + "a")
-            walk.translate(2, joint.d + value[row + "d"], row + "d")
-            walk.rotate(0, joint.alpha + value[row + "alpha"], row + "alpha")
-            walk.rotate(1, joint.beta + value[row + "beta"], row + "beta")
-        return walk
+    @cached_property
+    def _tree(self) -> Tree:
+        """The tree whose axes are the deviations, among which those of theta are the joints, and the table."""
+        steps: list[tuple[str, int]] = []
+        nominal: list[float] = []
+        for number, joint in enumerate(self.arm.joints, 1):
+            steps += [(f"dh[{number}].{name}", direction) for name, direction in _DH.items()]
+            nominal += [getattr(joint, name) for name in _DH]
+        return self._tree_behind(self.arm.world_from_base, *_elementary("base", steps, nominal))
 
-    def _sensor(self, walk: _Walk, value: Mapping[str, float]) -> None:
-        """Go on from the flange to the sensor."""
-        walk.screws["flange"] = walk.world_from_frame
-        walk.move(self.flange_from_sensor)
-        for axis, name in enumerate(TOOL[:3]):
-            walk.translate(axis, value[name], name)
-        for axis, name in enumerate(TOOL[3:]):
-            walk.rotate(axis, value[name], name)
-
-    def _platter(self, angle: Array, value: Mapping[str, float]) -> _Walk:
-        walk = _Walk(np.broadcast_to(self.world_from_table, (len(angle), 4, 4)))
-        for axis, name in enumerate(TABLE[:2]):
-            walk.translate(axis, value[name], name)
-        for axis, name in enumerate(TABLE[2:]):
-            walk.rotate(axis, value[name], name)
-        for axis, name in enumerate(_TILTS):
-            tilt = value[f"table.wobble_{name}_cos"] * np.cos(angle) + value[f"table.wobble_{name}_sin"] * np.sin(angle)
-            walk.rotate(axis, tilt, name)
-        walk.rotate(2, angle, "table")
-        for axis, name in enumerate(PLATTER):
-            walk.translate(axis, value[name], name)
-        return walk
+    def _tree_behind(self, world_from_base: Array, *arm: Joint) -> Tree:
+        """The tree of joints of an arm at `world_from_base` (..., 4, 4), of the tool behind it, and of the table."""
+        base = Joint("base", parent_from_joint=world_from_base)
+        flange = _elementary([base, *arm][-1].frame, list(_FLANGE.items()))
+        sensor = Joint("nominal sensor", flange[-1].frame, parent_from_joint=self.flange_from_sensor)
+        tool = _elementary(sensor.frame, list(zip(TOOL, _XYZ, strict=True)))
+        table = Joint("nominal table", parent_from_joint=self.world_from_table)
+        of_table = [
+            *zip(TABLE, (_X, _Y, _RX, _RY), strict=True),
+            ("wobble.rx", _RX),
+            ("wobble.ry", _RY),
+            ("table", _RZ),
+        ]
+        platter = _elementary(table.frame, [*of_table, *zip(PLATTER, (_X, _Y), strict=True)])
+        ends = [Joint("sensor", tool[-1].frame), Joint("platter", platter[-1].frame)]
+        return Tree([base, *arm, *flange, sensor, *tool, table, *platter, *ends])
 
 
-def _flange_screws(world_from_flange: Array) -> Array:
-    """Screws (6, n, 6) of translations along the axes of the flange, and rotations about them."""
-    axes, origin = np.moveaxis(world_from_flange[:, :3, :3], -1, 0), world_from_flange[:, :3, 3]
-    translations = np.concatenate([axes, np.zeros_like(axes)], -1)
-    return np.concatenate([translations, np.concatenate([np.cross(origin, axes), axes], -1)])
-
-
-def _in_frame(world_from_frame: Array, screws: Array) -> Array:
-    """Screws (..., n, 6) of the world in a frame (n, 4, 4)."""
-    velocity, rate = screws[..., :3], screws[..., 3:]
-    rotation = world_from_frame[:, :3, :3]
-    velocity = velocity + np.cross(rate, world_from_frame[:, :3, 3])
-    turned = [np.einsum("nji,...nj->...ni", rotation, one) for one in (velocity, rate)]
-    return np.concatenate(turned, -1)
+def _elementary(parent: str, steps: Sequence[tuple[str, int]], zeros: Sequence[float] = ()) -> list[Joint]:
+    """Joints one behind another, each named like its axis, along and about the coordinate axes."""
+    joints = []
+    for (name, direction), zero in zip(steps, zeros or [0.0] * len(steps), strict=True):
+        kind: Literal["prismatic", "revolute"] = "prismatic" if direction < 3 else "revolute"
+        turned = z_along(direction % 3)
+        joints.append(Joint(name, parent, kind, name, zero, turned, turned.T))
+        parent = name
+    return joints
 
 
 def written_unit(name: str) -> tuple[str, float]:
