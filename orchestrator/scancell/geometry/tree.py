@@ -76,27 +76,40 @@ class Tree:
 
     Positions of the axes are arrays (..., k) in the order of `axes`; axes that they do not state are at 0.
 
-    Attributes
+    Parameters
     ----------
     joints
         All joints.
     axes
-        Names of the axes, in the order of their joints.
+        Names of the axes, by default in the order of their joints.
     """
 
-    def __init__(self, joints: Iterable[Joint]) -> None:
+    def __init__(self, joints: Iterable[Joint], axes: Sequence[str] = ()) -> None:
         self.joints = tuple(joints)
-        self.axes = tuple(dict.fromkeys(joint.axis for joint in self.joints if joint.kind != "fixed"))
-        self._number = {joint.frame: number for number, joint in enumerate(self.joints)}
-        self._branches: dict[tuple[str, ...], _Branch] = {}
+        self.axes = tuple(axes or dict.fromkeys(joint.axis for joint in self.joints if joint.axis))
+        self._number = {joint.frame: i for i, joint in enumerate(self.joints)}
+        self._parts: dict[tuple[str, ...], Tree] = {}
+        self._parents = [self._number.get(joint.parent) for joint in self.joints]
+        self._before, self._behind = (
+            [None if np.array_equal(getattr(joint, name), np.eye(4)) else getattr(joint, name) for joint in self.joints]
+            for name in ("parent_from_joint", "joint_from_frame")
+        )
+        moving = [joint for joint in self.joints if joint.axis]
+        self._moving = [i for i, joint in enumerate(self.joints) if joint.axis]
+        self._columns = [self.axes.index(joint.axis) for joint in moving]
+        self._slides = np.array([joint.kind == "prismatic" for joint in moving], bool)
+        self._zero = np.array([joint.zero for joint in moving])
+        self._moved_behind = np.reshape([joint.joint_from_frame for joint in moving], (-1, 4, 4))
+
+    def __getitem__(self, frame: str) -> Joint:
+        """The joint that carries a frame."""
+        return self.joints[self._number[frame]]
 
     def place(self, positions: ArrayLike = (), frames: Sequence[str] | None = None) -> dict[str, Array]:
         """Poses ``world_from_frame`` (..., 4, 4) by name of `frames`, or of all, at positions (..., k)."""
         q = np.asarray(positions, float)
         names = (WORLD, *self._number) if frames is None else tuple(frames)
-        branch = self._branch(names)
-        placed = {WORLD: np.eye(4)} | dict(zip(branch.frames, branch.place(q)[1], strict=True))
-        shape = (*q.shape[:-1], 4, 4)
+        placed, shape = self._part(names)._placed(q)[1], (*q.shape[:-1], 4, 4)
         return {
             name: placed[name] if placed[name].shape == shape else np.broadcast_to(placed[name], shape).copy()
             for name in names
@@ -110,42 +123,33 @@ class Tree:
         return self.relative(frame, WORLD, positions)[1]
 
     def relative(self, frame: str, other: str, positions: ArrayLike) -> tuple[Array, Array]:
-        """Pose (..., 4, 4) of a frame in another one, and its Jacobian (..., 6, axes) in there, see `jacobian`.
-
-        Joints that move both frames do not count.
-        """
-        q, branch, paths = (
-            np.asarray(positions, float),
-            self._branch((frame, other)),
-            (self._path(frame), self._path(other)),
-        )
-        joints, frames = branch.place(q)
-        world_from = {WORLD: np.eye(4)} | dict(zip(branch.frames, frames, strict=True))
-        at, base = world_from[frame], world_from[other]
+        """Pose (..., 4, 4) of a frame in another one, and its Jacobian (..., 6, axes) in there, see `jacobian`."""
+        q, part = np.asarray(positions, float), self._part((frame, other))
+        joints, placed = part._placed(q)
+        at, base = placed[frame], placed[other]
+        one, two = (part._part((end,))._number for end in (frame, other))
         result = np.zeros((*q.shape[:-1], 6, len(self.axes)))
+        # Joints that move both frames do not count.
         moving = [
-            (k, i)
-            for k, i in enumerate(branch.moving)
-            if (branch.frames[i] in paths[0]) != (branch.frames[i] in paths[1])
+            k for k, i in enumerate(part._moving) if (part.joints[i].frame in one) != (part.joints[i].frame in two)
         ]
         if moving:
-            rows, numbers = (list(one) for one in zip(*moving, strict=True))
-            joint = np.stack(np.broadcast_arrays(*(joints[i] for i in numbers)), -3)
-            along = joint[..., :3, 2] * [[1.0 if branch.frames[i] in paths[0] else -1.0] for i in numbers]
-            linear = np.cross(along, at[..., None, :3, 3] - joint[..., :3, 3])
-            slides = branch.slides[rows][:, None]
-            columns = np.stack([np.where(slides, along, linear), np.where(slides, 0.0, along)], -2)
-            if other != WORLD:
-                columns = columns @ base[..., None, :3, :3]
-            columns = columns.reshape(*columns.shape[:-2], 6)
-            for k, row in enumerate(rows):
-                result[..., branch.column[row]] += columns[..., k, :]
-        return (at if other == WORLD else pose.inverse(base) @ at), result
+            numbers = [part._moving[k] for k in moving]
+            before = np.stack(np.broadcast_arrays(*(joints[i] for i in numbers)), -3)
+            along = before[..., :3, 2] * [[1.0 if part.joints[i].frame in one else -1.0] for i in numbers]
+            linear, slides = np.cross(along, at[..., None, :3, 3] - before[..., :3, 3]), part._slides[moving, None]
+            columns = np.concatenate([np.where(slides, along, linear), np.where(slides, 0.0, along)], -1)
+            for k, number in enumerate(moving):
+                result[..., part._columns[number]] += columns[..., k, :]
+        if other == WORLD:
+            return at, result
+        turn = np.swapaxes(base[..., :3, :3], -1, -2)
+        result[..., :3, :], result[..., 3:, :] = turn @ result[..., :3, :], turn @ result[..., 3:, :]
+        return pose.inverse(base) @ at, result
 
     def axes_of(self, frame: str) -> tuple[str, ...]:
         """Names of the axes that move a frame, from the world on."""
-        branch = self._branch((frame,))
-        return tuple(dict.fromkeys(branch.joints[i].axis for i in branch.moving))
+        return tuple(dict.fromkeys(joint.axis for joint in self._part((frame,)).joints if joint.axis))
 
     def carrier_of(self, frame: str, axes: Collection[str]) -> tuple[str, Array]:
         """The frame behind the last joint by which `axes` move a frame, or the world, and the pose (4, 4) in it.
@@ -158,82 +162,42 @@ class Tree:
             frame = self[frame].parent
         return frame, carrier_from_frame
 
-    def __getitem__(self, frame: str) -> Joint:
-        """The joint that carries a frame."""
-        return self.joints[self._number[frame]]
+    def _part(self, frames: tuple[str, ...]) -> Tree:
+        """The joints that carry some frames."""
+        if frames not in self._parts:
+            needed: set[str] = set()
+            for frame in frames:
+                while frame != WORLD:
+                    needed.add(frame)
+                    frame = self[frame].parent  # noqa: PLW2901
+            self._parts[frames] = Tree([joint for joint in self.joints if joint.frame in needed], self.axes)
+        return self._parts[frames]
 
-    def _path(self, frame: str) -> list[str]:
-        """Frames that carry a frame, from itself to the world."""
-        path = []
-        while frame != WORLD:
-            path.append(frame)
-            frame = self[frame].parent
-        return path
-
-    def _branch(self, frames: tuple[str, ...]) -> _Branch:
-        if frames not in self._branches:
-            needed = {self._number[carrier] for frame in frames for carrier in self._path(frame)}
-            self._branches[frames] = _Branch([self.joints[i] for i in sorted(needed)], self.axes)
-        return self._branches[frames]
-
-
-class _Branch:
-    """The joints that carry some frames, with what their poses need ready."""
-
-    def __init__(self, joints: Sequence[Joint], axes: Sequence[str]) -> None:
-        self.joints, self.frames = joints, [joint.frame for joint in joints]
-        number = {frame: i for i, frame in enumerate(self.frames)}
-        self._parents = [number.get(joint.parent) for joint in joints]
-        self._before = [None if _is_identity(joint.parent_from_joint) else joint.parent_from_joint for joint in joints]
-        self._behind = [None if _is_identity(joint.joint_from_frame) else joint.joint_from_frame for joint in joints]
-        self._tilted = [any(joint.wobble) for joint in joints]
-        self.moving = [i for i, joint in enumerate(joints) if joint.kind != "fixed"]
-        moved = [joints[i] for i in self.moving]
-        self.column = np.array([axes.index(joint.axis) for joint in moved], np.intp)
-        self.slides = np.array([joint.kind == "prismatic" for joint in moved], bool)
-        self._zero = np.array([joint.zero for joint in moved])
-        self._moved_behind = np.array([joint.joint_from_frame for joint in moved]).reshape(-1, 4, 4)
-
-    def place(self, q: Array) -> tuple[list[Array], list[Array]]:
+    def _placed(self, q: Array) -> tuple[list[Array], dict[str, Array]]:
         """Poses of the joints before their motion, and of the frames; those that no axis moves are (4, 4)."""
-        positions = self._positions(q)
-        steps = self._steps(positions)
-        before: list[Array] = []
-        frames: list[Array] = []
-        moved = 0
-        for i, parent in enumerate(self._parents):
-            at = None if parent is None else frames[parent]
-            at = _joined(at, self._before[i])
-            moves = self.joints[i].kind != "fixed"
-            if moves and self._tilted[i]:
-                at = _joined(at, self.joints[i].tilt(positions[..., moved]))
-            before.append(np.eye(4) if at is None else at)
-            at = _joined(at, steps[..., moved, :, :] if moves else self._behind[i])
-            frames.append(np.eye(4) if at is None else at)
-            moved += moves
-        return before, frames
-
-    def _positions(self, q: Array) -> Array:
-        """Positions (..., moving) of the joints, rad or m."""
-        stated = self.column < q.shape[-1]
-        if stated.all():
-            return np.asarray(q[..., self.column] + self._zero)
-        positions = np.zeros((*q.shape[:-1], len(self.column)))
-        positions[..., stated] = q[..., self.column[stated]]
-        return np.asarray(positions + self._zero)
-
-    def _steps(self, positions: Array) -> Array:
-        """Poses (..., moving, 4, 4) of the frames on the joints before their motion."""
+        stated = np.array(self._columns, int) < q.shape[-1]
+        positions = np.zeros((*q.shape[:-1], len(stated)))
+        positions[..., stated] = q[..., np.array(self._columns, int)[stated]]
+        positions += self._zero
         motion = np.zeros((*positions.shape, 4, 4))
         motion[..., range(4), range(4)] = 1.0
-        turns = ~self.slides
-        motion[..., turns, :3, :3] = pose.rotation_about(2, positions[..., turns])
-        motion[..., self.slides, 2, 3] = positions[..., self.slides]
-        return np.asarray(motion @ self._moved_behind)
-
-
-def _is_identity(matrix: Array) -> bool:
-    return bool(np.array_equal(matrix, np.eye(4)))
+        motion[..., ~self._slides, :3, :3] = pose.rotation_about(2, positions[..., ~self._slides])
+        motion[..., self._slides, 2, 3] = positions[..., self._slides]
+        steps = iter(np.moveaxis(motion @ self._moved_behind, -3, 0))
+        angles = iter(np.moveaxis(positions, -1, 0))
+        joints: list[Array] = []
+        frames: list[Array | None] = []
+        for i, joint in enumerate(self.joints):
+            parent = self._parents[i]
+            at = _joined(None if parent is None else frames[parent], self._before[i])
+            if joint.axis:
+                angle = next(angles)
+                at = _joined(at, joint.tilt(angle)) if any(joint.wobble) else at
+            joints.append(np.eye(4) if at is None else at)
+            frames.append(_joined(at, next(steps) if joint.axis else self._behind[i]))
+        names = (joint.frame for joint in self.joints)
+        placed = (np.eye(4) if at is None else at for at in frames)
+        return joints, {WORLD: np.eye(4)} | dict(zip(names, placed, strict=True))
 
 
 def _joined(first: Array | None, second: Array | None) -> Array | None:
