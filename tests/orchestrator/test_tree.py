@@ -6,11 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cells import cell_file
 from scipy.spatial.transform import Rotation
 
-import scancell
+from scancell import DescriptionError, Scanner, assets_dir, cell_json, load_part, load_setup, nominal_cell
 from scancell.geometry import pose
+from scancell.geometry.mesh import box_mesh
 from scancell.geometry.tree import Joint, Tree
+from scancell.proximity.motion_bounds import MotionBounds
 
 KINDS = ("fixed", "revolute", "prismatic")
 
@@ -110,8 +113,8 @@ def test_axis_of_a_wobbling_table_is_tilted_with_its_angle() -> None:
 
 
 def test_axes_of_cells_are_joints_table_and_conveyors() -> None:
-    setup = scancell.load_setup(scancell.assets_dir() / "cells/pick_and_place.toml")
-    cell = scancell.nominal_cell(setup.cell, scancell.load_part(scancell.assets_dir() / "parts/step_block.stl"))
+    setup = load_setup(assets_dir() / "cells/pick_and_place.toml")
+    cell = nominal_cell(setup.cell, load_part(assets_dir() / "parts/step_block.stl"))
     joints = tuple(f"joint[{i}]" for i in range(1, 7))
     assert cell.tree.axes == (*joints, "table", "conveyor[1]")
     assert cell.axes == (*joints, "table")
@@ -123,3 +126,88 @@ def test_axes_of_cells_are_joints_table_and_conveyors() -> None:
     along = riding.world_from("conveyor[1]")[:3, 0]
     assert moved[1][:3, 3] - moved[0][:3, 3] == pytest.approx(0.25 * along, abs=1e-15)
     assert np.array_equal(moved[0][:3, :3], moved[1][:3, :3])
+
+
+# A track along world y that carries the arm, a second sensor on the carriage, and the part on the flange.
+GANTRY = """
+[[axis]]
+name = "track"
+kind = "prismatic"
+pose = { x_mm = 100.0, z_mm = 50.0, rx_deg = -90.0 }
+
+[[further_sensor]]
+moves_with = "track"
+pose = { x_mm = 10.0, y_mm = 20.0, z_mm = 30.0 }
+"""
+ON_TRACK = ['cell.robot.moves_with="track"', 'cell.part.moves_with="flange"', "cell.part.z_mm=5"]
+PLATE = box_mesh((0.06, 0.04, 0.01), "plate")
+
+
+def test_prismatic_axis_second_sensor_and_part_on_the_flange_are_placed_in_closed_form(tmp_path) -> None:
+    setup = load_setup(cell_file(tmp_path, GANTRY), settings=ON_TRACK)
+    cell = nominal_cell(setup.cell, PLATE)
+    assert cell.tree.axes == (*(f"joint[{i}]" for i in range(1, 7)), "table", "track")
+    q, table, travel = np.radians([20, -60, 150, 10, -40, 70]), 0.3, 0.7
+    frames = cell.frame_poses([*q, table, travel])
+
+    # The z axis of the track is turned to +y, its x stays: the carriage is at (100, travel, 50) mm.
+    turned = Rotation.from_euler("x", -90, degrees=True)
+    carriage = np.array([0.1, travel, 0.05])
+    assert frames["sensor[2]"][:3, 3] == pytest.approx(carriage + turned.apply([0.01, 0.02, 0.03]), abs=1e-12)
+    base = setup.cell.robot.base
+    at, turn = np.array([base.x_mm, base.y_mm, base.z_mm]) * 1e-3, turned
+    at = carriage + turn.apply(at)
+    for joint, angle in zip(setup.cell.robot.joint, q, strict=True):
+        turn = turn * Rotation.from_euler("z", angle + np.radians(joint.theta_deg))
+        at = at + turn.apply([1e-3 * joint.a_mm, 0.0, 1e-3 * joint.d_mm])
+        turn = turn * Rotation.from_euler("x", joint.alpha_deg, degrees=True)
+    assert frames["link[6]"][:3, 3] == pytest.approx(at, abs=1e-12)
+    # The plate lies with its lowest point 5 mm before the flange.
+    assert frames["part"][:3, 3] == pytest.approx(at + turn.apply([0.0, 0.0, 0.005 + 0.005]), abs=1e-12)
+    assert frames["part"][:3, :3] == pytest.approx(turn.as_matrix(), abs=1e-12)
+    poses = dict(zip((body.name for body in cell.bodies), cell.body_poses([*q, table, travel]), strict=True))
+    (mesh,) = (body.mesh for body in cell.bodies if body.name == "base")
+    at_rest = load_setup().cell
+    (standing,) = (body.mesh for body in nominal_cell(at_rest, None).bodies if body.name == "base")
+    moved = pose.transform_points(poses["base"], mesh.vertices)
+    assert moved == pytest.approx(carriage + turned.apply(standing.vertices.copy()), abs=1e-9)
+    assert frames["table"][:3, 3] == pytest.approx(cell.world_from_table[:3, 3])
+
+
+def test_cells_that_are_placed_alone_are_refused_by_what_moves_them(tmp_path) -> None:
+    file = cell_file(tmp_path, GANTRY)
+    for words, key in ((ON_TRACK, r"cell\.axis"), (['cell.part.moves_with="flange"'], r"cell\.axis")):
+        setup = load_setup(file, settings=words)
+        cell = nominal_cell(setup.cell, PLATE)
+        for refusing in (
+            lambda cell=cell, setup=setup: cell_json(setup.cell, cell, 0),
+            lambda cell=cell: MotionBounds(cell, []),
+            lambda setup=setup: Scanner(setup=setup).scan(PLATE, engine="geometric"),
+        ):
+            with pytest.raises(DescriptionError, match=rf"{key} = 'track': is placed by kinematics alone"):
+                refusing()
+    setup = load_setup(settings=['cell.part.moves_with="flange"'])
+    with pytest.raises(DescriptionError, match=r"cell\.part\.moves_with = 'flange'"):
+        Scanner(setup=setup).scan(PLATE, engine="geometric")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (['cell.robot.moves_with="rail"'], r"robot\.moves_with = 'rail': expected world, table, .*track"),
+        (
+            ['cell.robot.moves_with="link[2]"'],
+            r"robot\.moves_with = 'link\[2\]': expected what does not move with itself",
+        ),
+        (
+            ['cell.robot.moves_with="track"', 'cell.axis[1].moves_with="link[6]"'],
+            "expected what does not move with itself",
+        ),
+        (['cell.axis[1].name="table"'], "expected a name of no other frame or column"),
+        (['cell.axis[1].name="q7"'], "expected a name of no other frame or column"),
+        (['cell.axis[1].name="Track 1"'], "axis"),
+    ],
+)
+def test_carriers_that_do_not_exist_or_carry_themselves_are_refused(tmp_path, words, message) -> None:
+    with pytest.raises(DescriptionError, match=message):
+        load_setup(cell_file(tmp_path, GANTRY), settings=words)

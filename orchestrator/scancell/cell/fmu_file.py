@@ -84,6 +84,7 @@ def cell_json(
     >>> len(description["robot"]["joints"]), description["controller_cycle_us"]
     (6, 16000)
     """
+    nominal.require_simulated()
     robot = [to_si(joint.model_dump(exclude={"mesh", "drive", "inertia"})) for joint in cell.robot.joint]
     for joint, start in zip(robot, nominal.home, strict=True):
         joint["start"] = float(start)

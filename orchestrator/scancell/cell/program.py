@@ -100,7 +100,7 @@ class Program(Value):
 
     @property
     def start(self) -> NDArray[np.float64]:
-        """Joints and table angle (joints + 1,), rad, at which it starts."""
+        """Joints and table angle (axes,), rad, at which it starts."""
         first = self.segments[0]
         return np.append(first.q[0], first.table[0])
 

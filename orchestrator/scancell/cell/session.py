@@ -144,12 +144,12 @@ class CellSession:
 
     @property
     def commanded(self) -> Array:
-        """Joints and table angle (joints + 1,) that the controller commands while the robot rests, rad."""
+        """Joints and table angle (axes,) that the controller commands while the robot rests, rad."""
         return self._cell.get(self._cell.path_ahead(1))[: self._position.count].copy()
 
     @property
     def destination(self) -> Array:
-        """Target of the running or last motion: joints and table angle (joints + 1,), rad."""
+        """Target of the running or last motion: joints and table angle (axes,), rad."""
         return self._cell.get(self._destination).copy()
 
     def world_from_tool(self, tool: Tool = "sensor") -> Array:
@@ -319,7 +319,7 @@ class CellSession:
 
     @checked_arguments
     def start_jog_joints(self, deflections: Deflections) -> None:
-        """Start to jog joints and table: `deflections` (at most joints + 1,) -1 to 1, the others are 0.
+        """Start to jog joints and table: `deflections` (at most axes,) -1 to 1, the others are 0.
 
         Raises
         ------
@@ -549,7 +549,7 @@ class CellSession:
     def jog_joints(self, deflections: ArrayLike, duration: float) -> None:
         """Jog joints and table by hand for `duration`, s, then come to rest; needs manual operation.
 
-        `deflections`, at most (joints + 1,), are -1 to 1 of the speed that the description allows each axis by hand;
+        `deflections`, at most (axes,), are -1 to 1 of the speed that the description allows each axis by hand;
         those that are missing are 0.
 
         Raises

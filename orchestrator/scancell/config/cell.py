@@ -36,7 +36,14 @@ from scancell.config.devices import (
     check_soft,
 )
 from scancell.config.estimated import EstimatedDescription
-from scancell.config.frames import FrameDescription, TcpDescription, check_names
+from scancell.config.frames import (
+    AxisDescription,
+    FrameDescription,
+    FurtherSensorDescription,
+    TcpDescription,
+    check_carriers,
+    check_names,
+)
 from scancell.config.gripper import GripperDescription
 from scancell.config.light import LightDescription
 from scancell.config.material import MaterialDescription
@@ -137,6 +144,11 @@ class PartDescription(Description):
 
     fixture: Literal["clamped", "free"] = Field(
         default="clamped", description="clamped: rigid on the platter; free: held by gravity and friction"
+    )
+    moves_with: Literal["table", "flange"] = Field(
+        default="table",
+        description="what carries the part: the table, or the flange, whose frame replaces that of the table; a part on"
+        " the flange is placed, but not scanned yet",
     )
     x_mm: Coordinate = Field(default=0.0, description="bounding-box centre along x of the table frame, mm")
     y_mm: Coordinate = Field(default=0.0, description="bounding-box centre along y of the table frame, mm")
@@ -245,6 +257,10 @@ class CellDescription(FileDescription):
         default=(), description="rigid bodies fixed in the world or on the table"
     )
     gripper: GripperDescription | None = Field(default=None, description="gripper on the flange; default: none")
+    axis: tuple[AxisDescription, ...] = Field(default=(), description="axes beside the joints and the table")
+    further_sensor: tuple[FurtherSensorDescription, ...] = Field(
+        default=(), description="sensors beside that of the tool, numbered from sensor[2]"
+    )
     tcp: tuple[TcpDescription, ...] = Field(default=(), description="named tool centre points on the flange")
     frame: tuple[FrameDescription, ...] = Field(default=(), description="user frames: coordinate systems of programs")
     contact: ContactDescription = Field(
@@ -275,6 +291,12 @@ class CellDescription(FileDescription):
     @model_validator(mode="after")
     def _names_are_unique(self) -> Self:
         check_names(self.tcp, self.frame)
+        return self
+
+    @model_validator(mode="after")
+    def _carriers_exist(self) -> Self:
+        others = {f"further_sensor[{i}].moves_with": one.moves_with for i, one in enumerate(self.further_sensor, 1)}
+        check_carriers(self.axis, {"robot.moves_with": self.robot.moves_with, **others}, len(self.robot.joint))
         return self
 
     @model_validator(mode="after")

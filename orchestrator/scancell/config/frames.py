@@ -1,10 +1,12 @@
-"""Descriptions of named tools on the flange and of user frames."""
+"""Descriptions of named tools on the flange, of user frames, and of axes and sensors beside arm, table and tool."""
 
 from __future__ import annotations
 
-from typing import Literal
+import re
+from collections.abc import Mapping
+from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, StringConstraints
 
 from scancell.config.description import Description, PoseDescription
 from scancell.config.devices import Name
@@ -12,6 +14,9 @@ from scancell.config.devices import Name
 # Names of the cell's own tools and frames.
 RESERVED_TOOLS = frozenset({"sensor", "gripper"})
 RESERVED_FRAMES = frozenset({"world", "base", "table", "tool"})
+
+# Names that would be those of other frames, or of columns of files: ``NAME_deg``, ``NAME_mm``.
+_COLUMNS = ("part", "sensor", "flange", "x", "y", "z", "rx", "ry", "rz", "sigma", "diameter")
 
 
 class TcpDescription(Description):
@@ -34,6 +39,53 @@ class FrameDescription(Description):
     pose: PoseDescription = Field(
         default=PoseDescription(), description="pose of the frame in that of the world, or of the table at angle 0"
     )
+
+
+class AxisDescription(Description):
+    """An axis beside the joints and the table, such as a track of the arm or the tilt of a positioner.
+
+    What it carries turns about z of its frame, or slides along it. It is placed, but neither moved nor simulated yet.
+    """
+
+    name: Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]*$")] = Field(
+        description="unique name of the axis in moves_with, variables and columns; not that of another frame or column"
+    )
+    kind: Literal["revolute", "prismatic"] = Field(description="revolute: turns; prismatic: slides")
+    moves_with: str = Field(default="world", description="what carries it: world, table, link[i] or another axis")
+    pose: PoseDescription = Field(
+        default=PoseDescription(), description="pose of the axis in the frame of its carrier, with all axes at 0"
+    )
+
+
+class FurtherSensorDescription(Description):
+    """A sensor beside that of the tool; these are numbered from ``sensor[2]``. It is placed, but not simulated yet."""
+
+    moves_with: str = Field(default="world", description="what carries it: world, table, link[i] or an axis")
+    pose: PoseDescription = Field(
+        default=PoseDescription(), description="pose of the sensor in the frame of its carrier"
+    )
+
+
+def check_carriers(axes: tuple[AxisDescription, ...], others: Mapping[str, str], joints: int) -> None:
+    """Raise `ValueError` for an axis whose name is taken, and for a carrier that does not exist or carries itself.
+
+    `others` are the carriers of what is not an axis, by their keys; ``robot.moves_with`` carries the links.
+    """
+    links = [f"link[{i}]" for i in range(1, joints + 1)]
+    carriers = {"table": "world", **dict.fromkeys(links, others["robot.moves_with"])}
+    for number, axis in enumerate(axes, 1):
+        if axis.name in {*carriers, *RESERVED_FRAMES, *_COLUMNS} or re.fullmatch(r"qd{0,2}[0-9]+", axis.name):
+            raise ValueError(f"axis[{number}].name = '{axis.name}': expected a name of no other frame or column")
+        carriers[axis.name] = axis.moves_with
+    keys = {f"axis[{i}].moves_with": axis.moves_with for i, axis in enumerate(axes, 1)} | dict(others)
+    for key, carrier in keys.items():
+        if carrier != "world" and carrier not in carriers:
+            raise ValueError(f"{key} = '{carrier}': expected world, {', '.join(carriers)}")
+        above = carrier
+        for _ in carriers:
+            above = carriers.get(above, "world")
+        if above != "world":
+            raise ValueError(f"{key} = '{carrier}': expected what does not move with itself")
 
 
 def check_names(tcps: tuple[TcpDescription, ...], frames: tuple[FrameDescription, ...]) -> None:

@@ -166,6 +166,7 @@ class RobotDescription(FileDescription):
 
     name: str = Field(description="name of the arm")
     base: PoseDescription = Field(default=PoseDescription(), description="world_from_base: pose of the arm's base")
+    moves_with: str = Field(default="world", description="frame of base: world, or the axis that carries the arm")
     base_mesh: str | None = Field(
         default=None, description="file of the fixed base's mesh, base frame, mm; default: none"
     )

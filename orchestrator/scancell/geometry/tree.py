@@ -72,21 +72,26 @@ def z_along(direction: int) -> Array:
 
 
 class Tree:
-    """Joints, each behind the one that carries it.
+    """Joints that carry one another.
 
     Positions of the axes are arrays (..., k) in the order of `axes`; axes that they do not state are at 0.
 
     Parameters
     ----------
     joints
-        All joints.
+        All joints, in any order; of two that may come first, the first given does.
     axes
-        Names of the axes, by default in the order of their joints.
+        Names of the axes that come first; the others follow in the order of their joints.
+
+    Raises
+    ------
+    ValueError
+        If a joint is carried by a frame that there is not, or by itself.
     """
 
     def __init__(self, joints: Iterable[Joint], axes: Sequence[str] = ()) -> None:
-        self.joints = tuple(joints)
-        self.axes = tuple(axes or dict.fromkeys(joint.axis for joint in self.joints if joint.axis))
+        self.joints = tuple(_parents_first(joints))
+        self.axes = tuple(dict.fromkeys((*axes, *(joint.axis for joint in self.joints if joint.axis))))
         self._number = {joint.frame: i for i, joint in enumerate(self.joints)}
         self._parts: dict[tuple[str, ...], Tree] = {}
         self._parents = [self._number.get(joint.parent) for joint in self.joints]
@@ -198,6 +203,18 @@ class Tree:
         names = (joint.frame for joint in self.joints)
         placed = (np.eye(4) if at is None else at for at in frames)
         return joints, {WORLD: np.eye(4)} | dict(zip(names, placed, strict=True))
+
+
+def _parents_first(joints: Iterable[Joint]) -> list[Joint]:
+    left, placed, frames = list(joints), [], {WORLD}
+    while left:
+        joint = next((joint for joint in left if joint.parent in frames), None)
+        if joint is None:
+            raise ValueError(f"frame '{left[0].frame}' is carried by '{left[0].parent}': expected a frame of the tree")
+        left.remove(joint)
+        placed.append(joint)
+        frames.add(joint.frame)
+    return placed
 
 
 def _joined(first: Array | None, second: Array | None) -> Array | None:

@@ -247,13 +247,13 @@ class _Motion:
     path
         Its continuation.
     now
-        Axes from which it continues, (joints + 1,), rad.
+        Axes from which it continues, (axes,), rad.
     rates, rate_error
-        There, and a bound on their error, (joints + 1,), rad/s.
+        There, and a bound on their error, (axes,), rad/s.
     stop, way
         The latest stop, and where it leads.
     axes, times
-        Predicted axes of the motion if it continues, (n, joints + 1), rad, at equally spaced times (n,), s.
+        Predicted axes of the motion if it continues, (n, axes), rad, at equally spaced times (n,), s.
     """
 
     path: Path
@@ -273,14 +273,14 @@ class _Motion:
 
 @dataclass(frozen=True)
 class _Way:
-    """Straight motions of stops, each from a start to an end, (n, joints + 1), rad.
+    """Straight motions of stops, each from a start to an end, (n, axes), rad.
 
     Attributes
     ----------
     near
         A few near which every stop stays, but for its deviation.
     bend
-        How near, (joints + 1,), rad.
+        How near, (axes,), rad.
     predicted
         Stops from the points of the predicted motion, and the motion from each to the next.
     """
@@ -291,7 +291,7 @@ class _Way:
 
 
 def _stop_way(axes: Array, times: Array, stop: Stop, worst: WorstCase, is_line: bool) -> _Way:
-    """Way of all stops from the predicted motion through `axes` (n, joints + 1) at equally spaced `times` (n,).
+    """Way of all stops from the predicted motion through `axes` (n, axes) at equally spaced `times` (n,).
 
     Until braking begins the axes follow the path, then its tangent, as far as in half the braking time. All stops are
     near the tangents at every second point, longer by the path from the point before and to the next: where braking

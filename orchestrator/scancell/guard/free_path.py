@@ -27,14 +27,14 @@ class ShownPath:
     Attributes
     ----------
     points
-        (n, joints + 1), rad, equally spaced in path clock.
+        (n, axes), rad, equally spaced in path clock.
     deviation
-        Bound on the deviation of the axes from the straight motion from each point to the next, (n - 1, joints + 1),
+        Bound on the deviation of the axes from the straight motion from each point to the next, (n - 1, axes),
         rad.
     ends
-        End of the motion from each point that pairs without room have to survive, (n - 1, joints + 1), rad.
+        End of the motion from each point that pairs without room have to survive, (n - 1, axes), rad.
     aside
-        The deviation that applies to those, (joints + 1,), rad.
+        The deviation that applies to those, (axes,), rad.
     exact
         Whether the first point is a set-point, not measured.
     """
@@ -95,7 +95,7 @@ class FreePath:
         return float(max(section.end for section in sections)), None
 
     def distance(self, axes: Array, pair: tuple[str, str]) -> float:
-        """Distance of a pair of the scene at `axes` (joints + 1,), rad, m."""
+        """Distance of a pair of the scene at `axes` (axes,), rad, m."""
         return self._distance(axes, self._pairs.index(pair))
 
     def _clash(self, points: Array, piece: int, share: float, number: int) -> MotionClash:

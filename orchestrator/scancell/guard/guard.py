@@ -184,7 +184,7 @@ class Guard:
         Parameters
         ----------
         points
-            Set-points of joints and table (n, joints + 1), rad.
+            Set-points of joints and table (n, axes), rad.
 
         Returns
         -------
@@ -306,7 +306,7 @@ class Guard:
 
 
 def _path(state: CellState) -> Array:
-    """Path (n, joints + 1), rad, from the time of a state on; empty if none is shown.
+    """Path (n, axes), rad, from the time of a state on; empty if none is shown.
 
     In version 1 the rows begin one spacing later: a jog is continued backwards, another path begins where the axes are
     measured, so that a motion shorter than the spacing counts as one, too.
@@ -320,7 +320,7 @@ def _path(state: CellState) -> Array:
 
 
 def _leads_away(path: Array) -> bool:
-    """Whether a path (n, joints + 1) is a motion."""
+    """Whether a path (n, axes) is a motion."""
     return len(path) > 0 and bool(np.ptp(path, axis=0).any())
 
 

@@ -34,7 +34,7 @@ class Identifier:
     nominal
         Kinematics.
     noise
-        Standard deviation of the measured angles, one or (joints + 1,), rad.
+        Standard deviation of the measured angles, one or (axes,), rad.
     """
 
     def __init__(self, nominal: NominalCell, noise: ArrayLike) -> None:
@@ -67,7 +67,7 @@ class Identifier:
         return Identification(kind, tuple(Hypothesis(path, states[-1], rates, error, age) for path in paths))
 
     def _plainest(self, window: _Window) -> tuple[Kind, Array]:
-        """The simplest kind of motion, and the rates (joints + 1,) of this kind that are nearest to the measured."""
+        """The simplest kind of motion, and the rates (axes,) of this kind that are nearest to the measured."""
         rates = window.rates.copy()
         still = window.stillness
         freedom = len(window.times) - 1
@@ -114,7 +114,7 @@ def _limit(freedom: int, chance: float) -> float:
 
 
 class _Window:
-    """Measured axes (k, joints + 1) at `times` (k,), and tests of their constancy and straightness."""
+    """Measured axes (k, axes) at `times` (k,), and tests of their constancy and straightness."""
 
     def __init__(self, tool: Tool, times: Array, axes: Array, noise: Array) -> None:
         self._tool, self.times, self._axes, self._noise = tool, times, axes, noise

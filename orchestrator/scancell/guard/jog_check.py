@@ -71,7 +71,7 @@ class JogCheck:
     reaction
         Time from the measured state to the beginning of braking in the worst case, s.
     deceleration
-        That every axis attains, (joints + 1,), rad/s².
+        That every axis attains, (axes,), rad/s².
     limits
         Accelerations of jogs: those at which the controller follows a lower permitted speed.
     """
@@ -89,9 +89,9 @@ class JogCheck:
         Parameters
         ----------
         axes
-            Measured joints and table angle, (joints + 1,), rad.
+            Measured joints and table angle, (axes,), rad.
         points
-            Path of the jog at full speed from the state on, (n, joints + 1), rad, `spacing` apart.
+            Path of the jog at full speed from the state on, (n, axes), rad, `spacing` apart.
         spacing
             s.
         in_force
@@ -168,7 +168,7 @@ class JogCheck:
         return float(share) if share >= _LEAST else 0.0
 
     def _ramp(self, axes: Array, rates: Array) -> float:
-        """Time in which the controller slows a jog of `rates` (joints + 1,), rad/s, down to rest, s."""
+        """Time in which the controller slows a jog of `rates` (axes,), rad/s, down to rest, s."""
         twist = self._tool.poses(axes[None, :-1])[1][0] @ rates[:-1]
         line, turn = float(np.linalg.norm(twist[:3])), float(np.linalg.norm(twist[3:]))
         return max(braking_time(rates, self._limits.axes), line / self._limits.line, turn / self._limits.turn)
@@ -176,7 +176,7 @@ class JogCheck:
 
 @dataclass(frozen=True)
 class _Jog:
-    """A jog at full speed: set-points (n, joints + 1), rad, `spacing` (s) apart, and their rates, rad/s.
+    """A jog at full speed: set-points (n, axes), rad, `spacing` (s) apart, and their rates, rad/s.
 
     `braking` (n,), s, is the time of a stop from each of them, `longest` that of the longest stop within the reaction
     time, and `ramp` the time in which the controller slows the jog down. `exact`: the first one is no measured one.

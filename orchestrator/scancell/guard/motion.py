@@ -21,7 +21,7 @@ class MeasuredState:
 
     @property
     def axes(self) -> Array:
-        """Joints and table angle, (joints + 1,), rad."""
+        """Joints and table angle, (axes,), rad."""
         return np.append(self.joints, self.table)
 
 
@@ -59,9 +59,9 @@ class Hypothesis:
     state
         Last measured state.
     rates
-        Of joints and table, (joints + 1,), rad/s.
+        Of joints and table, (axes,), rad/s.
     rate_error
-        Bound on the error of each rate, (joints + 1,), rad/s.
+        Bound on the error of each rate, (axes,), rad/s.
     rate_age
         Time from which the rates are, before that of the state, s.
     """

@@ -37,12 +37,12 @@ class NearPairs:
     clearance
         Distance that counts as contact, one for all pairs or (pairs,), m.
     angle_error
-        Of the measured angles, one or (joints + 1,), rad.
+        Of the measured angles, one or (axes,), rad.
 
     Attributes
     ----------
     clearance, angle_error
-        As given, (pairs,), m, and (joints + 1,), rad.
+        As given, (pairs,), m, and (axes,), rad.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class NearPairs:
         Parameters
         ----------
         axes
-            Joints and table angle where the motion begins, (joints + 1,), rad.
+            Joints and table angle where the motion begins, (axes,), rad.
         distance
             Of the pairs at `axes`, (pairs,), m; NaN or infinite for pairs that have their room.
         exact

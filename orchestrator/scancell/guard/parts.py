@@ -98,7 +98,7 @@ class PartTracker:
         Parameters
         ----------
         axes
-            Measured joints and table angle, (joints + 1,), rad.
+            Measured joints and table angle, (axes,), rad.
         travel
             Measured travels of the belts, (belts,), m.
         width

@@ -61,7 +61,7 @@ class PathCheck:
     reaction
         Time from the measured state to the beginning of braking in the worst case, s.
     deceleration
-        That every axis attains, (joints + 1,), rad/s².
+        That every axis attains, (axes,), rad/s².
     """
 
     def __init__(self, free_path: FreePath, reaction: float, deceleration: Array) -> None:
@@ -75,9 +75,9 @@ class PathCheck:
         Parameters
         ----------
         axes
-            Measured joints and table angle, (joints + 1,), rad.
+            Measured joints and table angle, (axes,), rad.
         points
-            Path from the measured state on, (n, joints + 1), rad, `spacing` apart.
+            Path from the measured state on, (n, axes), rad, `spacing` apart.
         spacing
             s of path clock.
         rate
@@ -125,7 +125,7 @@ class PathCheck:
 
 
 def _bend_aside(points: Array) -> Array:
-    """Bound (joints + 1,), rad, on how far the motion through set-points leaves the straight lines sideways."""
+    """Bound (axes,), rad, on how far the motion through set-points leaves the straight lines sideways."""
     change, along = np.diff(points, n=2, axis=0), points[2:] - points[:-2]
     length = np.linalg.norm(along, axis=1, keepdims=True)
     unit = np.divide(along, length, out=np.zeros_like(along), where=length > 0)

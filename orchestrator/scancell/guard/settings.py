@@ -28,7 +28,7 @@ class GuardSettings:
     noise
         Standard deviation of the measured angles, rad.
     angle_error
-        Largest error of the measured angles, rad, one or (joints + 1,): of the encoders, and of the gears behind them.
+        Largest error of the measured angles, rad, one or (axes,): of the encoders, and of the gears behind them.
     latency
         Largest age of measured angles when the controller stamps them, s.
     position_error

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class WorstCase:
-    """Assumptions for which a stop must be proved; arrays are one for all axes or (joints + 1,).
+    """Assumptions for which a stop must be proved; arrays are one for all axes or (axes,).
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class Stop:
     braking_time
         Time from the beginning of braking to the standstill, s.
     deviation
-        Bound on the deviation of the axes from the predicted motion on the way, (joints + 1,), rad, without changes by
+        Bound on the deviation of the axes from the predicted motion on the way, (axes,), rad, without changes by
         the operator.
     unseen
         What such changes add to the way is what their accelerations do in half of this, s².

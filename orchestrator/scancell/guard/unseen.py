@@ -27,7 +27,7 @@ _LONGER = 1.1  # levers may grow by as much on the way of a stop
 
 @dataclass(frozen=True)
 class JogLimits:
-    """Largest accelerations in manual operation: of the axes (joints + 1,), rad/s², of the tool, m/s² and rad/s²."""
+    """Largest accelerations in manual operation: of the axes (axes,), rad/s², of the tool, m/s² and rad/s²."""
 
     axes: Array
     line: float
@@ -69,7 +69,7 @@ class UnseenApproach:
         self._on_tool, self._by_tool = np.array(list(by_tool), np.int64), np.array(list(by_tool.values()))  # m/s²
 
     def bound(self, axes: Array, time_squared: float) -> Array:
-        """Bound (pairs,), m, at `axes` (joints + 1,), rad, on what accelerations add in half of `time_squared`, s²."""
+        """Bound (pairs,), m, at `axes` (axes,), rad, on what accelerations add in half of `time_squared`, s²."""
         half = time_squared / 2
         joints, table = self._limits.axes.copy(), np.zeros_like(self._limits.axes)
         table[-1], joints[-1] = joints[-1], 0.0

@@ -73,7 +73,7 @@ class JogJoints(Jog):
     Parameters
     ----------
     deflections
-        Of the joints and the table, at most (joints + 1,), -1 to 1; the others are 0.
+        Of the joints and the table, at most (axes,), -1 to 1; the others are 0.
 
     Examples
     --------

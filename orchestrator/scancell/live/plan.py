@@ -57,7 +57,7 @@ class MapPose:
     reason
         Why it is forbidden; empty where it is not.
     axes
-        Joints and table angle (joints + 1,), rad; None out of reach.
+        Joints and table angle (axes,), rad; None out of reach.
     """
 
     share: float
@@ -177,7 +177,7 @@ class LivePlan:
 
     @checked_arguments
     def go_to(self, axes: Axes, purpose: str) -> Future[None]:
-        """Move the robot to `axes`, joints and table angle (joints + 1,), rad, on a planned path free of collision.
+        """Move the robot to `axes`, joints and table angle (axes,), rad, on a planned path free of collision.
 
         `purpose` is for messages: ``the start``.
 
@@ -240,6 +240,6 @@ class LivePlan:
 
 
 def nearest_turn(axes: Array, table: float) -> Array:
-    """Axes (joints + 1,), rad, with the same pose of the table by as many turns more as bring it nearest to `table`."""
+    """Axes (axes,), rad, with the same pose of the table by as many turns more as bring it nearest to `table`."""
     turns = np.round((table - axes[-1]) / (2 * np.pi))
     return np.append(axes[:-1], axes[-1] + 2 * np.pi * turns)

@@ -36,7 +36,7 @@ class LiveState:
     world_from_body
         True pose (4, 4) of each body by name.
     destination
-        Joints and table angle (joints + 1,) to which the motion in force, or the last one, leads, rad.
+        Joints and table angle (axes,) to which the motion in force, or the last one, leads, rad.
     world_from_body_at_destination
         Nominal pose (4, 4) of each body there.
     controller, mode, operation

@@ -197,7 +197,11 @@ class NominalCell(Value):
     world_from_conveyors
         Poses (4, 4) of the belts at travel 0.
     support
-        Frame that carries the part in the scan: ``table``, or ``conveyor[1]`` … of its belt.
+        Frame that carries the part in the scan: ``table``, ``conveyor[1]`` … of its belt, or the last link.
+    arm_on
+        Frame that carries the arm: ``world``, or that of an axis.
+    further_joints
+        Axes beside joints, table and conveyors, and sensors beside that of the tool.
 
     Examples
     --------
@@ -233,6 +237,8 @@ class NominalCell(Value):
     belt: Belt | None = None
     world_from_conveyors: tuple[Array, ...] = ()
     support: str = "table"
+    arm_on: str = WORLD
+    further_joints: tuple[Joint, ...] = ()
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -241,12 +247,12 @@ class NominalCell(Value):
 
     @property
     def axis_max_speed(self) -> Array:
-        """Speed limits of the joints and the table, (joints + 1,), rad/s."""
+        """Speed limits of the joints and the table, (axes,), rad/s."""
         return np.append(self.arm.max_speed, self.table_max_speed)
 
     @property
     def axis_max_acceleration(self) -> Array:
-        """Acceleration limits of the joints and the table, (joints + 1,), rad/s²."""
+        """Acceleration limits of the joints and the table, (axes,), rad/s²."""
         return np.append(self.arm.max_acceleration, self.table_max_acceleration)
 
     @cached_property
@@ -255,8 +261,12 @@ class NominalCell(Value):
 
         The axes are ``joint[1]`` …, ``table`` and ``conveyor[1]`` …, in rad or m.
         """
-        flange = self.arm.flange
-        joints = [*self.arm.tree.joints, Joint("sensor", flange, parent_from_joint=self.flange_from_sensor)]
+        flange, (base, *links) = self.arm.flange, self.arm.tree.joints
+        joints = [
+            replace(base, parent=self.arm_on),
+            *links,
+            Joint("sensor", flange, parent_from_joint=self.flange_from_sensor),
+        ]
         eccentric = pose.translation((*self.eccentricity, 0.0))
         joints.append(
             Joint(
@@ -276,7 +286,23 @@ class NominalCell(Value):
         fingers = () if self.flange_from_finger is None else self.flange_from_finger
         for number, flange_from_finger in enumerate(fingers, 1):
             joints.append(Joint(f"finger[{number}]", flange, parent_from_joint=flange_from_finger))
-        return Tree(joints)
+        axes = (*self.arm.tree.axes, *(joint.axis for joint in joints if joint.axis and joint not in links))
+        return Tree([*joints, *self.further_joints], axes)
+
+    def require_simulated(self) -> None:
+        """Raise `DescriptionError` where the cell has an axis, a sensor or a support of the part that only has a place.
+
+        The FMU, planning, the guard and scans know one arm on a fixed base, one table, its sensor, and conveyors.
+        """
+        found = [("axis" if joint.axis else "further_sensor", joint.frame) for joint in self.further_joints]
+        found += [("part.moves_with", "flange")] if self.support == self.arm.flange else []
+        for key, value in found:
+            raise DescriptionError(
+                "is placed by kinematics alone: the FMU, planning, the guard and scans do not know it yet",
+                key=f"cell.{key}",
+                value=value,
+                expected="one arm on a fixed base, its sensor, and a part on the table or on a conveyor",
+            )
 
     def world_from(self, frame: str, axes: ArrayLike = ()) -> Array:
         """Pose (..., 4, 4) of a frame of the `tree` at positions (..., k) of the `axes`; those not stated are at 0."""
@@ -294,7 +320,7 @@ class NominalCell(Value):
     @property
     def support_from_part(self) -> Array:
         """Pose (4, 4) of the part in the frame of what carries it."""
-        return self.table_from_part if self.support == "table" else self.required_belt().belt_from_part
+        return self.required_belt().belt_from_part if self.support.startswith("conveyor[") else self.table_from_part
 
     def on_belt(self) -> NominalCell:
         """The cell in which the part is scanned while its belt carries it.
@@ -383,6 +409,9 @@ def nominal_cell(cell: CellDescription, part: Mesh | None) -> NominalCell:
         user_frames={frame.name: UserFrame(frame.moves_with, pose_matrix(frame.pose)) for frame in cell.frame},
         further_parts=further,
         belt=_belt(cell),
+        support="table" if cell.part.moves_with == "table" else f"link[{len(robot.joint)}]",
+        arm_on=robot.moves_with,
+        further_joints=_further_joints(cell),
         world_from_conveyors=tuple(pose_matrix(belt.pose) for belt in cell.conveyor),
     )
     return without_bodies(nominal, ["part"]) if is_empty else nominal
@@ -411,6 +440,18 @@ def arm_of(robot: RobotDescription) -> Arm:
         for one in robot.held
     ]
     return Arm(joints, pose_matrix(robot.base), tuple(held))
+
+
+def _further_joints(cell: CellDescription) -> tuple[Joint, ...]:
+    axes = (
+        Joint(axis.name, axis.moves_with, axis.kind, axis.name, parent_from_joint=pose_matrix(axis.pose))
+        for axis in cell.axis
+    )
+    sensors = (
+        Joint(f"sensor[{number}]", sensor.moves_with, parent_from_joint=pose_matrix(sensor.pose))
+        for number, sensor in enumerate(cell.further_sensor, 2)
+    )
+    return (*axes, *sensors)
 
 
 def _further_part(description: FurtherPartDescription) -> FurtherPart:
@@ -508,7 +549,7 @@ def _bodies(cell: CellDescription, part: Mesh) -> tuple[Body, ...]:
     robot_material = _material(cell.robot_material, cell.robot_reflectance)
     table_material = _material(table.material, table.reflectance)
     meshes = [
-        ("base", "world", _mesh(cell.robot.base_mesh), robot_material),
+        ("base", cell.robot.moves_with, _mesh(cell.robot.base_mesh), robot_material),
         *((f"link{i}", f"link[{i}]", _mesh(joint.mesh), robot_material) for i, joint in enumerate(cell.robot.joint, 1)),
         ("sensor", "sensor", _mesh(cell.sensor_mesh), robot_material),
         ("table", "table", _mesh(table.platter_mesh) or _cylinder(table), table_material),

@@ -100,10 +100,10 @@ class MotionCheck:
         Parameters
         ----------
         start, end
-            (n, joints + 1) joints and table angle, rad.
+            (n, axes) joints and table angle, rad.
         deviation
-            Largest deviation of the true motion from the straight one, one for all axes, (joints + 1,) or
-            (n, joints + 1), rad. Where the distance does not allow for it, the motion violates the clearance.
+            Largest deviation of the true motion from the straight one, one for all axes, (axes,) or
+            (n, axes), rad. Where the distance does not allow for it, the motion violates the clearance.
         clearance
             In place of that of the check, (pairs,) or (n, pairs), m; pairs of ``-inf`` are not checked.
         """
@@ -164,7 +164,7 @@ class MotionCheck:
         return first
 
     def distances(self, axes: Array, pairs: Flags, budget: Budget | None = None) -> Array:
-        """Distances (n, pairs), m, at `axes` (n, joints + 1), rad, of some `pairs` (pairs,); NaN of the others.
+        """Distances (n, pairs), m, at `axes` (n, axes), rad, of some `pairs` (pairs,); NaN of the others.
 
         They take work from a budget and do not end with it.
         """
@@ -174,7 +174,7 @@ class MotionCheck:
         return found
 
     def clash_along(self, points: Array) -> MotionClash | None:
-        """None if the motion of the controller through set-points (n, joints + 1), rad, is proved, else a clash.
+        """None if the motion of the controller through set-points (n, axes), rad, is proved, else a clash.
 
         The controller interpolates by cubics, which leave the straight lines by less than a quarter of the second
         differences. Set-points are checked first: most motions that fail do so there, and proofs take longer.
@@ -189,7 +189,7 @@ class MotionCheck:
     def _motions(
         self, start: ArrayLike, end: ArrayLike, deviation: ArrayLike, clearance: ArrayLike | None
     ) -> tuple[Array, Array, Array, Array]:
-        """Start, end and deviation (n, joints + 1), rad, and clearance (n, pairs), m."""
+        """Start, end and deviation (n, axes), rad, and clearance (n, pairs), m."""
         start, end = np.atleast_2d(np.asarray(start, float)), np.atleast_2d(np.asarray(end, float))
         slack = np.broadcast_to(np.asarray(deviation, float), start.shape)
         given = self._clearance if clearance is None else np.asarray(clearance, float)

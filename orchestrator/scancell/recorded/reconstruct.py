@@ -61,7 +61,9 @@ class MeasuredCell:
 
         Raises `ScancellError` if the part or another body cannot be used.
         """
-        return cls.with_deviations(nominal_cell(setup.cell, part), _deviations(setup), part is not None)
+        nominal = nominal_cell(setup.cell, part)
+        nominal.require_simulated()
+        return cls.with_deviations(nominal, _deviations(setup), part is not None)
 
     @classmethod
     def with_deviations(cls, nominal: NominalCell, deviations: Mapping[str, float], has_part: bool) -> MeasuredCell:

@@ -113,6 +113,7 @@ class ScanPipeline(Closing):
         def make() -> World:
             self.builds += 1
             nominal = nominal_cell(cell, part)
+            nominal.require_simulated()
             if setup.scan.belt is not None:
                 nominal = nominal.on_belt()
             true = with_unknown_obstacles(nominal, cell)
@@ -184,7 +185,7 @@ class ScanPipeline(Closing):
         goal: NDArray[np.float64],
         purpose: str,
     ) -> Program | None:
-        """Motions between joints and table angles (joints + 1,), rad; None if both are the same.
+        """Motions between joints and table angles (axes,), rad; None if both are the same.
 
         Raises `PlanningError` if no path free of collision is found, naming the bodies that collide on the direct one.
         """

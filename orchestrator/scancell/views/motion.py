@@ -40,7 +40,7 @@ class ProgramMotion:
         self._axes = np.concatenate([np.column_stack([item.q, item.table]) for item in segments])
 
     def axes(self, at: float) -> Array:
-        """Joints and table angle (joints + 1,), rad, at a time, s; at rest before the start and after the end."""
+        """Joints and table angle (axes,), rad, at a time, s; at rest before the start and after the end."""
         return np.array([np.interp(at, self._times, axis) for axis in self._axes.T])
 
     def segment_at(self, at: float) -> int:
@@ -141,7 +141,7 @@ class RunMotion:
         return {**nominal, **carried}
 
     def _axes_in_gap(self, before: int, after: int, share: float, time: float) -> Array:
-        """Joints and table angle (joints + 1,) by the plan, or evenly."""
+        """Joints and table angle (axes,) by the plan, or evenly."""
         if self._plan is None:
             return np.asarray((1 - share) * self._axes[before] + share * self._axes[after])
         clock, plan = self._plan.clock, self._plan

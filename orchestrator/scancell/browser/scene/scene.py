@@ -132,7 +132,7 @@ class CellScene:
         self._server.flush()
 
     def show_preview(self, axes: Array | None, forbidden: bool = False) -> None:
-        """Show a further ghost at joints and a table angle (joints + 1,), rad, red where that is forbidden; or none.
+        """Show a further ghost at joints and a table angle (axes,), rad, red where that is forbidden; or none.
 
         Its meshes are sent when it is shown first.
         """

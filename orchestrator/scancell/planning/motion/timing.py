@@ -40,7 +40,7 @@ def slowdown(cell: PlanningCell, positions: Callable[[Array], Array], duration: 
     Parameters
     ----------
     positions
-        Joints and table angle (n, joints + 1), rad, at times (n,), s; constant before 0 and after `duration`; NaN
+        Joints and table angle (n, axes), rad, at times (n,), s; constant before 0 and after `duration`; NaN
         where there are none.
     """
     period = cell.cycle / FINER

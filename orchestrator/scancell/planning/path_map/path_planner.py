@@ -51,11 +51,11 @@ class PlacedPath(Value):
     run
         Distance along the path by time.
     at
-        Joints and table angle (n, joints + 1), rad, at times (n,), s.
+        Joints and table angle (n, axes), rad, at times (n,), s.
     q, table
         (n, joints), (n,) set-points of each cycle, rad.
     exposures
-        (m, joints + 1) joints and table angle of each exposure, rad.
+        (m, axes) joints and table angle of each exposure, rad.
     branch_names
         Of all arm branches.
     lattice, motion

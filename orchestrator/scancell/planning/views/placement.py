@@ -43,7 +43,7 @@ class PlacedSweep:
 
     @property
     def ends(self) -> tuple[Array, Array]:
-        """Joints and table angle (joints + 1,), rad, where it starts and ends."""
+        """Joints and table angle (axes,), rad, where it starts and ends."""
         at = np.append(self.q, 0.0)
         return at, at
 
@@ -65,7 +65,7 @@ class PlacedPass:
 
     @property
     def ends(self) -> tuple[Array, Array]:
-        """Joints and table angle (joints + 1,), rad, where it starts and ends."""
+        """Joints and table angle (axes,), rad, where it starts and ends."""
         return np.append(self.q[0], self.table), np.append(self.q[-1], self.table)
 
 

@@ -192,7 +192,7 @@ class Draws:
         return Draw(Scenario(start, tuple(motions), duration), shifts, names, gap)
 
     def anywhere(self, rng: np.random.Generator) -> Array:
-        """Axes (joints + 1,), rad: near home in half of all cases, else anywhere within the limits; any table angle."""
+        """Axes (axes,), rad: near home in half of all cases, else anywhere within the limits; any table angle."""
         home = self._world.nominal.home
         q = home + rng.uniform(-_NEAR_HOME, _NEAR_HOME, len(home))
         if rng.random() < 0.5:
@@ -201,7 +201,7 @@ class Draws:
         return np.append(np.clip(q, self._lower, self._upper), rng.uniform(-np.pi, np.pi))
 
     def far(self, rng: np.random.Generator) -> Array:
-        """Axes (joints + 1,), rad, far from all bodies."""
+        """Axes (axes,), rad, far from all bodies."""
         while True:
             start = self.anywhere(rng)
             if self._is_free(self._world.nominal, self._world.scene, start, self.least):
@@ -210,7 +210,7 @@ class Draws:
     def _is_free(
         self, nominal: NominalCell, scene: ProximityScene, axes: Array, least: Array, shifts: Array | float = 0.0
     ) -> bool:
-        """Whether all pairs keep their `least` distances (pairs,), m, at axes (joints + 1,)."""
+        """Whether all pairs keep their `least` distances (pairs,), m, at axes (axes,)."""
         shifts = np.zeros((len(self._world.names), 3)) + shifts
         poses = shifted(nominal.body_poses(axes[None]), shifts)
         return bool((scene.distances(poses, least, 1)[0] >= least - 1e-9).all())
@@ -249,7 +249,7 @@ class Draws:
         return int(rng.choice(len(weight), p=weight / weight.sum()))
 
     def _distance(self, nominal: NominalCell, scene: ProximityScene, axes: Array, pair: int, shifts: Array) -> Array:
-        """Distances (n,), m, of a pair at axes (n, joints + 1)."""
+        """Distances (n,), m, of a pair at axes (n, axes)."""
         key = id(scene), pair
         if key not in self._single:  # the scene is kept, so that its number stays its own
             others = [frozenset(names) for i, names in enumerate(scene.pairs) if i != pair]
@@ -303,7 +303,7 @@ class Draws:
     ) -> Array:
         """Errors (bodies, 3), m, of the bodies in their own frames: of a pair towards each other, else anywhere.
 
-        `before` are axes (n, joints + 1) on the way back from the contact of the pair.
+        `before` are axes (n, axes) on the way back from the contact of the pair.
         """
         error, count = self._world.settings.position_error, len(self._world.names)
         still = np.zeros((count, 3))
@@ -340,7 +340,7 @@ class Draws:
     def _motions(
         self, stratum: Stratum, direction: Array, start: Array, silent_jogs: bool, span: float, rng: np.random.Generator
     ) -> list[Motion]:
-        """Motions of a run, along a `direction` (joints + 1,) in most cases, or in random ones if it is 0."""
+        """Motions of a run, along a `direction` (axes,) in most cases, or in random ones if it is 0."""
         drawn = float(rng.random())
         if stratum.near:  # a robot creeps towards a body by many motions
             drawn = max(drawn, float(rng.random()))
@@ -384,7 +384,7 @@ class Draws:
     def motion(
         self, kind: Kind, along: Array, length: float, speed: float, start: Array, rng: np.random.Generator
     ) -> Motion:
-        """A motion of a kind along `along` (joints + 1,), largest component 1, by `length` (rad) at a share of the full
+        """A motion of a kind along `along` (axes,), largest component 1, by `length` (rad) at a share of the full
         speed; of the nearest possible kind."""
         nominal, by = self._world.nominal, length * along
         if kind in (Kind.TABLE_MOVE, Kind.TABLE_JOG):

@@ -69,8 +69,8 @@ class Motion:
     kind
         What moves it.
     by
-        Angles (joints + 1,), rad, by which a move, a program or servo mode turns the axes (of a line move: by which it
-        would if it were none); deflections (joints + 1,), -1 to 1, of a jog.
+        Angles (axes,), rad, by which a move, a program or servo mode turns the axes (of a line move: by which it
+        would if it were none); deflections (axes,), -1 to 1, of a jog.
     speed
         Share of the full speed.
     duration
@@ -102,7 +102,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class Scenario:
-    """Motions one after the other from a start (joints + 1,), rad, on, for at most `duration` s."""
+    """Motions one after the other from a start (axes,), rad, on, for at most `duration` s."""
 
     start: Array
     motions: tuple[Motion, ...]
@@ -341,7 +341,7 @@ class Operator:
 
 
 def set_points(motion: Motion, cycle: float) -> Array:
-    """Set-points (n, joints + 1), rad, of a program from its start on, one per controller cycle.
+    """Set-points (n, axes), rad, of a program from its start on, one per controller cycle.
 
     The speed rises smoothly from rest, is even, and falls to rest; two or three points are equidistant.
     """
@@ -360,7 +360,7 @@ def _eased(share: Array) -> Array:
 
 
 def program_duration(by: Array, speed: float, max_speed: Array, max_acceleration: Array, cycle: float) -> float:
-    """Time (s) that a program along `by` (joints + 1,), rad, takes at a share of the full speed, in whole cycles."""
+    """Time (s) that a program along `by` (axes,), rad, takes at a share of the full speed, in whole cycles."""
     within = 0.9  # of the limits
     by_speed = float((np.abs(by) / (within * speed * (1.0 - _RAMP) * max_speed)).max())
     # Largest slope of ramp² (3 - 2 ramp), 1.5, over the ramp.
@@ -370,7 +370,7 @@ def program_duration(by: Array, speed: float, max_speed: Array, max_acceleration
 
 
 def short_program_length(points: int, by: Array, max_acceleration: Array, cycle: float) -> float:
-    """Largest factor of `by` (joints + 1,) of a program of two or three set-points within the accelerations."""
+    """Largest factor of `by` (axes,) of a program of two or three set-points within the accelerations."""
     most = (1.0 / 6.0, 1.0 / 1.5)[points - 2] * 0.98 * max_acceleration * cycle**2
     return float(np.min(most / np.maximum(np.abs(by), 1e-12)))
 

@@ -27,7 +27,7 @@ class Servers:
     make
         Makes a guard that knows nothing of the past.
     rival
-        One of `RIVALS`: a second cell at rest at `home` (joints + 1,), rad, that asks the guard for a session all the
+        One of `RIVALS`: a second cell at rest at `home` (axes,), rad, that asks the guard for a session all the
         time; or a second guard of the same cell that gets the same states, whose answers come 2 ms later.
 
     Attributes

@@ -46,7 +46,7 @@ class MotionRecord:
     Attributes
     ----------
     times, axes
-        (n,), s, and true joints and table (n, joints + 1), rad.
+        (n,), s, and true joints and table (n, axes), rad.
     frames
         True poses (n, frames, 7) of fingers and free parts: positions, m, and quaternions.
     answers
@@ -302,7 +302,7 @@ class Simulation(Closing):
         return None if found is None else (float(record.times[kept[found.index]]), (found.body_a, found.body_b))
 
     def distances(self, pair: NDArray[np.bool_], axes: Array) -> Array:
-        """Nominal distances (n,), m, of the one `pair` (pairs,) of those judged at axes (n, joints + 1)."""
+        """Nominal distances (n,), m, of the one `pair` (pairs,) of those judged at axes (n, axes)."""
         poses = self.world.nominal.body_poses(axes)
         return np.asarray(self.world.scene.distances(poses, np.where(pair, np.inf, 0.0), 1)[:, pair][:, 0])
 

@@ -209,7 +209,7 @@ class World:
 
     @cached_property
     def start(self) -> Array:
-        """Axes (joints + 1,), rad, with the fingers around the part."""
+        """Axes (axes,), rad, with the fingers around the part."""
         down = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
         flange = pose.from_rotation(down, _GRIPPED_AT[1]) @ pose.inverse(flange_from_tool(self.nominal, "gripper"))
         branches = self.nominal.arm.ik(flange, self.nominal.home)[0]
