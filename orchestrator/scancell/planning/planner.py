@@ -39,7 +39,7 @@ def plan(
     Raises `PlanningError` if the part does not fit on the table or poses are infeasible, naming them with the distance
     out of reach, the angle outside the joint limits, or the bodies that collide.
     """
-    check_part(cell, options.belt is None)
+    check_part(cell)
     placer = Placer(cell, options.azimuth, options.clearance)
     assembly = Assembly(cell, options)
     if options.belt is not None:

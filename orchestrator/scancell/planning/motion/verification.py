@@ -18,7 +18,7 @@ _SAME_PLACE = 1e-6  # rad
 _BLOCK = 1024  # poses that python-fcl checks between two looks at the work
 
 
-def check_part(cell: PlanningCell, on_table: bool = True) -> None:
+def check_part(cell: PlanningCell) -> None:
     """Check that the part lies on the table (if it is to be there) and that nothing collides at the home position.
 
     Raises
@@ -26,7 +26,7 @@ def check_part(cell: PlanningCell, on_table: bool = True) -> None:
     PlanningError
         Otherwise, with the distance by which the part protrudes or the bodies that collide.
     """
-    if on_table:
+    if cell.nominal.support == "table":
         _check_on_table(cell)
     hit = cell.contacts(cell.nominal.home[None], np.array([cell.table_start]))
     if hit:
@@ -58,7 +58,7 @@ def recheck(cell: PlanningCell, saved: Plan, options: ScanOptions) -> Plan:
     Raises `PlanningError` if the plan is for another arm or controller, does not start at the home position, does not
     continue, exceeds a limit, or comes too close to something; with the segment.
     """
-    check_part(cell, options.belt is None)
+    check_part(cell)
     nominal, at = cell.nominal, np.append(cell.nominal.home, cell.table_start)
     motions = cell.motion_check(options.clearance)
     lower, upper = nominal.arm.limits
