@@ -100,7 +100,8 @@ def passing_sphere(
         return passing_sphere(rng, count, per_pass, speed, centre)
     table, segment = np.repeat(angles, per_pass), np.repeat(np.arange(count), per_pass)
     qdd = slopes(qd, time + 60.0 * segment, segment)
-    return AxisReadings(q, table, qd, np.zeros_like(table), qdd, np.zeros_like(table))
+    still = np.zeros_like(table)
+    return AxisReadings(*(np.column_stack(columns) for columns in ((q, table), (qd, still), (qdd, still))))
 
 
 def joined(*parts: AxisReadings) -> AxisReadings:
@@ -161,9 +162,9 @@ class SphereCase:
         deviations = dict(self.deviations)
         # The true motion goes on along its straight line; it is not extrapolated from the readings.
         later = np.full(n, deviations.pop(LATENCY, 0.0))
-        velocity = np.einsum("nij,nj->ni", cell.arm.jacobian(readings.q)[:, :3], readings.qd)
+        velocity = np.einsum("nij,nj->ni", cell.arm.jacobian(readings.q)[:, :3], readings.rates[:, :-1])
         q = after_straight_motion(readings.q, velocity, later) + robot.joints * rng.normal(size=readings.q.shape)
-        true = AxisReadings.at_rest(q, readings.table + later * readings.table_rate)
+        true = AxisReadings.at_rest(q, readings.table + later * readings.rates[:, -1])
         tool = [self.deviations.get(f"tool.{key}", 0.0) for key in ("x", "y", "z", "rx", "ry", "rz")]
         flange_from_sensor = cell.flange_from_sensor @ pose.from_euler_xyz(tool[:3], tool[3:])
         error = pose.from_rotation(

@@ -38,7 +38,7 @@ from scancell.nominal.estimated import estimated_cell
 
 
 def some_readings(rng: np.random.Generator, count: int) -> AxisReadings:
-    return AxisReadings(*(rng.normal(size=shape) for _ in range(3) for shape in ((count, 6), count)))
+    return AxisReadings(*rng.normal(size=(3, count, 7)))
 
 
 def at_rest(rng: np.random.Generator, count: int, turn_table: bool = True) -> AxisReadings:
@@ -69,7 +69,7 @@ def test_calibration_and_reconstruction_share_one_geometry() -> None:
     made, number = some_readings(rng, 6), np.arange(6)
     measured = TriggerRecords(
         *(number, number // 4, 0.02 * number, np.full(6, 1e-3)),
-        *(made.q, made.qd, made.table, made.table_rate, np.empty((6, 0)), np.empty((6, 0))),
+        *(made.q, made.rates[:, :-1], made.table, made.rates[:, -1], np.empty((6, 0)), np.empty((6, 0))),
     )
     estimated = estimated_cell(nominal, deviations)
     late = measured.after(estimated.trigger_latency)

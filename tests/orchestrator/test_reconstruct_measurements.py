@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 
 import scancell
 from scancell.calibration.measured_table import MeasuredTable, write_measured_table
+from scancell.cell.recording import slopes
 from scancell.cli import app
 from scancell.config.loading import assets_dir
 from scancell.errors import CalibrationError, DescriptionError, EmptyScanError, ImageError
@@ -41,11 +42,14 @@ def joint_columns(result: scancell.ScanResult) -> dict[str, np.ndarray]:
     """Readings by exposure."""
     measured = result.recording.measured
     found: dict[str, np.ndarray] = {"exposure": measured.index, "time_s": measured.time}
-    for name, values, unit in (("q", measured.q, "deg"), ("qd", measured.qd, "deg_s"), ("qdd", measured.qdd, "deg_s2")):
-        found |= {f"{name}{i}_{unit}": column for i, column in enumerate(np.degrees(values).T, 1)}
-    found["table_deg"] = np.degrees(measured.table)
-    found["table_rate_deg_s"] = np.degrees(measured.table_rate)
-    found["table_acceleration_deg_s2"] = np.degrees(measured.table_acceleration)
+    for of_joints, of_table, values, unit in (
+        ("q", "table", measured.axes, "deg"),
+        ("qd", "table_rate", measured.axis_rates, "deg_s"),
+        ("qdd", "table_acceleration", slopes(measured.axis_rates, measured.time, measured.segment), "deg_s2"),
+    ):
+        *joints, table = np.degrees(values).T
+        found |= {f"{of_joints}{i}_{unit}": column for i, column in enumerate(joints, 1)}
+        found[f"{of_table}_{unit}"] = table
     return found
 
 

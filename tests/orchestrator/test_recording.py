@@ -11,6 +11,7 @@ from scancell.cell.recording import (
     RecordLayout,
     TriggerRecords,
     read_recording,
+    slopes,
     write_recording,
 )
 from scancell.errors import DescriptionError, OutputError
@@ -71,10 +72,11 @@ def test_accelerations_are_of_one_segment_and_zero_for_a_single_row() -> None:
     segment = np.array([1, 1, 2, 3, 3, 3])
     measured = accelerating(time, segment)
     measured.qd[3:] += 100.0
-    assert measured.qdd[[0, 1, 3, 4, 5]] == pytest.approx(np.tile(np.arange(1.0, 7.0), (5, 1)))
-    assert measured.qdd[2] == pytest.approx(0)
+    acceleration = slopes(measured.axis_rates, time, segment)
+    assert acceleration[[0, 1, 3, 4, 5]] == pytest.approx(np.tile(np.arange(1.0, 8.0), (5, 1)))
+    assert acceleration[2] == pytest.approx(0)
     empty = accelerating(np.zeros(0), np.zeros(0, np.int64))
-    assert empty.qdd.shape == (0, 6)
+    assert slopes(empty.axis_rates, empty.time, empty.segment).shape == (0, 7)
 
 
 def test_travel_of_belts_is_read_by_number(tmp_path) -> None:

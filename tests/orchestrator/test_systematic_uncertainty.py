@@ -145,8 +145,8 @@ def test_cells_with_errors_of_the_calibration_scatter_as_stated(tmp_path: Path, 
 
     def at(deviations: dict[str, float], share: float) -> Array:
         """Pose of the sensor on the platter, with a share of the motion and of the table's angle."""
-        still = np.zeros_like(rates)
-        readings = AxisReadings(nominal.home[None], share * turn, share * rates, share * turn_rate, still, 0.0 * turn)
+        axes, moving = [[*nominal.home, *(share * turn)]], [[*(share * rates[0]), *(share * turn_rate)]]
+        readings = AxisReadings(np.array(axes), np.array(moving), np.zeros((1, 7)))
         return np.asarray(kinematics.poses(readings, deviations).platter_from_sensor[0])
 
     part: Any = None

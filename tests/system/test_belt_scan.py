@@ -278,6 +278,6 @@ def test_normals_of_a_cloud_made_in_parts_are_those_of_the_whole() -> None:
     whole = shared().scan(ROOF, engine="geometric", setup=setup)
     bare = replace(whole.cloud, normals=np.full_like(whole.cloud.normals, np.nan))
     with ScanPipeline() as pipeline:
-        cloud = pipeline.with_normals(whole.nominal, whole.recording, bare, setup)
+        cloud = pipeline.with_normals(whole.nominal, whole.recording, bare)
     assert np.isfinite(cloud.normals).mean() > 0.9
     np.testing.assert_allclose(cloud.normals, whole.cloud.normals, atol=1e-12)

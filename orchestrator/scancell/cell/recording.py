@@ -150,16 +150,6 @@ class TriggerRecords(Value):
         """Rates (n, k) of all axes, rad/s and m/s."""
         return np.column_stack([self.qd, self.table_rate, self.belt_speed])
 
-    @property
-    def qdd(self) -> Array:
-        """Accelerations (n, joints) of the joints, rad/s², see `slopes`."""
-        return slopes(self.qd, self.time, self.segment)
-
-    @property
-    def table_acceleration(self) -> Array:
-        """Accelerations (n,) of the table, rad/s², see `slopes`."""
-        return slopes(self.table_rate, self.time, self.segment)
-
     def after(self, latency: float) -> TriggerRecords:
         """With all axes `latency` (s) later than they were latched, by their rates and accelerations."""
         if not latency:

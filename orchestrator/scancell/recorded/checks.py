@@ -75,7 +75,7 @@ def _alternatives(found: Measurements) -> Iterator[tuple[str, AxisReadings, Arra
     for text, turn in _POINT_READINGS.items():
         yield text, found.readings, turn
     if found.stated is None:
-        radians = replace(found.readings, q=np.degrees(found.readings.q))
+        radians = replace(found.readings, axes=np.column_stack([np.degrees(found.readings.q), found.readings.table]))
         yield "with angles of the joints in rad in place of deg", radians, np.eye(3)
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from scancell.arguments import checked_arguments
-from scancell.calibration.cell.kinematics import AxisReadings
+from scancell.calibration.cell.scan import readings_of
 from scancell.cell.recording import integers, numbers, read_any_recording, read_table, refuse_value
 from scancell.config.loading import Setup, load_resolved
 from scancell.errors import DescriptionError, EmptyScanError
@@ -352,9 +352,7 @@ def _of_scan(folder: Path, setup: Setup) -> Measurements:
         flags=whole["flags"].astype(np.uint32),
         time_offset=numbers(table, "time_offset_s", file, _LARGEST_S),
     )
-    readings = AxisReadings(
-        measured.q, measured.table, measured.qd, measured.table_rate, measured.qdd, measured.table_acceleration
-    )
+    readings = readings_of(measured)
     return Measurements(
         names=tuple(f"exposure {number}" for number in measured.index),
         index=measured.index,

@@ -73,7 +73,7 @@ class Measurements(Value):
     @property
     def moves(self) -> bool:
         """Whether rates of joints or table are stated that are not 0."""
-        return bool(self.readings.qd.any() or self.readings.table_rate.any())
+        return bool(self.readings.rates.any())
 
     @property
     def directions(self) -> Array:
@@ -93,16 +93,7 @@ class Measurements(Value):
         by_exposure: dict[str, NDArray[Any]] = {"exposure": self.index, "time_s": self.time}
         if readings.flange is not None:
             by_exposure |= flange_columns(readings.flange)
-        else:
-            for name, values, unit in (
-                ("q", readings.q, "deg"),
-                ("qd", readings.qd, "deg_s"),
-                ("qdd", readings.qdd, "deg_s2"),
-            ):
-                by_exposure |= {f"{name}{i}_{unit}": column for i, column in enumerate(np.degrees(values).T, 1)}
-        by_exposure["table_deg"] = np.degrees(readings.table)
-        by_exposure["table_rate_deg_s"] = np.degrees(readings.table_rate)
-        by_exposure["table_acceleration_deg_s2"] = np.degrees(readings.table_acceleration)
+        by_exposure |= readings.columns()
         direction = self.directions
         points = 1e3 * np.asarray(profiles.points_in_sensor, float)
         columns = {

@@ -87,11 +87,11 @@ class MeasuredCell:
         """Poses (n, 4, 4) of a frame in the world."""
         if frame == "sensor" and readings.flange is not None:
             return np.asarray(self.cell.arm.world_from_base @ readings.flange @ self.cell.flange_from_sensor)
-        return self.cell.world_from(frame, self.joints_and_table(readings.q, readings.table))
+        return self.cell.world_from(frame, self.all_axes(readings.axes))
 
-    def joints_and_table(self, q: Array, table: Array) -> Array:
-        """The columns of both, (n, axes); joints that poses of the flange leave open are 0."""
-        return np.column_stack([q if q.shape[1] else np.zeros((len(table), len(self.cell.home))), table])
+    def all_axes(self, axes: Array) -> Array:
+        """Positions or rates (n, axes) of joints and table; 0 of joints that poses of the flange leave open."""
+        return np.hstack([np.zeros((len(axes), len(self.cell.axes) - axes.shape[1])), axes])
 
 
 @dataclass(frozen=True)
@@ -128,16 +128,16 @@ class ReconstructedData:
 
 def records_of(cell: MeasuredCell, found: Measurements, readings: AxisReadings) -> TriggerRecords:
     """Records of a controller; the joints are 0 where poses of the flange are given."""
-    axes = cell.joints_and_table(readings.q, readings.table)
+    axes, rates = cell.all_axes(readings.axes), cell.all_axes(readings.rates)
     return TriggerRecords(
         index=found.index,
         segment=np.ones(len(readings), np.int64),
         time=found.time,
         exposure=np.zeros(len(readings)),
         q=axes[:, :-1],
-        qd=cell.joints_and_table(readings.qd, readings.table_rate)[:, :-1],
-        table=readings.table,
-        table_rate=readings.table_rate,
+        qd=rates[:, :-1],
+        table=axes[:, -1],
+        table_rate=rates[:, -1],
         belt=np.empty((len(readings), 0)),
         belt_speed=np.empty((len(readings), 0)),
     )

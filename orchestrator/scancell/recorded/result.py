@@ -236,7 +236,7 @@ class ReconstructionResult(Result):
             if reached is None:
                 return None
             q = reached
-        count, rates = len(readings), readings.qd if readings.flange is None else np.zeros_like(q)
+        count, rates = len(readings), readings.rates[:, :-1] if readings.flange is None else np.zeros_like(q)
         columns: dict[str, Any] = {
             "trigger.index": data.found.index,
             "trigger.segment": np.ones(count, np.int64),
@@ -245,7 +245,7 @@ class ReconstructionResult(Result):
             **{f"trigger.measured.q[{i}]": column for i, column in enumerate(q.T, 1)},
             **{f"trigger.measured.qd[{i}]": column for i, column in enumerate(rates.T, 1)},
             "trigger.measured.table": readings.table,
-            "trigger.measured.table_rate": readings.table_rate,
+            "trigger.measured.table_rate": readings.rates[:, -1],
         }
         return Recording(columns)
 

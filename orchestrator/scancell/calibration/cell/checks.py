@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.calibration.cell.kinematics import written_unit
+from scancell.calibration.cell.kinematics import AxisReadings, written_unit
 from scancell.calibration.cell.problem import (
     REACH,
     CalibrationProblem,
@@ -118,7 +118,8 @@ def opposite_table(problem_of: Callable[[Observations], CalibrationProblem], mea
     own = measured.readings
     if not own.table.any():
         return ""
-    turned = replace(own, table=-own.table, table_rate=-own.table_rate, table_acceleration=-own.table_acceleration)
+    sign = np.append(np.ones(own.q.shape[1]), -1.0)
+    turned = AxisReadings(own.axes * sign, own.rates * sign, own.accelerations * sign, own.flange)
     agrees = (
         "with the sign of table_deg changed the points agree with the artefact: is the angle of the table counted in"
         " the opposite direction?"

@@ -9,7 +9,7 @@ general tilt of an axis that repeats with every revolution.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -43,50 +43,64 @@ def joint_names(count: int, *quantities: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class AxisReadings:
-    """Measured joints (n, joints) and table angles (n,), rad, of n exposures, their rates and accelerations.
+    """Measured positions of joints and table (n, axes), rad, at n exposures, their rates and accelerations.
 
-    With `flange`, measured poses (n, 4, 4) of the flange in the robot's base, there are no joints: (n, 0).
+    With `flange`, measured poses (n, 4, 4) of the flange in the robot's base, the table is the only axis: (n, 1).
     """
 
-    q: Array
-    table: Array
-    qd: Array
-    table_rate: Array
-    qdd: Array
-    table_acceleration: Array
+    axes: Array
+    rates: Array
+    accelerations: Array
     flange: Array | None = None
 
     def __len__(self) -> int:
-        return len(self.table)
+        return len(self.axes)
+
+    @property
+    def q(self) -> Array:
+        """Joints (n, joints), rad."""
+        return self.axes[:, :-1]
+
+    @property
+    def table(self) -> Array:
+        """Angles (n,) of the table, rad."""
+        return self.axes[:, -1]
 
     def rows(self, chosen: NDArray[np.intp]) -> AxisReadings:
         """Those of some exposures, by row."""
         flange = None if self.flange is None else self.flange[chosen]
-        names = [one.name for one in fields(self) if one.name != "flange"]
-        return AxisReadings(**{name: getattr(self, name)[chosen] for name in names}, flange=flange)
+        return AxisReadings(self.axes[chosen], self.rates[chosen], self.accelerations[chosen], flange)
 
     def after(self, latency: float) -> AxisReadings:
-        """With joints and table `latency` (s) later, by their rates and accelerations; poses of the flange stay."""
-        return replace(
-            self,
-            q=later(self.q, self.qd, self.qdd, latency),
-            table=later(self.table, self.table_rate, self.table_acceleration, latency),
-        )
+        """With all axes `latency` (s) later, by their rates and accelerations; poses of the flange stay."""
+        return replace(self, axes=later(self.axes, self.rates, self.accelerations, latency))
 
     def moved(self, time: float) -> AxisReadings:
-        """With joints and table `time` (s) later, by their rates alone; poses of the flange stay."""
-        return replace(self, q=self.q + self.qd * time, table=self.table + self.table_rate * time)
+        """With all axes `time` (s) later, by their rates alone; poses of the flange stay."""
+        return replace(self, axes=self.axes + self.rates * time)
 
     @classmethod
     def at_rest(cls, q: Array, table: Array) -> AxisReadings:
-        """Readings of axes that do not move."""
-        still, still_table = np.zeros_like(q), np.zeros_like(table)
-        return cls(q, table, still, still_table, still, still_table)
+        """Readings of joints (n, joints) and table (n,) that do not move."""
+        axes = np.column_stack([q, table])
+        return cls(axes, np.zeros_like(axes), np.zeros_like(axes))
 
     @classmethod
     def of_flange(cls, flange: Array, table: Array) -> AxisReadings:
         """Measured poses (n, 4, 4) of the flange at rest."""
         return replace(cls.at_rest(np.zeros((len(flange), 0)), table), flange=flange)
+
+    def columns(self) -> dict[str, Array]:
+        """Columns (n,) of tables: angles, rates and accelerations of all axes in deg, deg/s and deg/s²."""
+        found: dict[str, Array] = {}
+        for name, of_table, values, unit in (
+            ("q", "table", self.axes, "deg"),
+            ("qd", "table_rate", self.rates, "deg_s"),
+            ("qdd", "table_acceleration", self.accelerations, "deg_s2"),
+        ):
+            *joints, table = np.degrees(values).T
+            found |= {f"{name}{i}_{unit}": column for i, column in enumerate(joints, 1)} | {f"{of_table}_{unit}": table}
+        return found
 
 
 @dataclass(frozen=True)
@@ -133,17 +147,16 @@ class CellKinematics:
         """
         value = {name: float(deviations.get(name, 0.0)) for name in self.names}
         latency = value[LATENCY]
-        qd = readings.qd + latency * readings.qdd
-        table_rate = readings.table_rate + latency * readings.table_acceleration
-        angle = readings.table + latency * (readings.table_rate + table_rate) / 2
+        rates = readings.rates + latency * readings.accelerations
+        axes = readings.axes + latency * (readings.rates + rates) / 2
+        angle = axes[:, -1]
         cosine, sine = np.cos(angle), np.sin(angle)
         position: dict[str, Array | float] = {**value, "table": angle}
         for name in _TILTS:
             along, across = value[f"table.wobble_{name}_cos"], value[f"table.wobble_{name}_sin"]
             position[f"wobble.{name}"] = along * cosine + across * sine
         thetas = joint_names(readings.q.shape[1], "theta")
-        q = readings.q + latency * (readings.qd + qd) / 2
-        position |= {name: q[:, i] + value[name] for i, name in enumerate(thetas)}
+        position |= {name: axes[:, i] + value[name] for i, name in enumerate(thetas)}
 
         tree = self._tree if readings.flange is None else self._tree_behind(readings.flange)
         positions = np.stack([np.broadcast_to(position.get(axis, 0.0), len(readings)) for axis in tree.axes], -1)
@@ -159,7 +172,7 @@ class CellKinematics:
                 named[f"table.wobble_{name}_{part}"] = tilt * share[:, None]
             turn = turn + tilt * (across * cosine - along * sine)[:, None]
         joints = np.stack([named[name] for name in thetas], -1) if thetas else np.zeros((len(readings), 6, 0))
-        named[LATENCY] = np.einsum("nij,nj->ni", joints, qd) + turn * table_rate[:, None]
+        named[LATENCY] = np.einsum("nij,nj->ni", joints, rates[:, :-1]) + turn * rates[:, -1:]
         flange = np.stack([named.pop(name) for name in _FLANGE], -1)
         return SensorPoses(platter_from_sensor, named, joints, turn, flange)
 

@@ -87,7 +87,7 @@ def _advice(problem: CalibrationProblem) -> str:
             f"The orientation of the sensor to the artefact differs by {np.degrees(turns.max()):.1f} deg at most: turn"
             " the sensor about two axes, by 20 deg or more"
         )
-    if LATENCY in problem.free and max(np.abs(readings.qd).max(), np.abs(readings.table_rate).max()) < _LEAST_RATE:
+    if LATENCY in problem.free and np.abs(readings.rates).max() < _LEAST_RATE:
         return "Nothing moves: measure while the sensor passes the artefact in opposite directions"
     if any(name.startswith(("table.", "platter.")) for name in problem.free):
         if np.ptp(readings.table) < _LEAST_TABLE_TURN:

@@ -32,16 +32,7 @@ def write_points(data: Observations, path: Path) -> None:
     columns: dict[str, NDArray[np.generic]] = {"exposure": frame + 1}
     if readings.flange is not None:
         columns |= {name: values[frame] for name, values in flange_columns(readings.flange).items()}
-    for name, values, unit in (
-        ("q", readings.q, "deg"),
-        ("qd", readings.qd, "deg_s"),
-        ("qdd", readings.qdd, "deg_s2"),
-    ):
-        for joint, column in enumerate(np.degrees(values).T, 1):
-            columns[f"{name}{joint}_{unit}"] = column[frame]
-    columns["table_deg"] = np.degrees(readings.table)[frame]
-    columns["table_rate_deg_s"] = np.degrees(readings.table_rate)[frame]
-    columns["table_acceleration_deg_s2"] = np.degrees(readings.table_acceleration)[frame]
+    columns |= {name: values[frame] for name, values in readings.columns().items()}
     for axis, values in zip("xyz", data.points_in_sensor.T, strict=True):
         columns[f"{axis}_mm"] = 1e3 * values
     if data.direction is not None:
@@ -174,20 +165,15 @@ def read_axes(
     Raises `DescriptionError` if a column is missing, or the readings of an exposure differ.
     """
 
-    def of_joints(name: str, unit: str, default: float | None = None) -> Array:
-        columns = [table.numbers(f"{name}{joint}_{unit}", default) for joint in range(1, joints + 1)]
-        return np.column_stack([np.zeros((len(table), 0)), *columns])
-
-    per_point = {
-        "q": of_joints("q", "deg"),
-        "qd": of_joints("qd", "deg_s", 0.0),
-        "qdd": of_joints("qdd", "deg_s2", 0.0),
-        "table": table.numbers("table_deg", None if joints else 0.0),
-        "table_rate": table.numbers("table_rate_deg_s", 0.0),
-        "table_acceleration": table.numbers("table_acceleration_deg_s2", 0.0),
-    }
+    names = ("q", "table", "deg"), ("qd", "table_rate", "deg_s"), ("qdd", "table_acceleration", "deg_s2")
+    per_point: dict[str, Array] = {}
+    for name, of_table, unit in names:
+        default = None if name == "q" else 0.0
+        columns = [table.numbers(f"{name}{joint}_{unit}", default) for joint in range(1, 1 + joints)]
+        columns.append(table.numbers(f"{of_table}_{unit}", default if joints else 0.0))
+        per_point[name] = np.column_stack(columns)
     _require_equal(per_point, first, frame, numbers, table)
-    return AxisReadings(**{name: np.radians(values[first]) for name, values in per_point.items()})
+    return AxisReadings(*(np.radians(values[first]) for values in per_point.values()))
 
 
 def _require_equal(

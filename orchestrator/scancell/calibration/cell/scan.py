@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -34,7 +34,7 @@ from scancell.calibration.cell.problem import (
 from scancell.calibration.cell.solve import solve
 from scancell.calibration.cell.sphere_start import circles_of, sphere_start
 from scancell.calibration.cell.views import Candidates, candidates, design_poses, passes, plan_views
-from scancell.cell.recording import TriggerRecords
+from scancell.cell.recording import TriggerRecords, slopes
 from scancell.config.choices import Engine
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
@@ -120,8 +120,9 @@ def kinematics_of(nominal: NominalCell) -> CellKinematics:
 
 def readings_of(measured: TriggerRecords) -> AxisReadings:
     """Readings of the controller at every trigger, with the accelerations between triggers."""
-    names = [one.name for one in fields(AxisReadings) if one.name != "flange"]
-    return AxisReadings(**{name: getattr(measured, name) for name in names})
+    moved = slice(measured.q.shape[1] + 1)  # joints and table
+    rates = measured.axis_rates[:, moved]
+    return AxisReadings(measured.axes[:, moved], rates, slopes(rates, measured.time, measured.segment))
 
 
 def observations_of(profiles: ProfilePoints, readings: AxisReadings, sensor: sensor_rt.Sensor) -> Observations:
