@@ -304,12 +304,11 @@ class LiveScan:
         if self._ended_by:
             warning = f"stopped after {self._sensed} of {self._planned} exposures: {self._ended_by}"
             scan = replace(scan, setup_warnings=(*scan.setup_warnings, warning))
-        recording, token = Recording.joined(self._recordings), session.cell.token
         try:
-            cloud = self._cloud.joined()
-            result = scan.of_parts(recording, sensed, cloud, self._dropped, plan, self._watch, token)
+            recording, parts = Recording.joined(self._recordings), (self._cloud.joined(), self._dropped)
+            result = scan.of_profiles(recording, sensed, plan, NullProgress(), self._watch, parts)
         except EmptyScanError as error:
             self._fail(error, "stopped" if self._ended_by else "failed")
             return
         self._stage = "stopped" if self._ended_by else "done"
-        self.result.set_result(ScanResult.of(result))
+        self.result.set_result(ScanResult.of(replace(result, fmu_token=session.cell.token)))

@@ -183,46 +183,25 @@ class Scan:
         return self.of_profiles(recording, sensed, plan, progress, watch)
 
     def of_profiles(
-        self, recording: Recording, sensed: SensedProfiles, plan: Plan | None, progress: Progress, watch: Stopwatch
+        self,
+        recording: Recording,
+        sensed: SensedProfiles,
+        plan: Plan | None,
+        progress: Progress,
+        watch: Stopwatch,
+        parts: tuple[Cloud, Dropped] | None = None,
     ) -> ScanData:
-        """Reconstruct a recording that is sensed; see `of_recording`."""
+        """Reconstruct a recording that is sensed; see `of_recording`.
+
+        `parts` are the cloud and what was dropped, where `points_of` gave them part by part.
+        """
+        world = self.world
         with watch.measure("reconstruct"):
             progress.stage("reconstructing", 1, "cloud")
-            cloud, dropped = self.points_of(recording, sensed.points, self.normals)
+            cloud, dropped = parts or self.points_of(recording, sensed.points, self.normals)
+            if parts is not None:
+                cloud = self.pipeline.with_normals(world.estimated, recording, cloud)
             progress.advance(1)
-        token = "" if plan is None else self.pipeline.runner.token
-        return self._data(recording, sensed, cloud, dropped, plan, watch, token)
-
-    def of_parts(
-        self,
-        recording: Recording,
-        sensed: SensedProfiles,
-        cloud: Cloud,
-        dropped: Dropped,
-        plan: Plan,
-        watch: Stopwatch,
-        fmu_token: str,
-    ) -> ScanData:
-        """As `of_profiles`, where `points_of` gave the cloud and what was dropped, part by part."""
-        with watch.measure("reconstruct"):
-            cloud = self.pipeline.with_normals(self.world.estimated, recording, cloud)
-        return self._data(recording, sensed, cloud, dropped, plan, watch, fmu_token)
-
-    def points_of(self, recording: Recording, points: ProfilePoints, normals: bool = False) -> tuple[Cloud, Dropped]:
-        """The cloud, or the part of it, that some exposures give, and what was dropped."""
-        return self.pipeline.reconstruct(self.world.estimated, recording, points, self.world.setup, normals)
-
-    def _data(
-        self,
-        recording: Recording,
-        sensed: SensedProfiles,
-        cloud: Cloud,
-        dropped: Dropped,
-        plan: Plan | None,
-        watch: Stopwatch,
-        fmu_token: str,
-    ) -> ScanData:
-        world = self.world
         if not len(cloud):
             reasons = why_empty(dropped, envelope_of(world.estimated, world.setup))
             raise EmptyScanError(f"the scan gave no point: {'; '.join(reasons)}", file=world.part)
@@ -238,9 +217,13 @@ class Scan:
             render_seconds=sensed.timings,
             timings=watch.seconds,
             warnings=(*self._warnings(plan), *table_warnings(dropped, world.setup.scan.table_margin_mm)),
-            fmu_token=fmu_token,
+            fmu_token="" if plan is None else self.pipeline.runner.token,
             threads=self.pipeline.threads,
         )
+
+    def points_of(self, recording: Recording, points: ProfilePoints, normals: bool = False) -> tuple[Cloud, Dropped]:
+        """The cloud, or the part of it, that some exposures give, and what was dropped."""
+        return self.pipeline.reconstruct(self.world.estimated, recording, points, self.world.setup, normals)
 
     def sense(
         self,
