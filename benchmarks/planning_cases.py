@@ -36,7 +36,7 @@ from scancell.planning.path_map.ray_shooting import shoot
 from scancell.planning.path_map.table_motion import Lattice
 from scancell.planning.views.sensor_paths import SensorPath, sensor_paths
 from scancell.proximity.judge import Judge
-from scancell.scanning.world import make_sensors
+from scancell.scanning.world import make_sensor
 
 Array = NDArray[np.float64]
 
@@ -69,7 +69,7 @@ def planning_cell(case: dict[str, Any]) -> PlanningCell:
         name = f"box {number}"
         mesh = box_mesh(tuple(float(x) for x in size), name).transformed(pose.translation(centre))
         boxes.append(Body(name, box.get("moves_with", "world"), mesh, nominal.bodies[0].material))
-    range_ = SensorRange.of(make_sensors(load_setup().sensor, (), 0).nominal)
+    range_ = SensorRange.of(make_sensor(load_setup().sensor, 0))
     return PlanningCell(replace(nominal, bodies=(*nominal.bodies, *boxes)), range_, 0.016, threads=1)
 
 

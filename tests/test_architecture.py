@@ -65,7 +65,7 @@ COMPARE_WITH_TRUTH = {
     *("calibration/report.py", "calibration/cell/report.py", "calibration/cell/request.py"),
     *("calibration/sensor/report.py", "calibration/sensor/simulated.py"),
 }
-# Objects that hold as-built values: `World.true`, `Sensors.true`, `ScanSession.true`, `world_from_part_true`.
+# Objects that hold as-built values: `World.true`, `World.sensor_true`, `ScanSession.true`, `world_from_part_true`.
 AS_BUILT = re.compile(r"(?:^|_)true(?:_|$)")
 
 # What each folder of sensor_rt may include besides itself.
@@ -221,8 +221,34 @@ def composing_scans(package: Path) -> list[str]:
         for name, path, tree in python_files(package)
         for node in ast.walk(tree)
         if name != "scanning" and isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)
-        if node.func.attr in steps and ast.unparse(node.func.value).endswith("pipeline")
+        if node.func.attr in steps and ast.unparse(node.func.value).endswith(("pipeline", "world"))
     ]
+
+
+def exposing(package: Path) -> list[str]:
+    """Uses of the ray tracer's `scan` outside of ``scanning/sense.py``, whose `expose` serves all."""
+    found = []
+    for name, path, tree in python_files(package):
+        if name == "sensor" or path.relative_to(package).as_posix() == "scanning/sense.py":
+            continue
+        names = imported_modules(tree) & {"scancell.sensor.scan"}
+        calls = [node for node in ast.walk(tree) if isinstance(node, ast.Attribute) and node.attr == "scan"]
+        used = [ast.unparse(node) for node in calls if ast.unparse(node.value) in ("sensor_rt", "sensor")]
+        found += [f"{path}: {word}" for word in [*names, *used]]
+    return found
+
+
+def test_exposures_are_made_in_one_place() -> None:
+    assert exposing(PACKAGE) == []
+
+
+@pytest.mark.parametrize(
+    "line", ["found = sensor_rt.scan(scene, sensor, exposures)", "from scancell.sensor import scan as trace"]
+)
+def test_planted_exposure_is_found(tmp_path: Path, line: str) -> None:
+    (tmp_path / "studies").mkdir()
+    (tmp_path / "studies" / "trial.py").write_text(line + "\n")
+    assert len(exposing(tmp_path)) == 1
 
 
 def test_scanning_alone_composes_scans() -> None:
@@ -283,9 +309,10 @@ def test_planted_import_is_found(tmp_path: Path, file: str, line: str) -> None:
         'columns = f"trigger.truth.{frame}"',
         "from scancell.cell.recording import ExposureTruth",
         "bodies = world.true.bodies",
-        "image = render(sensors.true)",
+        "image = render(world.sensor_true)",
+        "detector = world.sensor_true_description.detector",
         "cell = session.true",
-        "sensors = replace(sensors, true=sensor)",
+        "world = World(setup, true=cell)",
         "def pose(world_from_part_true): ...",
     ],
 )

@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from scancell.arguments import Count, checked_arguments, checked_fields
 from scancell.config.choices import CloudFrame
-from scancell.config.files import plain_data
 from scancell.evaluation.coverage import Coverage, coverage, profile_spacing
 from scancell.evaluation.deviation import Deviation, deviation_from_mesh
 from scancell.evaluation.unseen import UnseenSurface, unseen_surface
 from scancell.files import png_bytes
 from scancell.progress import NullProgress, Progress, ProgressCallback, as_progress
 from scancell.scanning.scan import ScanData
-from scancell.scanning.single_exposure import ShotData
+from scancell.scanning.single_exposure import Profile
+from scancell.scanning.world import World
 from scancell.stopwatch import Stopwatch
 from scancell.values import Result
 from scancell.visibility.measurable import (
@@ -44,20 +44,16 @@ class ScanResult(ScanData, Result):
 
     Attributes
     ----------
-    part, part_file, unit
-        Name of the part, its file if it was one, and the unit of the file.
-    setup
-        Nominal descriptions.
-    engine, seed, as_built
-        Engine, random seed, and deviations of the true cell as ``key=value`` words.
-    nominal, estimated
-        The nominal cell, and the calibrated one that reconstruction used; equal without calibration.
-    sensors, estimated_sensor
-        The sensors that rendered and interpreted the images, and the calibrated description, if there was one.
+    world
+        The part in the cell, and its sensor: descriptions, nominal and calibrated cell, deviations, seed, files.
+    part, setup, nominal, as_built, seed
+        Name of the part, nominal descriptions and cell, deviations of the true cell and random seed; of the world.
+    engine
+        That sensed the exposures.
     plan
         None when an existing recording was rendered.
-    recording, recording_file
-        Trigger records, measured and, apart from these, true; and their file, if it was one.
+    recording
+        Trigger records, measured and, apart from these, true.
     profiles
         All points in the sensor frame.
     cloud
@@ -72,8 +68,8 @@ class ScanResult(ScanData, Result):
         About descriptions, meshes and the plan.
     fmu_token
         Instantiation token of the FMU; empty when an existing recording was rendered.
-    threads, part_surface
-        Of the evaluation, and the mesh prepared for its distance queries.
+    threads
+        Of the evaluation.
 
     Examples
     --------
@@ -88,7 +84,7 @@ class ScanResult(ScanData, Result):
     def deviation(self) -> Deviation:
         """Signed distance of every point of the cloud to the surface of the part, with figures in metres."""
         with Stopwatch(self.timings).measure("evaluate"):
-            return deviation_from_mesh(self.cloud, self.part_surface or self.nominal.part, self.threads)
+            return deviation_from_mesh(self.cloud, self.world.part_surface, self.threads)
 
     @cached_property
     def coverage(self) -> Coverage:
@@ -257,30 +253,12 @@ class ScanResult(ScanData, Result):
         command_line: Sequence[str] | None = None,
     ) -> None:
         """Write the files of `ScanResult.save` into an open `folder`, and leave it open."""
-        from scancell.output.manifest import command_words  # noqa: PLC0415
-        from scancell.output.run_files import RunRecord, write_run  # noqa: PLC0415
+        from scancell.output.run_files import write_run  # noqa: PLC0415
         from scancell.reconstruction.cloud_files import parse_formats  # noqa: PLC0415
 
-        run: dict[str, Any] = {
-            "part": str(self.part_file.absolute()) if self.part_file else self.part,
-            "unit": self.unit,
-            "engine": self.engine,
-            "as_built": list(self.as_built),
-            "seed": self.seed,
-            "formats": list(parse_formats(",".join(formats), "formats")),
-            "frame": frame,
-            "command_line": command_words(command_line),
-        }
-        if self.recording_file is not None:
-            run["recording"] = str(self.recording_file.absolute())
-        if self.plan is not None and self.plan.source:
-            run["plan"] = self.plan.source
-        if self.estimated_sensor is not None:
-            run["estimated_sensor"] = plain_data(self.estimated_sensor)
-        inputs = [file for file in (self.part_file, self.recording_file) if file is not None]
-        record = RunRecord(inputs, run, run["formats"], frame)
-        watch = Stopwatch(self.timings)
-        write_run(self, self.deviation, self.coverage, self.unseen, record, folder, watch)
+        formats = parse_formats(",".join(formats), "formats")
+        made = self.deviation, self.coverage, self.unseen
+        write_run(self, *made, folder, Stopwatch(self.timings), formats, frame, command_line)
 
     def picture(self) -> bytes:
         """The deviation picture as PNG."""
@@ -300,7 +278,7 @@ class ScanResult(ScanData, Result):
 
 @checked_fields
 @dataclass(frozen=True, eq=False, repr=False)
-class ShotResult(ShotData, Result):
+class ShotResult(Profile, Result):
     """One exposure from a given pose.
 
     Attributes
@@ -309,12 +287,14 @@ class ShotResult(ShotData, Result):
         Points in the sensor frame with camera, column, sigma and intensity.
     rows
         (m,) image rows of the points, px.
-    points_in_part
-        (m, 3) the same points in the part frame, m.
+    points_in_base, points_in_part
+        (m, 3) the same points in the frames of base and part, m.
     images
         Camera images, ray-traced engine only.
-    sensor, warnings
-        The native sensor model, and warnings.
+    world
+        The part in the cell, and its sensor.
+    warnings
+        Why the arm is left out, or nothing is seen.
 
     Examples
     --------
@@ -323,6 +303,9 @@ class ShotResult(ShotData, Result):
     {'plus': ..., 'minus': ...}
     """
 
+    world: World
+    warnings: tuple[str, ...]
+
     @property
     def figures(self) -> dict[str, Any]:
         """Numbers of points."""
@@ -330,13 +313,13 @@ class ShotResult(ShotData, Result):
 
     def summary(self) -> str:
         """The number of points as a line of text."""
-        return f"{Path(self.part).name}: {len(self.points_in_part)} points"
+        return f"{Path(self.world.part).name}: {len(self.points_in_part)} points"
 
     @property
     def camera_counts(self) -> dict[str, int]:
         """Number of points by camera name."""
         camera = self.profile.camera
-        return {one.name: int((camera == k).sum()) for k, one in enumerate(self.sensor.cameras)}
+        return {one.name: int((camera == k).sum()) for k, one in enumerate(self.world.sensor.cameras)}
 
     def picture(self) -> bytes | None:
         """The images with the stripe that was found, as PNG; None of the geometric engine."""
@@ -345,7 +328,7 @@ class ShotResult(ShotData, Result):
         images = self.images
         if images is None:
             return None
-        return png_bytes(lambda path: draw_stripes(images.images, self.sensor, path, "shot", images.background))
+        return png_bytes(lambda path: draw_stripes(images.images, self.world.sensor, path, "shot", images.background))
 
     @checked_arguments
     def save(self, folder: str | Path) -> list[Path]:
@@ -360,5 +343,5 @@ class ShotResult(ShotData, Result):
         from scancell.output.run_folder import RunFolder  # noqa: PLC0415
 
         with RunFolder(Path(folder)) as run:
-            write_shot(run, self.profile, self.rows, self.points_in_part, self.images, self.sensor)
+            write_shot(run, self.profile, self.rows, self.points_in_part, self.images, self.world.sensor)
         return run.paths

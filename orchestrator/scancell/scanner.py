@@ -50,7 +50,7 @@ from scancell.scanning.sense import OnImages
 from scancell.scanning.session import ScanSession
 from scancell.scanning.single_exposure import take_shot
 from scancell.scanning.survey import Survey, SurveyRegion, SurveyResult
-from scancell.scanning.world import World, make_sensors
+from scancell.scanning.world import World, make_sensor
 from scancell.stopwatch import Stopwatch
 
 
@@ -225,10 +225,9 @@ class Scanner(Closing):
         require_sensor_words(assignments(as_built), "the recording states what the cell did")
         watch = Stopwatch()
         with watch.measure("load"):
-            world = self._world(part, unit, as_built, seed, None, estimated_sensor, estimated)
-            if not isinstance(recording, Recording):
-                world = replace(world, recording_file=Path(recording))
-                recording = read_recording(Path(recording))
+            file = None if isinstance(recording, Recording) else Path(recording)
+            world = self._world(part, unit, as_built, seed, None, estimated_sensor, estimated, file)
+            recording = recording if isinstance(recording, Recording) else read_recording(Path(recording))
             recording.measured.require_joints(len(world.setup.cell.robot.joint))
         scan = Scan(self.pipeline, world, engine, on_images, self.setup_warnings)
         return ScanResult.of(scan.of_recording(recording, None, as_progress(progress), watch))
@@ -330,7 +329,7 @@ class Scanner(Closing):
             If no resting pose is stable, fits on the table and can be scanned.
         """
         setup, mesh = self.setup, self.load_part(part, unit)
-        range_ = SensorRange.of(make_sensors(setup.sensor, (), 0).nominal)
+        range_ = SensorRange.of(make_sensor(setup.sensor, 0))
         reporter = as_progress(progress)
         work = Work(setup.scan.max_planning_work, reporter)
         options, threads = scan_options(setup.scan, setup.sensor), self.pipeline.threads
@@ -399,7 +398,8 @@ class Scanner(Closing):
         """
         require_sensor_words(assignments(as_built), "a shot is taken from a given pose, without the robot's errors")
         world = self._world(part, unit, as_built, seed)
-        return ShotResult.of(take_shot(world, part_from_sensor, engine, self.pipeline.threads))
+        shot, warnings = take_shot(world, part_from_sensor, engine, self.pipeline.threads)
+        return ShotResult(**vars(shot), world=world, warnings=warnings)
 
     @checked_arguments
     def calibrate(
@@ -524,6 +524,7 @@ class Scanner(Closing):
         setup: Setup | None = None,
         estimated_sensor: SensorDescription | None = None,
         estimated: EstimatedDescription | None = None,
+        recording_file: Path | None = None,
     ) -> World:
         """The part, or an empty table, in the scanner's cell or in that of `setup`, as it is `estimated`."""
         setup, words = setup or self.setup, tuple(assignments(as_built))
@@ -536,7 +537,14 @@ class Scanner(Closing):
         mesh = None if part is None else self.load_part(part, unit)
         file = Path(part) if isinstance(part, str | Path) else None
         return self.pipeline.load(
-            setup, mesh, as_built=words, seed=seed, part_file=file, unit=unit, estimated_sensor=estimated_sensor
+            setup,
+            mesh,
+            as_built=words,
+            seed=seed,
+            part_file=file,
+            unit=unit,
+            recording_file=recording_file,
+            estimated_sensor=estimated_sensor,
         )
 
     def _calibration_scan(self, nominal: World, request: CalibrationRequest) -> CalibrationScan:

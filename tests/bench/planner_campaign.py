@@ -42,7 +42,7 @@ from scancell.planning.views.placement import Infeasible, Placer
 from scancell.planning.views.views import Pass, Sweep
 from scancell.planning.work import Work
 from scancell.progress import NullProgress
-from scancell.scanning.world import make_sensors
+from scancell.scanning.world import make_sensor
 
 Array = NDArray[np.float64]
 
@@ -165,7 +165,7 @@ def make_cell(seed: int) -> tuple[str, str, float, Setup, PlanningCell]:
             continue
         if _keeps(found, clearance + FREE_AT_START, np.radians(np.arange(0, 360, 5))) != wants_turn:
             continue
-        sensor_range = SensorRange.of(make_sensors(setup.sensor, (), 0).nominal)
+        sensor_range = SensorRange.of(make_sensor(setup.sensor, 0))
         cell = PlanningCell(found, sensor_range, setup.cell.world.controller_cycle, work=Work(300.0, Gaps()))
         return kind, name, clearance, setup, cell
     raise RuntimeError(f"seed {seed}: no cell is free where it starts")

@@ -18,7 +18,7 @@ from scancell.planning.options import scan_options
 from scancell.planning.path_map.configuration_map import ConfigurationMap, StaticConstraints
 from scancell.planning.planner import plan
 from scancell.planning.views.sensor_paths import sensor_paths
-from scancell.scanning.world import make_sensors
+from scancell.scanning.world import make_sensor
 
 from .table import Row
 
@@ -33,7 +33,7 @@ def planning_rows() -> Iterator[Row]:
     setup = load_setup()
     part = load_mesh(assets_dir() / "parts" / "free_form.stl")
     nominal = nominal_cell(setup.cell, part)
-    range_ = SensorRange.of(make_sensors(setup.sensor, (), 0).nominal)
+    range_ = SensorRange.of(make_sensor(setup.sensor, 0))
     yield from map_rows(PlanningCell(nominal, range_, _CYCLE))
     seconds = []
     for verify in (False, True):

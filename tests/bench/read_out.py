@@ -10,7 +10,6 @@ from typing import Any
 from scancell.config.exposure_times import profile_time
 from scancell.config.loading import load_setup
 from scancell.evaluation.plane_trial import PlaneTarget, measure_plane
-from scancell.scanning.world import make_sensors
 
 EXPOSURES = 20
 DISTANCE = 0.12
@@ -31,10 +30,8 @@ def main() -> None:
     print("| read | profiles/s | points per profile | noise, µm |\n|---|---|---|---|")
     for name, case in CASES.items():
         settings = {"sensor.detector.row_readout_us": 4.0, **case}
-        sensor, ideal = (load_setup(settings=settings, ideal=ideal).sensor for ideal in (False, True))
-        figures = measure_plane(
-            make_sensors(sensor, (), 0), make_sensors(ideal, (), 0), PlaneTarget(DISTANCE), EXPOSURES, "ray-traced"
-        ).figures()
+        sensor = load_setup(settings=settings).sensor
+        figures = measure_plane(sensor, PlaneTarget(DISTANCE), EXPOSURES, "ray-traced").figures()
         rate = 1.0 / profile_time(sensor)
         points = figures.points / EXPOSURES
         print(f"| {name} | {rate:.0f} | {points:.0f} | {1e6 * figures.noise:.2f} |", flush=True)

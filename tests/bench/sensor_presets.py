@@ -12,7 +12,6 @@ import numpy as np
 from scancell.config.choices import Engine
 from scancell.config.loading import assets_dir, load_setup
 from scancell.evaluation.plane_trial import PlaneReading, PlaneTarget, linearity, measure_plane
-from scancell.scanning.world import make_sensors
 
 _MARGIN = 0.02  # of the measuring range, left free at both ends
 
@@ -81,12 +80,11 @@ def preset_file(name: str) -> Path:
 
 def simulate(name: str, engine: Engine, exposures: int, positions: int = 5, seed: int = 0) -> Simulated:
     """Figures of a preset from exposures at an odd number of positions over its range."""
-    noisy, exact = (load_setup(sensor=preset_file(name), ideal=ideal).sensor for ideal in (False, True))
-    sensors, ideal = (make_sensors(one, (), seed) for one in (noisy, exact))
+    noisy = load_setup(sensor=preset_file(name)).sensor
     near, far = noisy.range.near_mm, noisy.range.far_mm
     free = _MARGIN * (far - near)
     distances = 1e-3 * np.linspace(near + free, far - free, positions)
-    readings = [measure_plane(sensors, ideal, PlaneTarget(z), exposures, engine) for z in distances]
+    readings = [measure_plane(noisy, PlaneTarget(z), exposures, engine, seed=seed) for z in distances]
     figures = [one.figures() for one in readings]
     three = (0, positions // 2, positions - 1)
     off = linearity(readings)

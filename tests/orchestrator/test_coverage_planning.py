@@ -26,7 +26,7 @@ from scancell.planning.views.legs import legs
 from scancell.planning.views.sight import GRAZING, OCCLUDED, OUT_OF_RANGE, SEEN, Sight
 from scancell.planning.views.views import Pass, sample_part, sweep_pose
 from scancell.planning.work import Work
-from scancell.scanning.world import make_sensors
+from scancell.scanning.world import make_sensor
 from scancell.visibility.measurable import MeasurableSurface, measurable_surface
 
 BLOCK = block(0.05, 0.04, 0.03)
@@ -112,7 +112,7 @@ def test_seen_samples_match_the_geometric_engine(seed: int) -> None:
     poses = leg.view.at(np.linspace(0, leg.view.length, count))
     still = np.broadcast_to(np.eye(4), (count, 1, 1, 4, 4))
     exposures = sensor_rt.Exposures(poses[:, None], still, np.full(count, 1e-6), np.arange(count))
-    sensor = make_sensors(load_setup(ideal=True).sensor, (), 0).nominal
+    sensor = make_sensor(load_setup(ideal=True).sensor, 0)
     profiles = sensor_rt.scan(scene, sensor, exposures, "geometric").profiles
     points = pose.transform_each(poses[profiles.frame], profiles.points_in_sensor)
     near = sensor_rt.covered_samples(sight.points, sight.normals, points, None, 0.4e-3, 0.5)

@@ -56,7 +56,7 @@ def rig(ideal_scanner: Scanner) -> Iterator[Rig]:
 def test_images_show_the_stripe_where_its_points_are_found(rig: Rig) -> None:
     rig.feed.wanted = True
     frame = rig.frame()
-    sensor = rig.session.world.sensors.nominal
+    sensor = rig.session.world.sensor
     assert frame.images.shape == (2, sensor.cameras[0].height_px, sensor.cameras[0].width_px)
     assert frame.images.dtype == np.uint8
     assert [len(stripe) for stripe in frame.stripes] == [(frame.camera == camera).sum() for camera in (0, 1)]

@@ -117,7 +117,7 @@ def test_pose_without_clearance_names_the_pair_and_its_distance(rig: Rig, map_: 
     pose = rig.plan.judge(0, map_.branch, *some_cell(map_, CLEARANCE))
     assert pose.quality == 0
     world = rig.session.world
-    cell = PlanningCell(rig.session.nominal, SensorRange.of(world.sensors.nominal), 8e-3)
+    cell = PlanningCell(rig.session.nominal, SensorRange.of(world.sensor), 8e-3)
     clashes = cell.clearance_violations(pose.axes[None, :-1], pose.axes[None, -1], world.setup.scan.clearance_mm * 1e-3)
     worst = max(clashes, key=lambda clash: clash.clearance - clash.distance)
     assert worst.body_a in pose.reason

@@ -22,7 +22,7 @@ from scancell.planning.views.placement import Infeasible, Placer
 from scancell.planning.views.views import sample_part, seen_by
 from scancell.planning.work import Work
 from scancell.progress import NullProgress
-from scancell.scanning.world import make_sensors
+from scancell.scanning.world import make_sensor
 
 
 class _CancelAfter(NullProgress):
@@ -43,7 +43,7 @@ def _cell(name: str, work: Work) -> PlanningCell:
     )
     plate = box_mesh((0.5, 0.5, 0.004), "plate").transformed(nominal.world_from_table @ pose.translation((0, 0, 0.14)))
     nominal = replace(nominal, bodies=(*nominal.bodies, Body("plate", "world", plate, nominal.bodies[0].material)))
-    sensor_range = SensorRange.of(make_sensors(setup.sensor, (), 0).nominal)
+    sensor_range = SensorRange.of(make_sensor(setup.sensor, 0))
     return PlanningCell(nominal, sensor_range, setup.cell.world.controller_cycle, work=work)
 
 

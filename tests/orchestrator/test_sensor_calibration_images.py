@@ -17,7 +17,6 @@ from scancell.config.loading import as_built_sensor
 from scancell.config.sensor import SensorDescription
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
-from scancell.scanning.exposures import still_exposures
 
 NOMINAL = SensorDescription.default()
 AS_BUILT = (
@@ -89,7 +88,8 @@ def test_calibrated_file_gives_points_on_surface(by_ball, tmp_path, engine, tole
     scene = sensor_rt.Scene()
     scene.add_plane("plane", np.eye(4), [0.2, 0.2], 0.5)
     for z in (0.085, 0.12, 0.155):
-        exposure = still_exposures(np.eye(4), pose.translation((0.0, 0.0, z))[None], np.array([5e-4]))
+        placed = pose.translation((0.0, 0.0, z))[None, None, None]
+        exposure = sensor_rt.Exposures(np.eye(4)[None, None], placed, [5e-4], np.array([1]))
         error = []
         for used in (NOMINAL, calibrated):
             result = sensor_rt.scan(scene, native(used), exposure, engine, as_built=native(BUILT))

@@ -9,11 +9,7 @@ from bench.sensor_presets import CLASSES, FOLDERS, preset_file, simulate
 from scancell.config.loading import assets_dir, load_setup
 from scancell.config.sensor import SensorDescription
 from scancell.evaluation.plane_trial import PlaneTarget, linearity, measure_plane
-from scancell.scanning.world import Sensors, make_sensors
-
-
-def sensors(name: str, *words: str, ideal: bool = False) -> Sensors:
-    return make_sensors(load_setup(sensor=preset_file(name), ideal=ideal).sensor, words, 0)
+from scancell.scanning.world import make_sensor
 
 
 @pytest.mark.parametrize("folder", FOLDERS)
@@ -34,16 +30,18 @@ def test_preset_is_in_its_class(name: str, folder: str) -> None:
 def test_measuring_range_is_that_of_the_description(name: str, folder: str) -> None:
     """Every camera sees the whole described range, and points beyond it are discarded."""
     wanted, name = CLASSES[name], f"{folder}{name}"
-    described, made = load_setup(sensor=preset_file(name)).sensor, sensors(name).nominal
+    described = load_setup(sensor=preset_file(name)).sensor
+    made = make_sensor(described, 0)
     assert (described.range.near_mm, described.range.far_mm) == (wanted.near, wanted.far)
     for camera in range(len(described.camera)):
         z = made.trapezoid(camera)[:, 1]
         assert z.min() < made.range[0] < made.range[1] < z.max()
     for beyond in (0.99 * made.range[0], 1.01 * made.range[1]):
-        reading = measure_plane(sensors(name), sensors(name, ideal=True), PlaneTarget(beyond), 1, "geometric")
+        reading = measure_plane(described, PlaneTarget(beyond), 1, "geometric")
         assert len(reading.signed) == 0
 
 
+IDEAL = load_setup(ideal=True).sensor  # the default one without noise
 REALISTIC = sorted(file.stem for file in (assets_dir() / "sensors" / "realistic").glob("*.toml"))
 
 
@@ -92,10 +90,10 @@ def test_realistic_preset_differs_from_the_ideal_one_by_its_lens_alone(name: str
 def test_plane_trial_finds_a_displaced_sheet() -> None:
     """A sheet displaced by d along X moves measured heights by d z / baseline: bias and, over the range, a slope."""
     offset, baseline, z = 0.1e-3, 60e-3, 0.12
-    moved, exact = make_ideal("sensor.laser.offset_x_mm=0.1"), make_ideal()
+    moved = ("sensor.laser.offset_x_mm=0.1",)
     by_camera = []
     for distance in (0.09, z, 0.15):
-        reading = measure_plane(moved, exact, PlaneTarget(distance), 1, "geometric")
+        reading = measure_plane(IDEAL, PlaneTarget(distance), 1, "geometric", as_built=moved)
         assert reading.figures().missing_rate == 0.0
         by_camera.append([reading.signed[reading.camera == k].mean() for k in (0, 1)])
     plus, minus = by_camera[1]
@@ -104,41 +102,35 @@ def test_plane_trial_finds_a_displaced_sheet() -> None:
     assert np.ptp([plus for plus, _ in by_camera]) == pytest.approx(offset * 0.06 / baseline, rel=0.01)
 
 
-def make_ideal(*words: str) -> Sensors:
-    """The default sensor without noise."""
-    return make_sensors(load_setup(ideal=True).sensor, words, 0)
-
-
 def test_tilted_plane_has_no_bias_and_linear_sensor_no_linearity_error() -> None:
     """Signed distances are from the tilted target; a sensor without errors measures it exactly."""
-    exact = make_ideal()
     targets = [
         PlaneTarget(0.12, in_plane=0.4),
         PlaneTarget(0.12, out_of_plane=-0.5),
         PlaneTarget(0.1),
         PlaneTarget(0.14),
     ]
-    readings = [measure_plane(exact, exact, target, 1, "geometric") for target in targets]
+    readings = [measure_plane(IDEAL, target, 1, "geometric") for target in targets]
     assert max(np.abs(one.signed).max() for one in readings) < 1e-9
     assert linearity(readings[2:]).of_field < 1e-9
 
 
 def test_missing_points_and_outliers_are_counted() -> None:
     """A black target is not seen; a brighter one is, without outliers beyond those of a normal distribution."""
-    noisy, exact = make_sensors(load_setup().sensor, (), 0), make_ideal()
-    dark = measure_plane(noisy, exact, PlaneTarget(0.12, reflectance=1e-4), 3, "geometric").figures()
+    noisy = load_setup().sensor
+    dark = measure_plane(noisy, PlaneTarget(0.12, reflectance=1e-4), 3, "geometric").figures()
     assert dark.missing_rate > 0.99
-    bright = measure_plane(noisy, exact, PlaneTarget(0.12), 3, "geometric").figures()
+    bright = measure_plane(noisy, PlaneTarget(0.12), 3, "geometric").figures()
     assert bright.missing_rate < 0.01
     assert bright.outlier_rate < 1e-3
 
 
 def test_speed_makes_no_bias_on_a_slope() -> None:
     """The target is in its place at the middle of the exposure."""
-    noisy, exact = make_sensors(load_setup().sensor, (), 0), make_ideal()
+    noisy = load_setup().sensor
     slope = {"out_of_plane": np.radians(30.0)}
     still, moving = (
-        measure_plane(noisy, exact, PlaneTarget(0.12, **slope, speed=speed), 10, "ray-traced").figures()
+        measure_plane(noisy, PlaneTarget(0.12, **slope, speed=speed), 10, "ray-traced").figures()
         for speed in (0.0, 0.4)
     )
     travel = 0.4 * 0.5e-3 * np.sin(np.radians(30.0))

@@ -9,9 +9,9 @@ import pytest
 
 from scancell.config.loading import load_setup
 from scancell.evaluation.sheet_check import sheet_deviation
-from scancell.scanning.world import make_sensors
+from scancell.scanning.world import make_sensor
 
-SENSOR = make_sensors(load_setup().sensor, (), 0).nominal
+SENSOR = make_sensor(load_setup().sensor, 0)
 CENTRES = np.array([camera.sensor_from_camera[:3, 3] for camera in SENSOR.cameras])
 
 

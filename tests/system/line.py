@@ -22,7 +22,7 @@ from scancell.progress import NullProgress
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import write_ply
 from scancell.reconstruction.reconstruct import ProfilePoints
-from scancell.scanning.world import Sensors, World
+from scancell.scanning.world import World
 
 PARTS = assets_dir() / "parts"
 OFF_AXIS = "cell.part.x_mm=20"
@@ -46,16 +46,12 @@ class Line:
         return self.world.nominal
 
     @property
-    def sensors(self) -> Sensors:
-        return self.world.sensors
-
-    @property
     def seed(self) -> int:
         return self.world.seed
 
     @property
     def sensor(self) -> sensor_rt.Sensor:
-        return self.sensors.nominal
+        return self.world.sensor
 
     def drive(self, *as_built: str) -> Recording:
         """Recording of the planned program on a perturbed cell; the same request is driven once."""
@@ -64,13 +60,10 @@ class Line:
             self._drives[as_built] = self.scanner.pipeline.drive(world, self.plan, NullProgress())
         return self._drives[as_built]
 
-    def sense(
-        self, recording: Recording, engine: str, threads: int = 0, sensors: Sensors | None = None
-    ) -> ProfilePoints:
-        pipeline = self.scanner.pipeline
-        pipeline.threads = threads
-        world = replace(self.world, sensors=sensors or self.sensors)
-        return pipeline.sense(world, recording, cast(Engine, engine), NullProgress()).profiles
+    def sense(self, recording: Recording, engine: str, threads: int = 0, world: World | None = None) -> ProfilePoints:
+        world = world or self.world
+        self.scanner.pipeline.threads = threads
+        return world.sense(recording, cast(Engine, engine), NullProgress(), threads=threads).points
 
     def cloud(self, recording: Recording, points: ProfilePoints, normals: bool = True) -> Cloud:
         return self.scanner.pipeline.reconstruct(self.nominal, recording, points, self.setup, normals)[0]

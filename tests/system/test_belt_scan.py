@@ -200,7 +200,7 @@ def test_reconstruction_uses_no_truth() -> None:
     with make_scanner(**{"scan.belt.pitch_mm": 1.0}) as scanner:
         result = scanner.scan(ROOF, engine="geometric")
         blind = result.recording.without_truth()
-        cloud, _ = scanner.pipeline.reconstruct(result.estimated, blind, result.profiles, result.setup)
+        cloud, _ = scanner.pipeline.reconstruct(result.world.estimated, blind, result.profiles, result.setup)
     np.testing.assert_array_equal(cloud.points_in_part, result.cloud.points_in_part)
 
 

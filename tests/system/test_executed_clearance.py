@@ -45,7 +45,7 @@ def test_executed_clearances_are_those_planned_within_a_fifth_of_a_millimetre(
     with scancell.Scanner(setup=setup) as scanner:
         result = scanner.scan(PART, engine="geometric")
     assert result.plan is not None
-    cell = PlanningCell(result.nominal, SensorRange.of(result.sensors.nominal), 0.016)
+    cell = PlanningCell(result.nominal, SensorRange.of(result.world.sensor), 0.016)
     planned = np.concatenate([np.column_stack([s.q, s.table]) for s in result.plan.program.segments])
     executed = np.array(visited)
     assert len(executed) > 6 * len(planned)

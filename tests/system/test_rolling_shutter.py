@@ -12,7 +12,7 @@ from scancell.cell.recording import Recording
 from scancell.config.loading import load_setup
 from scancell.errors import SensorError
 from scancell.scanning.exposures import readout_time
-from scancell.scanning.world import Sensors, make_sensor
+from scancell.scanning.world import make_sensor
 
 FEWER = "scan.max_profiles=12"
 ROLLING = ('sensor.detector.shutter="rolling"', "sensor.detector.row_readout_us=20")
@@ -25,11 +25,13 @@ def line(planned):
 
 @pytest.fixture(scope="module")
 def rolling():
-    return make_sensor(load_setup(settings=ROLLING, ideal=True).sensor, 0)
+    return load_setup(settings=ROLLING, ideal=True).sensor
 
 
 def figures(line, recording: Recording, nominal, true, engine: str = "ray-traced") -> dict[str, float]:
-    points = line.sense(recording, engine, sensors=Sensors(nominal, true, line.setup.sensor))
+    """Of the descriptions of the nominal and the true sensor."""
+    described = replace(line.world, setup=replace(line.setup, sensor=true), estimated_sensor=nominal)
+    points = line.sense(recording, engine, world=described)
     cloud = line.cloud(recording, points, normals=False)
     assert len(cloud) > 15_000
     return figures_um(line.signed(cloud))
@@ -38,14 +40,14 @@ def figures(line, recording: Recording, nominal, true, engine: str = "ray-traced
 @pytest.fixture(scope="module")
 def unknown(line, rolling) -> dict[str, float]:
     """Figures of the moving cell where reconstruction takes the shutter for a global one."""
-    return figures(line, line.drive(), line.sensor, rolling)
+    return figures(line, line.drive(), line.setup.sensor, rolling)
 
 
 def test_points_use_row_time(line, rolling, unknown) -> None:
     recording = line.drive()
-    ideal = figures(line, recording, line.sensor, line.sensor)
+    ideal = figures(line, recording, line.setup.sensor, line.setup.sensor)
     known = figures(line, recording, rolling, rolling)
-    assert readout_time(rolling) == pytest.approx(20e-6 * 1023)
+    assert readout_time(make_sensor(rolling, 0)) == pytest.approx(20e-6 * 1023)
     assert known["rms"] < 1.2 * ideal["rms"]
     assert unknown["rms"] > 10 * ideal["rms"]
 
@@ -53,12 +55,12 @@ def test_points_use_row_time(line, rolling, unknown) -> None:
 def test_unmodelled_shutter_error_grows_with_speed(line, rolling, unknown) -> None:
     recording = line.drive()
     slow = {n: 0.25 * v if "velocity" in n and "truth" in n else v for n, v in recording.columns.items()}
-    slower = figures(line, replace(recording, columns=slow), line.sensor, rolling)
+    slower = figures(line, replace(recording, columns=slow), line.setup.sensor, rolling)
     assert slower["rms"] == pytest.approx(0.25 * unknown["rms"], rel=0.15)
 
 
 def test_geometric_engine_rejects_rolling_shutter(line, rolling) -> None:
-    for nominal, true in ((rolling, rolling), (line.sensor, rolling)):
+    for nominal, true in ((rolling, rolling), (line.setup.sensor, rolling)):
         with pytest.raises(SensorError, match=r"sensor\.detector\.shutter"):
             figures(line, line.drive(), nominal, true, "geometric")
 

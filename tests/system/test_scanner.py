@@ -119,7 +119,7 @@ def test_sheet_no_thicker_than_the_table_margin_is_measured_without_bias(scanner
     assert f"dropped    {dropped.low} points on the table; {dropped.kept_low} as low are on" in str(result)
     assert not any("table_margin_mm" in warning for warning in result.warnings)
     lost = result.recording.without_truth()
-    again, counts = scanner.pipeline.reconstruct(result.estimated, lost, result.profiles, result.setup)
+    again, counts = scanner.pipeline.reconstruct(result.world.estimated, lost, result.profiles, result.setup)
     np.testing.assert_array_equal(again.points_in_part, result.cloud.points_in_part)
     assert counts == dropped
 

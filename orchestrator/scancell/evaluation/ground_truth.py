@@ -29,11 +29,13 @@ from scancell.geometry.shapes import ShapeMesh
 from scancell.nominal.cell import Body, Lamp
 from scancell.reconstruction.cloud import Cloud
 from scancell.scanning.exposures import build_scene, exposures_from_truth, true_poses
+from scancell.scanning.sense import SensedProfiles, expose
 from scancell.scanning.world import make_sensor
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+_BATCH = 64  # exposures at a time
 _RAYS_PER_COLUMN = 4
 _MAX_RAYS = 65_536
 # Larger steps in the image between neighbouring rays are depth discontinuities.
@@ -130,17 +132,17 @@ class TrueWorld:
 
     def stripe(self) -> Stripe:
         """True centre line of the stripe in all images, sorted by exposure and camera."""
-        recording = self._recording
-        batches = []
-        for start in range(0, len(recording), 64):
-            rows = slice(start, min(start + 64, len(recording)))
-            exposures = exposures_from_truth(recording.truth, np.arange(len(recording)), self._bodies, rows)
-            batches.append(sensor_rt.scan(self._scene, self._sensor, exposures, "geometric", self._threads).profiles)
-        frame = np.concatenate([np.asarray(batch.frame) for batch in batches])
-        camera = np.concatenate([np.asarray(batch.camera) for batch in batches]).astype(np.int64)
-        pixels = self._project(np.concatenate([np.asarray(batch.points_in_sensor) for batch in batches]), camera)
-        frame, camera, column, row = _crossings(frame, camera, pixels)
+        found = SensedProfiles.joined(map(self._dense, range(0, len(self._recording), _BATCH))).points
+        frame, camera = found.frame.astype(np.int64), found.camera.astype(np.int64)
+        frame, camera, column, row = _crossings(frame, camera, self._project(found.points_in_sensor, camera))
         return Stripe(frame, camera, column, row, self.surface_at(frame, camera, np.stack([column, row], -1)))
+
+    def _dense(self, start: int) -> SensedProfiles:
+        """Profiles of a batch of exposures by many rays."""
+        index, rows = np.arange(len(self._recording)), slice(start, start + _BATCH)
+        exposures = exposures_from_truth(self._recording.truth, index, self._bodies, rows)
+        sensors = self._sensor, self._sensor
+        return expose(self._scene, *sensors, exposures, index[rows], "geometric", threads=self._threads)
 
     def of_cloud(
         self,

@@ -15,10 +15,13 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.config.choices import Engine
+from scancell.config.loading import as_built_sensor
 from scancell.config.material import PRESETS
+from scancell.config.sensor import SensorDescription
 from scancell.geometry import pose
+from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.sense import expose
-from scancell.scanning.world import Sensors
+from scancell.scanning.world import make_sensor
 
 Array = NDArray[np.float64]
 
@@ -180,24 +183,35 @@ class PlaneFigures:
 
 
 def measure_plane(
-    sensors: Sensors, ideal: Sensors, target: PlaneTarget, exposures: int, engine: Engine, threads: int = 0
+    sensor: SensorDescription,
+    target: PlaneTarget,
+    exposures: int,
+    engine: Engine,
+    *,
+    as_built: Sequence[str] = (),
+    seed: int = 0,
+    threads: int = 0,
 ) -> PlaneReading:
     """Expose a target several times, each with noise of its own.
 
-    Raises `SensorError` if the library reports an error.
+    The view of the sensor without noise determines where points are expected.
 
-    Parameters
-    ----------
-    ideal
-        The sensor without noise, whose view of the target determines where points are expected.
+    Raises `DescriptionError` if a perturbation is invalid; `SensorError` if the library reports an error.
     """
     scene = sensor_rt.Scene()
     roughness = PRESETS["matt_white"].roughness
     material = sensor_rt.Material(target.reflectance, "oren_nayar", roughness, 1.5)
     scene.add_plane("target", np.eye(4), (_SIZE * target.z, _SIZE * target.z), material)
-    seen = expose(scene, ideal, _exposures(ideal.true, target, 1), "geometric", threads, images=False).profiles
+
+    def measured(described: SensorDescription, count: int, engine: Engine) -> ProfilePoints:
+        true = make_sensor(as_built_sensor(described, as_built), seed)
+        index = np.arange(count, dtype=np.int64)
+        taken = _exposures(true, target, index)
+        return expose(scene, make_sensor(described, seed), true, taken, index, engine, threads=threads).points
+
+    seen = measured(sensor.replace({"render.noise": False}), 1, "geometric")
     line = np.asarray(seen.points_in_sensor, float)[:, 1]
-    found = expose(scene, sensors, _exposures(sensors.true, target, exposures), engine, threads, images=False).profiles
+    found = measured(sensor, exposures, engine)
     points = np.asarray(found.points_in_sensor, float).reshape(-1, 3)
     at = target.sensor_from_target
     return PlaneReading(
@@ -212,14 +226,14 @@ def measure_plane(
     )
 
 
-def _exposures(sensor: sensor_rt.Sensor, target: PlaneTarget, count: int) -> sensor_rt.Exposures:
+def _exposures(sensor: sensor_rt.Sensor, target: PlaneTarget, index: NDArray[np.int64]) -> sensor_rt.Exposures:
     """At rest, or with the motion of the target over the exposure."""
-    samples = 2 if target.speed else 1
+    samples, count = 2 if target.speed else 1, len(index)
     bodies = np.tile(target.sensor_from_target, (count, 1, samples, 1, 1))
     if target.speed:
         bodies[:, 0, :, 0, 3] += 0.5 * target.speed * sensor.exposure * np.array([-1.0, 1.0])
     still = np.tile(np.eye(4), (count, samples, 1, 1))
-    return sensor_rt.Exposures(still, bodies, np.full(count, sensor.exposure), np.arange(count, dtype=np.int64))
+    return sensor_rt.Exposures(still, bodies, np.full(count, sensor.exposure), index)
 
 
 @dataclass(frozen=True)

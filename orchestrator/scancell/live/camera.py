@@ -8,7 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 from concurrent.futures import TimeoutError as NotDone
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ from scancell.scanning.scan import ScanData
 from scancell.scanning.sense import ExposureImages
 from scancell.scanning.session import ScanSession
 from scancell.scanning.single_exposure import Profile, measure_profile
-from scancell.scanning.world import Sensors, World, make_sensors
+from scancell.scanning.world import World
 
 Array = NDArray[np.float64]
 T = TypeVar("T", bound=np.generic)
@@ -112,8 +112,7 @@ class CameraFeed(Closing):
     ) -> None:
         self._live, self._world, self._threads = live, session.world, session.pipeline.threads
         self._on_frame = on_frame
-        words = tuple(sensor_words(self._world.as_built))
-        self._setting = _Setting(engine, words, self._world.sensors, self._world.sensors.control())
+        self._setting = _Setting.of(engine, session.world)
         self._replayed: tuple[_Setting, Recording] | None = None
         self._frame: CameraFrame | None = None
         self._wanted, self._closed = threading.Event(), threading.Event()
@@ -146,12 +145,12 @@ class CameraFeed(Closing):
     @engine.setter
     def engine(self, value: Engine) -> None:
         engine = checked_value("engine", value, Engine)
-        self._setting = replace(self._setting, engine=engine, control=self._setting.sensors.control())
+        self._setting = _Setting.of(engine, self._setting.world)
 
     @property
     def as_built(self) -> tuple[str, ...]:
         """Perturbations of the sensor in force, as ``key=value`` words."""
-        return self._setting.as_built
+        return tuple(sensor_words(self._setting.world.as_built))
 
     def perturb(self, as_built: Assignments) -> None:
         """Render with another true sensor from now on; the nominal sensor still interprets the images.
@@ -170,9 +169,9 @@ class CameraFeed(Closing):
         """
         words = tuple(assignments(as_built))
         require_sensor_words(words, "the cameras show the cell as it is")
-        made = make_sensors(self._world.setup.sensor, words, self._world.seed)
-        sensors = replace(made, nominal=self._world.sensors.nominal)
-        self._setting = _Setting(self._setting.engine, words, sensors, sensors.control())
+        world = replace(self._world, as_built=words)
+        _ = world.sensor_true  # a wrong one leaves the present one in force
+        self._setting = _Setting.of(self._setting.engine, world)
 
     def replay(self, scan: ScanData, row: int) -> None:
         """Render an exposure of a recorded scan of this cell, with its engine and sensor, until another or `resume`.
@@ -186,9 +185,8 @@ class CameraFeed(Closing):
             Of the recording, from 0.
         """
         setting = None if self._replayed is None else self._replayed[0]
-        if setting is None or setting.sensors is not scan.sensors or setting.engine != scan.engine:
-            words = tuple(sensor_words(scan.as_built))
-            setting = _Setting(scan.engine, words, scan.sensors, scan.sensors.control())
+        if setting is None or setting.world is not scan.world or setting.engine != scan.engine:
+            setting = _Setting.of(scan.engine, scan.world)
         self._replayed = setting, scan.recording[row : row + 1]
 
     def resume(self) -> None:
@@ -226,7 +224,7 @@ class CameraFeed(Closing):
             key = (_poses(recording), setting, setting.control.first)
             if key != shown:
                 number += 1
-                frame = _made(number, self._world, recording, setting, self._threads)
+                frame = _made(number, recording, setting, self._threads)
                 self._frame, shown = replace(frame, is_replayed=replayed is not None), key
                 self._on_frame(self._frame)
             elif replayed is not None:
@@ -254,9 +252,13 @@ class CameraFeed(Closing):
 @dataclass(frozen=True, eq=False)
 class _Setting:
     engine: Engine
-    as_built: tuple[str, ...]
-    sensors: Sensors
+    world: World
     control: ExposureControl
+
+    @classmethod
+    def of(cls, engine: Engine, world: World) -> Self:
+        """With a new choice of exposure times."""
+        return cls(engine, world, world.control())
 
 
 def _poses(recording: Recording) -> bytes:
@@ -265,15 +267,14 @@ def _poses(recording: Recording) -> bytes:
     return np.concatenate([recording.columns[name] for name in moving]).tobytes()
 
 
-def _made(number: int, world: World, recording: Recording, setting: _Setting, threads: int) -> CameraFrame:
+def _made(number: int, recording: Recording, setting: _Setting, threads: int) -> CameraFrame:
+    as_built = tuple(sensor_words(setting.world.as_built))
     try:
-        found = measure_profile(
-            replace(world, sensors=setting.sensors), recording, setting.engine, threads, setting.control
-        )
+        found = measure_profile(setting.world, recording, setting.engine, threads, setting.control)
     except ScancellError as error:
         nothing = np.zeros((0, 3))
         return CameraFrame(
-            number, float(recording.measured.time[0]), setting.engine, setting.as_built, None, (), nothing, nothing,
+            number, float(recording.measured.time[0]), setting.engine, as_built, None, (), nothing, nothing,
             np.zeros(0), np.zeros(0, np.int32), str(error),
         )  # fmt: skip
     profile = found.profile
@@ -281,9 +282,9 @@ def _made(number: int, world: World, recording: Recording, setting: _Setting, th
         number=number,
         time=float(recording.measured.time[0]),
         engine=setting.engine,
-        as_built=setting.as_built,
+        as_built=as_built,
         images=None if found.images is None else _for_display(found.images),
-        stripes=_stripes(found, len(setting.sensors.nominal.cameras)),
+        stripes=_stripes(found, len(setting.world.sensor.cameras)),
         points_in_sensor=_read_only(profile.points_in_sensor),
         points_in_base=_read_only(found.points_in_base),
         intensity=_read_only(profile.intensity),

@@ -29,8 +29,8 @@ from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.reconstruct import Dropped, ProfilePoints
 from scancell.results import ScanResult
 from scancell.scanning.exposure_control import ExposureControl
-from scancell.scanning.scan import SAMPLE_IMAGES, Exposed, Scan
-from scancell.scanning.sense import ExposureImages, SensingResult, sample_rows
+from scancell.scanning.scan import SAMPLE_IMAGES, Scan
+from scancell.scanning.sense import ExposureImages, SensedProfiles, sample_rows
 from scancell.scanning.session import ScanSession
 from scancell.scanning.stored_columns import StoredColumns
 from scancell.stopwatch import Stopwatch
@@ -253,7 +253,7 @@ class LiveScan:
     def _sense_all(self, session: ScanSession, plan: Plan) -> None:
         world = session.world
         scan = Scan(session.pipeline, world, self._engine, setup_warnings=tuple(setup_warnings(world.setup)))
-        samples, control = np.array(sample_rows(self._planned, SAMPLE_IMAGES)), world.sensors.control()
+        samples, control = np.array(sample_rows(self._planned, SAMPLE_IMAGES)), world.control()
         try:
             while (chunk := self._next()) is not None:
                 self._sense(chunk, scan, samples, control)
@@ -277,10 +277,10 @@ class LiveScan:
     def _sense(self, chunk: Recording, scan: Scan, samples: NDArray[np.int64], control: ExposureControl) -> None:
         rows = samples[(samples >= self._sensed) & (samples < self._sensed + len(chunk))] - self._sensed
         with self._watch.measure("sense"):
-            sensed, images = scan.sense(chunk, NullProgress(), rows.tolist(), control)
-        self._images += images
+            sensed = scan.sense(chunk, NullProgress(), rows.tolist(), control)
+        self._images += sensed.images
         with self._watch.measure("reconstruct"):
-            cloud, dropped = scan.points_of(chunk, sensed)
+            cloud, dropped = scan.points_of(chunk, sensed.points)
             self._store(chunk, sensed, cloud, dropped)
             world = scan.world
             points = LiveChunk.of(cloud, deviation_from_mesh(cloud, world.part_surface, scan.pipeline.threads).distance)
@@ -289,9 +289,9 @@ class LiveScan:
             self._points += len(cloud)
             self._on_points(points)
 
-    def _store(self, chunk: Recording, sensed: SensingResult, cloud: Cloud, dropped: Dropped) -> None:
-        frame = (sensed.profiles.frame + self._sensed).astype(np.int32)
-        self._profiles.append(replace(sensed.profiles, frame=frame))
+    def _store(self, chunk: Recording, sensed: SensedProfiles, cloud: Cloud, dropped: Dropped) -> None:
+        frame = (sensed.points.frame + self._sensed).astype(np.int32)
+        self._profiles.append(replace(sensed.points, frame=frame))
         self._cloud.append(cloud)
         self._recordings.append(chunk)
         self._dropped = dropped if self._dropped is None else self._dropped + dropped
@@ -299,15 +299,16 @@ class LiveScan:
 
     def _finish(self, session: ScanSession, plan: Plan, scan: Scan) -> None:
         assert self._dropped is not None
-        sensed = SensingResult(self._profiles.joined(), dict(self._timings))
+        profiles, images = self._profiles.joined(), tuple(self._images)
+        sensed = SensedProfiles(profiles, self._sensed, dict(self._timings), images)
         if self._ended_by:
             warning = f"stopped after {self._sensed} of {self._planned} exposures: {self._ended_by}"
             scan = replace(scan, setup_warnings=(*scan.setup_warnings, warning))
-        exposed = Exposed(Recording.joined(self._recordings), sensed, tuple(self._images), session.cell.token)
         try:
-            result = scan.of_parts(exposed, self._cloud.joined(), self._dropped, plan, self._watch)
+            recording, parts = Recording.joined(self._recordings), (self._cloud.joined(), self._dropped)
+            result = scan.of_profiles(recording, sensed, plan, NullProgress(), self._watch, parts)
         except EmptyScanError as error:
             self._fail(error, "stopped" if self._ended_by else "failed")
             return
         self._stage = "stopped" if self._ended_by else "done"
-        self.result.set_result(ScanResult.of(result))
+        self.result.set_result(ScanResult.of(replace(result, fmu_token=session.cell.token)))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from scancell import sensor as sensor_rt
 from scancell.cell.recording import write_recording
 from scancell.config.choices import CloudFrame
+from scancell.config.files import plain_data
 from scancell.evaluation.coverage import Coverage
 from scancell.evaluation.deviation import Deviation
 from scancell.evaluation.unseen import UnseenSurface
@@ -22,7 +22,7 @@ from scancell.geometry.mesh import Mesh
 from scancell.output.deviation_picture import deviation_picture
 from scancell.output.deviation_report import DeviationReport
 from scancell.output.image_files import FrameFiles, draw_stripes
-from scancell.output.manifest import build_version, manifest, resolved_toml
+from scancell.output.manifest import build_version, command_words, manifest, resolved_toml
 from scancell.output.run_folder import RunFolder
 from scancell.output.tables import write_profile_csv
 from scancell.planning.plan import plan_json
@@ -41,48 +41,33 @@ OPTIONAL_FILES = (
 _ROWS = 1 << 18  # of a table written at a time, which bounds the memory
 
 
-@dataclass(frozen=True)
-class RunRecord:
-    """Inputs and output options of a run.
-
-    Attributes
-    ----------
-    inputs
-        Files read: the mesh of the part, a recording.
-    run
-        Part, unit, engine, perturbations, seed and command line, for the manifest.
-    formats, frame
-        Formats of the cloud files, and the frame of their points.
-    """
-
-    inputs: Sequence[Path]
-    run: dict[str, Any]
-    formats: Sequence[str] = ("ply",)
-    frame: CloudFrame = "part"
-
-
 def write_run(
     data: ScanData,
     deviation: Deviation,
     coverage: Coverage,
     unseen: UnseenSurface,
-    record: RunRecord,
     folder: RunFolder,
     watch: Stopwatch,
+    formats: Sequence[str],
+    frame: CloudFrame,
+    command_line: Sequence[str] | None,
 ) -> None:
     """Write all files of a scan: cloud, profiles, plan, recording, figures, report, pictures, descriptions, manifest.
+
+    `formats`, `frame` and `command_line` are as of `ScanResult.save`.
 
     Raises
     ------
     OutputError
         If a file cannot be written.
     """
+    run = _run_of(data, formats, frame, command_line)
     with watch.measure("write"):
         belt = data.setup.cell.part.arrival if data.setup.scan.belt else None
-        moving = f" (moves with {belt.stands_on})" if belt and record.frame in ("part", "belt") else ""
-        comments = (f"scancell scan of {data.part}", f"frame {record.frame}{moving}")
-        pose = data.frame_from_part(record.frame)
-        for suffix in record.formats:
+        moving = f" (moves with {belt.stands_on})" if belt and frame in ("part", "belt") else ""
+        comments = (f"scancell scan of {data.part}", f"frame {frame}{moving}")
+        pose = data.frame_from_part(frame)
+        for suffix in formats:
             write_cloud(folder.path(f"cloud.{suffix}"), data.cloud, comments, pose)
         write_recording(data.recording, folder.path("recording.parquet"))
         index = data.recording.measured.index
@@ -92,17 +77,37 @@ def write_run(
         figures = deviation.as_json(data.camera_names, data.segment_names)
         covered = {**coverage.as_json(), "unseen": unseen.shares}
         write_json(folder.path("deviation.json"), {**figures, "coverage": covered})
-        folder.path("resolved.toml").write_text(resolved_toml(data.setup, record.run))
-        run = {
-            **record.run,
-            "fmu_token": data.fmu_token,
-            "warnings": list(data.warnings),
-            "points": data.dropped.as_json(),
-        }
-        write_json(folder.path("manifest.json"), manifest(data.setup, record.inputs, run))
+        folder.path("resolved.toml").write_text(resolved_toml(data.setup, run))
+        files = [file for file in (data.world.part_file, data.world.recording_file) if file is not None]
+        run |= {"fmu_token": data.fmu_token, "warnings": list(data.warnings), "points": data.dropped.as_json()}
+        write_json(folder.path("manifest.json"), manifest(data.setup, files, run))
     with watch.measure("draw"):
         write_pictures(data, data.nominal.part, deviation, coverage, folder)
         scan_report(data, deviation, coverage, unseen, figures).write(folder.path("deviation.html"))
+
+
+def _run_of(
+    data: ScanData, formats: Sequence[str], frame: CloudFrame, command_line: Sequence[str] | None
+) -> dict[str, Any]:
+    """What made the files, from which the run can be repeated."""
+    world = data.world
+    run: dict[str, Any] = {
+        "part": str(world.part_file.absolute()) if world.part_file else world.part,
+        "unit": world.unit,
+        "engine": data.engine,
+        "as_built": list(world.as_built),
+        "seed": world.seed,
+        "formats": list(formats),
+        "frame": frame,
+        "command_line": command_words(command_line),
+    }
+    if world.recording_file is not None:
+        run["recording"] = str(world.recording_file.absolute())
+    if data.plan is not None and data.plan.source:
+        run["plan"] = data.plan.source
+    if world.estimated_sensor is not None:
+        run["estimated_sensor"] = plain_data(world.estimated_sensor)
+    return run
 
 
 def scan_report(
@@ -155,7 +160,7 @@ def write_pictures(data: ScanData, part: Mesh, deviation: Deviation, coverage: C
     for sample in data.sample_images:
         file = folder.path(f"images/profile_{sample.trigger:05d}.png")
         title = f"profile {sample.trigger}"
-        draw_stripes(sample.images, data.sensors.nominal, file, title, sample.background)
+        draw_stripes(sample.images, data.world.sensor, file, title, sample.background)
 
 
 def write_profiles(

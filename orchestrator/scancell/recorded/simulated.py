@@ -7,16 +7,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell import sensor as sensor_rt
 from scancell.calibration.cell.kinematics import AxisReadings
 from scancell.config.loading import Setup
 from scancell.progress import Progress
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.recorded.measurements import Measurements
 from scancell.recorded.reconstruct import MeasuredCell
-from scancell.scanning.exposures import build_scene, visible_bodies
-from scancell.scanning.sense import expose, points_of
-from scancell.scanning.world import Sensors, make_sensor
+from scancell.scanning.exposures import build_scene, still_exposures, visible_bodies
+from scancell.scanning.sense import expose
+from scancell.scanning.world import make_sensor
 
 _BATCH = 16  # exposures at a time
 
@@ -37,7 +36,6 @@ def simulate(
     Raises `SensorError` if the sensor library reports an error.
     """
     sensor = make_sensor(setup.sensor, seed)
-    sensors = Sensors(sensor, sensor, setup.sensor)
     cell = measured.cell
     count = len(readings)
     frames = {
@@ -53,18 +51,15 @@ def simulate(
     covariance: list[NDArray[np.float64]] = []
     for first in range(0, count, _BATCH):
         rows = slice(first, min(first + _BATCH, count))
-        exposures = sensor_rt.Exposures(
-            frames["sensor"][rows, None],
-            np.stack([np.asarray(frames[body.moves_with])[rows] for body in bodies], 1)[:, :, None],
-            np.full(rows.stop - first, sensor.exposure),
-            np.arange(first + 1, rows.stop + 1, dtype=np.int64),
-        )
-        result = expose(scene, sensors, exposures, "ray-traced", threads, images=False)
-        points = points_of(result.profiles, sensor, "ray-traced")
-        # The library numbers exposures by trigger index. At rest all rows are seen from the same pose.
-        frame = (np.asarray(points.frame, np.int64) - 1).astype(np.int32)
+        index = np.arange(first + 1, rows.stop + 1, dtype=np.int64)
+        placed = {name: poses[rows] for name, poses in frames.items()}
+        exposures = still_exposures(placed, bodies, index, np.array([sensor.exposure]))
+        sensed = expose(scene, sensor, sensor, exposures, index, "ray-traced", covariance=True, threads=threads)
+        points, frame = sensed.points, (sensed.points.frame + first).astype(np.int32)
+        # At rest all rows are seen from the same pose.
         made.append(replace(points, frame=frame, time_offset=np.zeros_like(points.time_offset)))
-        covariance.append(np.array(result.profiles.covariance, float))
+        assert sensed.covariance is not None
+        covariance.append(sensed.covariance)
         progress.advance(rows.stop - first)
     return replace(
         found, readings=readings, profiles=ProfilePoints.concatenate(made), covariance=np.concatenate(covariance)

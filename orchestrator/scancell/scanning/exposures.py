@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,14 +123,20 @@ def readout_time(sensor: sensor_rt.Sensor) -> float:
     return float(sensor.row_readout * (max(camera.height_px for camera in sensor.cameras) - 1))
 
 
-def still_exposures(world_from_sensor: Array, world_from_body: Array, durations: Array) -> sensor_rt.Exposures:
-    """Exposures of `durations` (k,), s, without motion: pose of the sensor (4, 4), of the bodies (bodies, 4, 4)."""
+def still_exposures(
+    frames: Mapping[str, Array], bodies: Sequence[Body | Lamp], index: NDArray[np.int64], durations: Array
+) -> sensor_rt.Exposures:
+    """Exposures of `durations` (k,), s, at each pose (n, 4, 4) of the frames, without motion.
+
+    `index` (n,) and the `bodies` are as of `exposures_from_truth`.
+    """
     count = len(durations)
+    world_from_body = np.stack([frames[body.moves_with] for body in bodies], 1)
     return sensor_rt.Exposures(
-        np.repeat(world_from_sensor[None, None], count, 0),
-        np.repeat(world_from_body[None, :, None], count, 0),
-        durations,
-        sub_indices(np.array([1]), count),
+        np.repeat(frames["sensor"][:, None], count, 0),
+        np.repeat(world_from_body[:, :, None], count, 0),
+        np.tile(durations, len(index)),
+        sub_indices(index, count),
     )
 
 

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from scancell.cell.program import Program
 from scancell.cell.recording import Recording, TriggerRecords
 from scancell.closing import Closing
-from scancell.config.choices import Engine
 from scancell.config.files import file_entries, plain_data
 from scancell.config.loading import Setup
 from scancell.config.sensor import SensorDescription
@@ -56,10 +55,8 @@ from scancell.reconstruction.reconstruct import (
     with_normals,
 )
 from scancell.scanning.drive import FmuRunner, PreScanHook
-from scancell.scanning.exposure_control import ExposureControl
 from scancell.scanning.exposures import build_scene, visible_bodies
-from scancell.scanning.sense import OnImages, SensingResult, sense
-from scancell.scanning.world import World, make_sensors
+from scancell.scanning.world import World
 from scancell.visibility.measurable import MeasurableSurface, cache_folder, measurable_surface
 
 _MAX_CELLS = 2
@@ -100,15 +97,15 @@ class ScanPipeline(Closing):
         seed: int = 0,
         part_file: Path | None = None,
         unit: str = "mm",
+        recording_file: Path | None = None,
         estimated_sensor: SensorDescription | None = None,
     ) -> World:
         """The world of a setup with `part` or an empty table; the cells and scenes of the two used last are cached.
 
         Raises `MeshError` if a mesh of the description cannot be used; `CellError` if the description of the cell is
-        inconsistent; `DescriptionError` or `SensorError` as `make_sensors`.
+        inconsistent; `DescriptionError` or `SensorError` as `World.sensor` and `World.sensor_true`.
         """
         cell, words = setup.cell, tuple(as_built)
-        sensors = make_sensors(setup.sensor, words, seed, estimated_sensor)
 
         def make() -> World:
             self.builds += 1
@@ -120,23 +117,25 @@ class ScanPipeline(Closing):
             check_cell(true)
             bodies = visible_bodies(true)
             surface = PartSurface(nominal.part)
-            return World(setup, nominal, true, bodies, build_scene(bodies), surface, sensors)
+            return World(setup, nominal, true, bodies, build_scene(bodies), surface)
 
         described = cell.model_dump_json(exclude={"estimated"})
         files = [file_state(Path(table[key])) for table, key, _ in file_entries(plain_data(cell))]
         # The cached reference to the mesh prevents reuse of its id.
         key = f"{id(part)} {setup.scan.belt is None} {described} {files}"
         _, world = _kept(self._cells, key, _MAX_CELLS, lambda: (part, make()))
-        return replace(
+        world = replace(
             world,
             setup=setup,
-            sensors=sensors,
             as_built=words,
             seed=seed,
             part_file=part_file,
             unit=unit,
+            recording_file=recording_file,
             estimated_sensor=estimated_sensor,
         )
+        _ = world.sensor, world.sensor_true  # wrong ones are found before anything moves
+        return world
 
     def plan(
         self,
@@ -197,7 +196,7 @@ class ScanPipeline(Closing):
         setup = world.setup
         cycle = setup.cell.world.controller_cycle
         nominal = with_occupied_space(world.nominal, setup.scan.occupied)
-        own, range_ = pair_clearances(setup.scan, nominal), SensorRange.of(world.sensors.nominal)
+        own, range_ = pair_clearances(setup.scan, nominal), SensorRange.of(world.sensor)
         return PlanningCell(nominal, range_, cycle, threads=self.threads, pair_clearance=own)
 
     def _measurable(self, work: Work, nominal: NominalCell, sensor: SensorDescription) -> MeasurableSurface:
@@ -216,19 +215,6 @@ class ScanPipeline(Closing):
         controller rejects a command of `hook`.
         """
         return self.runner.run(world, plan.program, progress, hook)
-
-    def sense(
-        self,
-        world: World,
-        recording: Recording,
-        engine: Engine,
-        progress: Progress,
-        on_images: OnImages | None = None,
-        image_rows: Sequence[int] | None = None,
-        control: ExposureControl | None = None,
-    ) -> SensingResult:
-        """Profiles of a recording, see `scancell.scanning.sense.sense`."""
-        return sense(world, recording, engine, progress, on_images, image_rows, control, self.threads)
 
     def reconstruct(
         self, nominal: NominalCell, recording: Recording, profiles: ProfilePoints, setup: Setup, normals: bool = True

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +15,9 @@ from scancell.arguments import checked_arguments
 from scancell.cell.recording import Recording
 from scancell.config.choices import CloudFrame, Engine
 from scancell.config.loading import Setup
-from scancell.config.sensor import SensorDescription, ignored_by_geometric_engine
+from scancell.config.sensor import ignored_by_geometric_engine
 from scancell.errors import DescriptionError, EmptyScanError
 from scancell.geometry import pose
-from scancell.geometry.shapes import PartSurface
 from scancell.nominal.cell import Body, NominalCell
 from scancell.planning.path_map.configuration_map import QualityFactor
 from scancell.planning.plan import Plan
@@ -29,8 +27,8 @@ from scancell.reconstruction.reconstruct import Dropped, ProfilePoints, table_wa
 from scancell.scanning.drive import PreScanHook
 from scancell.scanning.exposure_control import ExposureControl
 from scancell.scanning.pipeline import ScanPipeline, envelope_of, measured_motion
-from scancell.scanning.sense import ExposureImages, OnImages, SensingResult, sample_rows
-from scancell.scanning.world import Sensors, World
+from scancell.scanning.sense import ExposureImages, OnImages, SensedProfiles, sample_rows
+from scancell.scanning.world import World
 from scancell.stopwatch import Stopwatch
 from scancell.values import Value
 
@@ -41,16 +39,10 @@ SAMPLE_IMAGES = 4
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ScanData(Value):
-    """Inputs, recording and cloud of a scan; see `ScanResult` for the attributes."""
+    """World, recording and cloud of a scan; see `ScanResult` for the attributes."""
 
-    part: str
-    setup: Setup
+    world: World
     engine: Engine
-    seed: int
-    as_built: tuple[str, ...]
-    nominal: NominalCell
-    estimated: NominalCell
-    sensors: Sensors
     plan: Plan | None
     recording: Recording
     profiles: ProfilePoints
@@ -61,12 +53,32 @@ class ScanData(Value):
     timings: dict[str, float] = field(default_factory=dict, compare=False)
     warnings: tuple[str, ...] = ()
     fmu_token: str = ""
-    part_file: Path | None = None
-    recording_file: Path | None = None
-    unit: str = "mm"
     threads: int = 0
-    part_surface: PartSurface | None = field(default=None, compare=False)
-    estimated_sensor: SensorDescription | None = None
+
+    @property
+    def part(self) -> str:
+        """Name of the part: its file, or the name of its mesh."""
+        return self.world.part
+
+    @property
+    def setup(self) -> Setup:
+        """Nominal descriptions."""
+        return self.world.setup
+
+    @property
+    def nominal(self) -> NominalCell:
+        """The nominal cell."""
+        return self.world.nominal
+
+    @property
+    def as_built(self) -> tuple[str, ...]:
+        """Deviations of the true cell as ``key=value`` words."""
+        return self.world.as_built
+
+    @property
+    def seed(self) -> int:
+        """Random seed."""
+        return self.world.seed
 
     @property
     def segment_names(self) -> dict[int, str]:
@@ -78,7 +90,7 @@ class ScanData(Value):
     @property
     def camera_names(self) -> list[str]:
         """Names of the cameras, by camera index."""
-        return [camera.name for camera in self.sensors.nominal.cameras]
+        return [camera.name for camera in self.world.sensor.cameras]
 
     @checked_arguments
     def frame_from_part(self, frame: CloudFrame, table_angle: float = 0.0) -> Array:
@@ -89,7 +101,7 @@ class ScanData(Value):
 
         Raises `DescriptionError` if `frame` is not part, world, base, or what carries the part: table or belt.
         """
-        cell = self.estimated
+        cell = self.world.estimated
         support = "table" if cell.support == "table" else "belt"
         if frame in ("table", "belt") and frame != support:
             raise DescriptionError(key="frame", value=frame, expected=f"part, {support}, base or world")
@@ -113,16 +125,6 @@ class ScanData(Value):
     def points_in(self, frame: CloudFrame, table_angle: float = 0.0) -> Array:
         """Points (n, 3) of the cloud in a frame, m, with the table at `table_angle` rad; see `frame_from_part`."""
         return pose.transform_points(self.frame_from_part(frame, table_angle), self.cloud.points_in_part)
-
-
-@dataclass(frozen=True)
-class Exposed:
-    """A recording with its profiles, the images of a few exposures, and the token of the FMU that made it."""
-
-    recording: Recording
-    sensed: SensingResult
-    images: tuple[ExposureImages, ...]
-    fmu_token: str
 
 
 @dataclass(frozen=True)
@@ -166,97 +168,82 @@ class Scan:
         progress.advance(1)
         return plan
 
-    def measure(self, plan: Plan, progress: Progress) -> tuple[Recording, SensingResult]:
+    def measure(self, plan: Plan, progress: Progress) -> tuple[Recording, SensedProfiles]:
         """Drive and sense a plan of which no cloud is wanted."""
         recording = self.pipeline.drive(self.world, plan, progress)
-        return recording, self.sense(recording, progress, [])[0]
+        return recording, self.sense(recording, progress)
 
     def of_recording(self, recording: Recording, plan: Plan | None, progress: Progress, watch: Stopwatch) -> ScanData:
         """Sense and reconstruct a recording, whose `plan` may be unknown.
 
         Raises `EmptyScanError` when no point of the part is found.
         """
-        rows = sample_rows(len(recording), SAMPLE_IMAGES) if self.samples else []
         with watch.measure("sense"):
-            sensed, kept = self.sense(recording, progress, rows)
-        return self.of_profiles(Exposed(recording, sensed, kept, self.pipeline.runner.token), plan, progress, watch)
+            sensed = self.sense(recording, progress, sample_rows(len(recording), SAMPLE_IMAGES) if self.samples else [])
+        return self.of_profiles(recording, sensed, plan, progress, watch)
 
-    def of_profiles(self, exposed: Exposed, plan: Plan | None, progress: Progress, watch: Stopwatch) -> ScanData:
-        """Reconstruct exposures that are sensed; see `of_recording`."""
+    def of_profiles(
+        self,
+        recording: Recording,
+        sensed: SensedProfiles,
+        plan: Plan | None,
+        progress: Progress,
+        watch: Stopwatch,
+        parts: tuple[Cloud, Dropped] | None = None,
+    ) -> ScanData:
+        """Reconstruct a recording that is sensed; see `of_recording`.
+
+        `parts` are the cloud and what was dropped, where `points_of` gave them part by part.
+        """
+        world = self.world
         with watch.measure("reconstruct"):
             progress.stage("reconstructing", 1, "cloud")
-            profiles = exposed.sensed.profiles
-            cloud, dropped = self._reconstruct(exposed.recording, profiles, self.normals)
+            cloud, dropped = parts or self.points_of(recording, sensed.points, self.normals)
+            if parts is not None:
+                cloud = self.pipeline.with_normals(world.estimated, recording, cloud)
             progress.advance(1)
-        return self._data(exposed, cloud, dropped, plan, watch)
-
-    def of_parts(self, exposed: Exposed, cloud: Cloud, dropped: Dropped, plan: Plan, watch: Stopwatch) -> ScanData:
-        """As `of_profiles`, of exposures of which `points_of` gave the cloud and what was dropped, part by part."""
-        with watch.measure("reconstruct"):
-            cloud = self.pipeline.with_normals(self.world.estimated, exposed.recording, cloud)
-        return self._data(exposed, cloud, dropped, plan, watch)
-
-    def _reconstruct(self, recording: Recording, profiles: ProfilePoints, normals: bool) -> tuple[Cloud, Dropped]:
-        return self.pipeline.reconstruct(self.world.estimated, recording, profiles, self.world.setup, normals)
-
-    def _data(self, exposed: Exposed, cloud: Cloud, dropped: Dropped, plan: Plan | None, watch: Stopwatch) -> ScanData:
-        world, sensed = self.world, exposed.sensed
         if not len(cloud):
             reasons = why_empty(dropped, envelope_of(world.estimated, world.setup))
             raise EmptyScanError(f"the scan gave no point: {'; '.join(reasons)}", file=world.part)
         return ScanData(
-            part=world.part,
-            setup=world.setup,
+            world=world,
             engine=self.engine,
-            seed=world.seed,
-            as_built=world.as_built,
-            nominal=world.nominal,
-            estimated=world.estimated,
-            sensors=world.sensors,
             plan=plan,
-            recording=exposed.recording,
-            profiles=sensed.profiles,
+            recording=recording,
+            profiles=sensed.points,
             cloud=cloud,
-            sample_images=exposed.images,
+            dropped=dropped,
+            sample_images=sensed.images,
             render_seconds=sensed.timings,
             timings=watch.seconds,
-            dropped=dropped,
             warnings=(*self._warnings(plan), *table_warnings(dropped, world.setup.scan.table_margin_mm)),
-            fmu_token=exposed.fmu_token if plan is not None else "",
-            part_file=world.part_file,
-            recording_file=world.recording_file,
-            unit=world.unit,
+            fmu_token="" if plan is None else self.pipeline.runner.token,
             threads=self.pipeline.threads,
-            part_surface=world.part_surface,
-            estimated_sensor=world.estimated_sensor,
         )
 
-    def points_of(self, recording: Recording, sensed: SensingResult) -> tuple[Cloud, Dropped]:
-        """The part of the cloud that some of the exposures give, without normals, and what was dropped."""
-        return self._reconstruct(recording, sensed.profiles, normals=False)
+    def points_of(self, recording: Recording, points: ProfilePoints, normals: bool = False) -> tuple[Cloud, Dropped]:
+        """The cloud, or the part of it, that some exposures give, and what was dropped."""
+        return self.pipeline.reconstruct(self.world.estimated, recording, points, self.world.setup, normals)
 
     def sense(
-        self, recording: Recording, progress: Progress, rows: Sequence[int], control: ExposureControl | None = None
-    ) -> tuple[SensingResult, tuple[ExposureImages, ...]]:
-        """Profiles, and the images of those in `rows`; `on_images` receives the images of all.
-
-        `control` is that of `scancell.scanning.sense.sense`.
-        """
-        on_images = self.on_images
-        if on_images is not None and self.engine == "geometric":
+        self,
+        recording: Recording,
+        progress: Progress,
+        rows: Sequence[int] = (),
+        control: ExposureControl | None = None,
+    ) -> SensedProfiles:
+        """Profiles, with the images of those in `rows`; `on_images` receives the images of all, see `World.sense`."""
+        if self.on_images is not None and self.engine == "geometric":
             raise DescriptionError("makes no images to keep", key="engine", value="geometric", expected="ray-traced")
-        chosen = set(recording.measured.index[rows].tolist())
-        kept: list[ExposureImages] = []
-
-        def keep(images: ExposureImages) -> None:
-            if on_images is not None:
-                on_images(images)
-            if images.trigger in chosen:
-                kept.append(images)
-
-        wanted = rows if on_images is None else None
-        sensed = self.pipeline.sense(self.world, recording, self.engine, progress, keep, wanted, control)
-        return sensed, tuple(kept)
+        return self.world.sense(
+            recording,
+            self.engine,
+            progress,
+            on_images=self.on_images,
+            kept=rows,
+            control=control,
+            threads=self.pipeline.threads,
+        )
 
     def _translucent(self) -> list[str]:
         """Names of the translucent bodies."""

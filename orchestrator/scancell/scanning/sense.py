@@ -1,29 +1,23 @@
-"""Sensing: from recorded exposures to profiles by rendering, peak extraction and triangulation, in batches."""
+"""Sensing: from exposures to profiles by rendering, peak extraction and triangulation."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
-from scancell.cell.recording import Recording
 from scancell.config.choices import Engine
-from scancell.config.sensor import DetectorDescription
 from scancell.errors import SensorError
-from scancell.progress import Progress
 from scancell.reconstruction.reconstruct import ProfilePoints, is_saturated
-from scancell.scanning.exposure_control import ExposureControl
-from scancell.scanning.exposures import exposures_from_truth, readout_time, sub_indices
-from scancell.scanning.world import Sensors, World
 from scancell.values import Value
 
-# Exposures per call: enough to use all cores, few enough for responsive interrupts and progress.
-_BATCH = 64
+_AT_LATCH = np.zeros(1)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -58,154 +52,77 @@ class ExposureImages(Value):
         """The smallest integer type that holds the digital numbers."""
         return np.uint8 if self.bit_depth <= 8 else np.uint16
 
-    @classmethod
-    def of(cls, result: sensor_rt.ScanResult, row: int, trigger: int, bit_depth: int = 16) -> Self | None:
-        """Images of row `row` of a result, of which `trigger` and `bit_depth` are known; None where it keeps none."""
-        if result.images is None:
-            return None
-        background = None if result.background is None else result.background[row]
-        return cls(trigger, result.images[row], background, bit_depth)
-
 
 OnImages = Callable[[ExposureImages], None]
 
 
-@dataclass(frozen=True)
-class SensingResult:
-    """Points of all profiles in the sensor frame, and processor time (s) by step of the ray tracer."""
+@dataclass(frozen=True, eq=False)
+class SensedProfiles:
+    """Profiles (n) of successive exposures.
 
-    profiles: ProfilePoints
+    Attributes
+    ----------
+    points
+        Points (m) in the sensor frame; `frame` counts the profiles from 0.
+    count
+        Number of profiles.
+    timings
+        Processor time by step of the ray tracer, s.
+    images
+        Those that were requested, of the first exposure of a profile.
+    row
+        (m,) image rows of the points, px; None of batches that are joined.
+    covariance
+        (m, 3, 3), m², where it was requested.
+    """
+
+    points: ProfilePoints
+    count: int
     timings: dict[str, float]
+    images: tuple[ExposureImages, ...] = ()
+    row: NDArray[np.float64] | None = None
+    covariance: NDArray[np.float64] | None = None
 
     @classmethod
-    def joined(cls, parts: Sequence[SensingResult], exposures: Sequence[int]) -> Self:
-        """Of recordings that follow one another, with the number of exposures of each."""
-        first = np.cumsum([0, *exposures])[:-1]
-        shifted = (
-            replace(part.profiles, frame=(part.profiles.frame + row).astype(np.int32))
-            for part, row in zip(parts, first, strict=True)
-        )
+    def joined(cls, batches: Iterable[Self]) -> Self:
+        """Of batches that follow one another; each is released before the next is taken."""
+        count, images = 0, list[ExposureImages]()
         timings: Counter[str] = Counter()
-        for part in parts:
-            timings.update(part.timings)
-        return cls(ProfilePoints.concatenate(shifted), dict(timings))
 
+        def points() -> Iterator[ProfilePoints]:
+            nonlocal count
+            for batch in batches:
+                images.extend(batch.images)
+                timings.update(batch.timings)
+                yield replace(batch.points, frame=(batch.points.frame + count).astype(np.int32))
+                count += batch.count
 
-def sense(
-    world: World,
-    recording: Recording,
-    engine: Engine,
-    progress: Progress,
-    on_images: OnImages | None = None,
-    image_rows: Collection[int] | None = None,
-    control: ExposureControl | None = None,
-    threads: int = 0,
-) -> SensingResult:
-    """Profiles of a recording; `frame` is its row.
+        found = ProfilePoints.concatenate(points())
+        return cls(found, count, dict(timings), tuple(images))
 
-    Raises `SensorError` if the library reports an error.
-
-    Parameters
-    ----------
-    on_images
-        Called with the camera images of each profile, in order; never with the geometric engine.
-    image_rows
-        Rows of the recording whose images are passed on; None for all.
-    control
-        Chooses the exposure times. Recordings of one scan that are sensed one after another share it; by default a new
-        one.
-    """
-    control = control or world.sensors.control()
-    wants = on_images is not None and engine != "geometric"
-    batches = _batches(len(recording), image_rows if wants else None, wants)
-    timings: Counter[str] = Counter()
-
-    def sensed() -> Iterator[ProfilePoints]:
-        for batch, wanted in batches:
-            first = batch.start
-            while first < batch.stop:
-                windows = control.next(batch.stop - first)
-                rows = slice(first, batch.stop if windows is None else first + len(windows))
-                taken = profiles_of(world, recording[rows], engine, windows, wanted or control.looks, threads)
-                if on_images is not None and wanted:
-                    for images in taken.images():
-                        on_images(images)
-                yield taken.points
-                if control.looks:
-                    control.learn(taken.signals())
-                timings.update(taken.result.timings)
-                progress.advance(rows.stop - rows.start)
-                first = rows.stop
-
-    progress.stage("sensing", len(recording), "profiles")
-    profiles = ProfilePoints.concatenate(sensed())
-    # The library numbers exposures by trigger index, which selects their noise; reconstruction by row.
-    frame = np.searchsorted(recording.measured.index, profiles.frame).astype(np.int32)
-    return SensingResult(replace(profiles, frame=frame), dict(timings))
+    def signals(self, black_level: float) -> list[NDArray[np.float64]]:
+        """Brightest digital number of each column of the images, by profile; without images, of the stripe."""
+        if self.images:
+            return [one.images.max(1).ravel().astype(float) for one in self.images]
+        heights = black_level + np.asarray(self.points.intensity, float)
+        ends = np.searchsorted(self.points.frame, np.arange(self.count + 1))
+        return [heights[a:b] for a, b in pairwise(ends)]
 
 
 def expose(
     scene: sensor_rt.Scene,
-    sensors: Sensors,
+    sensor: sensor_rt.Sensor,
+    sensor_true: sensor_rt.Sensor,
     exposures: sensor_rt.Exposures,
-    engine: Engine,
-    threads: int,
-    images: bool,
-    keep_rejected: bool = False,
-) -> sensor_rt.ScanResult:
-    """Measurements of exposures, with their images if requested and rendered by the engine; see `scancell.sensor.scan`.
-
-    Raises `SensorError` if the library reports an error.
-    """
-    try:
-        keep = images and engine == "ray-traced"
-        return sensor_rt.scan(scene, sensors.nominal, exposures, engine, threads, keep, sensors.true, keep_rejected)
-    except (ValueError, RuntimeError) as error:
-        raise SensorError(str(error)) from error
-
-
-@dataclass(frozen=True)
-class Taken:
-    """Profiles (n,) of one call of the library: their points (`frame`: trigger index), and the image row of each, px.
-
-    `result` holds all exposures, k for each profile one after another, with middles and durations `windows` (n, k, 2).
-    """
-
-    points: ProfilePoints
-    row: NDArray[np.float64]
-    result: sensor_rt.ScanResult
-    windows: NDArray[np.float64]
-    index: NDArray[np.int64]
-    detector: DetectorDescription
-
-    def images(self) -> Iterator[ExposureImages]:
-        """Images of the first exposure of each profile; none unless they were kept."""
-        for number, trigger in enumerate(self.index):
-            images = ExposureImages.of(
-                self.result, number * self.windows.shape[1], int(trigger), self.detector.bit_depth
-            )
-            if images is not None:
-                yield images
-
-    def signals(self) -> list[NDArray[np.float64]]:
-        """Brightest digital number of each column of the images, by profile; without images, of the stripe."""
-        if self.result.images is not None:
-            return [images.images.max(1).ravel().astype(float) for images in self.images()]
-        first, last = (np.searchsorted(self.points.frame, self.index, side) for side in ("left", "right"))
-        heights = self.detector.black_level_dn + np.asarray(self.points.intensity, float)
-        return [heights[a:b] for a, b in zip(first, last, strict=True)]
-
-
-def take(
-    world: World,
-    exposures: sensor_rt.Exposures,
-    engine: Engine,
     index: NDArray[np.int64],
-    windows: NDArray[np.float64],
-    images: bool,
-    threads: int,
-) -> Taken:
-    """Profiles (n,) of the trigger indices `index`, with the images of all exposures if requested.
+    engine: Engine,
+    *,
+    offsets: NDArray[np.float64] = _AT_LATCH,
+    bit_depth: int | None = None,
+    covariance: bool = False,
+    threads: int = 0,
+) -> SensedProfiles:
+    """Profiles (n,) of a scene by `sensor` from what `sensor_true` sees; nothing else exposes.
 
     Raises `SensorError` if the library reports an error.
 
@@ -213,21 +130,41 @@ def take(
     ----------
     exposures
         k of each profile, one after another, of `sub_indices`.
-    windows
-        (n, k, 2) times from the latch to their middles, the same for all profiles, and durations, s.
+    index
+        Trigger indices (n,), ascending.
+    offsets
+        Times (k,) from the latch to the middles of the exposures of a profile, s.
+    bit_depth
+        Of the images, which are kept if the engine renders them; None keeps none.
     """
-    offsets = windows[0, :, 0]
-    sensors = world.sensors
     several = offsets.size > 1
-    result = expose(world.scene, sensors, exposures, engine, threads, images, keep_rejected=several)
-    points, row = points_of(result.profiles, sensors.nominal, engine), np.asarray(result.profiles.row)
+    try:
+        keep = bit_depth is not None and engine == "ray-traced"
+        result = sensor_rt.scan(scene, sensor, exposures, engine, threads, keep, sensor_true, several)
+    except (ValueError, RuntimeError) as error:
+        raise SensorError(str(error)) from error
+    points, row = _points_of(result.profiles, sensor, engine), np.asarray(result.profiles.row)
+    spread = np.array(result.profiles.covariance, float) if covariance else None
     if several:
         points, number = replace(points, frame=points.frame // offsets.size), points.frame % offsets.size
         chosen = surest(points, number)
-        points, row = points[chosen], row[chosen]
+        points, row, spread = points[chosen], row[chosen], None if spread is None else spread[chosen]
         late = (points.time_offset + offsets[number[chosen]]).astype(np.float32)
         points = replace(points, time_offset=late)
-    return Taken(points, row, result, windows, index, sensors.description.detector)
+    # The library numbers profiles by trigger index, which selects their noise.
+    points = replace(points, frame=np.searchsorted(index, points.frame).astype(np.int32))
+    images = tuple(_images(result, offsets.size, index, bit_depth or 0))
+    return SensedProfiles(points, len(index), dict(result.timings), images, row, spread)
+
+
+def _images(
+    result: sensor_rt.ScanResult, each: int, index: NDArray[np.int64], bit_depth: int
+) -> Iterator[ExposureImages]:
+    """Images of the first exposure of each profile, of `each`; none unless they were kept."""
+    if result.images is not None:
+        for row, trigger in enumerate(index):
+            background = None if result.background is None else result.background[row * each]
+            yield ExposureImages(int(trigger), result.images[row * each], background, bit_depth)
 
 
 def surest(points: ProfilePoints, number: NDArray[np.integer[Any]]) -> NDArray[np.intp]:
@@ -252,39 +189,7 @@ def _changes(*values: NDArray[Any]) -> NDArray[np.bool_]:
     return differs
 
 
-def profiles_of(
-    world: World,
-    recording: Recording,
-    engine: Engine,
-    windows: NDArray[np.float64] | None,
-    images: bool,
-    threads: int,
-) -> Taken:
-    """Profiles of a recording, each of the exposures `windows` (n, k, 2), see `Recording.truth_for_rows`; None: of one,
-    as recorded.
-
-    Raises `SensorError` if the library reports an error.
-    """
-    index = recording.measured.index
-    windows = recording.windows if windows is None else windows
-    truth = recording.truth_for_rows(readout_time(world.sensors.true), windows)
-    exposures = exposures_from_truth(truth, sub_indices(index, windows.shape[1]), world.bodies)
-    return take(world, exposures, engine, index, windows, images, threads)
-
-
-def _batches(count: int, image_rows: Collection[int] | None, images: bool) -> Iterator[tuple[slice, bool]]:
-    """Batches of exposures and whether to keep their images; each of `image_rows` is a batch by itself."""
-    singles = sorted(image_rows) if image_rows is not None else []
-    start = 0
-    for stop, single in [*((row, True) for row in singles), (count, False)]:
-        for first in range(start, stop, _BATCH):
-            yield slice(first, min(first + _BATCH, stop)), images and image_rows is None
-        if single:
-            yield slice(stop, stop + 1), images
-        start = stop + single
-
-
-def points_of(profiles: sensor_rt.Profiles, sensor: sensor_rt.Sensor, engine: Engine) -> ProfilePoints:
+def _points_of(profiles: sensor_rt.Profiles, sensor: sensor_rt.Sensor, engine: Engine) -> ProfilePoints:
     """Points with the time offsets of their image rows from the latch, by the nominal `sensor`."""
     rolls = engine == "ray-traced"
     time_offset = (

@@ -26,7 +26,7 @@ from scancell.progress import NullProgress, Progress
 from scancell.reconstruction.cloud import Cloud
 from scancell.scanning.exposure_control import ExposureControl
 from scancell.scanning.pipeline import ScanPipeline
-from scancell.scanning.sense import SensingResult
+from scancell.scanning.sense import SensedProfiles
 from scancell.scanning.single_exposure import Profile, measure_profile
 from scancell.scanning.world import World
 
@@ -162,7 +162,7 @@ class ScanSession(CellSession):
             If the sensor library reports an error.
         """
         world = self.world
-        control, taken, sensing = world.sensors.control(), [], ThreadPoolExecutor(1, "sense")
+        control, taken, sensing = world.control(), [], ThreadPoolExecutor(1, "sense")
 
         def take(batch: Recording) -> None:
             taken.append((len(batch), sensing.submit(self._sense, batch, engine, control)))
@@ -171,23 +171,22 @@ class ScanSession(CellSession):
             batches = RecordBatches(_BATCH, take)
             recording = self.record_line(world_from_sensor, spacing, self.exposure, speed=speed, batches=batches)
             self.progress.stage("sensing", len(recording), "profiles")
-            parts = [self._sensed(count, batch) for count, batch in taken]
+            sensed = SensedProfiles.joined(self._sensed(count, batch) for count, batch in taken)
         finally:
             sensing.shutdown(cancel_futures=True)
-        sensed = SensingResult.joined(parts, [count for count, _ in taken])
-        cloud = self.pipeline.reconstruct(world.estimated, recording, sensed.profiles, world.setup)[0]
+        cloud = self.pipeline.reconstruct(world.estimated, recording, sensed.points, world.setup)[0]
         self.on_exposures(recording, cloud)
         return cloud
 
-    def _sense(self, batch: Recording, engine: Engine, control: ExposureControl) -> SensingResult:
+    def _sense(self, batch: Recording, engine: Engine, control: ExposureControl) -> SensedProfiles:
         world, pipeline = self.world, self.pipeline
-        sensed = pipeline.sense(world, batch, engine, NullProgress(), control=control)
+        sensed = world.sense(batch, engine, NullProgress(), control=control, threads=pipeline.threads)
         if self.on_points is not None:
-            profiles = sensed.profiles
-            self.on_points(pipeline.reconstruct(world.estimated, batch, profiles, world.setup, normals=False)[0])
+            points = sensed.points
+            self.on_points(pipeline.reconstruct(world.estimated, batch, points, world.setup, normals=False)[0])
         return sensed
 
-    def _sensed(self, count: int, batch: Future[SensingResult]) -> SensingResult:
+    def _sensed(self, count: int, batch: Future[SensedProfiles]) -> SensedProfiles:
         """Wait for a batch of `count` profiles; `progress` may end the wait."""
         while not wait([batch], _PATIENCE).done:
             self.progress.advance(0.0)

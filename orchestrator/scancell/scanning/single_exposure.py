@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell import sensor as sensor_rt
 from scancell.cell.recording import Recording
 from scancell.config.choices import Engine
 from scancell.config.units import si_value
@@ -16,9 +15,8 @@ from scancell.planning.model import PlanningCell, SensorRange
 from scancell.planning.views.placement import PlacedPose, Placer
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.exposure_control import ExposureControl
-from scancell.scanning.exposures import still_exposures
 from scancell.scanning.pipeline import measured_motion
-from scancell.scanning.sense import ExposureImages, profiles_of, take
+from scancell.scanning.sense import ExposureImages, SensedProfiles
 from scancell.scanning.world import World
 from scancell.values import Value
 
@@ -27,7 +25,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Profile(Value):
-    """The profile of one instant.
+    """The profile of one instant, or of one exposure from a given pose.
 
     Attributes
     ----------
@@ -36,7 +34,7 @@ class Profile(Value):
     rows
         (m,) image rows of the points, px.
     points_in_base, points_in_part
-        (m, 3) the same points by measured joints and nominal or estimated geometry, m.
+        (m, 3) the same points by measured joints and nominal or estimated geometry, or by the given pose, m.
     images
         Camera images, ray-traced engine only.
 
@@ -62,62 +60,45 @@ def measure_profile(
     threads: int,
     control: ExposureControl | None = None,
 ) -> Profile:
-    """The profile of a recording of one profile; `control` is that of `scancell.scanning.sense.sense`.
+    """The profile of a recording of one profile; `control` is that of `World.sense`.
 
     Raises `SensorError` if the sensor library reports an error.
     """
     cell = world.estimated
     measured = measured_motion(cell, recording)
     part_from_sensor = cell.part_from_sensor(measured.axes[0])
-    control = control or world.sensors.control()
-    taken = profiles_of(world, recording, engine, control.next(1), images=True, threads=threads)
-    if control.looks:
-        control.learn(taken.signals())
-    profile = taken.points
-    points = np.array(profile.points_in_sensor, float)
+    sensed = world.expose(recording, engine, control=control, images=True, threads=threads)
     base_from_world = pose.inverse(cell.arm.world_from_base)
-    return Profile(
-        replace(profile, frame=np.zeros(len(points), np.int32)),
-        np.array(taken.row),
-        pose.transform_points(base_from_world @ cell.world_from_sensor(measured.q[0]), points),
-        pose.transform_points(part_from_sensor, points),
-        next(taken.images(), None),
-    )
+    return _profile(sensed, base_from_world @ cell.world_from_sensor(measured.q[0]), part_from_sensor)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class ShotData(Value):
-    """Measurements of one exposure from a given pose; see `ShotResult` for the attributes."""
-
-    part: str
-    profile: ProfilePoints
-    rows: Array
-    points_in_part: Array
-    images: ExposureImages | None
-    sensor: sensor_rt.Sensor
-    warnings: tuple[str, ...]
-
-
-def take_shot(world: World, part_from_sensor: Array, engine: Engine, threads: int) -> ShotData:
-    """The exposure from a pose (4, 4), see `Scanner.shot`.
+def take_shot(world: World, part_from_sensor: Array, engine: Engine, threads: int) -> tuple[Profile, tuple[str, ...]]:
+    """The exposure from a pose (4, 4), see `Scanner.shot`, and warnings.
 
     Raises `SensorError` if the sensor library reports an error.
     """
-    sensors = world.sensors
-    cell = PlanningCell(world.nominal, SensorRange.of(sensors.nominal), 1.0, threads=threads)
-    exposures, warnings = _posture(cell, world, part_from_sensor)
-    taken = take(world, exposures, engine, np.array([1]), sensors.windows[None], images=True, threads=threads)
-    profile = taken.points
-    points = pose.transform_points(part_from_sensor, np.array(profile.points_in_sensor, float))
-    if not len(points):
+    frames, warnings = _posture(world, part_from_sensor, threads)
+    index = np.array([1])
+    sensed = world.expose_at_rest(frames, index, world.windows, engine, images=True, threads=threads)
+    base_from_world = pose.inverse(world.nominal.arm.world_from_base)
+    shot = _profile(sensed, base_from_world @ frames["sensor"][0], part_from_sensor)
+    if not len(shot.points_in_part):
         warnings = (*warnings, "the sensor sees nothing from this pose")
-    images = next(taken.images(), None)
-    return ShotData(world.nominal.part.source, profile, taken.row, points, images, sensors.nominal, warnings)
+    return shot, warnings
 
 
-def _posture(cell: PlanningCell, world: World, part_from_sensor: Array) -> tuple[sensor_rt.Exposures, tuple[str, ...]]:
-    """The exposures with the arm where it holds the sensor at the pose; far away where it cannot."""
-    nominal = cell.nominal
+def _profile(sensed: SensedProfiles, base_from_sensor: Array, part_from_sensor: Array) -> Profile:
+    """One profile that was sensed at poses (4, 4) of the sensor."""
+    assert sensed.row is not None
+    points = np.array(sensed.points.points_in_sensor, float)
+    in_base, in_part = (pose.transform_points(one, points) for one in (base_from_sensor, part_from_sensor))
+    return Profile(sensed.points, sensed.row, in_base, in_part, next(iter(sensed.images), None))
+
+
+def _posture(world: World, part_from_sensor: Array, threads: int) -> tuple[dict[str, Array], tuple[str, ...]]:
+    """Poses (1, 4, 4) of the frames with the arm where it holds the sensor at the pose; far away where it cannot."""
+    nominal = world.nominal
+    cell = PlanningCell(nominal, SensorRange.of(world.sensor), 1.0, threads=threads)
     azimuth = si_value(world.setup.scan.sweep, "azimuth_deg")
     placed = Placer(cell, azimuth, 0.0).poses(part_from_sensor[None])[0]
     warnings: tuple[str, ...] = ()
@@ -128,9 +109,8 @@ def _posture(cell: PlanningCell, world: World, part_from_sensor: Array) -> tuple
         away = pose.translation((0.0, 0.0, -900.0))
         frames = {name: away @ value if _moves_with_arm(name) else value for name, value in frames.items()}
         warnings = (f"the arm is left out: {placed.reason}",)
-    world_from_body = np.stack([frames[body.moves_with] for body in world.bodies])
-    durations = world.sensors.windows[:, 1]
-    return still_exposures(frames["part"] @ part_from_sensor, world_from_body, durations), warnings
+    frames = {**frames, "sensor": frames["part"] @ part_from_sensor}
+    return {name: value[None] for name, value in frames.items()}, warnings
 
 
 def _moves_with_arm(frame: str) -> bool:

@@ -186,7 +186,7 @@ class Survey:
         region: SurveyRegion,
     ) -> None:
         self._world, self._pipeline = world, pipeline
-        self._region, self._range = region, SensorRange.of(world.sensors.nominal)
+        self._region, self._range = region, SensorRange.of(world.sensor)
         # Layers and rows overlap by a voxel.
         largest = 0.9 * min(self._range.far - self._range.near, 2 * self._range.half_near)
         if region.voxel > largest:
@@ -250,12 +250,12 @@ class Survey:
             return np.array([0, left_out, 0])
         pipeline, nominal = self._pipeline, self._world.nominal
         recording = pipeline.drive(self._world, plan, progress)
-        profiles = pipeline.sense(self._world, recording, "geometric", progress).profiles
+        points = self._world.sense(recording, "geometric", progress, threads=pipeline.threads).points
         placed = nominal.tree.place(recording.measured.axes, ["table", "sensor"])
         table_from_sensor = pose.inverse(placed["table"]) @ placed["sensor"]
-        seen = Profiles(table_from_sensor, profiles.points_in_sensor, np.asarray(profiles.frame, np.int64))
+        seen = Profiles(table_from_sensor, points.points_in_sensor, np.asarray(points.frame, np.int64))
         self.space.add(seen, self._range)
-        return np.array([len(recording), left_out, len(profiles.points_in_sensor)])
+        return np.array([len(recording), left_out, len(points.points_in_sensor)])
 
     def _plan(self, poses: Array, work: Work) -> tuple[Plan | None, int]:
         """A motion through free space to those of the poses that it leads to, and the number of the others."""

@@ -83,7 +83,7 @@ class BatchWorker:
         stripe = world.stripe() if sensor.render.noise or not geometric else None
         sensor_from_part_nominal = pose.inverse(scan.nominal.part_from_sensor(measured.axes))
         cloud = world.of_cloud(
-            scan.cloud, sensor_from_part_nominal, scan.sensors.nominal, stripe, between_columns=geometric
+            scan.cloud, sensor_from_part_nominal, scan.world.sensor, stripe, between_columns=geometric
         )
         truth = Truth(world, cloud)
         if self._batch.images:

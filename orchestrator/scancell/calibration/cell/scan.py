@@ -49,8 +49,7 @@ from scancell.progress import Progress
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.pipeline import ScanPipeline
 from scancell.scanning.scan import Scan
-from scancell.scanning.sense import expose, points_of
-from scancell.scanning.world import Sensors, World
+from scancell.scanning.world import World
 
 Array = NDArray[np.float64]
 
@@ -183,7 +182,7 @@ class CalibrationScan:
         self.options, self._start = options, start
         self._part, self._scan = world.nominal.part, scan_options(world.setup.scan, world.setup.sensor)
         cycle = world.setup.cell.world.controller_cycle
-        range_ = SensorRange.of(world.sensors.nominal)
+        range_ = SensorRange.of(world.sensor)
         self._cell = PlanningCell(world.nominal, range_, cycle, threads=pipeline.threads)
 
     @cached_property
@@ -211,7 +210,7 @@ class CalibrationScan:
         recording, sensed = Scan(self.pipeline, world, engine).measure(plan, progress)
         readings = readings_of(recording.measured)
         progress.stage("solving", 1, "solution")
-        found = self.solve(observations_of(sensed.profiles, readings, world.sensors.nominal), plan)
+        found = self.solve(observations_of(sensed.points, readings, world.sensor), plan)
         progress.advance(1)
         return found
 
@@ -320,15 +319,13 @@ class CalibrationScan:
 
     def _expected_observations(self, found: Candidates) -> Observations:
         """Observations of the nominal sensor from the candidates in the nominal cell, by ideal rays."""
-        world, sensor = self.world, self.world.sensors.nominal
-        frames = world.nominal.frame_poses(np.column_stack([found.q, found.table]))
-        bodies = np.stack([frames[body.moves_with] for body in world.bodies], 1)
-        duration, index = np.full(len(found.q), sensor.exposure), np.arange(len(found.q), dtype=np.int64)
-        exposures = sensor_rt.Exposures(frames["sensor"][:, None], bodies[:, :, None], duration, index)
-        sensors = Sensors(sensor, sensor, self.world.setup.sensor)
-        result = expose(world.scene, sensors, exposures, "geometric", self.pipeline.threads, images=False)
-        profiles = points_of(result.profiles, sensor, "geometric")
-        return observations_of(profiles, AxisReadings.at_rest(found.q, found.table), sensor)
+        sensor, index = self.world.sensor, np.arange(len(found.q), dtype=np.int64)
+        frames, once = (
+            self.world.nominal.frame_poses(np.column_stack([found.q, found.table])),
+            np.array([[0.0, sensor.exposure]]),
+        )
+        sensed = self.world.expose_at_rest(frames, index, once, "geometric", threads=self.pipeline.threads)
+        return observations_of(sensed.points, AxisReadings.at_rest(found.q, found.table), sensor)
 
 
 def with_sphere_start(problem: CalibrationProblem, part: Mesh) -> CalibrationProblem:

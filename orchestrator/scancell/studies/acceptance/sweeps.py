@@ -12,7 +12,6 @@ from scancell.config.choices import Engine
 from scancell.config.loading import Setup
 from scancell.evaluation.plane_trial import Linearity, PlaneTarget, linearity, measure_plane
 from scancell.progress import Progress
-from scancell.scanning.world import make_sensors
 from scancell.studies.acceptance.measure import Programme
 
 _RANGE_MARGIN = 0.02  # of the measuring range, left free at both ends
@@ -64,9 +63,6 @@ def sensor_sweeps(
     ScancellError
         If the sensor is wrong.
     """
-    sensors = make_sensors(setup.sensor, as_built, seed)
-    quiet = setup.sensor.replace({"render.noise": False})
-    ideal = make_sensors(quiet, as_built, seed)
     listed = _targets(setup, programme.steps)
     progress.stage("sensor", sum(len(values) for _, _, values, _ in listed), "targets")
     found, over_range = [], Linearity(float("nan"), float("nan"))
@@ -74,7 +70,10 @@ def sensor_sweeps(
         readings = []
         for value in values:
             progress.advance(1)
-            readings.append(measure_plane(sensors, ideal, target(value), programme.exposures, engine, threads))
+            at, exposures = target(value), programme.exposures
+            readings.append(
+                measure_plane(setup.sensor, at, exposures, engine, as_built=as_built, seed=seed, threads=threads)
+            )
         rows = tuple(one.figures().as_row() for one in readings)
         found.append(Sweep(name, unit, tuple(values), rows))
         seen = [one for one in readings if len(one.signed)]
