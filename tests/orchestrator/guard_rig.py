@@ -26,7 +26,7 @@ from scancell.guard.guarded_cell import GuardedCell
 from scancell.guard.link import Link
 from scancell.guard.parts import PartTracker
 from scancell.guard.transport import InProcess
-from scancell.nominal.cell import NominalCell, nominal_cell
+from scancell.nominal.cell import NominalCell, fmu_frame, nominal_cell
 from scancell.proximity.scene import ProximityScene
 from scancell.scanning.guard import guard_of, settings_of
 from scancell.studies.guard.simulation import EarlierCell
@@ -76,7 +76,7 @@ class GuardRig:
         self._truth = cell.real_group(cell.axis_names("truth."))
         self._moving = [
             name
-            for name in dict.fromkeys(body.fmu_frame for body in self.nominal.bodies)
+            for name in dict.fromkeys(fmu_frame(body.moves_with) for body in self.nominal.bodies)
             if name.startswith(("finger[", "part["))
         ]
         self._poses = cell.real_group(

@@ -31,7 +31,7 @@ from scancell.errors import CellError, DescriptionError, OutputError
 from scancell.files import atomic_write
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh, mass_properties
-from scancell.nominal.cell import NominalCell
+from scancell.nominal.cell import NominalCell, fmu_frame
 from scancell.nominal.gripper import start_width
 from scancell.nominal.poses import pose_json, pose_matrix
 
@@ -198,7 +198,7 @@ def _contact_json(cell: CellDescription, nominal: NominalCell) -> dict[str, Any]
 def _contact_bodies_json(cell: CellDescription, nominal: NominalCell) -> list[dict[str, Any]]:
     """Convex hulls of the cell's bodies and obstacles, and the floor."""
     solid = _CELL_BODIES | {item.name for item in cell.obstacle}
-    bodies = [(body.name, body.fmu_frame, body.mesh.hull) for body in nominal.bodies if body.name in solid]
+    bodies = [(body.name, fmu_frame(body.moves_with), body.mesh.hull) for body in nominal.bodies if body.name in solid]
     below = pose.translation((0.0, 0.0, si_value(cell.world, "floor_z_mm") - _FLOOR_SIZE[2] / 2))
     bodies.append(("floor", "world", box_mesh(_FLOOR_SIZE, "floor").transformed(below)))
     return [

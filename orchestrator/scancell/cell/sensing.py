@@ -12,7 +12,7 @@ from scancell.config.units import si_value, to_si
 from scancell.errors import CellError
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.reduction import decimated, deviation
-from scancell.nominal.cell import NominalCell
+from scancell.nominal.cell import NominalCell, fmu_frame
 from scancell.nominal.poses import pose_json, pose_matrix
 from scancell.proximity.scene import cell_scene
 
@@ -81,7 +81,7 @@ def sensing_json(cell: CellDescription, nominal: NominalCell, *, collision_outpu
         "bodies": [
             {
                 "name": body.name,
-                "frame": body.fmu_frame,
+                "frame": fmu_frame(body.moves_with),
                 "mesh": mesh_json(meshes[body.name].vertices, meshes[body.name].faces),
             }
             for body in nominal.bodies

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scancell.cell.controller import Mode, Operation, refusal
 from scancell.cell.recording import RecordLayout
 from scancell.geometry import pose
+from scancell.nominal.cell import fmu_frame
 from scancell.scanning.session import ScanSession
 
 Array = NDArray[np.float64]
@@ -178,7 +179,7 @@ class StateReader:
         values = self._cell.get(self._poses).reshape(-1, 7)
         frames = dict(zip(self._frames, pose.pose(values[:, :3], values[:, 3:]), strict=True))
         frames["world"] = np.eye(4)
-        return _frozen({body.name: frames[body.fmu_frame] for body in self._true.bodies})
+        return _frozen({body.name: frames[fmu_frame(body.moves_with)] for body in self._true.bodies})
 
     def _poses_at(self, axes: Array) -> Poses:
         if not np.array_equal(axes, self._destination):

@@ -58,6 +58,11 @@ def table_limits(cell: CellDescription, part: Mesh, table_from_part: NDArray[np.
     return min(speed, float(np.sqrt(_OF_SPEED * held / radius))), min(acceleration, _OF_ACCELERATION * held / radius)
 
 
+def fmu_frame(frame: str) -> str:
+    """Name of a frame in the FMU and its recordings, which number the part that is scanned among the others."""
+    return "part[1]" if frame == "part" else frame
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Body(Value):
     """A rigid body that can occlude, be lit, or collide.
@@ -78,11 +83,6 @@ class Body(Value):
     def materials(self) -> tuple[Material, ...]:
         """All that its faces have."""
         return (self.material, *(patch.material for patch in self.patches))
-
-    @property
-    def fmu_frame(self) -> str:
-        """Name of the frame that carries it in the FMU, which counts its parts."""
-        return "part[1]" if self.moves_with == "part" else self.moves_with
 
 
 @dataclass(frozen=True)
@@ -113,14 +113,6 @@ class FurtherPart:
     mesh: Mesh
     carrier: str
     carrier_from_part: Array
-
-
-@dataclass(frozen=True)
-class UserFrame:
-    """A named coordinate system at `carrier_from_frame` (4, 4); `carrier` is ``table`` or ``world``."""
-
-    carrier: str
-    carrier_from_frame: Array
 
 
 @dataclass(frozen=True)
@@ -185,7 +177,7 @@ class NominalCell(Value):
     flange_from_tcp
         Poses (4, 4) of the named tools on the flange, by name.
     user_frames
-        User frames by name.
+        User frames by name, as fixed joints.
     eccentricity
         Of the platter (x, y), m, in an estimated cell.
     wobble
@@ -230,7 +222,7 @@ class NominalCell(Value):
     further_parts: tuple[FurtherPart, ...] = ()
     flange_from_finger: Array | None = None
     flange_from_tcp: Mapping[str, Array] = field(default_factory=dict)
-    user_frames: Mapping[str, UserFrame] = field(default_factory=dict)
+    user_frames: Mapping[str, Joint] = field(default_factory=dict)
     eccentricity: tuple[float, ...] = (0.0, 0.0)
     wobble: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
     trigger_latency: float = 0.0
@@ -406,7 +398,10 @@ def nominal_cell(cell: CellDescription, part: Mesh | None) -> NominalCell:
         ),
         flange_from_finger=None if cell.gripper is None else _flange_from_finger(cell.gripper),
         flange_from_tcp={tcp.name: pose_matrix(tcp.flange_from_tcp) for tcp in cell.tcp},
-        user_frames={frame.name: UserFrame(frame.moves_with, pose_matrix(frame.pose)) for frame in cell.frame},
+        user_frames={
+            frame.name: Joint(frame.name, frame.moves_with, parent_from_joint=pose_matrix(frame.pose))
+            for frame in cell.frame
+        },
         further_parts=further,
         belt=_belt(cell),
         support="table" if cell.part.moves_with == "table" else f"link[{len(robot.joint)}]",

@@ -61,7 +61,7 @@ def world_from_frame(nominal: NominalCell, frame: str, axes: ArrayLike) -> Array
     if frame not in nominal.user_frames:
         raise DescriptionError(key="frame", value=frame, expected=_listed(frame_names(nominal)))
     found = nominal.user_frames[frame]
-    return np.asarray(nominal.world_from(found.carrier, axes) @ found.carrier_from_frame)
+    return np.asarray(nominal.world_from(found.parent, axes) @ found.parent_from_joint)
 
 
 def _listed(names: Collection[str]) -> str:

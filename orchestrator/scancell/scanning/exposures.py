@@ -11,15 +11,13 @@ from scancell import sensor as sensor_rt
 from scancell.cell.recording import ExposureTruth, Recording
 from scancell.config.material import Material
 from scancell.geometry.shapes import Box, Cone, Cylinder, PlacedShape, Plane, Ring, ShapeMesh, Sphere
-from scancell.nominal.cell import Body, Lamp, NominalCell
+from scancell.nominal.cell import Body, Lamp, NominalCell, fmu_frame
 from scancell.nominal.patches import Patch
 
 Array = NDArray[np.float64]
 
 # The housing of the sensor blocks neither its light nor its view.
 _INVISIBLE = frozenset({"sensor"})
-# Frame of the scanned part in the FMU, which numbers its parts.
-_RECORDED_NAME = {"part": "part[1]"}
 
 
 def visible_bodies(cell: NominalCell) -> tuple[Body | Lamp, ...]:
@@ -106,7 +104,7 @@ def exposures_from_truth(
     world_from_sensor = truth.world_from_frame["sensor"][rows]
     identity = np.broadcast_to(np.eye(4), world_from_sensor.shape)
     poses = [
-        identity if body.moves_with == "world" else truth.world_from_frame[_recorded(body.moves_with)][rows]
+        identity if body.moves_with == "world" else truth.world_from_frame[fmu_frame(body.moves_with)][rows]
         for body in bodies
     ]
     return sensor_rt.Exposures(world_from_sensor, np.stack(poses, 1), truth.duration[rows], index[rows])
@@ -115,7 +113,7 @@ def exposures_from_truth(
 def true_poses(recording: Recording, frames: Sequence[str]) -> list[Array]:
     """True ``world_from_frame`` (n, 4, 4) at the middle of every exposure, for each of `frames` (`Body.moves_with`)."""
     identity = np.broadcast_to(np.eye(4), (len(recording), 4, 4))
-    return [identity if frame == "world" else recording.truth_at_middle(_recorded(frame)) for frame in frames]
+    return [identity if frame == "world" else recording.truth_at_middle(fmu_frame(frame)) for frame in frames]
 
 
 def readout_time(sensor: sensor_rt.Sensor) -> float:
@@ -143,7 +141,3 @@ def still_exposures(
 def sub_indices(index: NDArray[np.int64], count: int) -> NDArray[np.int64]:
     """Indices (n count,) of `count` exposures for each trigger index (n,), which select their random numbers."""
     return (index[:, None] * count + np.arange(count)).ravel()
-
-
-def _recorded(frame: str) -> str:
-    return _RECORDED_NAME.get(frame, frame)

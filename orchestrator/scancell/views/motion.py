@@ -11,12 +11,11 @@ from scancell.cell.program import Program
 from scancell.cell.recording import Recording, RecordLayout
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
-from scancell.nominal.cell import NominalCell
+from scancell.nominal.cell import NominalCell, fmu_frame
 from scancell.planning.plan import Plan
 
 Array = NDArray[np.float64]
 
-_RECORDED = {"part": "part[1]"}  # frames that the FMU names otherwise: it numbers its parts
 _CLOSE = 0.1  # s between exposures up to which the motion between them is interpolated
 _LIT = 0.05  # s around an exposure in which the laser counts as on
 
@@ -97,7 +96,7 @@ class RunMotion:
         self.times = measured.time
         self.exposures = self.times if exposures is None else exposures
         self._axes = np.column_stack([measured.q, measured.table])
-        wanted = {name: _RECORDED.get(name, name) for name in cell.frame_poses() if name != "world"}
+        wanted = {name: fmu_frame(name) for name in cell.frame_poses() if name != "world"}
         if recording.has_truth:
             _require_true_poses(recording, wanted.values())
             self._recorded = {name: recording.truth_at_middle(frame) for name, frame in wanted.items()}

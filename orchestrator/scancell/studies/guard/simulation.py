@@ -22,6 +22,7 @@ from scancell.guard.link import Link, faulty_link
 from scancell.guard.messages import CellState, GuardMessage
 from scancell.guard.parts import PartTracker
 from scancell.guard.settings import GuardSettings
+from scancell.nominal.cell import fmu_frame
 from scancell.studies.guard.scenario import Begun, Operator, Scenario
 from scancell.studies.guard.servers import Servers
 from scancell.studies.guard.worlds import World
@@ -172,7 +173,7 @@ class Simulation(Closing):
         self._cell = ReusableCell(folder)
         self._files = tempfile.TemporaryDirectory(prefix="scancell-programs-", dir=folder)
         moving = ("finger[", "part[") if world.grips else ("finger[",)
-        names = dict.fromkeys(body.fmu_frame for body in world.nominal.bodies)
+        names = dict.fromkeys(fmu_frame(body.moves_with) for body in world.nominal.bodies)
         self._moving = [name for name in names if name.startswith(moving)]
 
     @property
