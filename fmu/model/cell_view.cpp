@@ -114,7 +114,7 @@ Motion Cell::part_at(std::size_t part, std::int64_t time_us,
 void Cell::write_truth(std::int64_t time_us, Bodies& bodies) const {
   const AxesState axes = true_axes_at(time_us);
   const std::vector<Motion> frames = true_.frames(axes.position, axes.rate, vibration_.at(time_us));
-  const auto frame = [&frames](int number) { return frames[static_cast<std::size_t>(number)]; };
+  const auto frame = [&frames](std::size_t number) { return frames[number]; };
   const Motion flange = frame(true_.flange()), platter = frame(true_.platter());
   for (std::size_t i = 0; i < true_.joints(); ++i) bodies.links[i] = body_state(frame(true_.link(i)));
   bodies.links[true_.joints() - 1] = body_state(flange);

@@ -112,7 +112,7 @@ class BareWorld {
     const auto joints = static_cast<int>(cell_.joints.size());
     arm_->setPositions(Eigen::Map<const Eigen::VectorXd>(prescribed.axes.position.data(), joints));
     auto* joint = static_cast<FreeJoint*>(table_->getJoint(0));
-    const int platter = kinematics_.platter();
+    const std::size_t platter = kinematics_.platter();
     joint->setRelativeTransform(kinematics_.frame(platter, prescribed.axes.position, {}).pose);
     joint->setAngularVelocity({0, 0, kTableRate});
   }
