@@ -18,6 +18,7 @@ Isometry3d behind_joint(const JointDescription& joint, const DhDeviation& delta)
          AngleAxisd(joint.beta + delta.beta, Vector3d::UnitY());
 }
 
+/// The frames of the tree in the order of their numbers.
 Tree tree_of(const CellDescription& cell, const AsBuilt& as_built) {
   constexpr auto kFixed = Joint::Kind::kFixed, kRevolute = Joint::Kind::kRevolute;
   const Isometry3d here = Isometry3d::Identity();
@@ -39,6 +40,9 @@ Tree tree_of(const CellDescription& cell, const AsBuilt& as_built) {
   last = tree.add({kFixed, kWorld, 0, cell.table.world_from_table, here});
   tree.add({kRevolute, last, kTableAxis, table_from_axis,
             Isometry3d(Translation3d(as_built.platter[0], as_built.platter[1], 0))});
+  for (const ConveyorDescription& conveyor : cell.conveyors) {
+    tree.add({kFixed, kWorld, 0, conveyor.world_from_belt, here});
+  }
   return tree;
 }
 
@@ -52,11 +56,11 @@ std::array<double, N> numbers(const Eigen::Matrix<double, static_cast<int>(N), 1
 }  // namespace
 
 Kinematics::Kinematics(const CellDescription& cell, const AsBuilt& as_built)
-    : joints_(cell.joints.size()), wobble_(as_built.wobble), tree_(tree_of(cell, as_built)) {}
+    : numbers_(layout_of(cell).frames()), wobble_(as_built.wobble), tree_(tree_of(cell, as_built)) {}
 
-std::vector<Motion> Kinematics::frames(const std::array<double, kAxes>& position,
-                                       const std::array<double, kAxes>& rate,
-                                       const VibrationDisplacements& vibration) const {
+std::vector<Motion> Kinematics::motions(const std::array<double, kAxes>& position,
+                                        const std::array<double, kAxes>& rate,
+                                        const VibrationDisplacements& vibration) const {
   return tree_.motions(position.data(), rate.data(),
                        deviations(position[kTableAxis], rate[kTableAxis], vibration));
 }
@@ -72,7 +76,9 @@ std::vector<Deviation> Kinematics::deviations(double table, double table_rate,
                                               const VibrationDisplacements& vibration) const {
   std::vector<Deviation> found;
   const std::array<std::pair<std::size_t, const Displacement*>, 3> displaced{
-      {{kBase, &vibration.base}, {flange(), &vibration.flange}, {this->table(), &vibration.table}}};
+      {{FrameNumbers::kBase, &vibration.base},
+       {numbers_.flange(), &vibration.flange},
+       {numbers_.table(), &vibration.table}}};
   for (const auto& [joint, by] : displaced) {
     if (by->position.isZero(0) && by->velocity.isZero(0)) continue;
     found.push_back({joint, {Isometry3d(Translation3d(by->position)), by->velocity, Vector3d::Zero()}});
@@ -82,7 +88,7 @@ std::vector<Deviation> Kinematics::deviations(double table, double table_rate,
     const double tilt = wobble_.amplitude * std::cos(table + wobble_.phase);
     const double rate = -wobble_.amplitude * std::sin(table + wobble_.phase) * table_rate;
     found.push_back(
-        {platter(), {Isometry3d(AngleAxisd(tilt, direction)), Vector3d::Zero(), rate * direction}});
+        {numbers_.platter(), {Isometry3d(AngleAxisd(tilt, direction)), Vector3d::Zero(), rate * direction}});
   }
   return found;
 }
