@@ -140,7 +140,7 @@ bool Jog::move_on(double time, JogFrame frame, JogSpeed& speed, Eigen::Isometry3
   if (!solution || enters_singularity(position, solution->columns)) return false;
   pose = next;
   if (turns) speed.head<3>() = half * half * speed.head<3>();
-  for (std::size_t i = 0; i < kMaxJoints; ++i) position[i] = solution->position[i];
+  position = solution->position;
   position[kTableAxis] += time * speed[6];
   return true;
 }

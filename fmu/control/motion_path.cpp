@@ -16,7 +16,7 @@ constexpr double kAccelerationShare = 0.95;
 /// Derivatives of the axes by s along a linear tool path (resolved rate).
 Axes derivative_of(const MotionPath& path, const ArmGeometry& arm, const Jacobian& columns) {
   Axes derivative = resolved_rates(arm, columns, path.displacement());
-  derivative[kTableAxis] = path.to[kTableAxis] - path.from[kTableAxis];
+  for (std::size_t i = kMaxJoints; i < kAxes; ++i) derivative[i] = path.to[i] - path.from[i];
   return derivative;
 }
 
@@ -56,7 +56,8 @@ void tighten(ProfileLimits& profile, const PathPoint& point, const Limits& limit
   }
 }
 
-/// Limits of the speeds of tool and table at the fraction `speed`, and of the accelerations of the tool.
+/// Limits of the speeds of tool and further axes at the fraction `speed`, and of the accelerations of the
+/// tool.
 ProfileLimits commanded_limits(const MotionPath& path, const MotionLimits& limits, double speed) {
   constexpr double kNoLimit = std::numeric_limits<double>::infinity();
   ProfileLimits profile{kNoLimit, kNoLimit, kNoLimit};
@@ -67,10 +68,10 @@ ProfileLimits commanded_limits(const MotionPath& path, const MotionLimits& limit
     profile.speed = std::min(profile.speed, speed * limits.angular_speed / angle);
     profile.acceleration = std::min(profile.acceleration, limits.angular_acceleration / angle);
   }
-  const double table = std::abs(path.to[kTableAxis] - path.from[kTableAxis]);
-  if (table > 0) {
-    const double table_speed = kSpeedShare * limits.axes[kTableAxis].max_speed;
-    profile.speed = std::min(profile.speed, speed * table_speed / table);
+  for (std::size_t i = kMaxJoints; i < kAxes; ++i) {
+    const double travel = std::abs(path.to[i] - path.from[i]);
+    const double axis_speed = kSpeedShare * limits.axes[i].max_speed;
+    if (travel > 0) profile.speed = std::min(profile.speed, speed * axis_speed / travel);
   }
   return profile;
 }
@@ -113,19 +114,16 @@ Vector6 MotionPath::displacement() const {
   return displacement;
 }
 
-/// Solution of the inverse kinematics with the table; of a path in the joints, its position alone.
+/// Solution of the inverse kinematics with the axes beyond the arm's; of a path in the joints, its position
+/// alone.
 std::optional<JointSolution> MotionPath::solution_at(double s, const ArmGeometry& arm,
                                                      const Axes& near) const {
-  if (!line) {
-    JointSolution solution{to, {}};
-    for (std::size_t i = 0; i < kAxes && s != 1; ++i) solution.position[i] = from[i] + s * (to[i] - from[i]);
-    return solution;
+  Axes position = near;
+  for (std::size_t i = line ? kMaxJoints : 0; i < kAxes; ++i) {
+    position[i] = s == 1 ? to[i] : from[i] + s * (to[i] - from[i]);
   }
-  auto solution = solve_inverse_kinematics(arm, interpolate_pose(start_pose(), displacement(), s), near);
-  if (!solution) return std::nullopt;
-  const double table_travel = to[kTableAxis] - from[kTableAxis];
-  solution->position[kTableAxis] = s == 1 ? to[kTableAxis] : from[kTableAxis] + s * table_travel;
-  return solution;
+  if (!line) return JointSolution{position, {}};
+  return solve_inverse_kinematics(arm, interpolate_pose(start_pose(), displacement(), s), position);
 }
 
 std::optional<Axes> MotionPath::position_at(double s, const ArmGeometry& arm, const Axes& near) const {
@@ -155,11 +153,11 @@ MotionPath joint_path(const Axes& from, const Axes& to) {
 }
 
 MotionPath line_path(const ArmGeometry& arm, const Axes& from, const Eigen::Isometry3d& target,
-                     double table_target) {
+                     const Axes& to) {
   MotionPath path;
   path.line = true;
   path.from = path.to = from;
-  path.to[kTableAxis] = table_target;
+  std::copy(to.begin() + kMaxJoints, to.end(), path.to.begin() + kMaxJoints);
   const Eigen::Isometry3d start = arm.tool(from).pose;
   path.start_position = start.translation();
   path.start_orientation = Eigen::Quaterniond(start.linear());

@@ -41,10 +41,10 @@ struct MotionPath {
 
 MotionPath joint_path(const Axes& from, const Axes& to);
 
-/// Path on which the tool moves on a straight line to `target` and rotates about one axis, while the table
-/// moves in proportion.
+/// Path on which the tool moves on a straight line to `target` and rotates about one axis, while the axes
+/// beyond the arm's move in proportion to their positions in `to`.
 MotionPath line_path(const ArmGeometry& arm, const Axes& from, const Eigen::Isometry3d& target,
-                     double table_target);
+                     const Axes& to);
 
 /// Limits of programmed motion.
 struct MotionLimits {

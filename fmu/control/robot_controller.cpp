@@ -227,8 +227,8 @@ void RobotController::plan() {
   const Axes from = present_position();
   const Eigen::Isometry3d target =
       Eigen::Translation3d(pending_move.tool_position) * pending_move.tool_orientation;
-  const MotionPath path = line ? line_path(arm_, from, target, pending_move.position[kTableAxis])
-                               : joint_path(from, pending_move.position);
+  const MotionPath path =
+      line ? line_path(arm_, from, target, pending_move.position) : joint_path(from, pending_move.position);
   const PathReport report = check_path(path, arm_, settings_.motion, pending_move.speed);
   state_.path_error = error_of(report.fault);
   state_.path_limit = report.axis;

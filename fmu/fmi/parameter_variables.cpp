@@ -183,7 +183,7 @@ Dependencies add_parameters(TableBuilder& table, const CellLayout& layout, CellP
   const VibrationRefs of_table =
       add_vibration(table, "table", "the table at angle 0", as_built.table_vibration, seed);
 
-  // From the world to each frame.
+  // From the world to each frame, by number.
   const PoseDependencies at_rest{dependencies.file, dependencies.file, dependencies.file};
   dependencies.true_axes = dependencies.file;
   if (layout.dynamic_drives) {  // gravity deflects the joints, and all rows contribute
@@ -192,22 +192,22 @@ Dependencies add_parameters(TableBuilder& table, const CellLayout& layout, CellP
       append(dependencies.true_axes, row.turning);
     }
   }
-  BodiesDependencies& bodies = dependencies.bodies;
-  PoseDependencies last = with(at_rest, of_base);
+  const FrameNumbers numbers = layout.frames();
+  std::vector<PoseDependencies> frames{{dependencies.file, dependencies.file, {}}, with(at_rest, of_base)};
   for (const RowRefs& row : rows) {
-    last = with(with(carried_by(last), row.displacing, row.turning), dependencies.true_axes,
-                dependencies.true_axes);
-    bodies.links.push_back(last);
+    frames.push_back(with(with(carried_by(frames.back()), row.displacing, row.turning),
+                          dependencies.true_axes, dependencies.true_axes));
   }
-  const PoseDependencies flange = bodies.links.back() = with(carried_by(last), of_flange);
-  bodies.sensor = with(flange, tool.displacing, tool.turning);
-  bodies.fingers.assign(2, flange);
-  const PoseDependencies axis = with(with(at_rest, of_table), table_refs.displacing, table_refs.turning);
-  bodies.table = with(carried_by(axis), table_refs.behind, {});
-  for (const PartLayout& part : layout.parts) {
-    bodies.parts.push_back(part.on_table ? bodies.table
-                                         : PoseDependencies{dependencies.file, dependencies.file, {}});
-  }
+  frames.push_back(with(carried_by(frames.back()), of_flange));
+  frames.push_back(with(frames.back(), tool.displacing, tool.turning));
+  frames.push_back(with(with(at_rest, of_table), table_refs.displacing, table_refs.turning));
+  frames.push_back(with(carried_by(frames.back()), table_refs.behind, {}));
+  BodiesDependencies& bodies = dependencies.bodies;
+  for (std::size_t i = 0; i < numbers.joints; ++i) bodies.links.push_back(frames[numbers.link(i)]);
+  bodies.sensor = frames[numbers.sensor()];
+  bodies.table = frames[numbers.platter()];
+  bodies.fingers.assign(2, frames[numbers.flange()]);
+  for (const std::size_t frame : layout.parts) bodies.parts.push_back(carried_by(frames[frame]));
   table.add_declared("as_built.trigger.", "the trigger", Causality::kParameter, parameters.as_built.trigger);
   if (layout.conveyors > 0) {
     table.add_declared("as_built.belt.", "all belts", Causality::kParameter, parameters.as_built.belt);

@@ -8,8 +8,6 @@ namespace robotcell::fmi {
 template <>
 constexpr Phase kLast<Phase> = Phase::kEvent;  // kIntermediate is never part of a state
 template <>
-constexpr SupportingBody kLast<SupportingBody> = SupportingBody::kFlange;
-template <>
 constexpr TriggerGate kLast<TriggerGate> = TriggerGate::kPassed;
 
 }  // namespace robotcell::fmi
@@ -48,7 +46,7 @@ void exchange(A& a, AxesState& v) {
 }
 template <class A>
 void exchange(A& a, PartPose& v) {
-  ROBOTCELL_EXCHANGE(a, v, v.supporting_body, v.position, v.orientation, v.residual_displacement);
+  ROBOTCELL_EXCHANGE(a, v, v.frame, v.position, v.orientation, v.residual_displacement);
 }
 template <class A>
 void exchange(A& a, StickConstraint& v) {

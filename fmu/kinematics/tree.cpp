@@ -30,37 +30,30 @@ Motion attached(const Motion& body, const Isometry3d& body_from_frame) {
   return frame;
 }
 
-Tree::Tree(std::vector<Joint> joints) : paths_(1) {
+std::size_t Tree::add(const Joint& joint) {
   const auto moves = [](const Isometry3d& pose) { return pose.matrix() != Isometry3d::Identity().matrix(); };
-  for (Joint& joint : joints) {
-    const int number = static_cast<int>(nodes_.size());
-    const bool is_fixed = joint.kind == Joint::Kind::kFixed;
-    if (joint.parent < kWorld || joint.parent >= number || (!is_fixed && joint.axis < 0)) {
-      throw std::invalid_argument("joint " + std::to_string(number) +
-                                  ": expected a parent before it, and an axis");
-    }
-    paths_.push_back(path(joint.parent));
-    if (!is_fixed) paths_.back().push_back(number);
-    carried_.push_back(joint.parent == kWorld ? std::vector<int>()
-                                              : carried_[static_cast<std::size_t>(joint.parent)]);
-    carried_.back().push_back(number);
-    const bool before = moves(joint.parent_from_joint), behind = moves(joint.joint_from_frame);
-    nodes_.push_back({std::move(joint), before, behind});
+  const std::size_t number = nodes_.size();
+  if (joint.parent >= number) {
+    throw std::invalid_argument("joint " + std::to_string(number) + ": expected a parent before it");
   }
+  paths_.push_back(paths_[joint.parent]);
+  if (joint.kind != Joint::Kind::kFixed) paths_.back().push_back(number);
+  carried_.push_back(carried_[joint.parent]);
+  carried_.back().push_back(number);
+  nodes_.push_back({joint, moves(joint.parent_from_joint), moves(joint.joint_from_frame)});
+  return number;
 }
 
-const std::vector<int>& Tree::path(int frame) const { return paths_[static_cast<std::size_t>(frame + 1)]; }
-
-std::size_t Tree::common(int frame, int other) const {
-  const std::vector<int>&a = path(frame), &b = path(other);
+std::size_t Tree::common(std::size_t frame, std::size_t other) const {
+  const std::vector<std::size_t>&a = path(frame), &b = path(other);
   std::size_t count = 0;
   while (count < a.size() && count < b.size() && a[count] == b[count]) ++count;
   return count;
 }
 
-void Tree::advance(int number, const double* position, const double* rate,
+void Tree::advance(std::size_t number, const double* position, const double* rate,
                    const std::vector<Deviation>& deviations, Motion& motion) const {
-  const Node& node = nodes_[static_cast<std::size_t>(number)];
+  const Node& node = nodes_[number];
   const Joint& joint = node.joint;
   if (node.displaced_before) attach(motion, joint.parent_from_joint);
   for (const Deviation& deviation : deviations) {
@@ -86,11 +79,11 @@ void Tree::advance(int number, const double* position, const double* rate,
 void Tree::place(const double* position, PlacedTree& placed) const {
   placed.joints.resize(nodes_.size());
   placed.frames.resize(nodes_.size());
-  for (std::size_t i = 0; i < nodes_.size(); ++i) {
+  placed.joints[kWorld] = placed.frames[kWorld] = Isometry3d::Identity();
+  for (std::size_t i = 1; i < nodes_.size(); ++i) {
     const Node& node = nodes_[i];
-    const int parent = node.joint.parent;
     Isometry3d& pose = placed.joints[i];
-    pose = parent == kWorld ? Isometry3d::Identity() : placed.frames[static_cast<std::size_t>(parent)];
+    pose = placed.frames[node.joint.parent];
     if (node.displaced_before) pose = pose * node.joint.parent_from_joint;
     placed.frames[i] = node.joint.kind == Joint::Kind::kFixed ? pose : pose * moved(node.joint, position);
     if (node.displaced_behind) placed.frames[i] = placed.frames[i] * node.joint.joint_from_frame;
@@ -100,29 +93,26 @@ void Tree::place(const double* position, PlacedTree& placed) const {
 std::vector<Motion> Tree::motions(const double* position, const double* rate,
                                   const std::vector<Deviation>& deviations) const {
   std::vector<Motion> frames(nodes_.size());
-  for (std::size_t i = 0; i < nodes_.size(); ++i) {
-    const int parent = nodes_[i].joint.parent;
-    if (parent != kWorld) frames[i] = frames[static_cast<std::size_t>(parent)];
-    advance(static_cast<int>(i), position, rate, deviations, frames[i]);
+  for (std::size_t i = 1; i < nodes_.size(); ++i) {
+    frames[i] = frames[nodes_[i].joint.parent];
+    advance(i, position, rate, deviations, frames[i]);
   }
   return frames;
 }
 
-Motion Tree::frame(int frame, const double* position, const double* rate,
+Motion Tree::frame(std::size_t frame, const double* position, const double* rate,
                    const std::vector<Deviation>& deviations) const {
   Motion motion;
-  if (frame == kWorld) return motion;
-  for (const int joint : carried_[static_cast<std::size_t>(frame)]) {
-    advance(joint, position, rate, deviations, motion);
-  }
+  for (const std::size_t joint : carried_[frame]) advance(joint, position, rate, deviations, motion);
   return motion;
 }
 
-Eigen::Matrix<double, 6, 1> Tree::column(const PlacedTree& placed, int joint, const Vector3d& point) const {
-  const Isometry3d& pose = placed.joints[static_cast<std::size_t>(joint)];
+Eigen::Matrix<double, 6, 1> Tree::column(const PlacedTree& placed, std::size_t joint,
+                                         const Vector3d& point) const {
+  const Isometry3d& pose = placed.joints[joint];
   const Vector3d axis = pose.linear().col(2);
   Eigen::Matrix<double, 6, 1> column;
-  if (nodes_[static_cast<std::size_t>(joint)].joint.kind == Joint::Kind::kRevolute) {
+  if (nodes_[joint].joint.kind == Joint::Kind::kRevolute) {
     column << axis.cross(point - pose.translation()), axis;
   } else {
     column << axis, Vector3d::Zero();

@@ -23,8 +23,8 @@ PrescribedMotion start_of(const CellDescription& cell) {
 }
 
 PartPose pose_of(const PartPlacement& placement) {
-  return {placement.supporting_body, placement.body_from_part.translation(),
-          Eigen::Quaterniond(placement.body_from_part.linear())};
+  return {placement.frame, placement.frame_from_part.translation(),
+          Eigen::Quaterniond(placement.frame_from_part.linear())};
 }
 
 control::Collision collision_of(const CollisionReading& reading) {
@@ -50,7 +50,6 @@ Cell::Cell(const CellDescription& description, const proximity::BodySet& bodies,
       controller_(settings_of(description), nominal_arm_, start_of(description).axes.position),
       world_(description, true_, start_of(description)),
       sensing_(description, bodies, parameters.seed),
-      sensed_(layout_of(description)),
       trigger_(layout_of(description), parameters.as_built.trigger,
                key_of_seeds(description.seed, parameters.seed) + kTriggerKey),
       from_(layout_of(description)),
@@ -62,7 +61,7 @@ Cell::Cell(const CellDescription& description, const proximity::BodySet& bodies,
   read_axes(to_);
   read_world();
   from_ = to_;
-  place_sensed_bodies();
+  sensing_.place(frames_at(to_.time_us));
 }
 
 void Cell::read_world() {
@@ -186,45 +185,38 @@ void Cell::step_dynamics(const CellInputs& inputs) {
   to_.truncated_contacts += world_.truncated_contacts() - truncated;
   read_axes(to_);
   read_world();
-  update_supporting_bodies();
+  update_frames_of_parts();
   read_sensors();
 }
 
-/// Expresses the pose at the start of the step relative to the body that supports the part at its end. With
-/// vibration the true pose there stays the same: the difference of the displacements becomes a residual one.
-void Cell::update_supporting_bodies() {
+/// Expresses the pose at the start of the step relative to the frame with which the part moves at its end.
+/// With vibration the true pose there stays the same: the difference of the displacements becomes a residual
+/// one.
+void Cell::update_frames_of_parts() {
+  const AxesState& axes = from_.true_axes;
   for (std::size_t i = 0; i < to_.parts.size(); ++i) {
     PartPose& from = from_.parts[i];
-    const SupportingBody supporting_body = to_.parts[i].supporting_body;
-    if (from.supporting_body != supporting_body) {
-      const auto before = static_cast<std::size_t>(from.supporting_body);
-      const auto after = static_cast<std::size_t>(supporting_body);
-      const SupportingBodyMotions still = supporting_bodies(from_, false);
-      const SupportingBodyMotions vibrating = supporting_bodies(from_, true);
-      const auto displacement = [&](std::size_t body) -> Eigen::Vector3d {
-        return vibrating[body].pose.translation() - still[body].pose.translation();
+    const std::size_t before = from.frame, after = to_.parts[i].frame;
+    if (before != after) {
+      const auto still = [&](std::size_t frame) { return true_.frame(frame, axes.position, axes.rate).pose; };
+      const auto displacement = [&](std::size_t frame) -> Eigen::Vector3d {
+        const Motion moved = true_.frame(frame, axes.position, axes.rate, vibration_.at(from_.time_us));
+        return moved.pose.translation() - still(frame).translation();
       };
       const Eigen::Vector3d residual =
           from.residual_displacement + displacement(before) - displacement(after);
       const Eigen::Isometry3d old_from_part = Eigen::Translation3d(from.position) * from.orientation;
-      from = pose_of({supporting_body, still[after].pose.inverse() * still[before].pose * old_from_part});
+      from = pose_of({after, still(after).inverse() * still(before) * old_from_part});
       from.residual_displacement = residual;
     }
     to_.parts[i].residual_displacement = residual_share(step_duration()) * from.residual_displacement;
   }
 }
 
-void Cell::place_sensed_bodies() {
-  write_truth(to_.time_us, sensed_);
-  sensing_.place(sensed_);
-}
-
 const Readings& Cell::readings() const { return time_us_ == to_.time_us ? to_.readings : from_.readings; }
 
 void Cell::read_sensors() {
-  if (!sensing_.due(to_.time_us)) return;
-  write_truth(to_.time_us, sensed_);
-  sensing_.read(to_.time_us, sensed_, to_.readings);
+  if (sensing_.due(to_.time_us)) sensing_.read(to_.time_us, frames_at(to_.time_us), to_.readings);
 }
 
 /// Kinematic drives follow the set-points exactly. With dynamic drives the motors deviate from them, and the
@@ -257,7 +249,9 @@ CellState Cell::state() const {
 
 void Cell::restore(const CellState& state) {
   for (const GridPoint* point : {&state.from, &state.to}) {
-    if (point->parts.size() != to_.parts.size() ||
+    const bool known = std::all_of(point->parts.begin(), point->parts.end(),
+                                   [&](const PartPose& part) { return part.frame < true_.tree().size(); });
+    if (!known || point->parts.size() != to_.parts.size() ||
         point->prescribed.belts.size() != to_.prescribed.belts.size()) {
       throw std::invalid_argument("the state belongs to a cell with other devices");
     }
@@ -278,7 +272,7 @@ void Cell::restore(const CellState& state) {
   program_ = state.program;
   trigger_.restore(state.trigger);
   pendant_ = state.pendant;
-  place_sensed_bodies();
+  sensing_.place(frames_at(to_.time_us));
 }
 
 }  // namespace robotcell

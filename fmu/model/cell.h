@@ -21,14 +21,14 @@
 
 namespace robotcell {
 
-/// Pose of a part at a point of the dynamics grid, relative to its supporting body.
+/// Pose of a part at a point of the dynamics grid, relative to the frame of the tree with which it moves.
 struct PartPose {
-  SupportingBody supporting_body = SupportingBody::kWorld;
+  std::size_t frame = kWorld;
   Eigen::Vector3d position = Eigen::Vector3d::Zero();
   Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
   /// m, world axes: what remains of the difference between the vibrations of the former and the present
-  /// supporting body. The dynamics do not know vibration, so without it the true pose would jump when the
-  /// supporting body changes.
+  /// frame. The dynamics do not know vibration, so without it the true pose would jump when the frame
+  /// changes.
   Eigen::Vector3d residual_displacement = Eigen::Vector3d::Zero();
 };
 
@@ -71,7 +71,7 @@ struct CellState {
 
 /// Runs the dynamics on a grid of its own, independent of the communication steps. Between two grid points
 /// the axes follow the cubic through positions and rates, belts have constant acceleration, and a free part
-/// moves with constant velocity relative to its supporting body. Therefore outputs and records do not depend
+/// moves with constant velocity relative to its frame. Therefore outputs and records do not depend
 /// on the communication step.
 ///
 /// At each instant of the controller cycle the controller reads the inputs of the communication step that
@@ -144,12 +144,10 @@ class Cell : private MotionView {
   void read_axes(GridPoint& point) const;
   BeltState belt_at(std::size_t belt, std::int64_t time_us) const;
   Motion finger_at(std::size_t finger, std::int64_t time_us, const Motion& flange) const;
-  using SupportingBodyMotions = std::array<Motion, kSupportingBodies>;
-  /// Motions of the supporting bodies at a point of the grid, without vibration and with it.
-  SupportingBodyMotions supporting_bodies(const GridPoint& point, bool vibrating) const;
-  Motion part_at(std::size_t part, std::int64_t time_us,
-                 const SupportingBodyMotions& supporting_bodies) const;
-  void update_supporting_bodies();
+  Motion part_at(std::size_t part, std::int64_t time_us, const Motion& carrier) const;
+  /// Motions of all frames by their numbers.
+  std::vector<Motion> frames_at(std::int64_t time_us) const;
+  void update_frames_of_parts();
   GripperOutputs gripper_outputs() const;
   void take_commands(const CellInputs& inputs);
   std::shared_ptr<const control::ProgramSegment> requested_segment(const CellInputs& inputs);
@@ -158,7 +156,6 @@ class Cell : private MotionView {
   /// Sensor readings at the present instant.
   const Readings& readings() const;
   void read_sensors();
-  void place_sensed_bodies();
   std::int64_t guard_instant(double guard_time) const;
 
   CellDescription description_;
@@ -173,7 +170,6 @@ class Cell : private MotionView {
   LoadedProgram program_;
   World world_;
   Sensing sensing_;
-  Bodies sensed_;  // poses at the last call of sensing_
   Trigger trigger_;
   PendantCommand pendant_;
   double start_time_ = 0;  // s, simulation time at the start

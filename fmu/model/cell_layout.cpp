@@ -38,10 +38,8 @@ std::string difference(const CellLayout& layout, const CellLayout& expected) {
                                                          : "kinematic drives instead of dynamic ones");
   }
   for (std::size_t i = 0; i < std::min(layout.parts.size(), expected.parts.size()); ++i) {
-    if (layout.parts[i].on_table == expected.parts[i].on_table) continue;
-    text += (text.empty() ? "" : ", ") + std::string("part[") + std::to_string(i + 1) +
-            (layout.parts[i].on_table ? "] on the rotary table instead of on another support"
-                                      : "] not on the rotary table instead of on it");
+    if (layout.parts[i] == expected.parts[i]) continue;
+    text += (text.empty() ? "part[" : ", part[") + std::to_string(i + 1) + "] on another support";
   }
   return text;
 }

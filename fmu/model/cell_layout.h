@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "fmu/model/description/frame_numbers.h"
 #include "fmu/model/devices/sensors.h"
 #include "fmu/model/per_device.h"
 
@@ -16,20 +17,18 @@ struct JointLayout {
   bool parallel_to_next = false;  // its axis is parallel to that of the next joint: a deviation beta exists
 };
 
-struct PartLayout {
-  bool on_table = true;  // starts on the rotary table, so its initial pose depends on the table as built
-};
-
 /// Derived from a description; equal layouts have the same variable table.
 struct CellLayout {
   std::vector<JointLayout> joints;
-  std::vector<PartLayout> parts;
+  std::vector<std::size_t> parts;  // frames on which they start: initial poses depend on what moves these
   std::size_t conveyors = 0;
   bool gripper = false;
   std::array<std::size_t, kSensorKinds> sensors{};  // by kind
   bool collision_outputs = false;
   std::vector<std::string> bodies;  // names of the bodies that collision outputs refer to by number
   bool dynamic_drives = false;
+
+  FrameNumbers frames() const { return {joints.size(), conveyors, gripper ? 2u : 0u, parts.size()}; }
 };
 
 /// Difference between two layouts as text, for example "2 parts instead of 1"; empty where they are equal.

@@ -45,8 +45,8 @@ control::RunningSegment Cell::running_segment(std::int64_t time_us) const {
 
 SensorInTable Cell::sensor_in_table(std::int64_t time_us) const {
   const AxesState axes = encoders_at(time_us);
-  const Motion sensor = nominal_.frame(nominal_.sensor(), axes.position, axes.rate);
-  const Motion platter = nominal_.frame(nominal_.platter(), axes.position, axes.rate);
+  const Motion sensor = nominal_.frame(nominal_.numbers().sensor(), axes.position, axes.rate);
+  const Motion platter = nominal_.frame(nominal_.numbers().platter(), axes.position, axes.rate);
   const Eigen::Vector3d from_centre = sensor.pose.translation() - platter.pose.translation();
   const Eigen::Vector3d of_table = platter.velocity + platter.angular_velocity.cross(from_centre);
   return {platter.pose.inverse() * sensor.pose.translation(), (sensor.velocity - of_table).norm()};
@@ -76,26 +76,16 @@ Motion Cell::finger_at(std::size_t finger, std::int64_t time_us, const Motion& f
   return motion;
 }
 
-Cell::SupportingBodyMotions Cell::supporting_bodies(const GridPoint& point, bool vibrating) const {
-  const AxesState& axes = point.true_axes;
-  const VibrationDisplacements vibration =
-      vibrating ? vibration_.at(point.time_us) : VibrationDisplacements();
-  return {Motion(), true_.frame(true_.platter(), axes.position, axes.rate, vibration),
-          true_.frame(true_.flange(), axes.position, axes.rate, vibration)};
-}
-
-/// A part moves with its supporting body, and relative to it with constant velocity between two grid points.
-/// A residual displacement decays.
-Motion Cell::part_at(std::size_t part, std::int64_t time_us,
-                     const SupportingBodyMotions& supporting_bodies) const {
+/// A part moves with the frame that carries it, and relative to it with constant velocity between two grid
+/// points. A residual displacement decays.
+Motion Cell::part_at(std::size_t part, std::int64_t time_us, const Motion& carrier) const {
   const PartPose& from = from_.parts[part];
   const PartPose& to = to_.parts[part];
   const double s = step_fraction(time_us);
   const Eigen::Quaterniond relative_rotation = from.orientation.conjugate() * to.orientation;
   const Eigen::Vector3d travel = to.position - from.position;
-  const Motion& supporting_body = supporting_bodies[static_cast<std::size_t>(to.supporting_body)];
-  Motion motion = attached(supporting_body, Eigen::Translation3d(from.position + s * travel) *
-                                                from.orientation.slerp(s, to.orientation));
+  Motion motion = attached(
+      carrier, Eigen::Translation3d(from.position + s * travel) * from.orientation.slerp(s, to.orientation));
   const double duration = step_duration();
   if (!from.residual_displacement.isZero(0)) {
     const Eigen::Vector3d residual = residual_share(s * duration) * from.residual_displacement;
@@ -105,27 +95,34 @@ Motion Cell::part_at(std::size_t part, std::int64_t time_us,
   if (duration > 0 && description_.parts[part].free) {
     const Eigen::AngleAxisd rotation(relative_rotation);
     const double rate = 1 / duration;
-    motion.velocity += supporting_body.pose.linear() * travel * rate;
+    motion.velocity += carrier.pose.linear() * travel * rate;
     motion.angular_velocity += motion.pose.linear() * rotation.axis() * (rotation.angle() * rate);
   }
   return motion;
 }
 
-void Cell::write_truth(std::int64_t time_us, Bodies& bodies) const {
+std::vector<Motion> Cell::frames_at(std::int64_t time_us) const {
   const AxesState axes = true_axes_at(time_us);
-  const std::vector<Motion> frames = true_.frames(axes.position, axes.rate, vibration_.at(time_us));
-  const auto frame = [&frames](int number) { return frames[static_cast<std::size_t>(number)]; };
-  const Motion flange = frame(true_.flange()), platter = frame(true_.platter());
-  for (std::size_t i = 0; i < true_.joints(); ++i) bodies.links[i] = body_state(frame(true_.link(i)));
-  bodies.links[true_.joints() - 1] = body_state(flange);
-  bodies.sensor = body_state(frame(true_.sensor()));
-  bodies.table = body_state(platter);
-  for (std::size_t i = 0; i < bodies.parts.size(); ++i) {
-    bodies.parts[i] = body_state(part_at(i, time_us, {Motion(), platter, flange}));
+  std::vector<Motion> frames = true_.motions(axes.position, axes.rate, vibration_.at(time_us));
+  const std::size_t flange = true_.numbers().flange();
+  for (std::size_t i = 0; i < true_.numbers().fingers; ++i) {
+    frames.push_back(finger_at(i, time_us, frames[flange]));
   }
-  for (std::size_t i = 0; i < bodies.fingers.size(); ++i) {
-    bodies.fingers[i] = body_state(finger_at(i, time_us, flange));
+  for (std::size_t i = 0; i < to_.parts.size(); ++i) {
+    frames.push_back(part_at(i, time_us, frames[to_.parts[i].frame]));
   }
+  return frames;
+}
+
+void Cell::write_truth(std::int64_t time_us, Bodies& bodies) const {
+  const std::vector<Motion> frames = frames_at(time_us);
+  const FrameNumbers& numbers = true_.numbers();
+  const auto state = [&frames](std::size_t frame) { return body_state(frames[frame]); };
+  for (std::size_t i = 0; i < numbers.joints; ++i) bodies.links[i] = state(numbers.link(i));
+  bodies.sensor = state(numbers.sensor());
+  bodies.table = state(numbers.platter());
+  for (std::size_t i = 0; i < numbers.parts; ++i) bodies.parts[i] = state(numbers.part(i));
+  for (std::size_t i = 0; i < numbers.fingers; ++i) bodies.fingers[i] = state(numbers.finger(i));
 }
 
 /// Status of the controller, with the error of the trigger where it has none of its own.

@@ -24,7 +24,7 @@ CellInputs start_inputs(const CellDescription& cell) {
   const BodyState tool = body_state(attached({}, nominal.flange_from_sensor()));
   inputs.motion.tool_position = tool.position;
   inputs.motion.tool_orientation = tool.orientation;
-  const BodyState sensor = body_state(nominal.frame(nominal.sensor(), inputs.motion.position, {}));
+  const BodyState sensor = body_state(nominal.frame(nominal.numbers().sensor(), inputs.motion.position, {}));
   inputs.motion.target_position = sensor.position;
   inputs.motion.target_orientation = sensor.orientation;
   if (cell.gripper) inputs.gripper.width = cell.gripper->start;

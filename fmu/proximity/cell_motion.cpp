@@ -22,21 +22,18 @@ void CellMotion::place(const double* axes, CellFrames& frames) const {
   tree_.place(axes, frames.tree);
   frames.bodies.resize(bodies_.size());
   for (std::size_t i = 0; i < bodies_.size(); ++i) {
-    const CarriedBody& body = bodies_[i];
-    frames.bodies[i] = body.frame == kWorld
-                           ? body.frame_from_body
-                           : frames.tree.frames[static_cast<std::size_t>(body.frame)] * body.frame_from_body;
+    frames.bodies[i] = frames.tree.frames[bodies_[i].frame] * bodies_[i].frame_from_body;
   }
 }
 
-Isometry3d CellMotion::place_tool(const double* axes, int frame, const Isometry3d& frame_from_tool,
+Isometry3d CellMotion::place_tool(const double* axes, std::size_t frame, const Isometry3d& frame_from_tool,
                                   Eigen::Matrix<double, 6, Eigen::Dynamic>& jacobian) const {
   PlacedTree placed;
   tree_.place(axes, placed);
-  const Isometry3d tool = placed.frames[static_cast<std::size_t>(frame)] * frame_from_tool;
+  const Isometry3d tool = placed.frames[frame] * frame_from_tool;
   jacobian.setZero(6, static_cast<Eigen::Index>(axes_));
-  for (const int joint : tree_.path(frame)) {
-    jacobian.col(tree_[static_cast<std::size_t>(joint)].axis) =
+  for (const std::size_t joint : tree_.path(frame)) {
+    jacobian.col(static_cast<Eigen::Index>(tree_[joint].axis)) =
         tree_.column(placed, joint, tool.translation());
   }
   return tool;
@@ -50,26 +47,26 @@ Isometry3d CellMotion::place_tool(const double* axes, int frame, const Isometry3
 RelativeMotion CellMotion::motion_of(const CellFrames& frames, std::size_t number, std::size_t common,
                                      const double* half, const double* slack) const {
   const CarriedBody& body = bodies_[number];
-  const std::vector<int>& path = tree_.path(body.frame);
+  const std::vector<std::size_t>& path = tree_.path(body.frame);
   RelativeMotion result;
   result.moving = number;
   if (path.size() == common) return result;
-  const Isometry3d& carrier = frames.tree.frames[static_cast<std::size_t>(body.frame)];
+  const Isometry3d& carrier = frames.tree.frames[body.frame];
   const Vector3d centre = result.at = carrier * body.centre;
   double before = 0;  // rotation by the joints before joint k
   for (std::size_t k = common; k < path.size(); ++k) {
-    const Joint& joint = tree_[static_cast<std::size_t>(path[k])];
+    const Joint& joint = tree_[path[k]];
     if (joint.kind == Joint::Kind::kRevolute) before += std::abs(half[joint.axis]);
   }
   double summed = 0, strayed = 0, second = 0;
   double beyond = 0;  // motion of the centre by joints beyond joint k
   for (std::size_t k = path.size(); k-- > common;) {
-    const Joint& joint = tree_[static_cast<std::size_t>(path[k])];
+    const Joint& joint = tree_[path[k]];
     const bool turns = joint.kind == Joint::Kind::kRevolute;
     const double rate = half[joint.axis], travel = std::abs(rate), stray = slack[joint.axis];
     if (turns) before -= travel;
     if (travel + stray == 0) continue;
-    const Isometry3d& pose = frames.tree.joints[static_cast<std::size_t>(path[k])];
+    const Isometry3d& pose = frames.tree.joints[path[k]];
     const Vector3d axis = pose.linear().col(2);
     const Vector3d across = turns ? Vector3d(axis.cross(centre - pose.translation())) : axis;
     const double from_axis = turns ? across.norm() : 1;

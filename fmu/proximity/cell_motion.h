@@ -11,7 +11,7 @@ namespace robotcell::proximity {
 
 /// A body, the frame that carries it, and a sphere about it.
 struct CarriedBody {
-  int frame = kWorld;
+  std::size_t frame = kWorld;
   Eigen::Isometry3d frame_from_body = Eigen::Isometry3d::Identity();
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // of the bounding sphere, frame of the carrier, m
   double radius = 0;                                 // m
@@ -49,7 +49,8 @@ class CellMotion {
 
   /// Pose of a tool on a frame, and the geometric Jacobian of its origin in world axes, (6, axes): linear
   /// velocity, then angular velocity.
-  Eigen::Isometry3d place_tool(const double* axes, int frame, const Eigen::Isometry3d& frame_from_tool,
+  Eigen::Isometry3d place_tool(const double* axes, std::size_t frame,
+                               const Eigen::Isometry3d& frame_from_tool,
                                Eigen::Matrix<double, 6, Eigen::Dynamic>& jacobian) const;
 
   /// Motion of one body of a pair relative to the other, from where the frames are, while each axis follows a

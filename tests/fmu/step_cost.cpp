@@ -112,7 +112,7 @@ class BareWorld {
     const auto joints = static_cast<int>(cell_.joints.size());
     arm_->setPositions(Eigen::Map<const Eigen::VectorXd>(prescribed.axes.position.data(), joints));
     auto* joint = static_cast<FreeJoint*>(table_->getJoint(0));
-    const int platter = kinematics_.platter();
+    const std::size_t platter = kinematics_.numbers().platter();
     joint->setRelativeTransform(kinematics_.frame(platter, prescribed.axes.position, {}).pose);
     joint->setAngularVelocity({0, 0, kTableRate});
   }
@@ -120,12 +120,7 @@ class BareWorld {
   void add(const PartDescription& part) {
     if (!part.free) return;
     SkeletonPtr skeleton = make_free_part(part.name, part, world_->getTimeStep());
-    Eigen::Isometry3d support = Eigen::Isometry3d::Identity();
-    if (part.stands_on.kind == StandsOn::Kind::kTable)
-      support = kinematics_.frame(kinematics_.platter(), {}, {}).pose;
-    if (part.stands_on.kind == StandsOn::Kind::kConveyor) {
-      support = cell_.conveyors[part.stands_on.conveyor].world_from_belt;
-    }
+    const Eigen::Isometry3d support = kinematics_.frame(part.stands_on, {}, {}).pose;
     skeleton->setPositions(FreeJoint::convertToPositions(support * part.support_from_part));
     world_->addSkeleton(skeleton);
   }

@@ -141,7 +141,7 @@ def test_cell_file_selects_another_description(build: Build, tmp_path: Path) -> 
         ({"parts": 2 * cell_description()["parts"]}, "2 parts instead of 1"),
         (
             {"parts": [{**cell_description()["parts"][0], "stands_on": "world"}]},
-            r"part\[1\] not on the rotary table instead",
+            r"part\[1\] on another support",
         ),
     ],
 )

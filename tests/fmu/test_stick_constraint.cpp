@@ -85,7 +85,7 @@ struct OnTable {
     }
   }
 
-  Isometry3d on_platter() const { return world->placement(0).body_from_part; }
+  Isometry3d on_platter() const { return world->placement(0).frame_from_part; }
   double angle() const {
     const Eigen::Matrix3d turn = on_platter().linear();
     return std::atan2(turn(1, 0), turn(0, 0));

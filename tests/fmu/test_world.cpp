@@ -52,7 +52,8 @@ TEST(World, LinkPosesMatchKinematics) {
     const PrescribedMotion to = somewhere(0.01 * (k + 1));
     world.step(somewhere(0.01 * k), to);
     for (std::size_t i = 0; i < kinematics.joints(); ++i) {
-      const auto expected = kinematics.frame(kinematics.link(i), to.axes.position, to.axes.rate).pose;
+      const auto expected =
+          kinematics.frame(kinematics.numbers().joint(i), to.axes.position, to.axes.rate).pose;
       EXPECT_TRUE(world.link_pose(i).isApprox(expected, 1e-12)) << "link " << i + 1;
     }
   }
@@ -102,7 +103,7 @@ TEST(World, FallingPartIsStoppedAtMaximumDistance) {
   };
   const auto height_after = [&](int steps) {
     for (int i = 0; i < steps; ++i) world.step(still, still);
-    return world.placement(0).body_from_part.translation().z();
+    return world.placement(0).frame_from_part.translation().z();
   };
   put(-9999, -440);
   const double rest = height_after(10);

@@ -140,11 +140,11 @@ CellDescription parse_root(const JsonReader& json) {
   }
   const auto parts = json.at("parts").items();
   if (parts.empty()) json.at("parts").fail("at least one part");
-  for (const JsonReader& part : parts) cell.parts.push_back(parse_part(part, cell.conveyors.size()));
+  const FrameNumbers frames{cell.joints.size(), cell.conveyors.size()};
+  for (const JsonReader& part : parts) cell.parts.push_back(parse_part(part, frames));
   if (!json.at("gripper").is_null()) cell.gripper = parse_gripper(json.at("gripper"));
-  cell.sensing =
-      parse_sensing(json, {cell.joints.size(), cell.parts.size(), cell.gripper ? 2u : 0u, cell.time_step_us});
-  cell.contact = parse_contact(json.at("contact"), cell.joints.size(), touching_bodies(cell));
+  cell.sensing = parse_sensing(json, {layout_of(cell).frames(), cell.time_step_us});
+  cell.contact = parse_contact(json.at("contact"), FrameNumbers{cell.joints.size()}, touching_bodies(cell));
   return cell;
 }
 
@@ -158,7 +158,8 @@ CellLayout layout_of(const CellDescription& cell) {
     layout.joints.push_back({!last && (std::abs(std::sin(joint.alpha)) < kParallel || joint.beta != 0)});
   }
   for (const PartDescription& part : cell.parts) {
-    layout.parts.push_back({part.stands_on.kind == StandsOn::Kind::kTable});
+    // Like the world, a belt is where the description puts it.
+    layout.parts.push_back(part.stands_on < layout.frames().conveyor(0) ? part.stands_on : kWorld);
   }
   layout.conveyors = cell.conveyors.size();
   layout.gripper = cell.gripper.has_value();

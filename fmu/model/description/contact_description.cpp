@@ -21,7 +21,8 @@ std::string parse_body(const JsonReader& json, const std::vector<std::string>& b
 
 }  // namespace
 
-ContactDescription parse_contact(const JsonReader& json, std::size_t links, std::vector<std::string> others) {
+ContactDescription parse_contact(const JsonReader& json, const FrameNumbers& frames,
+                                 std::vector<std::string> others) {
   json.expect_keys({"solver", "points", "stick", "friction", "bodies", "pairs"});
   ContactDescription contact;
   const std::string solver = json.at("solver").text();
@@ -33,8 +34,8 @@ ContactDescription parse_contact(const JsonReader& json, std::size_t links, std:
   std::vector<std::string> names = std::move(others);
   for (const JsonReader& body : json.at("bodies").items()) {
     body.expect_keys({"name", "frame", "hull"});
-    contact.bodies.push_back({body.at("name").text(), parse_frame(body.at("frame"), FrameCounts{links, 0, 0}),
-                              parse_hull(body.at("hull"))});
+    contact.bodies.push_back(
+        {body.at("name").text(), frames.parse(body.at("frame")), parse_hull(body.at("hull"))});
     names.push_back(contact.bodies.back().name);
   }
   for (const JsonReader& pair : json.at("pairs").items()) {

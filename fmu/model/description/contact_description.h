@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "fmu/model/description/frame_ref.h"
+#include "fmu/model/description/frame_numbers.h"
 #include "fmu/model/description/hull.h"
 
 namespace robotcell {
@@ -24,7 +24,7 @@ struct ContactPair {
 /// contact shape.
 struct ContactBody {
   std::string name;
-  FrameRef frame;
+  std::size_t frame = kWorld;
   Hull hull;  // in this frame
 };
 
@@ -38,6 +38,7 @@ struct ContactDescription {
 };
 
 /// `others` holds the names of further bodies that pairs may use. Throws DescriptionError.
-ContactDescription parse_contact(const JsonReader& json, std::size_t links, std::vector<std::string> others);
+ContactDescription parse_contact(const JsonReader& json, const FrameNumbers& frames,
+                                 std::vector<std::string> others);
 
 }  // namespace robotcell

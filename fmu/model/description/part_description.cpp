@@ -8,16 +8,6 @@ namespace {
 
 constexpr double kMaxDampingRatio = 1e6;
 
-StandsOn parse_support(const JsonReader& json, std::size_t conveyors) {
-  const std::string text = json.text();
-  if (text == "table") return {StandsOn::Kind::kTable, 0};
-  if (text == "world") return {StandsOn::Kind::kWorld, 0};
-  for (std::size_t i = 0; i < conveyors; ++i) {
-    if (text == "conveyor[" + std::to_string(i + 1) + "]") return {StandsOn::Kind::kConveyor, i};
-  }
-  json.fail("\"table\", \"world\" or \"conveyor[i]\" with i from 1 to " + std::to_string(conveyors));
-}
-
 SoftDescription parse_soft(const JsonReader& json) {
   json.expect_keys({"stiffness", "damping_ratio", "longest_edge"});
   return {json.at("stiffness").positive(), json.at("damping_ratio").number(0, kMaxDampingRatio),
@@ -37,7 +27,7 @@ std::string soft_part_warning(const std::vector<PartDescription>& parts) {
          "not collide with each other and are not limited by contact.points; a step takes longer";
 }
 
-PartDescription parse_part(const JsonReader& json, std::size_t conveyors) {
+PartDescription parse_part(const JsonReader& json, const FrameNumbers& frames) {
   json.expect_keys(
       {"name", "fixture", "stands_on", "support_from_part", "friction", "soft", "inertial", "hull"});
   PartDescription part;
@@ -45,10 +35,9 @@ PartDescription parse_part(const JsonReader& json, std::size_t conveyors) {
   const std::string fixture = json.at("fixture").text();
   if (fixture != "clamped" && fixture != "free") json.at("fixture").fail("\"clamped\" or \"free\"");
   part.free = fixture == "free";
-  part.stands_on = parse_support(json.at("stands_on"), conveyors);
-  if (!part.free && part.stands_on.kind == StandsOn::Kind::kConveyor) {
-    json.at("stands_on")
-        .fail("\"table\" or \"world\" for a clamped part (a part cannot be clamped to a belt)");
+  part.stands_on = frames.parse(json.at("stands_on"));
+  if (!part.free && part.stands_on >= frames.conveyor(0)) {
+    json.at("stands_on").fail("no \"conveyor[i]\" for a clamped part (a part cannot be clamped to a belt)");
   }
   part.support_from_part = json.at("support_from_part").pose();
   part.friction = json.at("friction").number(0, kMaxFriction);

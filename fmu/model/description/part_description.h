@@ -7,19 +7,13 @@
 #include <string>
 #include <vector>
 
+#include "fmu/model/description/frame_numbers.h"
 #include "fmu/model/description/hull.h"
 #include "fmu/model/description/rigid_inertia.h"
 
 namespace robotcell {
 
 class JsonReader;
-
-/// Support of a part at the start.
-struct StandsOn {
-  enum class Kind { kWorld, kTable, kConveyor };
-  Kind kind = Kind::kTable;
-  std::size_t conveyor = 0;  // zero-based
-};
 
 /// Compliance of a soft part.
 struct SoftDescription {
@@ -30,8 +24,8 @@ struct SoftDescription {
 
 struct PartDescription {
   std::string name;
-  bool free = false;  // held by gravity and friction instead of clamped
-  StandsOn stands_on;
+  bool free = false;                    // held by gravity and friction instead of clamped
+  std::size_t stands_on = kWorld;       // frame, at the start
   Eigen::Isometry3d support_from_part;  // at the start
   double friction = 0;
   std::optional<SoftDescription> soft;  // empty: a rigid part
@@ -43,6 +37,6 @@ struct PartDescription {
 std::string soft_part_warning(const std::vector<PartDescription>& parts);
 
 /// Throws DescriptionError.
-PartDescription parse_part(const JsonReader& json, std::size_t conveyors);
+PartDescription parse_part(const JsonReader& json, const FrameNumbers& frames);
 
 }  // namespace robotcell

@@ -46,7 +46,7 @@ SensingDescription parse_sensing(const JsonReader& cell, const SensorContext& co
   SensingDescription sensing;
   for (const JsonReader& body : cell.at("bodies").items()) {
     body.expect_keys({"name", "frame", "mesh"});
-    sensing.bodies.push_back({body.at("name").text(), parse_frame(body.at("frame"), context.frames)});
+    sensing.bodies.push_back({body.at("name").text(), context.frames.parse(body.at("frame"))});
     sensing.meshes.push_back(parse_mesh(body.at("mesh")));
   }
   for_each_sensor_kind([&](auto kind) {

@@ -17,7 +17,7 @@ class JsonReader;
 /// A body that is visible to sensors and collision outputs.
 struct BodyDescription {
   std::string name;
-  FrameRef frame;
+  std::size_t frame = kWorld;
 };
 
 /// Pairs of bodies monitored for collisions and smallest distance.

@@ -44,9 +44,8 @@ control::ToolState NominalArm::tool(const control::Axes& position,
   PlacedTree placed;
   tree.place(position.data(), placed);
   control::ToolState tool;
-  const auto flange = static_cast<std::size_t>(kinematics_.flange());
-  tool.pose = placed.frames[flange] * flange_from_tool;
-  const std::vector<int>& path = tree.path(kinematics_.flange());
+  tool.pose = placed.frames[kinematics_.numbers().flange()] * flange_from_tool;
+  const std::vector<std::size_t>& path = tree.path(kinematics_.numbers().flange());
   tool.jacobian.resize(6, static_cast<int>(path.size()));
   for (std::size_t i = 0; i < path.size(); ++i) {
     tool.jacobian.col(static_cast<int>(i)) = tree.column(placed, path[i], tool.pose.translation());

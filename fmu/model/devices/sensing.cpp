@@ -13,12 +13,6 @@ namespace {
 using Eigen::Isometry3d;
 using Eigen::Vector3d;
 
-Isometry3d pose_of(const BodyState& body) {
-  const auto& q = body.orientation;
-  return Eigen::Translation3d(body.position[0], body.position[1], body.position[2]) *
-         Eigen::Quaterniond(q[0], q[1], q[2], q[3]);
-}
-
 /// Numbers between the random keys of two kinds of sensors.
 constexpr std::uint64_t kSensorKeys = 1u << 20;
 
@@ -26,7 +20,7 @@ constexpr std::uint64_t kSensorKeys = 1u << 20;
 proximity::Selection visible_bodies(const SensorMount& mount, const std::vector<BodyDescription>& bodies) {
   proximity::Selection visible;
   for (const BodyDescription& body : bodies) {
-    visible.push_back(mount.frame.kind == FrameRef::Kind::kWorld || !(body.frame == mount.frame));
+    visible.push_back(mount.frame == kWorld || body.frame != mount.frame);
   }
   return visible;
 }
@@ -120,25 +114,25 @@ void Sensing::check(const Readings& readings) const {
   }
 }
 
-void Sensing::place(const Bodies& truth) {
-  set_poses(truth);
+void Sensing::place(const std::vector<Motion>& frames) {
+  set_poses(frames);
   pair_monitor_.begin(bodies_);
 }
 
-void Sensing::set_poses(const Bodies& truth) {
+void Sensing::set_poses(const std::vector<Motion>& frames) {
   for (std::size_t i = 0; i < bodies_.size(); ++i) {
-    bodies_.set_pose(i, frame_pose(description_.bodies[i].frame, truth));
+    bodies_.set_pose(i, frames[description_.bodies[i].frame].pose);
   }
 }
 
-void Sensing::read(std::int64_t time_us, const Bodies& truth, Readings& readings) {
-  set_poses(truth);
+void Sensing::read(std::int64_t time_us, const std::vector<Motion>& frames, Readings& readings) {
+  set_poses(frames);
   for_each_sensor_kind([&](auto kind) {
     const auto& sensors = std::get<kind>(description_.sensors);
     for (std::size_t i = 0; i < sensors.size(); ++i) {
       const SensorMount& mount = sensors[i].mount;
       if (time_us % mount.period_us != 0) continue;
-      const Isometry3d world_from_sensor = frame_pose(mount.frame, truth) * mount.frame_from_sensor;
+      const Isometry3d world_from_sensor = frames[mount.frame].pose * mount.frame_from_sensor;
       const std::uint64_t key = key_ + kSensorKeys * kind + i;
       std::get<kind>(readings.sensors)[i] =
           sensors[i].read(View(*this, visible_[kind][i], world_from_sensor, key, time_us));
@@ -147,24 +141,6 @@ void Sensing::read(std::int64_t time_us, const Bodies& truth, Readings& readings
   const CollisionDescription& collision = description_.collision;
   if (collision.outputs && collision.swept) follow_bodies(readings.collision);
   if (collision.outputs && time_us % collision_period_us_ == 0) read_collisions(readings.collision);
-}
-
-Isometry3d Sensing::frame_pose(const FrameRef& frame, const Bodies& truth) const {
-  switch (frame.kind) {
-    case FrameRef::Kind::kLink:
-      return pose_of(truth.links[frame.index]);
-    case FrameRef::Kind::kSensor:
-      return pose_of(truth.sensor);
-    case FrameRef::Kind::kTable:
-      return pose_of(truth.table);
-    case FrameRef::Kind::kPart:
-      return pose_of(truth.parts[frame.index]);
-    case FrameRef::Kind::kFinger:
-      return pose_of(truth.fingers[frame.index]);
-    case FrameRef::Kind::kWorld:
-      break;
-  }
-  return Isometry3d::Identity();
 }
 
 /// The closest pair and faces of the last reading, as the start of the next search.

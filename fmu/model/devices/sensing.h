@@ -27,21 +27,20 @@ class Sensing {
   /// Throws std::invalid_argument where the readings belong to another cell.
   void check(const Readings& readings) const;
 
-  /// Starts at these poses of all bodies, without a reading.
-  void place(const Bodies& truth);
+  /// Starts at these poses of all frames, without a reading.
+  void place(const std::vector<Motion>& frames);
 
   /// Whether any device reads, or the bodies are followed, at this instant.
   bool due(std::int64_t time_us) const;
 
-  /// Updates the devices that read at this instant; `truth` holds the poses of all bodies then.
-  void read(std::int64_t time_us, const Bodies& truth, Readings& readings);
+  /// Updates the devices that read at this instant; `frames` holds the poses of all frames then.
+  void read(std::int64_t time_us, const std::vector<Motion>& frames, Readings& readings);
 
  private:
   class View;
 
-  Eigen::Isometry3d frame_pose(const FrameRef& frame, const Bodies& truth) const;
   std::optional<proximity::Nearest> nearest_of(const CollisionReading& reading) const;
-  void set_poses(const Bodies& truth);
+  void set_poses(const std::vector<Motion>& frames);
   void follow_bodies(CollisionReading& reading);
   void read_collisions(CollisionReading& reading);
 

@@ -16,7 +16,7 @@ SensorMount parse_mount(const JsonReader& json, const SensorContext& context,
   json.expect_keys(keys);
   SensorMount mount;
   mount.name = json.at("name").text();
-  mount.frame = parse_frame(json.at("frame"), context.frames);
+  mount.frame = context.frames.parse(json.at("frame"));
   mount.frame_from_sensor = json.at("frame_from_sensor").pose();
   mount.period_us = json.at("period_us").integer(1, kMaxPeriodUs);
   if (mount.period_us % context.time_step_us != 0) json.at("period_us").fail("a multiple of time_step_us");

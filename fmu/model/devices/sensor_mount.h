@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "fmu/model/description/frame_ref.h"
+#include "fmu/model/description/frame_numbers.h"
 
 namespace robotcell {
 
@@ -16,14 +16,14 @@ class JsonReader;
 
 /// What the description of a sensor may refer to, and the time step.
 struct SensorContext {
-  FrameCounts frames;
+  FrameNumbers frames;
   std::int64_t time_step_us = 0;
 };
 
 /// The keys "name", "frame", "frame_from_sensor" and "period_us".
 struct SensorMount {
   std::string name;
-  FrameRef frame;
+  std::size_t frame = kWorld;
   Eigen::Isometry3d frame_from_sensor = Eigen::Isometry3d::Identity();
   std::int64_t period_us = 0;
 };

@@ -18,32 +18,32 @@ Isometry3d behind_joint(const JointDescription& joint, const DhDeviation& delta)
          AngleAxisd(joint.beta + delta.beta, Vector3d::UnitY());
 }
 
-Joint fixed(int parent, const Isometry3d& parent_from_frame) {
-  return {Joint::Kind::kFixed, parent, -1, Isometry3d::Identity(), parent_from_frame};
-}
-
+/// The frames of the tree in the order of their numbers.
 Tree tree_of(const CellDescription& cell, const AsBuilt& as_built) {
-  std::vector<Joint> joints{{Joint::Kind::kFixed, kWorld, -1, cell.world_from_base, Isometry3d::Identity()}};
+  constexpr auto kFixed = Joint::Kind::kFixed, kRevolute = Joint::Kind::kRevolute;
+  const Isometry3d here = Isometry3d::Identity();
+  Tree tree;
+  std::size_t last = tree.add({kFixed, kWorld, 0, cell.world_from_base, here});
   for (std::size_t i = 0; i < cell.joints.size(); ++i) {
-    const int last = static_cast<int>(i);
-    joints.push_back({Joint::Kind::kRevolute, last, last, Isometry3d::Identity(),
-                      behind_joint(cell.joints[i], as_built.dh[i])});
+    last = tree.add({kRevolute, last, i, here, behind_joint(cell.joints[i], as_built.dh[i])});
   }
   const auto& tool = as_built.tool;
-  const int last = static_cast<int>(cell.joints.size());
-  joints.push_back(fixed(last, Isometry3d::Identity()));
-  joints.push_back(fixed(last + 1, cell.flange_from_sensor * Translation3d(tool[0], tool[1], tool[2]) *
-                                       AngleAxisd(tool[3], Vector3d::UnitX()) *
-                                       AngleAxisd(tool[4], Vector3d::UnitY()) *
-                                       AngleAxisd(tool[5], Vector3d::UnitZ())));
+  const std::size_t flange = tree.add({kFixed, last, 0, here, here});
+  tree.add({kFixed, flange, 0, here,
+            cell.flange_from_sensor * Translation3d(tool[0], tool[1], tool[2]) *
+                AngleAxisd(tool[3], Vector3d::UnitX()) * AngleAxisd(tool[4], Vector3d::UnitY()) *
+                AngleAxisd(tool[5], Vector3d::UnitZ())});
   const auto& table = as_built.table;
-  joints.push_back({Joint::Kind::kFixed, kWorld, -1, cell.table.world_from_table, Isometry3d::Identity()});
   const Isometry3d table_from_axis = Translation3d(table[0], table[1], table[2]) *
                                      AngleAxisd(table[3], Vector3d::UnitX()) *
                                      AngleAxisd(table[4], Vector3d::UnitY());
-  joints.push_back({Joint::Kind::kRevolute, last + 3, static_cast<int>(kTableAxis), table_from_axis,
-                    Isometry3d(Translation3d(as_built.platter[0], as_built.platter[1], 0))});
-  return Tree(joints);
+  last = tree.add({kFixed, kWorld, 0, cell.table.world_from_table, here});
+  tree.add({kRevolute, last, kTableAxis, table_from_axis,
+            Isometry3d(Translation3d(as_built.platter[0], as_built.platter[1], 0))});
+  for (const ConveyorDescription& conveyor : cell.conveyors) {
+    tree.add({kFixed, kWorld, 0, conveyor.world_from_belt, here});
+  }
+  return tree;
 }
 
 template <std::size_t N>
@@ -56,16 +56,16 @@ std::array<double, N> numbers(const Eigen::Matrix<double, static_cast<int>(N), 1
 }  // namespace
 
 Kinematics::Kinematics(const CellDescription& cell, const AsBuilt& as_built)
-    : joints_(cell.joints.size()), wobble_(as_built.wobble), tree_(tree_of(cell, as_built)) {}
+    : numbers_(layout_of(cell).frames()), wobble_(as_built.wobble), tree_(tree_of(cell, as_built)) {}
 
-std::vector<Motion> Kinematics::frames(const std::array<double, kAxes>& position,
-                                       const std::array<double, kAxes>& rate,
-                                       const VibrationDisplacements& vibration) const {
+std::vector<Motion> Kinematics::motions(const std::array<double, kAxes>& position,
+                                        const std::array<double, kAxes>& rate,
+                                        const VibrationDisplacements& vibration) const {
   return tree_.motions(position.data(), rate.data(),
                        deviations(position[kTableAxis], rate[kTableAxis], vibration));
 }
 
-Motion Kinematics::frame(int frame, const std::array<double, kAxes>& position,
+Motion Kinematics::frame(std::size_t frame, const std::array<double, kAxes>& position,
                          const std::array<double, kAxes>& rate,
                          const VibrationDisplacements& vibration) const {
   return tree_.frame(frame, position.data(), rate.data(),
@@ -75,8 +75,10 @@ Motion Kinematics::frame(int frame, const std::array<double, kAxes>& position,
 std::vector<Deviation> Kinematics::deviations(double table, double table_rate,
                                               const VibrationDisplacements& vibration) const {
   std::vector<Deviation> found;
-  const std::array<std::pair<int, const Displacement*>, 3> displaced{
-      {{kBase, &vibration.base}, {flange(), &vibration.flange}, {this->table(), &vibration.table}}};
+  const std::array<std::pair<std::size_t, const Displacement*>, 3> displaced{
+      {{FrameNumbers::kBase, &vibration.base},
+       {numbers_.flange(), &vibration.flange},
+       {numbers_.table(), &vibration.table}}};
   for (const auto& [joint, by] : displaced) {
     if (by->position.isZero(0) && by->velocity.isZero(0)) continue;
     found.push_back({joint, {Isometry3d(Translation3d(by->position)), by->velocity, Vector3d::Zero()}});
@@ -86,7 +88,7 @@ std::vector<Deviation> Kinematics::deviations(double table, double table_rate,
     const double tilt = wobble_.amplitude * std::cos(table + wobble_.phase);
     const double rate = -wobble_.amplitude * std::sin(table + wobble_.phase) * table_rate;
     found.push_back(
-        {platter(), {Isometry3d(AngleAxisd(tilt, direction)), Vector3d::Zero(), rate * direction}});
+        {numbers_.platter(), {Isometry3d(AngleAxisd(tilt, direction)), Vector3d::Zero(), rate * direction}});
   }
   return found;
 }

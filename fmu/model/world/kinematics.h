@@ -10,37 +10,28 @@
 
 namespace robotcell {
 
-/// Kinematics of a cell.  The frames of its tree are the base, the links (Denavit-Hartenberg frames behind
-/// their joints), the flange, the sensor, what carries the table, and the rotating platter.
 class Kinematics {
  public:
   Kinematics(const CellDescription& cell, const AsBuilt& as_built);
 
-  std::size_t joints() const { return joints_; }
   const Tree& tree() const { return tree_; }
-  static constexpr int kBase = 0;
-  int link(std::size_t i) const { return static_cast<int>(i) + 1; }
-  int flange() const { return link(joints_); }
-  int sensor() const { return flange() + 1; }
-  int table() const { return flange() + 2; }
-  int platter() const { return flange() + 3; }
-
-  const Eigen::Isometry3d& flange_from_sensor() const {
-    return tree_[static_cast<std::size_t>(sensor())].joint_from_frame;
-  }
+  const FrameNumbers& numbers() const { return numbers_; }
+  std::size_t joints() const { return numbers_.joints; }
+  const Eigen::Isometry3d& flange_from_sensor() const { return tree_[numbers_.sensor()].joint_from_frame; }
 
   /// Motions of all frames at positions and rates of the axes, with displacements by vibration.
-  std::vector<Motion> frames(const std::array<double, kAxes>& position, const std::array<double, kAxes>& rate,
-                             const VibrationDisplacements& vibration = {}) const;
+  std::vector<Motion> motions(const std::array<double, kAxes>& position,
+                              const std::array<double, kAxes>& rate,
+                              const VibrationDisplacements& vibration = {}) const;
   /// Motion of one frame.
-  Motion frame(int frame, const std::array<double, kAxes>& position, const std::array<double, kAxes>& rate,
-               const VibrationDisplacements& vibration = {}) const;
+  Motion frame(std::size_t frame, const std::array<double, kAxes>& position,
+               const std::array<double, kAxes>& rate, const VibrationDisplacements& vibration = {}) const;
 
  private:
   std::vector<Deviation> deviations(double table, double table_rate,
                                     const VibrationDisplacements& vibration) const;
 
-  std::size_t joints_;
+  FrameNumbers numbers_;
   TableWobble wobble_;
   Tree tree_;
 };

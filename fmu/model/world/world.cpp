@@ -119,18 +119,29 @@ void World::add_supports(const CellDescription& cell) {
   const bool collides = contacts_occur(cell);
   Engine& engine = *engine_;
   engine.arm = make_arm(kinematics_, cell.gripper.has_value());
-  engine.flange = engine.arm->getBodyNode(kinematics_.joints() - 1);
   engine.table = make_table(cell.table, collides);
   engine.ground = make_ground();
   for (const SkeletonPtr& skeleton : {engine.arm, engine.table, engine.ground}) {
     engine.world->addSkeleton(skeleton);
   }
   BodyNode* platter = engine.platter();
-  engine.add_support(
-      {"table", collides ? platter->getShapeNode(0) : nullptr, platter, cell.table.friction, true});
+  const Tree& tree = kinematics_.tree();
+  const FrameNumbers& numbers = kinematics_.numbers();
+  engine.frames.assign(tree.size(), {engine.ground->getBodyNode(0)});
+  for (std::size_t i = 0; i < numbers.joints; ++i) {
+    engine.frames[numbers.joint(i)].body = engine.arm->getBodyNode(i);
+  }
+  engine.frames[numbers.platter()].body = platter;
+  for (std::size_t i = 1; i < tree.size(); ++i) {
+    if (tree[i].kind != robotcell::Joint::Kind::kFixed) continue;
+    const Carrier& parent = engine.frames[tree[i].parent];
+    engine.frames[i] = {parent.body,
+                        parent.body_from_frame * tree[i].parent_from_joint * tree[i].joint_from_frame};
+  }
+  engine.add_support({"table", collides ? platter->getShapeNode(0) : nullptr, platter, cell.table.friction,
+                      true, numbers.platter()});
   for (const ConveyorDescription& conveyor : cell.conveyors) {
     engine.belts.push_back(make_belt("belt " + std::to_string(engine.belts.size() + 1), conveyor));
-    engine.travel.push_back(0);
     engine.world->addSkeleton(engine.belts.back());
     BodyNode* belt = engine.belts.back()->getBodyNode(0);
     engine.add_support({conveyor.name, belt->getShapeNode(0), belt, conveyor.friction, true});
@@ -139,11 +150,12 @@ void World::add_supports(const CellDescription& cell) {
 
 void World::add_gripper(const GripperDescription& description) {
   Engine& engine = *engine_;
-  engine.gripper = std::make_unique<Gripper>(description, engine.flange, time_step_);
+  const std::size_t flange = kinematics_.numbers().flange();
+  engine.gripper = std::make_unique<Gripper>(description, engine.frames[flange].body, time_step_);
   engine.gripper->connect(engine.world);
   for (std::size_t i = 0; i < 2; ++i) {
     engine.add_support(
-        {"gripper", engine.gripper->pad(i), engine.gripper->finger(i), description.friction, false});
+        {"gripper", engine.gripper->pad(i), engine.gripper->finger(i), description.friction, false, flange});
   }
 }
 
@@ -151,20 +163,11 @@ void World::add_gripper(const GripperDescription& description) {
 void World::add_contact_bodies(const CellDescription& cell) {
   Engine& engine = *engine_;
   for (const ContactBody& contact_body : cell.contact.bodies) {
-    Isometry3d body_from_frame = Isometry3d::Identity();
-    BodyNode* body = engine.ground->getBodyNode(0);
-    if (contact_body.frame.kind == FrameRef::Kind::kTable) body = engine.platter();
-    if (contact_body.frame.kind == FrameRef::Kind::kLink) {
-      body = engine.arm->getBodyNode(contact_body.frame.index);
-    }
-    if (contact_body.frame.kind == FrameRef::Kind::kSensor) {
-      body = engine.flange;
-      body_from_frame = kinematics_.flange_from_sensor();
-    }
+    const auto& [body, body_from_frame] = engine.frames[contact_body.frame];
     const bool prescribed = body->getSkeleton() != engine.arm || !engine.dynamic_arm;
     ShapeNode* shape =
         add_contact_shape(body, body_from_frame, contact_body.hull, cell.contact.friction, prescribed);
-    engine.add_support({contact_body.name, shape, body, cell.contact.friction, false});
+    engine.add_support({contact_body.name, shape, body, cell.contact.friction, false, contact_body.frame});
   }
 }
 
@@ -179,27 +182,25 @@ void World::add_dynamics(const CellDescription& cell, const PrescribedMotion& st
 void World::add_parts(const CellDescription& cell) {
   Engine& engine = *engine_;
   for (const PartDescription& part : cell.parts) {
-    const std::int32_t stands_on = engine.support_number(part.stands_on);
+    const Carrier& carrier = engine.frames[part.stands_on];
     Part added;
     added.free = part.free;
     added.soft = part.soft.has_value();
-    const bool on_table = part.stands_on.kind == StandsOn::Kind::kTable;
-    added.clamped = {on_table ? SupportingBody::kPlatter : SupportingBody::kWorld, part.support_from_part};
+    added.clamped = {part.stands_on, part.support_from_part};
     if (part.free) {
       added.skeleton = make_free_part("part " + std::to_string(engine.parts.size() + 1), part, time_step_);
       added.friction = part.friction;
       added.radius_of_gyration = std::sqrt(part.inertial.inertia.trace() / 2 / part.inertial.mass);
       engine.world->addSkeleton(added.skeleton);
-      added.skeleton->setPositions(
-          FreeJoint::convertToPositions(engine.pose_of(stands_on) * part.support_from_part));
+      added.skeleton->setPositions(FreeJoint::convertToPositions(carrier.pose() * part.support_from_part));
     }
-    BodyNode* body = part.free ? added.body() : engine.body_of(stands_on);
+    BodyNode* body = part.free ? added.body() : carrier.body;
     ShapeNode* shape = part.free ? body->getShapeNode(0) : nullptr;
     if (!part.free && contacts_occur(cell) && !part.hull.faces.empty()) {
-      shape = add_hull(body, part.support_from_part, part);
+      shape = add_hull(body, carrier.body_from_frame * part.support_from_part, part);
     }
     engine.parts.push_back(added);
-    engine.add_support({part.name, shape, body, part.friction, false});
+    engine.add_support({part.name, shape, body, part.friction, false, part.stands_on});
   }
 }
 
@@ -235,8 +236,10 @@ void World::prescribe(const PrescribedMotion& prescribed) {
     engine_->arm->setPosition(i, axes.position[i]);
   }
   engine_->table_joint()->setRelativeTransform(
-      kinematics_.frame(kinematics_.platter(), axes.position, {}).pose);
-  for (std::size_t i = 0; i < prescribed.belts.size(); ++i) engine_->travel[i] = prescribed.belts[i].travel;
+      kinematics_.frame(kinematics_.numbers().platter(), axes.position, {}).pose);
+  for (std::size_t i = 0; i < prescribed.belts.size(); ++i) {
+    engine_->supports[1 + i].travel.x() = prescribed.belts[i].travel;
+  }
 }
 
 /// Prescribes the mean velocities of a step, which starts at the present prescribed poses.
@@ -254,7 +257,7 @@ void World::prescribe_velocities(const PrescribedMotion& from, const PrescribedM
   } else {
     for (std::size_t i = 0; i < kinematics_.joints(); ++i) engine_->arm->setVelocity(i, speed[i]);
   }
-  const Motion platter = kinematics_.frame(kinematics_.platter(), from.axes.position, speed);
+  const Motion platter = kinematics_.frame(kinematics_.numbers().platter(), from.axes.position, speed);
   Eigen::Vector6d twist;
   twist << platter.pose.linear().transpose() * platter.angular_velocity,
       platter.pose.linear().transpose() * platter.velocity;
@@ -281,14 +284,8 @@ void World::step(const PrescribedMotion& from, const PrescribedMotion& to) {
 PartPlacement World::placement(std::size_t index) const {
   const Part& part = engine_->parts[index];
   if (!part.free) return part.clamped;
-  switch (const SupportingBody body = engine_->supporting_body_of(part.main_support)) {
-    case SupportingBody::kPlatter:
-      return {body, engine_->platter()->getWorldTransform().inverse() * part.pose()};
-    case SupportingBody::kFlange:
-      return {body, engine_->flange->getWorldTransform().inverse() * part.pose()};
-    default:
-      return {body, part.pose()};
-  }
+  const std::size_t frame = engine_->frame_of(part.main_support);
+  return {frame, engine_->frames[frame].pose().inverse() * part.pose()};
 }
 
 std::int32_t World::solver_fallbacks() const {

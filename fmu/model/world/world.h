@@ -23,14 +23,10 @@ struct PrescribedMotion {
   std::vector<BeltState> belts;
 };
 
-/// Moving body on which a part rests, directly or on other parts.
-enum class SupportingBody : std::int32_t { kWorld, kPlatter, kFlange };
-constexpr std::size_t kSupportingBodies = 3;
-
-/// Pose of a part relative to its supporting body.
+/// Pose of a part relative to the frame of the tree with which it moves.
 struct PartPlacement {
-  SupportingBody supporting_body = SupportingBody::kWorld;
-  Eigen::Isometry3d body_from_part = Eigen::Isometry3d::Identity();
+  std::size_t frame = kWorld;
+  Eigen::Isometry3d frame_from_part = Eigen::Isometry3d::Identity();
 };
 
 /// State of a free part between two steps.
@@ -74,7 +70,7 @@ class World {
   /// Advances by one time step with the drives moving from one state to the other.
   void step(const PrescribedMotion& from, const PrescribedMotion& to);
 
-  /// Pose of a part relative to its supporting body; exactly constant for a clamped part.
+  /// Exactly constant for a clamped part.
   PartPlacement placement(std::size_t part) const;
 
   /// State of an arm with dynamic drives; default values with kinematic drives.

@@ -58,8 +58,8 @@ SkeletonPtr make_arm(const Kinematics& kinematics, bool mobile) {
     joint.mName = "joint" + std::to_string(i + 1);
     joint.mAxis = Vector3d::UnitZ();
     joint.mActuatorType = dart::dynamics::Joint::VELOCITY;
-    if (i == 0) joint.mT_ParentBodyToJoint = tree[Kinematics::kBase].parent_from_joint;
-    joint.mT_ChildBodyToJoint = tree[static_cast<std::size_t>(kinematics.link(i))].joint_from_frame.inverse();
+    if (i == 0) joint.mT_ParentBodyToJoint = tree[FrameNumbers::kBase].parent_from_joint;
+    joint.mT_ChildBodyToJoint = tree[kinematics.numbers().joint(i)].joint_from_frame.inverse();
     const auto body = named("link" + std::to_string(i + 1));
     parent = arm->createJointAndBodyNodePair<RevoluteJoint>(parent, joint, body).second;
   }

@@ -40,25 +40,13 @@ void World::Engine::add_support(const Support& support) {
   supports.push_back(support);
 }
 
-std::int32_t World::Engine::support_number(const StandsOn& stands_on) {
-  switch (stands_on.kind) {
-    case StandsOn::Kind::kTable:
-      return kTableSupport;
-    case StandsOn::Kind::kConveyor:
-      return static_cast<std::int32_t>(1 + stands_on.conveyor);
-    default:
-      return kNoSupport;
-  }
-}
-
 BodyNode* World::Engine::body_of(std::int32_t support) const {
   return support == kNoSupport ? ground->getBodyNode(0) : supports[static_cast<std::size_t>(support)].body;
 }
 
 Isometry3d World::Engine::pose_of(std::int32_t support) const {
   Isometry3d pose = body_of(support)->getWorldTransform();
-  const auto belt = static_cast<std::size_t>(support - 1);
-  if (support > kTableSupport && belt < travel.size()) pose.translate(Vector3d(travel[belt], 0, 0));
+  if (support != kNoSupport) pose.translate(supports[static_cast<std::size_t>(support)].travel);
   return pose;
 }
 
@@ -73,19 +61,14 @@ Part* World::Engine::free_part(std::int32_t support) {
   return const_cast<Part*>(std::as_const(*this).free_part(support));
 }
 
-SupportingBody World::Engine::supporting_body_of(std::int32_t support) const {
+std::size_t World::Engine::frame_of(std::int32_t support) const {
   // Parts that lean on each other may form a cycle.
   for (std::size_t hops = 0; hops <= parts.size() && support != kNoSupport; ++hops) {
-    if (const Part* part = free_part(support)) {
-      support = part->main_support;
-      continue;
-    }
-    const BodyNode* body = body_of(support);
-    if (body == platter()) return SupportingBody::kPlatter;
-    const bool on_flange = body == flange || body->getParentBodyNode() == flange;
-    return on_flange ? SupportingBody::kFlange : SupportingBody::kWorld;
+    const Part* part = free_part(support);
+    if (part == nullptr) return supports[static_cast<std::size_t>(support)].frame;
+    support = part->main_support;
   }
-  return SupportingBody::kWorld;
+  return kWorld;
 }
 
 bool World::Engine::moves_by_forces(const Support& support) const {

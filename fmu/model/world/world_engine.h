@@ -22,7 +22,6 @@
 namespace robotcell {
 
 constexpr std::int32_t kNoSupport = -1;  // no support; also the number of the stationary environment
-constexpr std::int32_t kTableSupport = 0;
 
 /// A body that can be in contact, and so support a free part. Number 0 is the table, then the belts, the
 /// gripper's fingers, links and other bodies of the cell, and all parts.
@@ -31,7 +30,17 @@ struct Support {
   dart::dynamics::ShapeNode* shape = nullptr;  // null where nothing can touch it
   dart::dynamics::BodyNode* body = nullptr;
   double friction = 0;
-  bool flat = false;  // the top face is a plane normal to the body's z axis
+  bool flat = false;           // the top face is a plane normal to the body's z axis
+  std::size_t frame = kWorld;  // what rests on it moves with this frame; meaningless for a free part
+  Eigen::Vector3d travel = Eigen::Vector3d::Zero();  // m, of the surface, body frame
+};
+
+/// Body that carries a frame of the tree.
+struct Carrier {
+  dart::dynamics::BodyNode* body = nullptr;
+  Eigen::Isometry3d body_from_frame = Eigen::Isometry3d::Identity();
+
+  Eigen::Isometry3d pose() const { return body->getWorldTransform() * body_from_frame; }
 };
 
 /// Sum of the contacts of a free part with one support in the last step.
@@ -73,10 +82,9 @@ struct World::Engine {
   std::shared_ptr<CappedCollisionDetector> detector;
   std::shared_ptr<ContactFilter> filter;
   dart::dynamics::SkeletonPtr arm, table, ground;
-  dart::dynamics::BodyNode* flange = nullptr;  // last link of the arm
-  std::unique_ptr<DynamicArm> dynamic_arm;     // null with kinematic drives
+  std::vector<Carrier> frames;              // of the tree
+  std::unique_ptr<DynamicArm> dynamic_arm;  // null with kinematic drives
   std::vector<dart::dynamics::SkeletonPtr> belts;
-  std::vector<double> travel;        // m, of each belt
   std::unique_ptr<Gripper> gripper;  // null in a cell without gripper
   std::vector<Part> parts;
   std::vector<Support> supports;
@@ -98,7 +106,6 @@ struct World::Engine {
   std::string exclude_intersecting_bodies();
   /// Registers soft parts, and everything else as their obstacles.
   void connect_soft_parts(SoftCollisionDetector& soft) const;
-  static std::int32_t support_number(const StandsOn& stands_on);
   dart::dynamics::BodyNode* platter() const { return table->getBodyNode(0); }
   dart::dynamics::FreeJoint* table_joint() const {
     return static_cast<dart::dynamics::FreeJoint*>(table->getJoint(0));
@@ -108,7 +115,8 @@ struct World::Engine {
   /// surface.
   dart::dynamics::BodyNode* body_of(std::int32_t support) const;
   Eigen::Isometry3d pose_of(std::int32_t support) const;
-  SupportingBody supporting_body_of(std::int32_t support) const;
+  /// Frame with which a part moves that rests on a support, directly or on other parts.
+  std::size_t frame_of(std::int32_t support) const;
 
   /// The free part with this support number; null for other supports.
   Part* free_part(std::int32_t support);

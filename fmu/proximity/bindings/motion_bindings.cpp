@@ -24,25 +24,26 @@ Isometry3d to_pose(const double* row_major) {
   return pose;
 }
 
-/// A whole number between two bounds.
-int whole(double value, double least, double most, const char* name) {
-  if (!(value >= least && value <= most && value == std::floor(value))) {
+/// A whole number from `first` to below `end`, counted from there.
+std::size_t whole(double value, double first, std::size_t end, const char* name) {
+  if (!(value >= first && value < static_cast<double>(end) && value == std::floor(value))) {
     throw std::invalid_argument(std::string(name) + ": unexpected number " + std::to_string(value));
   }
-  return static_cast<int>(value);
+  return static_cast<std::size_t>(value - first);
 }
 
+/// The rows do not hold the world: as a parent or frame it has the number -1.
 Tree to_tree(const Doubles& rows, std::size_t axes) {
   require_shape(rows, "joints", {-1, kJointColumns});
-  std::vector<Joint> joints;
+  Tree tree;
   for (py::ssize_t i = 0; i < rows.shape(0); ++i) {
     const double* row = rows.data(i, 0);
-    joints.push_back({static_cast<Joint::Kind>(whole(row[0], 0, 2, "joints: kind")),
-                      whole(row[1], kWorld, static_cast<double>(i) - 1, "joints: parent"),
-                      whole(row[2], -1, static_cast<double>(axes) - 1, "joints: axis"), to_pose(row + 3),
-                      to_pose(row + 19)});
+    const auto kind = static_cast<Joint::Kind>(whole(row[0], 0, 3, "joints: kind"));
+    const bool moves = kind != Joint::Kind::kFixed;
+    tree.add({kind, whole(row[1], -1, static_cast<std::size_t>(i), "joints: parent"),
+              moves ? whole(row[2], 0, axes, "joints: axis") : 0, to_pose(row + 3), to_pose(row + 19)});
   }
-  return Tree(std::move(joints));
+  return tree;
 }
 
 std::unique_ptr<CellMotion> make_motion(const Doubles& joints, std::size_t axes, const Doubles& bodies,
@@ -52,8 +53,8 @@ std::unique_ptr<CellMotion> make_motion(const Doubles& joints, std::size_t axes,
   std::vector<CarriedBody> carried;
   for (py::ssize_t i = 0; i < bodies.shape(0); ++i) {
     const double* row = bodies.data(i, 0);
-    carried.push_back({whole(row[0], kWorld, static_cast<double>(tree.size()) - 1, "bodies: frame"),
-                       to_pose(row + 6), Eigen::Map<const Eigen::Vector3d>(row + 1), row[4], row[5]});
+    carried.push_back({whole(row[0], -1, tree.size() - 1, "bodies: frame"), to_pose(row + 6),
+                       Eigen::Map<const Eigen::Vector3d>(row + 1), row[4], row[5]});
   }
   const auto numbers = to_pairs(pairs);
   for (const auto& [a, b] : numbers) {
@@ -86,12 +87,13 @@ py::tuple tool_poses(const CellMotion& motion, const Doubles& axes, int frame,
   const auto count = static_cast<py::ssize_t>(motion.axes());
   require_shape(axes, "axes", {-1, count});
   require_shape(frame_from_tool, "frame_from_tool", {4, 4});
+  const auto number = static_cast<std::size_t>(frame + 1);
   py::array_t<double> poses({axes.shape(0), py::ssize_t{4}, py::ssize_t{4}});
   py::array_t<double> jacobians({axes.shape(0), py::ssize_t{6}, count});
   Eigen::Matrix<double, 6, Eigen::Dynamic> jacobian;
   for (py::ssize_t i = 0; i < axes.shape(0); ++i) {
     const Isometry3d tool =
-        motion.place_tool(axes.data(i, 0), frame, to_pose(frame_from_tool.data()), jacobian);
+        motion.place_tool(axes.data(i, 0), number, to_pose(frame_from_tool.data()), jacobian);
     Eigen::Map<RowMajor4>(poses.mutable_data(i, 0, 0)) = tool.matrix();
     Eigen::Map<Eigen::Matrix<double, 6, Eigen::Dynamic, Eigen::RowMajor>>(jacobians.mutable_data(i, 0, 0), 6,
                                                                           count) = jacobian;
