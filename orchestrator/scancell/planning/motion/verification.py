@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 
 from scancell.errors import PlanningError
+from scancell.nominal.cell import OCCUPIED
 from scancell.planning.model import PlanningCell
 from scancell.planning.motion import trajectory
 from scancell.planning.motion.timing import axis_name
@@ -13,6 +16,7 @@ from scancell.planning.plan import Plan
 from scancell.planning.reasons import describe
 from scancell.planning.work import CONFIGURATION
 from scancell.proximity.judge import Judge
+from scancell.proximity.scene import arm_chain
 
 _SAME_PLACE = 1e-6  # rad
 _BLOCK = 1024  # poses that python-fcl checks between two looks at the work
@@ -103,7 +107,11 @@ def verified(cell: PlanningCell, options: ScanOptions, made: Plan) -> Plan:
     poses = cell.nominal.body_poses(np.concatenate(axes))
     cell.work.doing = "checking the finished plan by python-fcl"
     names = [body.name for body in cell.nominal.bodies]
-    judge = Judge(cell.judged_meshes, names, cell.nominal.body_poses([*cell.nominal.home, cell.table_start]))
+    # Measured space around what stands on the table cannot be told from it, and counts for the arm alone.
+    measured, others = [name for name in names if name.startswith(OCCUPIED)], set(names) - set(arm_chain(cell.nominal))
+    around = [frozenset(pair) for pair in product(measured, others)]
+    start = cell.nominal.body_poses([*cell.nominal.home, cell.table_start])
+    judge = Judge(cell.judged_meshes, names, start, around)
     for first in range(0, len(poses), _BLOCK):
         block = poses[first : first + _BLOCK]
         cell.work.spend(CONFIGURATION * len(block))
