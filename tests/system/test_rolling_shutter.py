@@ -29,7 +29,7 @@ def rolling():
 
 
 def figures(line, recording: Recording, nominal, true, engine: str = "ray-traced") -> dict[str, float]:
-    """Of the descriptions of the nominal and the true sensor."""
+    """Native models of the descriptions of the nominal and the true sensor."""
     described = replace(line.world, setup=replace(line.setup, sensor=true), estimated_sensor=nominal)
     points = line.sense(recording, engine, world=described)
     cloud = line.cloud(recording, points, normals=False)

@@ -10,6 +10,7 @@
 
 namespace robotcell {
 
+/// Kinematics of a cell: the tree of its frames, numbered by `FrameNumbers`, and their motions.
 class Kinematics {
  public:
   Kinematics(const CellDescription& cell, const AsBuilt& as_built);

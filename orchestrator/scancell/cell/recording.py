@@ -134,8 +134,9 @@ class TriggerRecords(Value):
 
     def require_axes(self, names: Sequence[str]) -> None:
         """Raises `DescriptionError` if the records do not state one of these axes, ``conveyor[1]`` …"""
+        stated = _indexed("conveyor", self.belt.shape[1])
         for name in names:
-            if name.startswith("conveyor[") and self.belt.shape[1] < int(name[9:-1]):
+            if name.startswith("conveyor[") and name not in stated:
                 raise DescriptionError(
                     f"states no travel of {name}", key="recording", expected=f"trigger.measured.{name}.travel"
                 )

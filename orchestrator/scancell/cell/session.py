@@ -319,7 +319,7 @@ class CellSession:
 
     @checked_arguments
     def start_jog_joints(self, deflections: Deflections) -> None:
-        """Start to jog joints and table: `deflections` (at most axes,) -1 to 1, the others are 0.
+        """Start to jog joints and table: `deflections` of the first axes, -1 to 1; the others are 0.
 
         Raises
         ------
@@ -549,7 +549,7 @@ class CellSession:
     def jog_joints(self, deflections: ArrayLike, duration: float) -> None:
         """Jog joints and table by hand for `duration`, s, then come to rest; needs manual operation.
 
-        `deflections`, at most (axes,), are -1 to 1 of the speed that the description allows each axis by hand;
+        `deflections` of the first axes are -1 to 1 of the speed that the description allows each axis by hand;
         those that are missing are 0.
 
         Raises

@@ -48,14 +48,14 @@ class Joint:
     wobble: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
 
     @property
-    def parent_from_frame(self) -> Array:
-        """Pose (4, 4) of the frame in its parent with the axis at 0."""
+    def frame_at_zero(self) -> Array:
+        """Pose (4, 4) of the frame on the joint before its motion, with the axis at 0."""
         motion = np.eye(4)
         if self.kind == "revolute":
             motion[:3, :3] = pose.rotation_about(2, self.zero)
         elif self.kind == "prismatic":
             motion[2, 3] = self.zero
-        return np.asarray(self.parent_from_joint @ motion @ self.joint_from_frame)
+        return np.asarray(motion @ self.joint_from_frame)
 
     def tilt(self, position: Array) -> Array:
         """Pose (..., 4, 4) by which its axis is tilted at positions (...,), rad."""
@@ -163,7 +163,7 @@ class Tree:
         """
         carrier_from_frame = np.eye(4)
         while frame != WORLD and self[frame].axis not in axes:
-            carrier_from_frame = self[frame].parent_from_frame @ carrier_from_frame
+            carrier_from_frame = self[frame].parent_from_joint @ self[frame].frame_at_zero @ carrier_from_frame
             frame = self[frame].parent
         return frame, carrier_from_frame
 

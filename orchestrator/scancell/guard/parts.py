@@ -46,7 +46,7 @@ def movable_parts(cell: CellDescription) -> list[int]:
 
 @dataclass(frozen=True)
 class _Place:
-    """Where a part is: its pose (4, 4) in the frame that carries it."""
+    """The frame that carries a part, and the pose (4, 4) of the part in it."""
 
     carrier: str
     pose: Array

@@ -29,7 +29,7 @@ class Predictor:
         self._tool = Tool(nominal)
 
     def axes(self, hypotheses: Sequence[Hypothesis], times: Array) -> Array:
-        """Axes (h, n, axes), rad, of h hypotheses at increasing `times` (h, n) after their states, s.
+        """Positions (h, n, axes), rad, of h hypotheses at increasing `times` (h, n) after their states, s.
 
         Cartesian paths solve the inverse kinematics by Newton's method from joint-interpolated motion. Behind a place
         that it does not reach, such as a singular position, the joints keep the rates that they had there.

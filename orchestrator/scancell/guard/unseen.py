@@ -27,7 +27,7 @@ _LONGER = 1.1  # levers may grow by as much on the way of a stop
 
 @dataclass(frozen=True)
 class JogLimits:
-    """Largest accelerations in manual operation: of the axes (axes,), rad/s², of the tool, m/s² and rad/s²."""
+    """Largest accelerations in manual operation: of all axes (axes,), rad/s², of the tool, m/s² and rad/s²."""
 
     axes: Array
     line: float

@@ -73,7 +73,7 @@ class JogJoints(Jog):
     Parameters
     ----------
     deflections
-        Of the joints and the table, at most (axes,), -1 to 1; the others are 0.
+        Of the joints, then the table, -1 to 1; those that are not stated are 0.
 
     Examples
     --------

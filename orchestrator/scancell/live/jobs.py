@@ -93,7 +93,7 @@ Work = SubmittedJob[Any]
 
 
 def ready_to_move(session: ScanSession) -> NDArray[np.float64]:
-    """Change to automatic operation, where it is not in force, and come to rest; the axes (axes,) there, rad."""
+    """Change to automatic operation, where it is not in force, and come to rest; the positions (axes,) there, rad."""
     if session.cell.get_integer("command.operation") != Operation.AUTOMATIC:
         session.set_operation(Operation.AUTOMATIC)
     return session.come_to_rest()

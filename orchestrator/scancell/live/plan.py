@@ -240,6 +240,6 @@ class LivePlan:
 
 
 def nearest_turn(axes: Array, table: float) -> Array:
-    """Axes (axes,), rad, with the same pose of the table by as many turns more as bring it nearest to `table`."""
+    """Positions (axes,), rad, with the same pose of the table by as many turns more as bring it nearest to `table`."""
     turns = np.round((table - axes[-1]) / (2 * np.pi))
     return np.append(axes[:-1], axes[-1] + 2 * np.pi * turns)

@@ -89,7 +89,7 @@ def write_run(
 def _run_of(
     data: ScanData, formats: Sequence[str], frame: CloudFrame, command_line: Sequence[str] | None
 ) -> dict[str, Any]:
-    """What made the files, from which the run can be repeated."""
+    """The inputs and options of a scan, from which the run can be repeated."""
     world = data.world
     run: dict[str, Any] = {
         "part": str(world.part_file.absolute()) if world.part_file else world.part,

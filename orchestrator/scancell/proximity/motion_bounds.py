@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,10 +76,9 @@ def _joints(tree: Tree, axes: Sequence[str]) -> Array:
         joint = tree[frame]
         carrier, carrier_from_parent = tree.carrier_of(joint.parent, axes)
         parent = _WORLD if carrier == WORLD else frames.index(carrier)
-        behind = replace(joint, parent_from_joint=np.eye(4)).parent_from_frame
         numbers = [_KINDS[joint.kind], parent, axes.index(joint.axis)]
         before = carrier_from_parent @ joint.parent_from_joint
-        rows.append(np.concatenate([numbers, before.ravel(), behind.ravel()]))
+        rows.append(np.concatenate([numbers, before.ravel(), joint.frame_at_zero.ravel()]))
     return np.array(rows).reshape(-1, 35)
 
 
@@ -98,6 +96,6 @@ def _row(nominal: NominalCell, body: Body) -> Array:
     number, from_axis = _WORLD, 0.0
     if carrier != WORLD:
         number = _moved_frames(tree, axes).index(carrier)
-        in_joint = pose.transform_points(replace(tree[carrier], parent_from_joint=np.eye(4)).parent_from_frame, points)
+        in_joint = pose.transform_points(tree[carrier].frame_at_zero, points)
         from_axis = np.linalg.norm(in_joint[:, :2], axis=1).max()
     return np.concatenate([[number], centre, [radius, from_axis], carrier_from_body.ravel()])

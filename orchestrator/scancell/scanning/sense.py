@@ -85,7 +85,7 @@ class SensedProfiles:
 
     @classmethod
     def joined(cls, batches: Iterable[Self]) -> Self:
-        """Of batches that follow one another; each is released before the next is taken."""
+        """The profiles of batches that follow one another; each is released before the next is taken."""
         count, images = 0, list[ExposureImages]()
         timings: Counter[str] = Counter()
 

@@ -125,7 +125,10 @@ class World:
 
     @cached_property
     def sensor_true_description(self) -> SensorDescription:
-        """Of the sensor as built, which chooses its exposures; `DescriptionError` if a perturbation is invalid."""
+        """Description of the sensor as built, which chooses its exposures.
+
+        Raises `DescriptionError` if a perturbation is invalid.
+        """
         return as_built_sensor(self.setup.sensor, self.as_built)
 
     @property

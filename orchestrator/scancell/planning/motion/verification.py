@@ -107,7 +107,7 @@ def verified(cell: PlanningCell, options: ScanOptions, made: Plan) -> Plan:
     poses = cell.nominal.body_poses(np.concatenate(axes))
     cell.work.doing = "checking the finished plan by python-fcl"
     names = [body.name for body in cell.nominal.bodies]
-    # Measured space around what stands on the table cannot be told from it, and counts for the arm alone.
+    # Occupied space around bodies that stand in the cell cannot be told from them, and counts for the arm alone.
     measured, others = [name for name in names if name.startswith(OCCUPIED)], set(names) - set(arm_chain(cell.nominal))
     around = [frozenset(pair) for pair in product(measured, others)]
     start = cell.nominal.body_poses([*cell.nominal.home, cell.table_start])
