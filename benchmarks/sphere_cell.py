@@ -63,11 +63,11 @@ REALISTIC = RobotErrors(position=20e-6, orientation=float(np.radians(0.003)))
 
 def sphere_views(
     rng: np.random.Generator, count: int, centre: Sequence[float] = CENTRE, turn_table: bool = True
-) -> tuple[Array, Array]:
-    """Joints (n, joints) and table angles (n,), rad, from which the sensor sees a sphere about `centre`."""
+) -> Array:
+    """Positions (n, axes) of joints and table, rad, at which the sensor sees a sphere about `centre`."""
     cell = default_kinematics()
-    q, angles = [], []
-    while len(q) < count:
+    axes: list[Array] = []
+    while len(axes) < count:
         rotation = pose.looking_from(rng.uniform(-np.pi, np.pi), rng.uniform(0.5, 1.4))
         rotation = rotation @ pose.rotation_about(2, rng.uniform(-np.pi, np.pi))
         offset = np.array([rng.uniform(-0.6, 0.6) * RADIUS, rng.uniform(-0.015, 0.015), rng.uniform(0.09, 0.15)])
@@ -79,9 +79,8 @@ def sphere_views(
         found = cell.arm.ik((world_from_sensor @ pose.inverse(cell.flange_from_sensor))[None])[0]
         found = found[~np.isnan(found).any(1)]
         if len(found):
-            q.append(found[rng.integers(len(found))])
-            angles.append(angle)
-    return np.array(q), np.array(angles)
+            axes.append(np.append(found[rng.integers(len(found))], angle))
+    return np.array(axes)
 
 
 def passing_sphere(
@@ -89,7 +88,7 @@ def passing_sphere(
 ) -> AxisReadings:
     """Exposures while the sensor passes the sphere along its x, there and back in turn, at `speed`, m/s."""
     cell = default_kinematics()
-    middle, angles = sphere_views(rng, count, centre)
+    middle, angles = np.split(sphere_views(rng, count, centre), [-1], 1)
     direction = (cell.arm.fk(middle) @ cell.flange_from_sensor)[:, :3, 0] * (1 - 2 * (np.arange(count) % 2))[:, None]
     # The flange moves like the sensor, for neither turns.
     velocity = np.repeat(speed * direction, per_pass, axis=0)
@@ -98,7 +97,7 @@ def passing_sphere(
     qd = joint_rates(q, velocity)
     if np.abs(qd).max() > MOST_JOINT_RATE:  # a robot does not pass so near to a singular position
         return passing_sphere(rng, count, per_pass, speed, centre)
-    table, segment = np.repeat(angles, per_pass), np.repeat(np.arange(count), per_pass)
+    table, segment = np.repeat(angles[:, 0], per_pass), np.repeat(np.arange(count), per_pass)
     qdd = slopes(qd, time + 60.0 * segment, segment)
     still = np.zeros_like(table)
     return AxisReadings(*(np.column_stack(columns) for columns in ((q, table), (qd, still), (qdd, still))))
@@ -164,7 +163,7 @@ class SphereCase:
         later = np.full(n, deviations.pop(LATENCY, 0.0))
         velocity = np.einsum("nij,nj->ni", cell.arm.jacobian(readings.q)[:, :3], readings.rates[:, :-1])
         q = after_straight_motion(readings.q, velocity, later) + robot.joints * rng.normal(size=readings.q.shape)
-        true = AxisReadings.at_rest(q, readings.table + later * readings.rates[:, -1])
+        true = AxisReadings.at_rest(np.column_stack([q, readings.table + later * readings.rates[:, -1]]))
         tool = [self.deviations.get(f"tool.{key}", 0.0) for key in ("x", "y", "z", "rx", "ry", "rz")]
         flange_from_sensor = cell.flange_from_sensor @ pose.from_euler_xyz(tool[:3], tool[3:])
         error = pose.from_rotation(

@@ -24,7 +24,7 @@ def cases(seed: int, number: int) -> list[Case]:
     for index in range(number):
         rng = np.random.default_rng([seed, index])
         sphere = SphereCase(misaligned(rng, *KEYS), REALISTIC)
-        readings = AxisReadings.at_rest(*sphere_views(rng, POSES))
+        readings = AxisReadings.at_rest(sphere_views(rng, POSES))
         observed = sphere.observe(readings, rng)
         flange = pose.inverse(cell.arm.world_from_base) @ cell.arm.fk(readings.q)
         rotations = {f"r{i + 1}{k + 1}": flange[:, i, k] for i in range(3) for k in range(3)}

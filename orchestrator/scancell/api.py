@@ -171,7 +171,7 @@ def plan(
     Examples
     --------
     >>> plan = scancell.plan("part.stl", settings={"scan.mode": "stop-and-look", "scan.max_profiles": 40})
-    >>> plan.q.shape == (len(plan.segment), 6)
+    >>> plan.axes.shape == (len(plan.segment), 7)
     True
     """
     with Scanner(cell, sensor, scan, settings=settings) as scanner:

@@ -65,20 +65,20 @@ def calibrate(
 def everything(robot: RobotErrors, seed: int, sizes: Sizes = SMALL) -> Trial:
     """Tool, table, eccentricity and latency, from poses at rest and passes in motion."""
     rng = np.random.default_rng([seed, 2])
-    still = AxisReadings.at_rest(*sphere_views(rng, POSES))
+    still = AxisReadings.at_rest(sphere_views(rng, POSES))
     return calibrate(joined(still, passing_sphere(rng, PASSES, PER_PASS, SPEED)), robot, ALL, True, seed, sizes)
 
 
 def at_rest(robot: RobotErrors, seed: int) -> Trial:
     """Tool and table from poses at rest; where the sphere is is not known."""
     rng = np.random.default_rng([seed, 3])
-    return calibrate(AxisReadings.at_rest(*sphere_views(rng, POSES)), robot, TOOL + TABLE, False, seed)
+    return calibrate(AxisReadings.at_rest(sphere_views(rng, POSES)), robot, TOOL + TABLE, False, seed)
 
 
 def with_poses(designed: bool, counts: Sequence[int], seed: int) -> Array:
     """Errors (counts, p) of tool and table by a realistic robot, from random poses or designed ones."""
     rng = np.random.default_rng([seed, 4])
-    readings = AxisReadings.at_rest(*sphere_views(rng, CANDIDATES))
+    readings = AxisReadings.at_rest(sphere_views(rng, CANDIDATES))
     rows = np.arange(CANDIDATES)
     if designed:
         exact = SphereCase(noise=0.0)

@@ -89,7 +89,7 @@ def judged(nominal: NominalCell, made: Plan, step: float, errors: dict[str, floa
     cell, count, margin = Cell(nominal), 0, np.inf
     off = np.array([errors.get(name, 0.0) for name in cell.names])
     for segment in made.program.segments:
-        axes = np.column_stack([segment.q, segment.table])
+        axes = segment.axes
         poses = nominal.body_poses(axes)
         at = np.stack([pose.transform_points(poses[:, i], corner[None]) for i, corner in enumerate(cell.corners)], 1)
         moved = np.linalg.norm(np.diff(at, axis=0), axis=-1).max((1, 2), initial=0.0)

@@ -149,7 +149,7 @@ def run_scan(part: str, mode: ScanMode) -> Row:
 
 def _checked(cell: PlanningCell, made: Plan) -> tuple[int, int, str, float, float]:
     """Segments, poses, contact, used limits and torques of a plan, see `Row`."""
-    motions = [(s.name, np.column_stack([s.q, s.table])) for s in made.program.segments]
+    motions = [(s.name, s.axes) for s in made.program.segments]
     dense = np.concatenate([dense_poses(points, _BRUTE_STEP) for _, points in motions])
     contact = first_contact(cell, judge_of(cell), dense)
     period = cell.cycle / FINER
@@ -163,7 +163,7 @@ def _checked(cell: PlanningCell, made: Plan) -> tuple[int, int, str, float, floa
 def _resampled(cell: PlanningCell, made: Plan, name: str, points: Array) -> Array:
     """A motion on a grid ten times as fine as the controller's, at rest before and after."""
     period = cell.cycle / FINER
-    placed = next((item for item in made.paths if item.path.name == name), None)
+    placed = next((item for item in made.paths if item.view.name == name), None)
     if placed is not None:
         return placed.at(np.arange(-3 * period, placed.run.duration + 4 * period, period))
     line = move(points[0], points[-1], cell.axis_limits.scaled(LIMIT_FRACTION), period)

@@ -34,7 +34,7 @@ def build(folder: Path, version: int, ideal: bool = True) -> Path:
 
 
 def segment(number: int, q: np.ndarray, table: np.ndarray, rule: TriggerRule, start=0.0, end=0.0) -> Segment:
-    return Segment(number, np.arange(len(q)) * CYCLE, q, table, rule, start, end)
+    return Segment(number, np.arange(len(q)) * CYCLE, np.column_stack([q, table]), rule, start, end)
 
 
 def turn_of_table(home: np.ndarray, kind: TriggerKind, interval: float, count: int = 20) -> Program:

@@ -121,7 +121,7 @@ class GuardRig:
         """Whether a segment of equidistant set-points arrives, one per controller cycle."""
         cell, start = self.session.cell, self.now
         path = start + np.linspace(0.0, 1.0, points)[:, None] * by
-        segment = Segment(1, self.session.cycle * np.arange(points), path[:, :-1], np.asarray(path[:, -1]))
+        segment = Segment(1, self.session.cycle * np.arange(points), np.asarray(path))
         file = self.folder / f"program{len(self.axes)}.json"
         file.write_text(json.dumps(program_data(Program((segment,)))))
         cell.set_string("command.program", str(file))

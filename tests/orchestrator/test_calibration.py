@@ -42,7 +42,7 @@ def some_readings(rng: np.random.Generator, count: int) -> AxisReadings:
 
 
 def at_rest(rng: np.random.Generator, count: int, turn_table: bool = True) -> AxisReadings:
-    return AxisReadings.at_rest(*sphere_views(rng, count, turn_table=turn_table))
+    return AxisReadings.at_rest(sphere_views(rng, count, turn_table=turn_table))
 
 
 @pytest.mark.parametrize("name", default_kinematics().names)
@@ -69,7 +69,7 @@ def test_calibration_and_reconstruction_share_one_geometry() -> None:
     made, number = some_readings(rng, 6), np.arange(6)
     measured = TriggerRecords(
         *(number, number // 4, 0.02 * number, np.full(6, 1e-3)),
-        *(made.q, made.rates[:, :-1], made.table, made.rates[:, -1], np.empty((6, 0)), np.empty((6, 0))),
+        *(nominal.axes, made.axes, made.rates),
     )
     estimated = estimated_cell(nominal, deviations)
     late = measured.after(estimated.trigger_latency)
@@ -196,8 +196,7 @@ def plane_observations(
 ) -> Observations:
     """Profiles of planes (poses (4, 4) on the platter), one plane per exposure."""
     cell = default_kinematics()
-    q, table = sphere_views(rng, count, turn_table=False)
-    readings = AxisReadings.at_rest(q, table)
+    readings = AxisReadings.at_rest(sphere_views(rng, count, turn_table=False))
     sensor = cell.poses(readings, deviations).platter_from_sensor
     points, frames, which = [], [], []
     for frame, platter_from_sensor in enumerate(sensor):
@@ -249,8 +248,8 @@ def test_tool_from_three_planes() -> None:
 
 
 def near_one_pose(rng: np.random.Generator) -> AxisReadings:
-    q, table = sphere_views(rng, 1, turn_table=False)
-    return AxisReadings.at_rest(q + np.radians(0.01) * rng.normal(size=(20, 6)), np.repeat(table, 20))
+    off = np.column_stack([np.radians(0.01) * rng.normal(size=(20, 6)), np.zeros(20)])
+    return AxisReadings.at_rest(sphere_views(rng, 1, turn_table=False) + off)
 
 
 @pytest.mark.parametrize(
@@ -283,8 +282,7 @@ def test_collinear_sphere_centres_are_rejected() -> None:
     """A sphere on the axis of the table stays where it is: a tilt of the axis looks like a shift."""
     rng = np.random.default_rng(14)
     case = SphereCase(centre=(0.0, 0.0, 0.06))
-    q, table = sphere_views(rng, 24, case.centre)
-    observed = case.observe(AxisReadings.at_rest(q, table), rng)
+    observed = case.observe(AxisReadings.at_rest(sphere_views(rng, 24, case.centre)), rng)
     with pytest.raises(CalibrationError, match=r"do not determine: table\.r. .*off the axis"):
         solve(case.problem(observed, TABLE, is_pose_known=True))
 

@@ -73,9 +73,9 @@ def test_triggered_exposures_are_equidistant(recordings) -> None:
     (only,) = PROGRAMS["table angle"].segments
     assert np.array_equal(measured.index, np.arange(1, 21))
     assert np.array_equal(measured.segment, np.ones(20))
-    assert measured.table[0] == pytest.approx(np.interp(only.trigger_from, only.times, only.table), abs=1e-6)
+    assert measured.table[0] == pytest.approx(np.interp(only.trigger_from, only.times, only.axes[:, -1]), abs=1e-6)
     assert np.diff(measured.table) == pytest.approx(np.radians(1.0), abs=2e-6)
-    assert measured.table_rate == pytest.approx(np.radians(40.0), rel=1e-3)
+    assert measured.rates[:, -1] == pytest.approx(np.radians(40.0), rel=1e-3)
     assert measured.exposure == pytest.approx(EXPOSURE)
     assert np.diff(recordings["time"].measured.time) == pytest.approx(0.025, abs=2e-6)
 
@@ -83,11 +83,10 @@ def test_triggered_exposures_are_equidistant(recordings) -> None:
 def test_requested_exposures_are_at_rest_at_planned_points(recordings) -> None:
     program, measured = PROGRAMS["stops"], recordings["stops"].measured
     assert measured.segment.tolist() == [segment.id for segment in program.segments]
-    goals = np.array([segment.q[-1] for segment in program.segments])
+    goals = np.array([segment.axes[-1, :-1] for segment in program.segments])
     assert measured.q == pytest.approx(goals, abs=1e-9)
-    assert measured.table == pytest.approx([segment.table[-1] for segment in program.segments], abs=1e-9)
-    assert np.abs(measured.qd).max() < 1e-9
-    assert np.abs(measured.table_rate).max() < 1e-9
+    assert measured.table == pytest.approx([segment.axes[-1, -1] for segment in program.segments], abs=1e-9)
+    assert np.abs(measured.rates).max() < 1e-9
 
 
 def test_progress_reports_every_second(fmus) -> None:

@@ -56,7 +56,7 @@ class Recording:
 
     def __init__(self, seed: int = 5, count: int = COUNT) -> None:
         cell, rng = default_kinematics(), np.random.default_rng(seed)
-        readings = AxisReadings.at_rest(*sphere_views(rng, count, turn_table=False))
+        readings = AxisReadings.at_rest(sphere_views(rng, count, turn_table=False))
         self.observed = SphereCase(robot=REALISTIC).observe(readings, rng)
         self.flange = pose.inverse(cell.arm.world_from_base) @ cell.arm.fk(readings.q) @ DESCRIBED_FROM_REAL
         self.flange_from_sensor = pose.inverse(DESCRIBED_FROM_REAL) @ cell.flange_from_sensor
@@ -395,7 +395,7 @@ def test_screws_of_flange_poses_are_derivatives_of_points() -> None:
 
 def test_poses_by_joints_and_by_flange_agree() -> None:
     cell, rng = default_kinematics(), np.random.default_rng(2)
-    joints = AxisReadings.at_rest(rng.normal(size=(5, 6)), rng.normal(size=5))
+    joints = AxisReadings.at_rest(rng.normal(size=(5, 7)))
     flange = AxisReadings.of_flange(pose.inverse(cell.arm.world_from_base) @ cell.arm.fk(joints.q), joints.table)
     deviations = {"tool.x": 0.01, "table.rx": 0.02, "platter.y": 0.003}
     one, other = (cell.poses(readings, deviations) for readings in (joints, flange))

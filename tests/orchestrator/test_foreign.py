@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import trimesh
 from cells import cell_file, export_mm
-from trigger_records import Triggers, profiles_of, records
+from trigger_records import profiles_of, records
 
+from scancell.cell.recording import TriggerRecords
 from scancell.config.loading import load_setup
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh
@@ -148,7 +149,7 @@ def test_neighbours_have_poses_of_cell_description(tmp_path):
         assert np.allclose(in_world.vertices, mesh.transformed(frames[frame]).vertices, atol=1e-12)
 
 
-def measured(points_in_table: np.ndarray) -> tuple[ProfilePoints, Triggers]:
+def measured(points_in_table: np.ndarray) -> tuple[ProfilePoints, TriggerRecords]:
     """Profiles and triggers of points on the table, each from its own pose, which is stored in the joints."""
     n = len(points_in_table)
     q = RNG.uniform(-1.0, 1.0, (n, 6))
@@ -158,7 +159,7 @@ def measured(points_in_table: np.ndarray) -> tuple[ProfilePoints, Triggers]:
 
 
 def reconstructed(
-    profiles: ProfilePoints, triggers: Triggers, envelope: Envelope, neighbours: Neighbours
+    profiles: ProfilePoints, triggers: TriggerRecords, envelope: Envelope, neighbours: Neighbours
 ) -> tuple[Cloud, Dropped]:
     poses = poses_by_axes(triggers, lambda axes: part_from_sensor(axes[:, :TABLE], axes[:, TABLE]))
     made = reconstruct_points(profiles, triggers, poses, TABLE_FROM_PART, envelope, False, neighbours)

@@ -12,7 +12,7 @@ from scancell.cell.program import TriggerRule
 from scancell.config.loading import load_setup
 from scancell.geometry.mesh import box_mesh
 from scancell.nominal.cell import nominal_cell
-from scancell.planning.model import PlanningCell
+from scancell.planning.model import PlanningCell, with_table
 from scancell.scanning.exposures import exposures_from_truth, visible_bodies
 
 BLOCK = box_mesh((0.04, 0.03, 0.02), "block")
@@ -58,7 +58,7 @@ def test_planner_checks_fingers_against_table_and_part() -> None:
     for around in ("table", "part", "base"):
         assert frozenset(("finger1", around)) in pairs
     q = cell.nominal.home
-    assert not cell.clearance_violations(q[None], np.zeros(1), 0.01)
+    assert not cell.clearance_violations(with_table(q, 0.0), 0.01)
     world_from_finger = cell.nominal.frame_poses(q)["finger[1]"]
     target = np.eye(4)
     target[:3, :3] = np.diag([1.0, -1.0, -1.0])
@@ -67,5 +67,5 @@ def test_planner_checks_fingers_against_table_and_part() -> None:
     reached = cell.nominal.arm.ik(target @ np.linalg.inv(flange_from_finger))[0]
     reached = reached[~np.isnan(reached).any(1)]
     assert len(reached)
-    clashes = cell.clearance_violations(reached[:1], np.zeros(1), 0.001)
+    clashes = cell.clearance_violations(with_table(reached[:1], 0.0), 0.001)
     assert {"finger1", "table"} in [{c.body_a, c.body_b} for c in clashes]

@@ -12,6 +12,7 @@ from scancell.config.loading import load_setup
 from scancell.errors import PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import box_mesh
+from scancell.planning.model import with_table
 from scancell.planning.motion import verification
 from scancell.planning.options import scan_options
 from scancell.planning.planner import plan
@@ -64,12 +65,13 @@ def test_a_plan_that_collides_is_refused_by_the_judge() -> None:
     # The same program with the table where it was and the arm 100 mm lower.
     lower = pose.translation((0.0, 0.0, -0.1))
 
-    def lowered(q: np.ndarray) -> np.ndarray:
+    def lowered(axes: np.ndarray) -> np.ndarray:
+        q = axes[:, :-1]
         sunk = lower @ cell.table_from_sensor(q)
-        return np.asarray(cell.ik(sunk, reference=q, filtered=False)[:, 0])
+        return with_table(cell.ik(sunk, reference=q, filtered=False)[:, 0], axes[:, -1])
 
     segment = next(s for s in made.program.segments if s.trigger.kind == "table_angle")
-    bad = replace(made.program, segments=(replace(segment, q=lowered(segment.q)),))
+    bad = replace(made.program, segments=(replace(segment, axes=lowered(segment.axes)),))
     with pytest.raises(PlanningError, match=rf"python-fcl finds that \w+ hits \w+ in segment {segment.id}"):
         verification.verified(cell, options, replace(made, program=bad))
     assert verification.verified(cell, replace(options, verify=False), replace(made, program=bad)).program is bad

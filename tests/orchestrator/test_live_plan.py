@@ -104,7 +104,7 @@ def test_free_pose_brings_the_sensor_onto_the_path(rig: Rig, map_: Configuration
     assert pose.quality > 0
     assert pose.reason == ""
     q, table = pose.axes[:-1], pose.axes[-1]
-    path = rig.plan.plan.paths[0].path
+    path = rig.plan.plan.paths[0].view
     frames = rig.session.nominal.frame_poses([*q, table])
     table_from_sensor = np.linalg.inv(frames["table"]) @ frames["sensor"]
     along = path.at(np.linspace(0.0, path.length, 20_000))
@@ -118,7 +118,7 @@ def test_pose_without_clearance_names_the_pair_and_its_distance(rig: Rig, map_: 
     assert pose.quality == 0
     world = rig.session.world
     cell = PlanningCell(rig.session.nominal, SensorRange.of(world.sensor), 8e-3)
-    clashes = cell.clearance_violations(pose.axes[None, :-1], pose.axes[None, -1], world.setup.scan.clearance_mm * 1e-3)
+    clashes = cell.clearance_violations(pose.axes[None], world.setup.scan.clearance_mm * 1e-3)
     worst = max(clashes, key=lambda clash: clash.clearance - clash.distance)
     assert worst.body_a in pose.reason
     assert worst.body_b in pose.reason
@@ -204,10 +204,10 @@ def test_motion_of_a_program_goes_through_its_segments(rig: Rig) -> None:
     motion = ProgramMotion(program)
     assert motion.duration == pytest.approx(program.duration)
     for number, (begin, segment) in enumerate(zip(motion.begins, program.segments, strict=True)):
-        np.testing.assert_allclose(motion.axes(begin), np.append(segment.q[0], segment.table[0]), atol=1e-9)
+        np.testing.assert_allclose(motion.axes(begin), segment.axes[0], atol=1e-9)
         assert motion.segment_at(begin) == number
         middle = len(segment.times) // 2
-        axes = np.append(segment.q[middle], segment.table[middle])
+        axes = segment.axes[middle]
         np.testing.assert_allclose(motion.axes(begin + segment.times[middle]), axes, atol=1e-9)
     np.testing.assert_allclose(motion.axes(motion.duration + 1), motion.axes(motion.duration))
 

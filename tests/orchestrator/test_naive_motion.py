@@ -19,7 +19,7 @@ def test_both_motions_join_the_same_free_poses(motions) -> None:
     cell, naive, planned = motions
     np.testing.assert_allclose(naive.points[[0, -1]], planned.points[[0, -1]], atol=1e-12)
     ends = naive.points[[0, -1]]
-    assert cell.clearance_violations(ends[:, :-1], ends[:, -1], CLEARANCE) == []
+    assert cell.clearance_violations(ends, CLEARANCE) == []
 
 
 def test_only_the_straight_motion_collides(motions) -> None:

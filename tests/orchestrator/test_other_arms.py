@@ -63,7 +63,7 @@ def test_set_points_keep_limits(any_plan: tuple[PlanningCell, Plan]) -> None:
 def test_set_points_keep_clearance(any_plan: tuple[PlanningCell, Plan]) -> None:
     cell, result = any_plan
     path = setpoints(result)
-    assert cell.clearance_violations(path[:, :-1], path[:, -1], CLEARANCE) == []
+    assert cell.clearance_violations(path, CLEARANCE) == []
     assert path_collisions(cell, path[::7]) == set()  # an independent library, at some of them
 
 

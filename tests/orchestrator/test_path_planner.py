@@ -48,10 +48,10 @@ def spiral(cell: PlanningCell) -> PlacedPath:
 
 
 def test_set_points_lead_the_sensor_along_the_path(cell: PlanningCell, spiral: PlacedPath) -> None:
-    placed = cell.nominal.tree.place(np.column_stack([spiral.q, spiral.table]), ["table", "sensor"])
+    placed = cell.nominal.tree.place(spiral.axes, ["table", "sensor"])
     table_from_sensor = np.linalg.inv(placed["table"]) @ placed["sensor"]
     np.testing.assert_allclose(
-        table_from_sensor, spiral.path.at(spiral.run.at(CYCLE * np.arange(len(spiral.q)))), atol=1e-9
+        table_from_sensor, spiral.view.at(spiral.run.at(CYCLE * np.arange(len(spiral.axes)))), atol=1e-9
     )
 
 
@@ -93,8 +93,8 @@ def test_motion_is_near_the_optimum_with_few_cells_evaluated(spiral: PlacedPath)
 
 def test_an_independent_library_finds_no_collision(cell: PlanningCell, spiral: PlacedPath) -> None:
     """python-fcl at 300 poses along the path, all pairs of the scene."""
-    at = np.linspace(0, len(spiral.table) - 1, 300)
-    setpoints = np.column_stack([spiral.q, spiral.table])
+    setpoints = spiral.axes
+    at = np.linspace(0, len(setpoints) - 1, 300)
     dense = np.stack([np.interp(at, np.arange(len(setpoints)), column) for column in setpoints.T], -1)
     assert path_collisions(cell, dense) == set()
 

@@ -73,14 +73,14 @@ class KnownScene:
 
 def segment(number: int, first: float, last: float, name: str, rule: str = "off") -> Segment:
     axis = np.linspace(first, last, 5)
-    return Segment(number, np.linspace(0.0, 1.0, 5), axis[:, None], -axis, TriggerRule(rule), name=name)
+    return Segment(number, np.linspace(0.0, 1.0, 5), np.column_stack([axis, -axis]), TriggerRule(rule), name=name)
 
 
 def plan_of(paths: tuple[object, ...] = ()) -> Plan:
     program = Program(
         (segment(1, 0.0, 1.0, "to <view>"), segment(2, 1.0, 3.0, "view", "time"), segment(3, 3, 0, "home"))
     )
-    return Plan(program, np.array([2, 2, 2]), np.zeros((3, 1)), np.zeros(3), 0.5, ("one & two",), paths)  # type: ignore[arg-type]
+    return Plan(program, np.array([2, 2, 2]), np.zeros((3, 2)), 0.5, ("one & two",), paths)  # type: ignore[arg-type]
 
 
 class Rig:

@@ -26,8 +26,8 @@ def test_judge_shifts_bodies_towards_each_other_by_their_errors() -> None:
     start = np.append(cell.nominal.home, 0.0)
     axes = start + np.array([0.0, 0.01, 0.02])[:, None] * np.eye(len(start))[-1]
     times = cell.cycle * np.arange(3)
-    program = Program((Segment(1, times, axes[:, :-1], axes[:, -1], name="turn"),))
-    made = Plan(program, np.zeros(0, np.int64), axes[:0, :-1], axes[:0, -1], None, ())
+    program = Program((Segment(1, times, axes, name="turn"),))
+    made = Plan(program, np.zeros(0, np.int64), axes[:0], None, ())
     apart = judged(cell.nominal, made, 1e-3, {})
     assert apart.contact == "" and apart.poses > 3
     shifted = judged(cell.nominal, made, 1e-3, {"part": 0.2, "hook": 0.2})

@@ -51,15 +51,14 @@ def any_plan(request, off_axis):
 def test_segments_are_continuous_from_home_to_home(any_plan):
     cell, result = any_plan
     segments = result.program.segments
-    assert np.abs(segments[0].q[0] - cell.nominal.home).max() < 1e-12
-    assert np.abs(segments[-1].q[-1] - cell.nominal.home).max() < 1e-12
-    assert segments[0].table[0] == cell.table_start
+    assert np.abs(segments[0].axes[0, :-1] - cell.nominal.home).max() < 1e-12
+    assert np.abs(segments[-1].axes[-1, :-1] - cell.nominal.home).max() < 1e-12
+    assert segments[0].axes[0, -1] == cell.table_start
     for before, after in pairwise(segments):
-        assert np.abs(before.q[-1] - after.q[0]).max() < 1e-12
-        assert abs(before.table[-1] - after.table[0]) < 1e-12
+        assert np.abs(before.axes[-1] - after.axes[0]).max() < 1e-12
     assert [s.id for s in segments] == list(range(1, len(segments) + 1))
     for s in segments:
-        assert np.abs(s.times - CYCLE * np.arange(len(s.q))).max() < 1e-9
+        assert np.abs(s.times - CYCLE * np.arange(len(s.axes))).max() < 1e-9
 
 
 def test_segments_keep_axis_limits(any_plan):
@@ -80,12 +79,12 @@ def test_trigger_rules_reproduce_planned_exposures(any_plan):
             assert not mine.any()
         elif s.trigger.kind == "request":
             assert mine.sum() == 1
-            assert np.abs(result.q[mine][0] - s.q[-1]).max() < 1e-12
-            assert abs(result.table[mine][0] - s.table[-1]) < 1e-12
+            assert np.abs(result.q[mine][0] - s.axes[-1, :-1]).max() < 1e-12
+            assert abs(result.table[mine][0] - s.axes[-1, -1]) < 1e-12
         else:
             fine = np.arange(s.trigger_from, s.trigger_to, 1e-4)
-            table = np.interp(fine, s.times, s.table)
-            q = np.column_stack([np.interp(fine, s.times, s.q[:, i]) for i in range(6)])
+            table = np.interp(fine, s.times, s.axes[:, -1])
+            q = np.column_stack([np.interp(fine, s.times, s.axes[:, i]) for i in range(6)])
             if s.trigger.kind == "table_angle":
                 travelled = np.abs(table - table[0])
             else:
@@ -103,8 +102,8 @@ def test_speed_is_constant_during_exposures(off_axis):
         if s.trigger.kind == "off":
             continue
         inside = (s.times >= s.trigger_from - CYCLE) & (s.times <= s.trigger_to + CYCLE)
-        rate = np.diff(s.table[inside]) / CYCLE
-        origin = cell.nominal.world_from_sensor(s.q[inside])[:, :3, 3]
+        rate = np.diff(s.axes[inside, -1]) / CYCLE
+        origin = cell.nominal.world_from_sensor(s.axes[inside])[:, :3, 3]
         velocity = np.diff(origin, axis=0) / CYCLE
         assert np.ptp(rate) < 1e-9
         assert np.abs(velocity - velocity[0]).max() < 1e-9
@@ -120,7 +119,7 @@ def test_passes_keep_vertical_orientation(off_axis):
     cell, result = off_axis
     for s in result.program.segments:
         if s.trigger.kind == "path_distance":
-            poses = cell.nominal.world_from_sensor(s.q)
+            poses = cell.nominal.world_from_sensor(s.axes)
             assert np.abs(poses[:, :3, 2] - (0, 0, -1)).max() < 1e-12
             assert np.abs(poses[:, :3, :3] - poses[0, :3, :3]).max() < 1e-12
 
@@ -234,7 +233,7 @@ def test_connection_avoids_obstacle():
     )
     start, end = np.append(down[branch], 0.0), np.append(other[branch], 0.0)
     straight = np.linspace(start, end, 100)
-    assert cell.clearance_violations(straight[:, :6], straight[:, 6], 0.0025)
+    assert cell.clearance_violations(straight, 0.0025)
     motions = Connector(cell, 0.005).connect(start, end, "the other side")
     assert len(motions) > 1
     path = np.concatenate(motions)

@@ -44,8 +44,8 @@ def joint_columns(result: scancell.ScanResult) -> dict[str, np.ndarray]:
     found: dict[str, np.ndarray] = {"exposure": measured.index, "time_s": measured.time}
     for of_joints, of_table, values, unit in (
         ("q", "table", measured.axes, "deg"),
-        ("qd", "table_rate", measured.axis_rates, "deg_s"),
-        ("qdd", "table_acceleration", slopes(measured.axis_rates, measured.time, measured.segment), "deg_s2"),
+        ("qd", "table_rate", measured.rates, "deg_s"),
+        ("qdd", "table_acceleration", slopes(measured.rates, measured.time, measured.segment), "deg_s2"),
     ):
         *joints, table = np.degrees(values).T
         found |= {f"{of_joints}{i}_{unit}": column for i, column in enumerate(joints, 1)}
@@ -280,10 +280,11 @@ def test_run_folder_is_an_input_again(scanned, tmp_path) -> None:
 def test_recording_of_a_run_holds_its_readings(scanned, tmp_path) -> None:
     """Joints with their rates as measured; joints found from poses of the flange, which state no rates, with 0."""
     measured = scanned.recording.measured
-    assert np.abs(measured.qd).max() > 0.01
+    of_joints = measured.rates[:, :6]
+    assert np.abs(of_joints).max() > 0.01
     for columns, rates in (
-        (joint_columns(scanned), measured.qd),
-        (flange_columns_of(scanned, "wxyz"), np.zeros_like(measured.qd)),
+        (joint_columns(scanned), of_joints),
+        (flange_columns_of(scanned, "wxyz"), np.zeros_like(of_joints)),
     ):
         run = tmp_path / f"{len(columns)}"
         table = write_table(scanned, tmp_path / f"{len(columns)}.parquet", columns)

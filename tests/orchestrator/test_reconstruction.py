@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from trigger_records import Triggers, profiles_of, records
+from trigger_records import profiles_of, records
 
+from scancell.cell.recording import TriggerRecords
 from scancell.config.robot import RobotDescription
 from scancell.geometry import pose
 from scancell.nominal.cell import arm_of
@@ -31,7 +32,9 @@ EVERYWHERE = Envelope(-np.inf, np.inf, np.inf)
 RADIUS = 0.025
 
 
-def reconstruct(profiles: ProfilePoints, triggers: Triggers, kinematics: Any, *inputs: Any, **options: Any) -> Cloud:
+def reconstruct(
+    profiles: ProfilePoints, triggers: TriggerRecords, kinematics: Any, *inputs: Any, **options: Any
+) -> Cloud:
     poses = poses_by_axes(triggers, lambda axes: kinematics(axes[:, :6], axes[:, 6]))
     return reconstruct_points(profiles, triggers, poses, *inputs, **options).cloud
 
@@ -42,7 +45,7 @@ def part_from_sensor(q: np.ndarray, table: np.ndarray) -> np.ndarray:
     return pose.inverse(world_from_part) @ ARM.fk(q) @ FLANGE_FROM_SENSOR
 
 
-def sphere_points_under_random_poses(seed: int) -> tuple[ProfilePoints, Triggers]:
+def sphere_points_under_random_poses(seed: int) -> tuple[ProfilePoints, TriggerRecords]:
     """Points of a sphere at the part's origin, in the sensor frame at random joints and table angles."""
     rng = np.random.default_rng(seed)
     n, per_frame = 40, 50
@@ -55,7 +58,7 @@ def sphere_points_under_random_poses(seed: int) -> tuple[ProfilePoints, Triggers
     return profiles_of(in_sensor, frame, np.tile(np.arange(per_frame), n)), records(q, table)
 
 
-def sweep_over_sphere(noise: float = 0.0) -> tuple[ProfilePoints, Triggers, np.ndarray]:
+def sweep_over_sphere(noise: float = 0.0) -> tuple[ProfilePoints, TriggerRecords, np.ndarray]:
     """Profiles and triggers of 60 frames over a sphere, and the centre of the sphere in the part frame."""
     n, columns = 60, 400
     q = np.tile(np.radians([35, -25, 195, -68, 79, -10]), (n, 1))
@@ -99,7 +102,7 @@ def test_joint_error_matches_jacobian() -> None:
     """An error of measured joint 3 displaces the points by the cross product of its axis and lever arm."""
     profiles, triggers = sphere_points_under_random_poses(5)
     error = 1e-6
-    wrong = replace(triggers, q=triggers.q + error * np.eye(6)[2])
+    wrong = replace(triggers, axes=triggers.axes + error * np.eye(7)[2])
     right = reconstruct(profiles, triggers, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)
     moved = reconstruct(profiles, wrong, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)
     links = ARM.link_poses(triggers.q)
@@ -167,7 +170,9 @@ def test_batches_concatenate() -> None:
 
 def test_frame_without_trigger_is_rejected() -> None:
     profiles, triggers = sphere_points_under_random_poses(7)
-    short = Triggers(*(getattr(triggers, name)[:30] for name in Triggers.__dataclass_fields__))
+    short = replace(
+        triggers, **{name: getattr(triggers, name)[:30] for name in ("index", "segment", "time", "axes", "rates")}
+    )
     with pytest.raises(ValueError, match="30 trigger records"):
         reconstruct(profiles, short, part_from_sensor, TABLE_FROM_PART, EVERYWHERE)
 
@@ -200,7 +205,7 @@ def test_rolling_shutter_uses_pose_at_row_time() -> None:
     )
     in_sensor = points_in_part(on_sphere, np.arange(m), pose.inverse(poses))
     profiles = replace(profiles_of(in_sensor, frame, np.arange(m)), time_offset=time_offset)
-    triggers = replace(records(q, table), qd=qd, table_rate=table_rate)
+    triggers = replace(records(q, table), rates=np.column_stack([qd, table_rate]))
     cloud = reconstruct(profiles, triggers, part_from_sensor, TABLE_FROM_PART, EVERYWHERE, normals=False)
     assert np.abs(cloud.points_in_part - on_sphere).max() < 0.1e-6
     late = replace(profiles, time_offset=np.zeros(m))

@@ -51,11 +51,11 @@ def test_file_round_trip_is_lossless(tmp_path, suffix, has_truth) -> None:
 
 def accelerating(time: np.ndarray, segment: np.ndarray) -> TriggerRecords:
     """Joints and table that accelerate by 1 … 6 rad/s² and 7 rad/s²."""
-    acceleration = np.arange(1.0, 7.0)
+    acceleration = np.arange(1.0, 8.0)
     count = len(time)
-    q, qd = 0.5 * acceleration * time[:, None] ** 2, acceleration * time[:, None]
-    none = np.empty((2, count, 0))
-    return TriggerRecords(np.arange(count), segment, time, np.zeros(count), q, qd, 3.5 * time**2, 7.0 * time, *none)
+    axes, rates = 0.5 * acceleration * time[:, None] ** 2, acceleration * time[:, None]
+    names = (*(f"joint[{i}]" for i in range(1, 7)), "table")
+    return TriggerRecords(np.arange(count), segment, time, np.zeros(count), names, axes, rates)
 
 
 @pytest.mark.parametrize("pitch", [1e-3, 14e-3])
@@ -63,20 +63,19 @@ def test_readings_after_a_delay_include_the_acceleration(pitch) -> None:
     time = 1.0 + pitch * np.arange(30)
     late = accelerating(time, np.full(30, 4)).after(12e-3)
     expected = accelerating(time + 12e-3, np.full(30, 4))
-    assert late.q == pytest.approx(expected.q, abs=1e-12)
-    assert late.table == pytest.approx(expected.table, abs=1e-12)
+    assert late.axes == pytest.approx(expected.axes, abs=1e-12)
 
 
 def test_accelerations_are_of_one_segment_and_zero_for_a_single_row() -> None:
     time = np.array([0.0, 0.02, 0.04, 0.06, 0.08, 0.10])
     segment = np.array([1, 1, 2, 3, 3, 3])
     measured = accelerating(time, segment)
-    measured.qd[3:] += 100.0
-    acceleration = slopes(measured.axis_rates, time, segment)
+    measured.rates[3:, :6] += 100.0
+    acceleration = slopes(measured.rates, time, segment)
     assert acceleration[[0, 1, 3, 4, 5]] == pytest.approx(np.tile(np.arange(1.0, 8.0), (5, 1)))
     assert acceleration[2] == pytest.approx(0)
     empty = accelerating(np.zeros(0), np.zeros(0, np.int64))
-    assert slopes(empty.axis_rates, empty.time, empty.segment).shape == (0, 7)
+    assert slopes(empty.rates, empty.time, empty.segment).shape == (0, 7)
 
 
 def test_travel_of_belts_is_read_by_number(tmp_path) -> None:
@@ -87,10 +86,10 @@ def test_travel_of_belts_is_read_by_number(tmp_path) -> None:
     measured = read_recording(Recording(columns).save(tmp_path / "belts.csv")).measured
     measured.require_axes(["table", "conveyor[2]"])
     assert np.array_equal(measured.axes[:, -1], 2.0 * np.arange(COUNT))
-    assert np.array_equal(measured.axis_rates[:, -1], np.full(COUNT, 0.2))
+    assert np.array_equal(measured.rates[:, -1], np.full(COUNT, 0.2))
     with pytest.raises(DescriptionError, match=r"no travel of conveyor\[3\]"):
         measured.require_axes(["conveyor[3]"])
-    assert recording().measured.belt.shape == (COUNT, 0)
+    assert recording().measured.names[-1] == "table"
 
 
 def test_rows_without_trigger_are_skipped(tmp_path) -> None:
@@ -107,9 +106,10 @@ def test_rows_without_trigger_are_skipped(tmp_path) -> None:
 def test_measured_columns_map_to_fields() -> None:
     given = recording()
     measured = given.measured
-    assert measured.q.shape == measured.qd.shape == (COUNT, 6)
+    assert measured.axes.shape == measured.rates.shape == (COUNT, 7)
+    assert measured.q.shape == (COUNT, 6)
     assert np.array_equal(measured.q[:, 2], given.columns["trigger.measured.q[3]"])
-    assert np.array_equal(measured.qd[:, 5], given.columns["trigger.measured.qd[6]"])
+    assert np.array_equal(measured.rates[:, 5], given.columns["trigger.measured.qd[6]"])
     assert np.array_equal(measured.table, given.columns["trigger.measured.table"])
     assert np.array_equal(measured.segment, given.columns["trigger.segment"])
 

@@ -2,38 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from scancell.cell.recording import TriggerRecords
 from scancell.reconstruction.reconstruct import ProfilePoints
 
 
-@dataclass(frozen=True)
-class Triggers:
-    """Records of n exposures, see `scancell.reconstruction.reconstruct.Triggers`."""
-
-    index: np.ndarray
-    segment: np.ndarray
-    time: np.ndarray
-    q: np.ndarray
-    table: np.ndarray
-    qd: np.ndarray
-    table_rate: np.ndarray
-
-    @property
-    def axes(self) -> np.ndarray:
-        return np.column_stack([self.q, self.table])
-
-    @property
-    def axis_rates(self) -> np.ndarray:
-        return np.column_stack([self.qd, self.table_rate])
-
-
-def records(q: np.ndarray, table: np.ndarray) -> Triggers:
+def records(q: np.ndarray, table: np.ndarray) -> TriggerRecords:
     """Exposures of one segment at joints (n, 6) and table angles (n,), at rest."""
     n = len(q)
-    return Triggers(np.arange(1, n + 1), np.ones(n, int), 0.01 * np.arange(n), q, table, np.zeros((n, 6)), np.zeros(n))
+    names = (*(f"joint[{i}]" for i in range(1, 7)), "table")
+    axes = np.column_stack([q, table])
+    number, time = np.arange(n), 0.01 * np.arange(n)
+    return TriggerRecords(number + 1, np.ones(n, int), time, np.zeros(n), names, axes, np.zeros_like(axes))
 
 
 def profiles_of(points_in_sensor: np.ndarray, frame: np.ndarray, column: np.ndarray) -> ProfilePoints:

@@ -79,7 +79,7 @@ def slopes(points_in_part: Array) -> tuple[float, float]:
 
 
 def spacing(result: scancell.ScanResult) -> Array:
-    return np.diff(result.recording.measured.belt[:, 0])
+    return np.diff(result.recording.measured.axes[:, -1])
 
 
 @pytest.mark.parametrize(
@@ -129,7 +129,7 @@ def test_encoder_scale_error_stretches_and_shifts_the_cloud() -> None:
 
 def test_encoder_resolution_limits_the_places_of_the_profiles() -> None:
     coarse = scan({"cell.conveyor[1].encoder_resolution_mm": 0.1})
-    travel = coarse.recording.measured.belt[:, 0]
+    travel = coarse.recording.measured.axes[:, -1]
     np.testing.assert_allclose(np.diff(travel), PITCH, atol=1e-9)
     slope = 2 * HEIGHT / LENGTH
     normal_error = 0.05e-3 * np.sin(np.arctan(slope))  # half a count along the belt

@@ -100,9 +100,9 @@ def test_plans_are_loaded_and_lead_from_home_to_home(files: Path, name: str) -> 
     assert plan.q == pytest.approx(np.array(stored["exposures"]["q"]), abs=0)
     home = scancell.load_setup(files / "cell.toml").cell.robot.home_deg
     for segment, row in ((plan.program.segments[0], 0), (plan.program.segments[-1], -1)):
-        assert segment.q[row] == pytest.approx(np.radians(home), abs=1e-9)
+        assert segment.axes[row, :-1] == pytest.approx(np.radians(home), abs=1e-9)
     for before, after in zip(plan.program.segments[:-1], plan.program.segments[1:], strict=True):
-        assert after.q[0] == pytest.approx(before.q[-1], abs=1e-9)
+        assert after.axes[0] == pytest.approx(before.axes[-1], abs=1e-9)
 
 
 def test_scan_with_a_stored_plan_has_its_exposures_and_figures(files: Path) -> None:

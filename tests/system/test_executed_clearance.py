@@ -46,7 +46,7 @@ def test_executed_clearances_are_those_planned_within_a_fifth_of_a_millimetre(
         result = scanner.scan(PART, engine="geometric")
     assert result.plan is not None
     cell = PlanningCell(result.nominal, SensorRange.of(result.world.sensor), 0.016)
-    planned = np.concatenate([np.column_stack([s.q, s.table]) for s in result.plan.program.segments])
+    planned = np.concatenate([s.axes for s in result.plan.program.segments])
     executed = np.array(visited)
     assert len(executed) > 6 * len(planned)
 

@@ -107,7 +107,7 @@ def by_joint_zero(found: Geometry, measured: TriggerRecords, points: np.ndarray,
 def by_latency(found: Geometry, measured: TriggerRecords, points: np.ndarray, row: np.ndarray) -> np.ndarray:
     """The shutter opens 1 ms late: the sensor has moved on by its velocity, from measured joint rates."""
     h = 1e-6
-    before, after = (link_frames(measured.q + sign * h * measured.qd)[-1] for sign in (-1, 1))
+    before, after = (link_frames(measured.q + sign * h * measured.rates[:, :6])[-1] for sign in (-1, 1))
     tool = np.array([0, 0, FLANGE_FROM_SENSOR_Z, 1.0])
     velocity = ((after - before) @ tool)[:, :3] / (2 * h)
     speed = np.linalg.norm(velocity, axis=1)

@@ -25,8 +25,8 @@ def folder(tmp_path_factory):
     result.cloud.save(folder / "scan.ply")
     measured, row = result.recording.measured, result.profiles.frame
     joints = {f"q{i}_deg": column[row] for i, column in enumerate(np.degrees(measured.q).T, 1)}
-    rates = {f"qd{i}_deg_s": column[row] for i, column in enumerate(np.degrees(measured.qd).T, 1)}
-    table = {"table_deg": np.degrees(measured.table)[row], "table_rate_deg_s": np.degrees(measured.table_rate)[row]}
+    rates = {f"qd{i}_deg_s": column[row] for i, column in enumerate(np.degrees(measured.rates[:, :6]).T, 1)}
+    table = {"table_deg": np.degrees(measured.table)[row], "table_rate_deg_s": np.degrees(measured.rates[:, 6])[row]}
     points = {f"{axis}_mm": 1e3 * result.profiles.points_in_sensor[:, i] for i, axis in enumerate("xyz")}
     write_measured_table(folder / "points.csv", {"exposure": measured.index[row], **joints, **rates, **table, **points})
     return folder

@@ -75,7 +75,7 @@ def test_motion_has_no_jumps(run) -> None:
 
 def test_gaps_between_exposures_follow_the_plan(run, folder, recording) -> None:
     plan = Plan.load(folder / "plan.json")
-    planned = np.concatenate([run.cell.world_from_sensor(segment.q)[:, :3, 3] for segment in plan.program.segments])
+    planned = np.concatenate([run.cell.world_from_sensor(segment.axes)[:, :3, 3] for segment in plan.program.segments])
     times = recording.measured.time
     widest = int(np.argmax(np.diff(times)))
     for share in (0.2, 0.5, 0.8):

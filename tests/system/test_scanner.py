@@ -69,7 +69,7 @@ def test_saved_run_holds_every_file_and_reads_back(result, tmp_path) -> None:
     plan = json.loads((tmp_path / "run/plan.json").read_text())
     assert [segment["name"] for segment in plan["segments"]] == list(result.plan.program.names.values())
     assert all(segment["name"] for segment in plan["segments"])
-    assert np.array_equal(plan["segments"][0]["q"], result.plan.program.segments[0].q)
+    assert np.array_equal(plan["segments"][0]["q"], result.plan.program.segments[0].axes[:, :-1])
     figures = json.loads((tmp_path / "run/deviation.json").read_text())
     assert set(figures["by_camera"]) == set(result.camera_names)
 

@@ -96,7 +96,7 @@ def distance_to_post(scanner: Scanner, *plans: Plan) -> float:
     scene = cell_scene(true, {body.name: body.mesh for body in true.bodies})
     of_post = np.array(["post" in pair for pair in scene.pairs])
     segments = [segment for plan in plans for segment in plan.program.segments]
-    poses = true.body_poses(np.concatenate([np.column_stack([s.q, s.table]) for s in segments]))
+    poses = true.body_poses(np.concatenate([s.axes for s in segments]))
     return float(scene.distances(poses, np.where(of_post, 0.05, 0.0))[:, of_post].min())
 
 

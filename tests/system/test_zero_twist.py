@@ -53,7 +53,7 @@ def test_stop_and_look_exposures_are_at_rest(planned, ideal) -> None:
 def test_latched_pose_is_at_mid_exposure(planned) -> None:
     """In motion the table turns during the exposure; what it said at the trigger is the middle of that turn."""
     line = planned("free_form", FEWER)
-    recording = rows(line.drive(), line.drive().measured.table_rate > 0.1)
+    recording = rows(line.drive(), line.drive().measured.rates[:, -1] > 0.1)
     ends = recording.truth.world_from_frame["table"]
     angle = np.arctan2(ends[..., 1, 0], ends[..., 0, 0])
     middle = np.angle(np.exp(1j * angle).mean(1))

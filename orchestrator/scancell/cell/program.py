@@ -56,10 +56,8 @@ class Segment(Value):
         Number that the trigger records of this segment carry, >= 1 and unique in the program.
     times
         (n,) seconds from the start of the segment, starting at 0, one per controller cycle.
-    q
-        (n, joints) joint set-points in radians.
-    table
-        (n,) table set-points in radians (not wrapped).
+    axes
+        (n, axes) set-points of joints and table in radians (not wrapped).
     trigger
         Rule in force between `trigger_from` and `trigger_to`.
     trigger_from, trigger_to
@@ -73,8 +71,7 @@ class Segment(Value):
 
     id: int
     times: NDArray[np.float64]
-    q: NDArray[np.float64]
-    table: NDArray[np.float64]
+    axes: NDArray[np.float64]
     trigger: TriggerRule = TriggerRule()
     trigger_from: float = 0.0
     trigger_to: float = 0.0
@@ -101,8 +98,7 @@ class Program(Value):
     @property
     def start(self) -> NDArray[np.float64]:
         """Joints and table angle (axes,), rad, at which it starts."""
-        first = self.segments[0]
-        return np.append(first.q[0], first.table[0])
+        return np.asarray(self.segments[0].axes[0])
 
     @property
     def duration(self) -> float:

@@ -30,8 +30,8 @@ def program_data(program: Program) -> dict[str, Any]:
                 "trigger_to": segment.trigger_to,
                 "belt": None if segment.belt is None else asdict(segment.belt),
                 "time": segment.times.tolist(),
-                "q": segment.q.tolist(),
-                "table": segment.table.tolist(),
+                "q": segment.axes[:, :-1].tolist(),
+                "table": segment.axes[:, -1].tolist(),
             }
             for segment in program.segments
         ],

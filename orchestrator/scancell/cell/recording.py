@@ -9,6 +9,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import NoReturn
 
@@ -28,7 +29,7 @@ Array = NDArray[np.float64]
 
 _PARTS_OF_POSE = (("position", 3), ("orientation", 4), ("velocity", 3), ("angular_velocity", 3))
 _TRUTH = "trigger.truth."
-_BELT = "trigger.measured.conveyor[{}]"
+_MEASURED = "trigger.measured."
 _SPAN = 0.01  # s
 _INDEXED = re.compile(r"trigger\.(?:measured|truth)\.(?P<kind>qd?|conveyor|link|part|finger)\[(?P<index>[0-9]{1,9})\]")
 _LARGEST = 1e6  # m, rad, m/s, rad/s or s of an exposure
@@ -72,17 +73,25 @@ class RecordLayout:
         return cls(largest["q"], largest["part"], largest["finger"], largest["conveyor"])
 
     @property
+    def axes(self) -> dict[str, tuple[str, str]]:
+        """Columns of the measured position and rate of each axis by its name."""
+        numbers = range(1, self.joints + 1)
+        return {
+            **{f"joint[{i}]": (f"{_MEASURED}q[{i}]", f"{_MEASURED}qd[{i}]") for i in numbers},
+            "table": (f"{_MEASURED}table", f"{_MEASURED}table_rate"),
+            **{belt: (f"{_MEASURED}{belt}.travel", f"{_MEASURED}{belt}.speed") for belt in self._belts},
+        }
+
+    @property
+    def _belts(self) -> list[str]:
+        return _indexed("conveyor", self.conveyors)
+
+    @property
     def measured(self) -> tuple[str, ...]:
         """Columns of real numbers that a real controller provides."""
-        return (
-            "trigger.time",
-            "trigger.exposure",
-            *_indexed("trigger.measured.q", self.joints),
-            *_indexed("trigger.measured.qd", self.joints),
-            "trigger.measured.table",
-            "trigger.measured.table_rate",
-            *(f"{_BELT.format(i)}.{name}" for i in range(1, self.conveyors + 1) for name in ("travel", "speed")),
-        )
+        axes = list(self.axes.values())
+        positions, rates = zip(*axes[: self.joints], strict=True)
+        return ("trigger.time", "trigger.exposure", *positions, *rates, *chain.from_iterable(axes[self.joints :]))
 
     @property
     def frames(self) -> tuple[str, ...]:
@@ -110,20 +119,27 @@ class RecordLayout:
 class TriggerRecords(Value):
     """Records of a real controller, one row per exposure (n rows).
 
-    `q`, `qd` (n, joints) and `table`, `table_rate` (n,) were latched at mid-exposure `time` (n,) s; `exposure` in s.
-    So were travel and speed of the belts, `belt`, `belt_speed` (n, conveyors), m and m/s.
+    Positions `axes` and `rates` (n, k) of the named axes, rad and m, rad/s and m/s, were latched at mid-exposure `time`
+    (n,), s; `exposure` (n,) in s.
     """
 
     index: NDArray[np.int64]
     segment: NDArray[np.int64]
     time: Array
     exposure: Array
-    q: Array
-    qd: Array
-    table: Array
-    table_rate: Array
-    belt: Array
-    belt_speed: Array
+    names: tuple[str, ...]
+    axes: Array
+    rates: Array
+
+    @property
+    def q(self) -> Array:
+        """Joints (n, joints), rad."""
+        return self.axes[:, : self.names.index("table")]
+
+    @property
+    def table(self) -> Array:
+        """Angles (n,) of the table, rad."""
+        return self.axes[:, self.names.index("table")]
 
     def require_joints(self, joints: int) -> None:
         """Raises `DescriptionError` if the records are of an arm with another number of joints."""
@@ -134,31 +150,18 @@ class TriggerRecords(Value):
 
     def require_axes(self, names: Sequence[str]) -> None:
         """Raises `DescriptionError` if the records do not state one of these axes, ``conveyor[1]`` …"""
-        stated = _indexed("conveyor", self.belt.shape[1])
         for name in names:
-            if name.startswith("conveyor[") and name not in stated:
+            if name.startswith("conveyor[") and name not in self.names:
                 raise DescriptionError(
                     f"states no travel of {name}", key="recording", expected=f"trigger.measured.{name}.travel"
                 )
-
-    @property
-    def axes(self) -> Array:
-        """Positions (n, k) of all axes: joints, table, belts, rad and m."""
-        return np.column_stack([self.q, self.table, self.belt])
-
-    @property
-    def axis_rates(self) -> Array:
-        """Rates (n, k) of all axes, rad/s and m/s."""
-        return np.column_stack([self.qd, self.table_rate, self.belt_speed])
 
     def after(self, latency: float) -> TriggerRecords:
         """With all axes `latency` (s) later than they were latched, by their rates and accelerations."""
         if not latency:
             return self
-        rates = self.axis_rates
-        moved = later(self.axes, rates, slopes(rates, self.time, self.segment), latency)
-        q, table, belt = np.split(moved, [self.q.shape[1], self.q.shape[1] + 1], 1)
-        return replace(self, q=q, table=table[:, 0], belt=belt)
+        accelerations = slopes(self.rates, self.time, self.segment)
+        return replace(self, axes=later(self.axes, self.rates, accelerations, latency))
 
 
 def later(position: Array, rate: Array, acceleration: Array, time: float) -> Array:
@@ -231,22 +234,19 @@ class Recording(Value):
         """The part of the recording that reconstruction may use.
 
         Arrays of n rows: ``time`` of the middle of each exposure and its duration ``exposure``, s, ``index`` and
-        ``segment`` of the program, angles ``q`` (n, joints) and ``table``, rad, and their rates ``qd`` and
-        ``table_rate``, rad/s, travel and speed of the belts ``belt`` and ``belt_speed`` (n, conveyors), m and m/s.
+        ``segment`` of the program, positions ``axes`` and ``rates`` (n, k), rad and m, rad/s and m/s, of the axes that
+        ``names`` holds (``joint[1]``, …, ``table``, ``conveyor[1]``, …); ``q`` and ``table`` are some of the positions.
         """
-        layout = RecordLayout.of(self.columns)
-        joints, belts = layout.joints, [_BELT.format(i) for i in range(1, layout.conveyors + 1)]
+        axes = RecordLayout.of(self.columns).axes
+        positions, rates = zip(*axes.values(), strict=True)
         return TriggerRecords(
             index=self.columns["trigger.index"].astype(np.int64),
             segment=self.columns["trigger.segment"].astype(np.int64),
             time=self._stack(["trigger.time"])[:, 0],
             exposure=self._stack(["trigger.exposure"])[:, 0],
-            q=self._stack(_indexed("trigger.measured.q", joints)),
-            qd=self._stack(_indexed("trigger.measured.qd", joints)),
-            table=self._stack(["trigger.measured.table"])[:, 0],
-            table_rate=self._stack(["trigger.measured.table_rate"])[:, 0],
-            belt=self._stack([f"{belt}.travel" for belt in belts]),
-            belt_speed=self._stack([f"{belt}.speed" for belt in belts]),
+            names=tuple(axes),
+            axes=self._stack(positions),
+            rates=self._stack(rates),
         )
 
     @property
@@ -310,7 +310,7 @@ class Recording(Value):
         poses = np.stack(ends, 3).reshape(len(frames), -1, 2, 4, 4)
         return ExposureTruth(duration.ravel(), dict(zip(frames, poses, strict=True)))
 
-    def _stack(self, names: list[str]) -> Array:
+    def _stack(self, names: Sequence[str]) -> Array:
         values = [np.asarray(self.columns[name], float) for name in names]
         return np.stack(values, -1) if values else np.empty((len(self), 0))
 

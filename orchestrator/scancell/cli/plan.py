@@ -45,10 +45,10 @@ def plan(
     with Scanner(setup=options.setup(scan, path), threads=options.threads) as scanner:
         made = scanner.plan(part, unit=options.unit)
     lines = [
-        f"{part.name}: {len(made.q)} exposures in {len(made.program.segments)} segments,"
+        f"{part.name}: {len(made.axes)} exposures in {len(made.program.segments)} segments,"
         f" {made.program.duration:.1f} s of motion"
     ]
-    figures: dict[str, object] = {"exposures": len(made.q), "duration_s": made.program.duration}
+    figures: dict[str, object] = {"exposures": len(made.axes), "duration_s": made.program.duration}
     if made.coverage is not None:
         figures["seen"] = made.coverage
     if made.coverage is not None and made.report is None:
@@ -91,10 +91,10 @@ def _lines_of_report(report: CoverageReport) -> list[str]:
 def _figures_of(placed: PlacedPath, optimum: bool) -> dict[str, str | float]:
     map_ = placed.lattice.map
     figures: dict[str, str | float] = {
-        "name": placed.path.name,
+        "name": placed.view.name,
         "branch": placed.branch_name,
         "exposures": len(placed.exposures),
-        "length_m": placed.path.length,
+        "length_m": placed.view.length,
         "duration_s": placed.run.duration,
         "cost": placed.motion.cost,
         "evaluated": map_.evaluated / map_.quality.size,
@@ -127,14 +127,14 @@ def _draw(placed: PlacedPath, branch: str, file: Path, all_branches: bool) -> li
 
     chosen = placed.lattice.map
     chosen.require_all()
-    draw_map(chosen, placed.path.name, branch, placed.run.duration, placed.motion, file)
+    draw_map(chosen, placed.view.name, branch, placed.run.duration, placed.motion, file)
     files = [str(file)]
     for number, name in enumerate(placed.branch_names if all_branches else ()):
         if number != chosen.branch:
             other = chosen.of_branch(number)
             other.require_all()
             files.append(str(file.with_stem(f"{file.stem}_{name_for_file(name)}")))
-            draw_map(other, placed.path.name, name, placed.run.duration, None, Path(files[-1]))
+            draw_map(other, placed.view.name, name, placed.run.duration, None, Path(files[-1]))
     return files
 
 

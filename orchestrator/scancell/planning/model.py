@@ -33,6 +33,11 @@ _NUMERICAL_BLOCK = 96  # of an arm without closed form
 _MAX_JUDGED_FACES = 100_000  # python-fcl takes 3 s to prepare a million
 
 
+def with_table(q: ArrayLike, table: ArrayLike) -> Array:
+    """Positions (n, axes), rad, of joints (joints,) or (n, joints) and table angles () or (n,)."""
+    return np.stack(np.broadcast_arrays(*np.atleast_2d(q).T, table), -1)
+
+
 @dataclass(frozen=True)
 class SensorRange:
     """Measuring range of the sensor: a trapezoid in the laser sheet (sensor frame, m).
@@ -111,6 +116,11 @@ class PlanningCell:
     torques: TorqueLimits | None = None
     pair_clearance: Mapping[frozenset[str], float] = field(default_factory=dict)
     work: Work = field(default_factory=Work)
+
+    @property
+    def start(self) -> Array:
+        """Positions (axes,) at which every program starts, rad."""
+        return np.append(self.nominal.home, self.table_start)
 
     @cached_property
     def axis_limits(self) -> Limits:
@@ -206,23 +216,22 @@ class PlanningCell:
         values = np.broadcast_to(np.asarray(usual, float), len(pairs)).tolist()
         return np.array([own.get(frozenset(pair), value) for pair, value in zip(pairs, values, strict=True)], float)
 
-    def clearance_violations(self, q: ArrayLike, table: ArrayLike, clearance: float) -> list[Clash]:
-        """Pairs of bodies nearer than their `clearances` at joints (n, joints) and table angles (n,), rad."""
-        q, table = np.atleast_2d(np.asarray(q, float)), np.atleast_1d(np.asarray(table, float))
+    def clearance_violations(self, axes: Array, clearance: float) -> list[Clash]:
+        """Pairs of bodies nearer than their `clearances` at positions (n, axes) of joints and table, rad."""
         required, found = self.clearances(clearance) + self._errors, []
-        for first in range(0, len(q), _BLOCK):
-            rows = slice(first, first + _BLOCK)
-            self.work.spend(CONFIGURATION * len(q[rows]))
-            poses = self.nominal.body_poses(np.column_stack([q[rows], table[rows]]))
+        for first in range(0, len(axes), _BLOCK):
+            block = axes[first : first + _BLOCK]
+            self.work.spend(CONFIGURATION * len(block))
+            poses = self.nominal.body_poses(block)
             clashes = self.proximity.clearance_violations(poses, required, self.threads)
             found += [replace(clash, index=first + clash.index) for clash in clashes]
         return found
 
-    def contacts(self, q: ArrayLike, table: ArrayLike) -> list[Clash]:
-        """Pairs of bodies that touch (0.1 mm) at joints (n, joints) and table angles (n,), rad."""
-        poses, scene = self.nominal.body_poses(np.column_stack([q, table])), self.proximity
+    def contacts(self, axes: Array) -> list[Clash]:
+        """Pairs of bodies that touch (0.1 mm) at positions (n, axes) of joints and table, rad."""
         self.work.spend(0.0)
-        return scene.clearance_violations(poses, _TOUCHING + self._errors, self.threads)
+        poses = self.nominal.body_poses(axes)
+        return self.proximity.clearance_violations(poses, _TOUCHING + self._errors, self.threads)
 
     def table_from_sensor(self, q: ArrayLike) -> Array:
         """Sensor poses (..., 4, 4), m, in the frame of the table at angle 0, for joints (..., joints), rad."""

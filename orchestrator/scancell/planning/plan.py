@@ -44,8 +44,8 @@ class Plan(Value):
         From home to home, checked for reach, joint limits and collisions.
     segment
         (m,) segment id of each exposure, in order of time.
-    q, table
-        (m, joints), (m,) planned joints and table angle of each exposure, rad.
+    axes
+        (m, axes) planned joints and table angle of each exposure, rad.
     coverage
         Fraction of the part's surface that the views see, self-occlusion ignored; None for given poses.
     warnings
@@ -62,17 +62,16 @@ class Plan(Value):
     Examples
     --------
     >>> plan = scancell.plan("part.stl")
-    >>> f"{len(plan.q)} exposures, {plan.coverage:.0%} of the surface"
+    >>> f"{len(plan.axes)} exposures, {plan.coverage:.0%} of the surface"
     '1299 exposures, 71% of the surface'
     >>> file = plan.save("plan.json")
-    >>> bool(np.array_equal(scancell.Plan.load("plan.json").q, plan.q))
+    >>> bool(np.array_equal(scancell.Plan.load("plan.json").axes, plan.axes))
     True
     """
 
     program: Program
     segment: NDArray[np.int64]
-    q: Array
-    table: Array
+    axes: Array
     coverage: float | None
     warnings: tuple[str, ...]
     paths: tuple[PlacedPath, ...] = ()
@@ -81,9 +80,14 @@ class Plan(Value):
     source: str = field(default="", compare=False)
 
     @property
-    def axes(self) -> Array:
-        """Planned positions (m, axes) of joints and table at each exposure, rad."""
-        return np.column_stack([self.q, self.table])
+    def q(self) -> Array:
+        """Planned joints (m, joints) of each exposure, rad."""
+        return self.axes[:, :-1]
+
+    @property
+    def table(self) -> Array:
+        """Planned table angle (m,) of each exposure, rad."""
+        return self.axes[:, -1]
 
     @checked_arguments
     def save(self, path: str | Path) -> Path:
@@ -119,8 +123,7 @@ class Plan(Value):
             Segment(
                 item.id,
                 np.array(item.time),
-                np.array(item.q),
-                np.array(item.table),
+                item.axes,
                 TriggerRule(item.trigger.kind, item.trigger.interval),
                 item.trigger_from,
                 item.trigger_to,
@@ -129,23 +132,15 @@ class Plan(Value):
             )
             for item in read.segments
         )
-        exposures = read.exposures
-        return Plan(
-            Program(segments, read.settle),
-            np.array(exposures.segment, np.int64),
-            np.array(exposures.q),
-            np.array(exposures.table),
-            None,
-            (),
-            source=str(file.absolute()),
-        )
+        ids = np.array(read.exposures.segment, np.int64)
+        return Plan(Program(segments, read.settle), ids, read.exposures.axes, None, (), source=str(file.absolute()))
 
     def require_joints(self, joints: int) -> None:
         """Raises `DescriptionError` if the plan is for an arm with another number of joints."""
         for number, segment in enumerate(self.program.segments, 1):
-            if segment.q.shape[1] != joints:
+            if segment.axes.shape[1] != joints + 1:
                 raise DescriptionError(
-                    f"has rows of {segment.q.shape[1]} joints",
+                    f"has rows of {segment.axes.shape[1] - 1} joints",
                     file=self.source or None,
                     key=f"segments[{number}].q",
                     expected=f"{joints}, as the arm of the cell",
@@ -171,6 +166,10 @@ class _Points(Description):
 
     q: tuple[_Joints, ...]
     table: _Row
+
+    @property
+    def axes(self) -> Array:
+        return np.column_stack([self.q, self.table])
 
     @model_validator(mode="after")
     def _same_length(self) -> Self:

@@ -75,8 +75,8 @@ def plan(
     if omitted:
         seen = seen_by([item.view for item in kept], cell.range, part)
     for item in along:
-        assembly.add_path(item)
-    seen |= seen_by([item.path for item in along], cell.range, part)
+        assembly.add_motion(item)
+    seen |= seen_by([item.view for item in along], cell.range, part)
     coverage = float(seen.mean())
     plan_ = Plan(*assembly.finish(), coverage, tuple(warnings), tuple(along), report, _reductions(cell))
     return verified(cell, options, plan_)

@@ -45,7 +45,7 @@ class Triggers(Protocol):
     @property
     def axes(self) -> Array: ...
     @property
-    def axis_rates(self) -> Array: ...
+    def rates(self) -> Array: ...
 
 
 PosesAfter = Callable[[float], Array]
@@ -57,7 +57,7 @@ def poses_by_axes(triggers: Triggers, part_from_sensor: Callable[[Array], Array]
 
     `part_from_sensor` is the nominal or calibrated kinematics: positions of the axes (n, k) to poses (n, 4, 4).
     """
-    return lambda time: part_from_sensor(triggers.axes + triggers.axis_rates * time)
+    return lambda time: part_from_sensor(triggers.axes + triggers.rates * time)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -320,7 +320,7 @@ def reconstruct_points(
     kept, dropped = _sort_out(
         pose.transform_points(support_from_part, points),
         np.asarray(profiles.sigma),
-        lambda rows: triggers.axes[frame[rows]] + triggers.axis_rates[frame[rows]] * time_offset[rows, None],
+        lambda rows: triggers.axes[frame[rows]] + triggers.rates[frame[rows]] * time_offset[rows, None],
         envelope,
         neighbours,
     )

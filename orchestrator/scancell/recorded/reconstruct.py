@@ -134,12 +134,9 @@ def records_of(cell: MeasuredCell, found: Measurements, readings: AxisReadings) 
         segment=np.ones(len(readings), np.int64),
         time=found.time,
         exposure=np.zeros(len(readings)),
-        q=axes[:, :-1],
-        qd=rates[:, :-1],
-        table=axes[:, -1],
-        table_rate=rates[:, -1],
-        belt=np.empty((len(readings), 0)),
-        belt_speed=np.empty((len(readings), 0)),
+        names=cell.cell.axes,
+        axes=axes,
+        rates=rates,
     )
 
 

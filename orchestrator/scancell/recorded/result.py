@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.arguments import checked_arguments
-from scancell.cell.recording import Recording, write_recording
+from scancell.cell.recording import Recording, RecordLayout, write_recording
 from scancell.config.loading import Setup
 from scancell.evaluation.coverage import coverage, profile_spacing
 from scancell.evaluation.deviation import Deviation, deviation_from_mesh
@@ -24,9 +24,10 @@ from scancell.output.deviation_report import DeviationReport
 from scancell.output.manifest import build_version, command_words, manifest, resolved_toml
 from scancell.output.run_files import OPTIONAL_FILES, covariance_columns, write_json, write_profiles
 from scancell.output.run_folder import RunFolder
+from scancell.planning.model import with_table
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import parse_formats, write_cloud
-from scancell.recorded.reconstruct import ReconstructedData, joints_of_flange
+from scancell.recorded.reconstruct import ReconstructedData, joints_of_flange, records_of
 from scancell.values import Result
 from scancell.visibility.measurable import unknown_surface
 
@@ -229,24 +230,22 @@ class ReconstructionResult(Result):
     def _recording(self) -> Recording | None:
         """Readings as trigger records for pictures; None where the described arm does not reach poses of the flange."""
         data = self.data
-        readings = data.readings
-        q = readings.q
-        if readings.flange is not None:
-            reached = joints_of_flange(data.measured_cell.cell, readings.flange)
+        records = records_of(data.measured_cell, data.found, data.readings)
+        axes, flange = records.axes, data.readings.flange
+        if flange is not None:
+            reached = joints_of_flange(data.measured_cell.cell, flange)
             if reached is None:
                 return None
-            q = reached
-        count, rates = len(readings), readings.rates[:, :-1] if readings.flange is None else np.zeros_like(q)
+            axes = with_table(reached, records.table)
         columns: dict[str, Any] = {
-            "trigger.index": data.found.index,
-            "trigger.segment": np.ones(count, np.int64),
-            "trigger.time": data.found.time,
-            "trigger.exposure": np.zeros(count),
-            **{f"trigger.measured.q[{i}]": column for i, column in enumerate(q.T, 1)},
-            **{f"trigger.measured.qd[{i}]": column for i, column in enumerate(rates.T, 1)},
-            "trigger.measured.table": readings.table,
-            "trigger.measured.table_rate": readings.rates[:, -1],
+            "trigger.index": records.index,
+            "trigger.segment": records.segment,
+            "trigger.time": records.time,
+            "trigger.exposure": records.exposure,
         }
+        layout = RecordLayout(records.q.shape[1]).axes
+        for names, position, rate in zip(layout.values(), axes.T, records.rates.T, strict=True):
+            columns |= dict(zip(names, (position, rate), strict=True))
         return Recording(columns)
 
     def __repr__(self) -> str:

@@ -103,7 +103,7 @@ def _posture(world: World, part_from_sensor: Array, threads: int) -> tuple[dict[
     placed = Placer(cell, azimuth, 0.0).poses(part_from_sensor[None])[0]
     warnings: tuple[str, ...] = ()
     if isinstance(placed, PlacedPose):
-        frames = nominal.frame_poses([*placed.q, placed.table])
+        frames = nominal.frame_poses(placed.axes)
     else:
         frames = nominal.frame_poses(nominal.home)
         away = pose.translation((0.0, 0.0, -900.0))

@@ -20,7 +20,7 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, joined
 from scancell.geometry.voxels import MAX_VOXELS, VoxelGrid
 from scancell.nominal.cell import NominalCell
-from scancell.planning.model import PlanningCell, SensorRange
+from scancell.planning.model import PlanningCell, SensorRange, with_table
 from scancell.planning.motion.assembly import Assembly
 from scancell.planning.motion.verification import check_part
 from scancell.planning.occupancy import occupied_bodies, write_voxels
@@ -289,7 +289,7 @@ class Survey:
         nearest = np.argsort(travel, axis=1)[:, :_CHOICES]
         q = np.take_along_axis(q, nearest[..., None], 1)
         exists = np.isfinite(q).all(-1)
-        near = cell.clearance_violations(q[exists], np.zeros(int(exists.sum())), self._clearance)
+        near = cell.clearance_violations(with_table(q[exists], 0.0), self._clearance)
         rows, columns = np.nonzero(exists)
         colliding = [clash.index for clash in near]
         q[rows[colliding], columns[colliding]] = np.nan
@@ -302,7 +302,7 @@ class Survey:
             if not np.isfinite(travel[choice]):
                 return None
             try:
-                assembly.add_pose(PlacedPose("survey", choices[choice], 0.0))
+                assembly.add_pose(PlacedPose("survey", np.append(choices[choice], 0.0)))
             except WorkLimitError:
                 raise
             except PlanningError:

@@ -36,7 +36,7 @@ class ProgramMotion:
         ends = np.cumsum([float(item.times[-1]) for item in segments])
         self.begins, self.duration = np.concatenate([[0.0], ends[:-1]]), float(ends[-1])
         self._times = np.concatenate([begin + item.times for begin, item in zip(self.begins, segments, strict=True)])
-        self._axes = np.concatenate([np.column_stack([item.q, item.table]) for item in segments])
+        self._axes = np.concatenate([item.axes for item in segments])
 
     def axes(self, at: float) -> Array:
         """Joints and table angle (axes,), rad, at a time, s; at rest before the start and after the end."""
@@ -95,7 +95,7 @@ class RunMotion:
         measured.require_joints(len(cell.home))
         self.times = measured.time
         self.exposures = self.times if exposures is None else exposures
-        self._axes = np.column_stack([measured.q, measured.table])
+        self._axes = measured.axes[:, : len(cell.home) + 1]
         wanted = {name: fmu_frame(name) for name in cell.frame_poses() if name != "world"}
         if recording.has_truth:
             _require_true_poses(recording, wanted.values())
@@ -173,8 +173,7 @@ class _Plan(ProgramMotion):
         self.clock = np.zeros(len(segment))
         for one in np.unique(segment):
             rows, item = np.flatnonzero(segment == one), segments[number[int(one)]]
-            planned = np.column_stack([item.q, item.table])
-            self.clock[rows] = self.begins[number[int(one)]] + _nearest_times(item.times, planned, measured[rows])
+            self.clock[rows] = self.begins[number[int(one)]] + _nearest_times(item.times, item.axes, measured[rows])
 
 
 def _require_true_poses(recording: Recording, frames: Iterable[str]) -> None:

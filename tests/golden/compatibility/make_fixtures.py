@@ -314,10 +314,10 @@ def _write_measurements(folder: Path) -> None:
     row = np.searchsorted(recording.index, points.column("profile").to_numpy())
     columns = {"exposure": recording.index[row]}
     columns |= {f"q{i}_deg": column[row] for i, column in enumerate(np.degrees(recording.q).T, 1)}
-    columns |= {f"qd{i}_deg_s": column[row] for i, column in enumerate(np.degrees(recording.qd).T, 1)}
+    columns |= {f"qd{i}_deg_s": column[row] for i, column in enumerate(np.degrees(recording.rates[:, :6]).T, 1)}
     columns |= {
         "table_deg": np.degrees(recording.table)[row],
-        "table_rate_deg_s": np.degrees(recording.table_rate)[row],
+        "table_rate_deg_s": np.degrees(recording.rates[:, 6])[row],
     }
     columns |= {name: points.column(name).to_numpy().astype(float) for name in ("x_mm", "y_mm", "z_mm")}
     pyarrow.csv.write_csv(pyarrow.table(columns), folder / "points.csv")

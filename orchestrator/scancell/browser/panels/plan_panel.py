@@ -88,7 +88,7 @@ class PlanPanel:
         self._segment.options = _numbered(item.name for item in plan.program.segments)
         self._time.max = float(np.ceil(duration / _STEP) * _STEP)
         if plan.paths:
-            self._path.options = _numbered(item.path.name for item in plan.paths)
+            self._path.options = _numbered(item.view.name for item in plan.paths)
             self._branch.options = _numbered(plan.paths[0].branch_names)
         for handle in (*self._of_plan, self._segments):
             handle.visible = True

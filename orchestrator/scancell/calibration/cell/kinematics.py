@@ -80,15 +80,14 @@ class AxisReadings:
         return replace(self, axes=self.axes + self.rates * time)
 
     @classmethod
-    def at_rest(cls, q: Array, table: Array) -> AxisReadings:
-        """Readings of joints (n, joints) and table (n,) that do not move."""
-        axes = np.column_stack([q, table])
+    def at_rest(cls, axes: Array) -> AxisReadings:
+        """Readings of joints and table (n, axes) that do not move."""
         return cls(axes, np.zeros_like(axes), np.zeros_like(axes))
 
     @classmethod
     def of_flange(cls, flange: Array, table: Array) -> AxisReadings:
         """Measured poses (n, 4, 4) of the flange at rest."""
-        return replace(cls.at_rest(np.zeros((len(flange), 0)), table), flange=flange)
+        return replace(cls.at_rest(table[:, None]), flange=flange)
 
     def columns(self) -> dict[str, Array]:
         """Columns (n,) of tables: angles, rates and accelerations of all axes in deg, deg/s and deg/s²."""

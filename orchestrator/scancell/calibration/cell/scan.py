@@ -33,7 +33,7 @@ from scancell.calibration.cell.problem import (
 )
 from scancell.calibration.cell.solve import solve
 from scancell.calibration.cell.sphere_start import circles_of, sphere_start
-from scancell.calibration.cell.views import Candidates, candidates, design_poses, passes, plan_views
+from scancell.calibration.cell.views import candidates, design_poses, passes, plan_views
 from scancell.cell.recording import TriggerRecords, slopes
 from scancell.config.choices import Engine
 from scancell.errors import CalibrationError
@@ -119,8 +119,8 @@ def kinematics_of(nominal: NominalCell) -> CellKinematics:
 
 def readings_of(measured: TriggerRecords) -> AxisReadings:
     """Readings of the controller at every trigger, with the accelerations between triggers."""
-    moved = slice(measured.q.shape[1] + 1)  # joints and table
-    rates = measured.axis_rates[:, moved]
+    moved = slice(measured.names.index("table") + 1)
+    rates = measured.rates[:, moved]
     return AxisReadings(measured.axes[:, moved], rates, slopes(rates, measured.time, measured.segment))
 
 
@@ -294,38 +294,34 @@ class CalibrationScan:
             robot_noise=options.robot_noise,
         )
 
-    def _still(self, rng: np.random.Generator) -> Candidates:
-        """Poses at rest."""
+    def _still(self, rng: np.random.Generator) -> Array:
+        """Positions (n, axes) at rest, rad."""
         options = self.options
         wanted = max(_PER_POSE * options.poses, _LEAST_CANDIDATES) if options.poses else 0
         if not wanted:
-            return Candidates(np.zeros((0, len(self._cell.nominal.home))), np.zeros(0))
+            return self._cell.start[None, :][:0]
         found = candidates(self._cell, wanted, rng, self._scan.clearance, options.turn_table)
         problem = self._problem(self._expected_observations(found))
         problem = replace(problem, observations=problem.observations.chosen(on_artefact(problem)))
         frame = problem.observations.frame
-        seen = np.flatnonzero(np.bincount(frame, minlength=len(found.q)) >= _LEAST_POINTS)
+        seen = np.flatnonzero(np.bincount(frame, minlength=len(found)) >= _LEAST_POINTS)
         if len(seen) < options.poses:
             raise CalibrationError(
-                f"{len(seen)} of {len(found.q)} random views show {_LEAST_POINTS} points of it, {options.poses} poses"
+                f"{len(seen)} of {len(found)} random views show {_LEAST_POINTS} points of it, {options.poses} poses"
                 " were requested: place it where the sensor sees more of it",
                 file=self._part.source,
             )
         if not options.designed:
-            return Candidates(found.q[seen[: options.poses]], found.table[seen[: options.poses]])
+            return found[seen[: options.poses]]
         problem = replace(_of_exposures(problem, seen), robot_noise="flange")
-        rows = seen[design_poses(problem, _EXPECTED, options.poses).rows]
-        return Candidates(found.q[rows], found.table[rows])
+        return found[seen[design_poses(problem, _EXPECTED, options.poses).rows]]
 
-    def _expected_observations(self, found: Candidates) -> Observations:
-        """Observations of the nominal sensor from the candidates in the nominal cell, by ideal rays."""
-        sensor, index = self.world.sensor, np.arange(len(found.q), dtype=np.int64)
-        frames, once = (
-            self.world.nominal.frame_poses(np.column_stack([found.q, found.table])),
-            np.array([[0.0, sensor.exposure]]),
-        )
+    def _expected_observations(self, axes: Array) -> Observations:
+        """Observations of the nominal sensor at positions (n, axes) in the nominal cell, by ideal rays."""
+        sensor, index = self.world.sensor, np.arange(len(axes), dtype=np.int64)
+        frames, once = self.world.nominal.frame_poses(axes), np.array([[0.0, sensor.exposure]])
         sensed = self.world.expose_at_rest(frames, index, once, "geometric", threads=self.pipeline.threads)
-        return observations_of(sensed.points, AxisReadings.at_rest(found.q, found.table), sensor)
+        return observations_of(sensed.points, AxisReadings.at_rest(axes), sensor)
 
 
 def with_sphere_start(problem: CalibrationProblem, part: Mesh) -> CalibrationProblem:

@@ -15,7 +15,7 @@ from scancell.calibration.variance_components import informations
 from scancell.errors import CalibrationError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
-from scancell.planning.model import PlanningCell
+from scancell.planning.model import PlanningCell, with_table
 from scancell.planning.motion.assembly import Assembly
 from scancell.planning.motion.verification import check_part, verified
 from scancell.planning.options import ScanOptions
@@ -36,39 +36,26 @@ _PASS_TRIES = 12
 _PRIOR = 1e-4  # information per unit² (10 mm, 100 ms ...): the first poses alone determine nothing
 
 
-@dataclass(frozen=True)
-class Candidates:
-    """Joints (n, joints) and table angles (n,), rad, at which the sensor views the artefact with clearance."""
-
-    q: Array
-    table: Array
-
-
-def candidates(
-    cell: PlanningCell, count: int, rng: np.random.Generator, clearance: float, turn_table: bool
-) -> Candidates:
-    """Random views of the measured surfaces of an artefact.
+def candidates(cell: PlanningCell, count: int, rng: np.random.Generator, clearance: float, turn_table: bool) -> Array:
+    """Random positions (n, axes), rad, at which the sensor views the measured surfaces of an artefact with clearance.
 
     Raises `CalibrationError` if the arm reaches none.
     """
-    found_q: list[Array] = []
-    found_table: list[Array] = []
+    found: list[Array] = []
     total = 0
     for _ in range(_ATTEMPTS * count // _BLOCK + 1):
         part_from_sensor = _random_views(cell, _BLOCK, rng)
         table = rng.uniform(-np.pi, np.pi, _BLOCK) if turn_table else np.zeros(_BLOCK)
-        at_home = np.column_stack([np.tile(cell.nominal.home, (_BLOCK, 1)), table])
+        at_home = with_table(cell.nominal.home, table)
         world_from_sensor = cell.nominal.world_from("part", at_home) @ part_from_sensor
         solutions = cell.nominal.arm.ik(world_from_sensor @ pose.inverse(cell.nominal.flange_from_sensor))
         # A random one of the configurations that reach the view.
         score = np.where(np.isnan(solutions).any(2), -1.0, rng.uniform(size=solutions.shape[:2]))
-        chosen = solutions[np.arange(_BLOCK), score.argmax(1)]
-        reached = np.flatnonzero(score.max(1) >= 0.0)
-        near = {clash.index for clash in cell.clearance_violations(chosen[reached], table[reached], clearance)}
-        free = reached[[row for row in range(len(reached)) if row not in near]]
-        found_q.append(chosen[free])
-        found_table.append(table[free])
-        total += len(free)
+        chosen = with_table(solutions[np.arange(_BLOCK), score.argmax(1)], table)
+        reached = chosen[score.max(1) >= 0.0]
+        near = [clash.index for clash in cell.clearance_violations(reached, clearance)]
+        found.append(np.delete(reached, near, 0))
+        total += len(found[-1])
         if total >= count:
             break
     if not total:
@@ -77,7 +64,7 @@ def candidates(
             " place it elsewhere (cell.part.x_mm, cell.part.y_mm)",
             file=cell.nominal.part.source,
         )
-    return Candidates(np.concatenate(found_q)[:count], np.concatenate(found_table)[:count])
+    return np.concatenate(found)[:count]
 
 
 def _random_views(cell: PlanningCell, count: int, rng: np.random.Generator) -> Array:
@@ -153,26 +140,25 @@ def _pass(part_from_sensor: Array, number: int) -> Pass:
     return Pass(f"calibration pass {number + 1}", start, end)
 
 
-def plan_views(cell: PlanningCell, options: ScanOptions, still: Candidates, moving: Sequence[PlacedPass]) -> Plan:
-    """Collision-free program: one exposure at rest at each of `still`, the nearest in time next; then the passes.
+def plan_views(cell: PlanningCell, options: ScanOptions, still: Array, moving: Sequence[PlacedPass]) -> Plan:
+    """Collision-free program: an exposure at rest at each of `still` (n, axes), rad, the nearest next; then the passes.
 
     Raises `PlanningError` if no collision-free path is found.
     """
     check_part(cell)
     options = replace(options, dynamic=True)
     assembly = Assembly(cell, options)
-    axes = zip(still.q, still.table.tolist(), strict=True)
-    left = [PlacedPose(f"pose {number}", q, table) for number, (q, table) in enumerate(axes, 1)]
+    left = [PlacedPose(f"pose {number}", axes) for number, axes in enumerate(still, 1)]
     skipped: list[str] = []
     while left:
-        nearest = int(np.argmin([assembly.time_to(np.append(one.q, one.table)) for one in left]))
+        nearest = int(np.argmin([assembly.time_to(one.axes) for one in left]))
         one = left.pop(nearest)
         try:
             assembly.add_pose(one)
         except PlanningError as error:
             skipped.append(f"{one.name} is left out: {error}")
     for view in moving:
-        assembly.add_pass(view)
+        assembly.add_motion(view)
     return verified(cell, options, Plan(*assembly.finish(), None, tuple(skipped)))
 
 

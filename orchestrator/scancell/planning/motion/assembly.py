@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from scancell.cell.program import BeltRun, Program, Segment, TriggerRule
 from scancell.errors import PlanningError
-from scancell.planning.model import PlanningCell
+from scancell.planning.model import PlanningCell, with_table
 from scancell.planning.motion import trajectory
 from scancell.planning.motion.connection import Connector
 from scancell.planning.options import ScanOptions
@@ -16,7 +16,7 @@ from scancell.planning.views.placement import Placed, PlacedPass, PlacedPose, Pl
 from scancell.planning.work import WorkLimitError
 
 Array = NDArray[np.float64]
-Parts = tuple[Program, NDArray[np.int64], Array, Array]
+Parts = tuple[Program, NDArray[np.int64], Array]
 
 
 def approach(cell: PlanningCell, clearance: float, start: Array, goal: Array, purpose: str) -> Program | None:
@@ -26,7 +26,7 @@ def approach(cell: PlanningCell, clearance: float, start: Array, goal: Array, pu
     """
     motions = Connector(cell, clearance).connect(start, goal, purpose)
     segments = (
-        Segment(number, _times(points, cell), points[:, :-1], points[:, -1], name=f"to {purpose}")
+        Segment(number, _times(points, cell), points, name=f"to {purpose}")
         for number, points in enumerate(motions, start=1)
     )
     return Program(tuple(segments)) if motions else None
@@ -51,7 +51,7 @@ class Assembly:
         self._cell = cell
         self._options = options
         self._connector = Connector(cell, options.clearance)
-        self._at = np.append(cell.nominal.home, cell.table_start)
+        self._at = cell.start
         self._segments: list[Segment] = []
         self._exposures: list[tuple[int, Array]] = []
         self._views: list[tuple[Placed, tuple[Array, int, int]]] = []  # with what there was before each
@@ -66,7 +66,7 @@ class Assembly:
             if isinstance(placed, PlacedSweep):
                 self.add_sweep(placed, count)
             else:
-                self.add_pass(placed)
+                self.add_motion(placed)
         except PlanningError:
             self._return_to(before)
             raise
@@ -101,51 +101,37 @@ class Assembly:
         step = 2 * np.pi / count
         first = 2 * np.pi * np.round(self._at[-1] / (2 * np.pi))
         angles = first + step * np.arange(count)
-        points = np.column_stack([np.tile(placed.q, (count, 1)), angles])
+        points = with_table(placed.q, angles)
         if not self._options.dynamic:
             self._expose_at_rest(points, placed.view.name, are_free=True)
             return
         assert self._options.sweep is not None
         run = sweep_run(self._cell, count, self._options.sweep.speed)
         table = first + run.at(trajectory.cycle_times(run.duration, self._cell.cycle))
-        setpoints = np.column_stack([np.tile(placed.q, (len(table), 1)), table])
-        self._run(setpoints, run, TriggerRule("table_angle", step), points, placed.view.name)
+        self._run(with_table(placed.q, table), run, TriggerRule("table_angle", step), points, placed.view.name)
 
-    def add_pass(self, placed: PlacedPass) -> None:
-        """Append a straight pass: at constant speed in dynamic mode, exposure by exposure otherwise."""
-        table = self._reachable_table(placed.table)
-        points = np.column_stack([placed.exposures, np.full(len(placed.exposures), table)])
+    def add_motion(self, placed: PlacedPass | PlacedPath) -> None:
+        """Append a motion of the sensor: at constant speed in dynamic mode, exposure by exposure otherwise."""
+        turns = self._turns(placed.axes[0])
+        points, view = placed.exposures + turns, placed.view
         if not self._options.dynamic:
-            self._expose_at_rest(points, placed.view.name)
+            self._expose_at_rest(points, view.name)
             return
-        setpoints = np.column_stack([placed.q, np.full(len(placed.q), table)])
-        interval = placed.view.length / (len(points) - 1)
-        self._run(setpoints, placed.run, TriggerRule("path_distance", interval), points, placed.view.name)
-
-    def add_path(self, placed: PlacedPath) -> None:
-        """Append a sensor path, along which arm and table move together."""
-        turns = 2 * np.pi * np.round((self._at[-1] - placed.table[0]) / (2 * np.pi))
-        points = placed.exposures + np.append(np.zeros(placed.q.shape[1]), turns)
-        if not self._options.dynamic:
-            self._expose_at_rest(points, placed.path.name)
-            return
-        setpoints = np.column_stack([placed.q, placed.table + turns])
-        interval = placed.path.length / (len(points) - 1)
-        self._run(setpoints, placed.run, TriggerRule("path_distance", interval), points, placed.path.name)
+        rule = TriggerRule("path_distance", view.length / (len(points) - 1))
+        self._run(placed.axes + turns, placed.run, rule, points, view.name)
 
     def add_pose(self, placed: PlacedPose) -> None:
         """Append one exposure at rest."""
-        point = np.append(placed.q, self._reachable_table(placed.table))
-        self._expose_at_rest(point[None], placed.name)
+        self._expose_at_rest((placed.axes + self._turns(placed.axes))[None], placed.name)
 
     def add_belt(self, placed: PlacedPose, run: BeltRun, pitch: float, count: int) -> None:
         """Append the motion to the pose of the sensor, where it rests while the belt runs, with `count` exposures."""
-        point = np.append(placed.q, placed.table)
-        *before, last = self._connector.connect(self._at, point, placed.name) or [self._connector.move(self._at, point)]
+        goal, name = placed.axes, placed.name
+        *before, last = self._connector.connect(self._at, goal, name) or [self._connector.move(self._at, goal)]
         for setpoints in before:
-            self._append(setpoints, TriggerRule(), 0.0, 0.0, f"to {placed.name}")
-        number = self._append(last, TriggerRule("belt_travel", pitch), 0.0, 0.0, placed.name, run)
-        self._exposures += count * [(number, point[None])]
+            self._append(setpoints, TriggerRule(), 0.0, 0.0, f"to {name}")
+        number = self._append(last, TriggerRule("belt_travel", pitch), 0.0, 0.0, name, run)
+        self._exposures += count * [(number, goal[None])]
 
     def finish(self) -> Parts:
         """Append the motion home, unless it was appended, and return the result.
@@ -158,32 +144,32 @@ class Assembly:
             All segments.
         segment
             (m,) segment id of each exposure.
-        q, table
-            (m, joints), (m,) joints and table angle of each exposure, rad.
+        axes
+            (m, axes) joints and table angle of each exposure, rad.
         """
         self._go(np.append(self._cell.nominal.home, self._at[-1]), "home")
         program = Program(tuple(self._segments), 0.0 if self._all_moving() else self._options.settle)
         ids = np.array([number for number, _ in self._exposures], np.int64)
-        points = np.concatenate([points for _, points in self._exposures])
-        return program, ids, points[:, :-1], points[:, -1]
+        return program, ids, np.concatenate([points for _, points in self._exposures])
 
     def time_to(self, start: Array) -> float:
         """Time (s) of the direct motion from the present set-point to joints and a table angle (axes,), rad."""
-        goal = np.append(start[:-1], self._nearest_table(float(start[-1])))
-        return len(self._connector.move(self._at, goal)) * self._cell.cycle
+        return len(self._connector.move(self._at, start + self._nearest_turns(start))) * self._cell.cycle
 
     def _all_moving(self) -> bool:
         return all(segment.trigger.kind != "request" for segment in self._segments)
 
-    def _nearest_table(self, angle: float) -> float:
-        turn = 2 * np.pi
-        return float(angle + turn * np.round((self._at[-1] - angle) / turn))
+    def _nearest_turns(self, goal: Array) -> Array:
+        """Full turns (axes,), rad, of the table alone that bring `goal` (axes,) nearest."""
+        turn = np.append(np.zeros(len(goal) - 1), 2 * np.pi)
+        return np.asarray(turn * np.round((self._at[-1] - goal[-1]) / (2 * np.pi)))
 
-    def _reachable_table(self, angle: float) -> float:
-        """The angle, modulo a full turn, to which the table gets whatever the arm does: the nearest one, if several."""
-        nearest = self._nearest_table(angle)
-        other = nearest - np.copysign(2 * np.pi, nearest - self._at[-1])
-        return next((table for table in (nearest, other) if self._connector.is_table_free(self._at, table)), nearest)
+    def _turns(self, goal: Array) -> Array:
+        """Full turns (axes,), rad, by which the table gets to `goal` whatever the arm does: the nearest, if several."""
+        nearest = self._nearest_turns(goal)
+        back = np.append(np.zeros(len(goal) - 1), np.copysign(2 * np.pi, goal[-1] + nearest[-1] - self._at[-1]))
+        ways = (nearest, nearest - back)
+        return next((way for way in ways if self._connector.is_table_free(self._at, (goal + way)[-1])), nearest)
 
     def _go(self, goal: Array, purpose: str) -> None:
         self._approaching(purpose)
@@ -218,6 +204,6 @@ class Assembly:
     ) -> int:
         number = len(self._segments) + 1
         times = _times(setpoints, self._cell)
-        self._segments.append(Segment(number, times, setpoints[:, :-1], setpoints[:, -1], rule, start, end, name, belt))
+        self._segments.append(Segment(number, times, setpoints, rule, start, end, name, belt))
         self._at = setpoints[-1]
         return number

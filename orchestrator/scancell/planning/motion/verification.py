@@ -32,7 +32,7 @@ def check_part(cell: PlanningCell) -> None:
     """
     if cell.nominal.support == "table":
         _check_on_table(cell)
-    hit = cell.contacts(cell.nominal.home[None], np.array([cell.table_start]))
+    hit = cell.contacts(cell.start[None])
     if hit:
         raise PlanningError(f"at the home position: {describe(hit[0])}")
 
@@ -63,22 +63,22 @@ def recheck(cell: PlanningCell, saved: Plan, options: ScanOptions) -> Plan:
     continue, exceeds a limit, or comes too close to something; with the segment.
     """
     check_part(cell)
-    nominal, at = cell.nominal, np.append(cell.nominal.home, cell.table_start)
+    nominal, at = cell.nominal, cell.start
     motions = cell.motion_check(options.clearance)
     lower, upper = nominal.arm.limits
     for segment in saved.program.segments:
         where = f"{saved.source}: segment {segment.id} ({segment.name})"
-        if segment.q.shape[1] != len(nominal.home):
-            raise PlanningError(f"{where}: {segment.q.shape[1]} joints, the arm has {len(nominal.home)}")
+        points = segment.axes
+        if points.shape[1] != len(at):
+            raise PlanningError(f"{where}: {points.shape[1] - 1} joints, the arm has {len(nominal.home)}")
         if np.abs(np.diff(segment.times, prepend=-cell.cycle) - cell.cycle).max() > 1e-9:
             raise PlanningError(
                 f"{where}", expected=f"a set-point every {1e3 * cell.cycle:g} ms from 0, the controller's cycle"
             )
-        points = np.column_stack([segment.q, segment.table])
         gap = float(np.abs(points[0] - at).max())
         if gap > _SAME_PLACE:
             raise PlanningError(f"{where}: starts {np.degrees(gap):.3f} deg from where the motion before it ends")
-        if (segment.q < lower - _SAME_PLACE).any() or (segment.q > upper + _SAME_PLACE).any():
+        if (points[:, :-1] < lower - _SAME_PLACE).any() or (points[:, :-1] > upper + _SAME_PLACE).any():
             raise PlanningError(f"{where}: leaves the joint limits")
         resting = np.concatenate([*3 * [points[:1]], points, *3 * [points[-1:]]])
         used = trajectory.limit_fractions(resting, cell.axis_limits, cell.cycle)
@@ -103,14 +103,13 @@ def verified(cell: PlanningCell, options: ScanOptions, made: Plan) -> Plan:
     if not options.verify:
         return made
     segments = made.program.segments
-    axes = [np.column_stack([segment.q, segment.table])[::2] for segment in segments]
-    poses = cell.nominal.body_poses(np.concatenate(axes))
+    poses = cell.nominal.body_poses(np.concatenate([segment.axes[::2] for segment in segments]))
     cell.work.doing = "checking the finished plan by python-fcl"
     names = [body.name for body in cell.nominal.bodies]
     # Occupied space around bodies that stand in the cell cannot be told from them, and counts for the arm alone.
     measured, others = [name for name in names if name.startswith(OCCUPIED)], set(names) - set(arm_chain(cell.nominal))
     around = [frozenset(pair) for pair in product(measured, others)]
-    start = cell.nominal.body_poses([*cell.nominal.home, cell.table_start])
+    start = cell.nominal.body_poses(cell.start)
     judge = Judge(cell.judged_meshes, names, start, around)
     for first in range(0, len(poses), _BLOCK):
         block = poses[first : first + _BLOCK]

@@ -46,14 +46,14 @@ class PlacedPath(Value):
 
     Attributes
     ----------
-    path
+    view
         The path.
     run
         Distance along the path by time.
     at
         Joints and table angle (n, axes), rad, at times (n,), s.
-    q, table
-        (n, joints), (n,) set-points of each cycle, rad.
+    axes
+        (n, axes) set-points of joints and table of each cycle, rad.
     exposures
         (m, axes) joints and table angle of each exposure, rad.
     branch_names
@@ -64,11 +64,10 @@ class PlacedPath(Value):
         Why it is slower than asked for.
     """
 
-    path: SensorPath
+    view: SensorPath
     run: trajectory.Run
     at: Callable[[Array], Array]
-    q: Array
-    table: Array
+    axes: Array
     exposures: Array
     branch_names: tuple[str, ...]
     lattice: Lattice
@@ -236,8 +235,7 @@ class PathPlanner:
         exposures = positions(np.asarray(run.trigger_from + np.arange(timing.count) * pitch / run.speed))
         names = nominal.arm.branch_names
         note = f"{path.name}: {needed}" if needed.factor > 1 else ""
-        q, table = setpoints[:, :-1], setpoints[:, -1]
-        return PlacedPath(path, slow, slow_positions, q, table, exposures, names, lattice, motion, note)
+        return PlacedPath(path, slow, slow_positions, setpoints, exposures, names, lattice, motion, note)
 
     def _blocked(self, lattice: Lattice) -> str:
         name = self._cell.nominal.arm.branch_names[lattice.map.branch]

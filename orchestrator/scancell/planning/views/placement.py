@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.geometry import pose
-from scancell.planning.model import PlanningCell
+from scancell.planning.model import PlanningCell, with_table
 from scancell.planning.motion import trajectory
 from scancell.planning.motion.timing import slowdown
 from scancell.planning.path_map import constraints
@@ -50,15 +50,14 @@ class PlacedSweep:
 
 @dataclass(frozen=True)
 class PlacedPass:
-    """A pass with its table angle (rad), its run, the joints `q` (n, joints) of each cycle and at its `exposures`.
+    """A pass with its run, the positions (n, axes) of joints and table, rad, of each cycle and at its `exposures`.
 
     `note` is the reason why it is slower than requested.
     """
 
     view: Pass
-    table: float
     run: trajectory.Run
-    q: Array
+    axes: Array
     exposures: Array
     branch: int
     note: str = ""
@@ -66,16 +65,15 @@ class PlacedPass:
     @property
     def ends(self) -> tuple[Array, Array]:
         """Joints and table angle (axes,), rad, where it starts and ends."""
-        return np.append(self.q[0], self.table), np.append(self.q[-1], self.table)
+        return self.axes[0], self.axes[-1]
 
 
 @dataclass(frozen=True)
 class PlacedPose:
-    """One exposure at rest with joints (joints,) and table angle, rad."""
+    """One exposure at rest with positions (axes,) of joints and table, rad."""
 
     name: str
-    q: Array
-    table: float
+    axes: Array
 
 
 @dataclass(frozen=True)
@@ -143,9 +141,9 @@ class Placer:
         for i, view in enumerate(views):
 
             def check(choice: int, i: int = i) -> Infeasible | None:
-                joints = np.repeat(q[i, choice][None], len(table), 0)
                 # Most collisions occur at every table angle: check one first.
-                return self._collision(joints[:1], table[:1]) or self._collision(joints, table)
+                axes = with_table(q[i, choice], table)
+                return self._collision(axes[:1]) or self._collision(axes)
 
             def place(choice: int, i: int = i, view: Sweep = view) -> PlacedSweep | Infeasible:
                 return self._collision_of_turn(q[i, choice]) or PlacedSweep(view, q[i, choice], choice % branches)
@@ -197,8 +195,7 @@ class Placer:
             def check(choice: int, i: int = i) -> Infeasible | None:
                 turned, number = divmod(choice, branches)
                 # Most collisions occur at one of these poses: inverse kinematics along the pass takes much longer.
-                at = q[i, turned, :, number]
-                return self._collision(at, np.full(len(at), angles[turned]))
+                return self._collision(with_table(q[i, turned, :, number], angles[turned]))
 
             def place(choice: int, i: int = i, view: Pass = view) -> PlacedPass | Infeasible:
                 turned, number = divmod(choice, branches)
@@ -232,14 +229,18 @@ class Placer:
         score = metric / (1 + np.repeat(np.abs(sides - self._azimuth), branches))
         order = np.argsort(-score, axis=1, kind="stable")
         result: list[PlacedPose | Infeasible] = []
+
+        def axes(choice: int, i: int) -> Array:
+            return np.append(q[i, choice], angle[i, choice // branches])
+
         for i in range(len(targets)):
             name = f"pose {i + 1}"
 
             def check(choice: int, i: int = i) -> Infeasible | None:
-                return self._collision(q[i, choice][None], angle[i, choice // branches][None])
+                return self._collision(axes(choice, i)[None])
 
             def place(choice: int, i: int = i, name: str = name) -> PlacedPose:
-                return PlacedPose(name, q[i, choice], float(angle[i, choice // branches]))
+                return PlacedPose(name, axes(choice, i))
 
             choices = order[i][metric[i][order[i]] > _MIN_METRIC]
             result.append(self._first_feasible(name, choices, 0 * choices, check, place, targets[i]))
@@ -247,15 +248,16 @@ class Placer:
 
     def still(self, name: str, table_from_sensor: Array) -> PlacedPose | Infeasible:
         """The pose (4, 4) of the sensor with the table where it starts, or why it is infeasible."""
-        q, table = self._cell.ik(table_from_sensor[None])[0], self._cell.table_start
+        q = self._cell.ik(table_from_sensor[None])[0]
+        axes = with_table(q, self._cell.table_start)
         metric = constraints.arm_metric(self._cell.nominal.arm, q)
         order = np.argsort(-metric, kind="stable")
 
         def check(choice: int) -> Infeasible | None:
-            return self._collision(q[choice][None], np.array([table]))
+            return self._collision(axes[choice][None])
 
         def place(choice: int) -> PlacedPose:
-            return PlacedPose(name, q[choice], table)
+            return PlacedPose(name, axes[choice])
 
         choices = order[metric[order] > _MIN_METRIC]
         return self._first_feasible(name, choices, 0 * choices, check, place, table_from_sensor[None])
@@ -297,7 +299,7 @@ class Placer:
     def _turn_clashes(self) -> list[MotionClash | None]:
         """What the table and its parts meet in equal steps of a full turn from where it starts, without the arm."""
         cell, angles = self._cell, self._cell.table_start + np.linspace(0.0, 2 * np.pi, _TURN_STEPS + 1)
-        axes = np.column_stack([np.tile(cell.nominal.home, (len(angles), 1)), angles])
+        axes = with_table(cell.nominal.home, angles)
         return self._motions.first_clashes(axes[:-1], axes[1:], clearance=cell.table_clearances(self._clearance))
 
     def _blocked_turn(self) -> str:
@@ -316,9 +318,9 @@ class Placer:
         (clash,) = self._motions.first_clashes(np.append(q, 0.0), np.append(q, 2 * np.pi))
         return None if clash is None else Infeasible(describe(clash))
 
-    def _collision(self, q: Array, table: Array) -> Infeasible | None:
-        """The smallest distance below the clearance at joints (n, joints) and table angles (n,), or None."""
-        near = self._cell.clearance_violations(q, table, self._clearance)
+    def _collision(self, axes: Array) -> Infeasible | None:
+        """The smallest distance below the clearance at positions (n, axes) of joints and table, or None."""
+        near = self._cell.clearance_violations(axes, self._clearance)
         if not near:
             return None
         of_sensor = any({c.body_a, c.body_b} <= {"sensor", "part", "table", "table_base"} for c in near)
@@ -334,24 +336,21 @@ class Placer:
         cell = self._cell
         turn = pose.from_rotation(pose.rotation_about(2, table))
 
-        def joints(path: Array) -> Array:
+        def positions(path: Array) -> Array:
             # All start with the same pose, by which branches without names are numbered.
             along = np.concatenate([run.at([0.0]), path])
-            return np.asarray(cell.ik_along(turn @ view.at(along)[None], reference=middle)[0, 1:, branch])
+            q = cell.ik_along(turn @ view.at(along)[None], reference=middle)[0, 1:, branch]
+            return with_table(q, table)
 
-        needed = slowdown(cell, lambda time: _with_table(joints(run.at(time)), table), run.duration)
+        needed = slowdown(cell, lambda time: positions(run.at(time)), run.duration)
         if isinstance(needed, str):
             return Infeasible(needed)
-        exposures = joints(np.linspace(0.0, view.length, count))
+        exposures = positions(np.linspace(0.0, view.length, count))
         slow = run.slowed(needed.factor)
-        moving = joints(slow.at(trajectory.cycle_times(slow.duration, cell.cycle)))
-        collision = self._collision(moving[::4], np.full(len(moving[::4]), table))
+        moving = positions(slow.at(trajectory.cycle_times(slow.duration, cell.cycle)))
+        collision = self._collision(moving[::4])
         if collision is None:
-            clash = self._motions.clash_along(_with_table(moving, table))
+            clash = self._motions.clash_along(moving)
             collision = None if clash is None else Infeasible(describe(clash))
         note = f"{view.name}: {needed}" if needed.factor > 1 else ""
-        return collision or PlacedPass(view, table, slow, moving, exposures, branch, note)
-
-
-def _with_table(q: Array, table: float) -> Array:
-    return np.column_stack([q, np.full(len(q), table)])
+        return collision or PlacedPass(view, slow, moving, exposures, branch, note)

@@ -333,7 +333,7 @@ class Operator:
 
     def _load(self, points: Array) -> None:
         times = np.asarray(self._cycle * np.arange(len(points)), np.float64)
-        program = Program((Segment(1, times, points[:, :-1], np.asarray(points[:, -1], np.float64)),))
+        program = Program((Segment(1, times, points),))
         path = (self._folder / f"program{len(self.begun)}.json").absolute()
         path.write_text(json.dumps(program_data(program)))
         self._cell.set_string("command.program", str(path))
