@@ -320,7 +320,9 @@ def reconstruct_points(
     kept, dropped = _sort_out(
         pose.transform_points(support_from_part, points),
         np.asarray(profiles.sigma),
-        lambda rows: triggers.axes[frame[rows]] + triggers.rates[frame[rows]] * time_offset[rows, None],
+        lambda axis, rows: (
+            triggers.axes[:, axis][frame[rows]] + triggers.rates[:, axis][frame[rows]] * time_offset[rows]
+        ),
         envelope,
         neighbours,
     )
@@ -360,14 +362,14 @@ def with_normals(cloud: Cloud, triggers: Triggers, poses_after: PosesAfter, thre
 def _sort_out(
     points_on_support: Array,
     sigma: NDArray[np.floating[Any]],
-    axes: Callable[[NDArray[np.int64]], Array],
+    position: Callable[[int, NDArray[np.int64]], Array],
     envelope: Envelope,
     neighbours: Neighbours | None,
 ) -> tuple[NDArray[np.int64], Dropped]:
     """Rows (k,) of the part's points among those in the frame of its support (n, 3), and what became of the others.
 
     `sigma` (n,) are the standard deviations of the points, m.
-    `axes` gives the positions (k, axes) of the axes at the points of some rows.
+    `position` gives the positions (k,) of one axis, by its column, at the points of some rows.
     """
     inside = envelope.contains(points_on_support)
     on_part = ambiguous = np.zeros(0, bool)
@@ -380,7 +382,7 @@ def _sort_out(
     height = beyond[low, 2]
     foreign: dict[str, int] = {}
     if neighbours is not None:
-        owner = foreign_points(points_on_support[kept], axes(kept)[:, neighbours.axis], neighbours)
+        owner = foreign_points(points_on_support[kept], position(neighbours.axis, kept), neighbours)
         found = zip(*np.unique(owner[owner >= 0], return_counts=True), strict=True)
         foreign = {neighbours.bodies[number].name: int(count) for number, count in found}
         kept = kept[owner < 0]
