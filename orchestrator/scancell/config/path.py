@@ -11,7 +11,7 @@ from scancell.config.description import Angle, Coordinate, Description, FileDesc
 _Power = Annotated[float, Field(ge=0.001, le=1000.0)]
 _Weight = Annotated[float, Field(ge=0.0, le=1e6)]
 _Singularity = Annotated[float, Field(ge=0.0, le=100.0)]
-_Elevation = Annotated[float, Field(ge=0.0, le=90.0)]
+_PathElevation = Annotated[float, Field(ge=0.0, le=90.0)]
 
 
 class WaypointDescription(Description):
@@ -21,7 +21,7 @@ class WaypointDescription(Description):
     y_mm: Coordinate = Field(description="point that the sensor looks at, part frame, mm")
     z_mm: Coordinate = Field(description="point that the sensor looks at, part frame, mm")
     azimuth_deg: Angle = Field(default=0.0, description="direction from the point to the sensor, from +x about z, deg")
-    elevation_deg: _Elevation = Field(default=90.0, description="that direction above the horizontal, deg")
+    elevation_deg: _PathElevation = Field(default=90.0, description="that direction above the horizontal, deg")
     roll_deg: Angle = Field(
         default=0.0, description="rotation of the sensor about its Z axis; at 0 its laser line is vertical, deg"
     )
@@ -34,7 +34,7 @@ class SpiralDescription(Description):
         default=1.0, description="turns around z of the part, counterclockwise if positive"
     )
     start_deg: Angle = Field(default=0.0, description="azimuth at the start, from +x of the part about z, deg")
-    elevation_deg: tuple[_Elevation, _Elevation] = Field(
+    elevation_deg: tuple[_PathElevation, _PathElevation] = Field(
         default=(30.0, 60.0), description="angle of the viewing direction above the horizontal, start and end, deg"
     )
     radius_mm: tuple[Length, Length] | None = Field(
@@ -51,7 +51,7 @@ class ContourDescription(Description):
     """Once around the part's outermost contour at one height; the laser line is upright."""
 
     height_mm: Coordinate = Field(description="height of the contour in the part frame, mm")
-    elevation_deg: _Elevation = Field(
+    elevation_deg: _PathElevation = Field(
         default=30.0,
         description="angle of the viewing direction above the horizontal, towards the contour's normal, deg",
     )

@@ -23,17 +23,17 @@ from scancell.proximity.motion_check import Budget, MotionClash
 Array = NDArray[np.float64]
 
 # Comparisons of faces or their bounding volumes (about 0.08 µs each): the path is not proved beyond.
-_WORK = 70_000
+_JOG_WORK = 70_000
 _BENDING = 1.5  # of the measured curvature between its samples
 _FARTHEST_ASTRAY = 0.2  # rad: links of an arm are too close to each other for stops that may deviate more
-_FINE = 2, 64  # pieces in which slow jogs stop, and the parts of each that are distinguished
+_JOG_PIECES = 2, 64  # pieces in which slow jogs stop, and the parts of each that are distinguished
 _COARSE = 4  # parts of the other pieces
 _LEAST = 0.002  # smallest permitted share of the full speed above 0
 _SLOW = 0.25  # share up to which stops leave the path so little that they are checked on their own
 _LARGER = 1.5  # of the largest error of the angles, for which the permitted share leaves room
 # Reaction times for which the permitted share s leaves room: near a body s falls by the factor e in this time, so that
 # the share that was permitted a reaction time before is safe as well, also where answers arrive 0.1 s late.
-_EASY = 2.5
+_JOG_SHARE = 2.5
 _RAMP = 1.1  # of the time that the controller takes to slow down, for which the permitted share leaves room
 
 
@@ -105,7 +105,7 @@ class JogCheck:
         error = np.abs(points[0] - axes) + self._free_path.angle_error
         # The errors of the next state differ: the speed is reduced for larger ones.
         larger = np.maximum(error, _LARGER * self._free_path.angle_error)
-        budget, shown = Budget(_WORK), spacing * (len(points) - 1)
+        budget, shown = Budget(_JOG_WORK), spacing * (len(points) - 1)
         permitted, clash, free_at = 0.0, None, {}
         for most in (1.0, _SLOW) if in_force > _SLOW else (_SLOW, 1.0):  # one of them is mostly enough
             free_at[most], found = self._search(jog, larger, most, self._room(jog, most), budget.share(2))
@@ -144,7 +144,7 @@ class JogCheck:
         astray = path.deviation.max(1) > _FARTHEST_ASTRAY
         known = int(np.argmax(astray)) if astray.any() else len(path.ends)
         end = min(wanted, known)
-        fine, parts = _FINE
+        fine, parts = _JOG_PIECES
         sections = [Section(0, min(fine, end), parts), Section(min(fine, end), end, _COARSE)]
         free, clash = self._free_path.search(path, sections, budget)
         if clash is None and (end == wanted or not astray.any()):
@@ -157,13 +157,13 @@ class JogCheck:
 
     def _room(self, jog: _Jog, share: float) -> float:
         """Path clock from which on a share is permitted, s."""
-        return _EASY * share * self._reaction + share**2 * jog.ramp / 2
+        return _JOG_SHARE * share * self._reaction + share**2 * jog.ramp / 2
 
     def _permitted(self, jog: _Jog, free: float) -> float:
         """The share with the room `free`, s of path clock; 0 if it is too small."""
         if free == np.inf:
             return 1.0
-        easy = _EASY * self._reaction
+        easy = _JOG_SHARE * self._reaction
         share = 2 * free / (easy + np.sqrt(easy**2 + 2 * jog.ramp * free))
         return float(share) if share >= _LEAST else 0.0
 

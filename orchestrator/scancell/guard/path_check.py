@@ -18,10 +18,10 @@ from scancell.proximity.motion_check import Budget, MotionClash
 Array = NDArray[np.float64]
 
 _FINER = 4  # parts of a piece of the path that are distinguished
-_WORK = 150_000  # comparisons of faces or their bounding volumes: the path is not proved beyond
+_PATH_WORK = 150_000  # comparisons of faces or their bounding volumes: the path is not proved beyond
 _LONGER = 1.5  # braking on a path against braking straight on
 _TARGETS = np.linspace(0.0, 1.0, 51)
-_EASY = 2.0  # 1/s: change of the rate for which the monitor speed leaves room
+_EASY_RATE = 2.0  # 1/s: change of the rate for which the monitor speed leaves room
 _REST = 0.02  # s of path clock that are left when the robot waits
 
 # Of the controller: the rate follows the monitor speed no faster, 1/s, but for the start of a path, where it is that of
@@ -94,7 +94,7 @@ class PathCheck:
         free, clash = self._free(points, error, spacing, needed, exact)
         if clash is None and (points[-1] == points[-2]).all():
             free = np.inf  # the motion ends within what is known
-        room = _REST + 2 * self._reaction * _TARGETS + _TARGETS**2 * (1 / (2 * _EASY) + braking / 2)
+        room = _REST + 2 * self._reaction * _TARGETS + _TARGETS**2 * (1 / (2 * _EASY_RATE) + braking / 2)
         speed = float(_TARGETS[room <= free].max(initial=0.0))
         return PathVerdict(free, clash, speed, needed <= free)
 
@@ -109,7 +109,7 @@ class PathCheck:
         deviation = np.broadcast_to(bend, points[1:].shape)
         path = ShownPath(points, deviation, points[1:], _bend_aside(points), exact)
         sections = [Section(0, of_stop, _FINER), Section(of_stop, last, _FINER)]
-        free, clash = self._free_path.search(path, sections, Budget(_WORK))
+        free, clash = self._free_path.search(path, sections, Budget(_PATH_WORK))
         return spacing * (free if clash else len(points) - 1), clash
 
     def _braking(self, points: Array, spacing: float) -> float:

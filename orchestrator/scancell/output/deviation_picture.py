@@ -15,7 +15,7 @@ from scancell.output.surface_view import SurfaceView, view_axes
 Array = NDArray[np.float64]
 
 _VIEWS = ((-55.0, 35.0), (125.0, 35.0))  # azimuth, elevation in degrees
-_BINS = 161
+_PICTURE_BINS = 161
 
 # Blue inside, pale at nominal, red outside: distinct for colour-blind readers, too. ColorBrewer's RdYlBu (C. Brewer).
 _RGB = np.array(
@@ -131,7 +131,7 @@ def colour_limit_um(d95: float) -> float:
 
 def _draw_histogram(sheet: Sheet, deviation: Deviation, limit: float) -> None:
     distance, width = deviation.distance, 2.0 * limit
-    counts, edges = np.histogram(distance, bins=_BINS, range=(-1e-6 * width, 1e-6 * width))
+    counts, edges = np.histogram(distance, bins=_PICTURE_BINS, range=(-1e-6 * width, 1e-6 * width))
     edges *= 1e6
     below, above = int(np.sum(distance < -1e-6 * width)), int(np.sum(distance > 1e-6 * width))
     counts[0] += below

@@ -21,7 +21,7 @@ _GAP = 18  # px between pictures and around them
 _HEAD = 92  # px above the images
 _BETWEEN = 46  # px between image and close-up
 _ZOOM_PX = (64, 26)  # width and height of the close-up
-_FINE = 3  # pixels drawn along each side of a pixel of the close-up, which smooths the marks
+_CLOSE_UP_FINE = 3  # pixels drawn along each side of a pixel of the close-up, which smooths the marks
 _GAMMA = 0.55  # lifts the flanks of the stripe and the ambient light out of the dark
 
 
@@ -98,11 +98,11 @@ def _close(grey: Pixels, columns: Array, rows: Array, corner: tuple[float, float
     cut = np.zeros((_ZOOM_PX[1], _ZOOM_PX[0], 3), np.uint8)  # images may be smaller
     inside = grey[top : top + _ZOOM_PX[1], left : left + _ZOOM_PX[0]]
     cut[: inside.shape[0], : inside.shape[1]] = inside
-    sheet = Sheet.of(resized(cut, _WIDTH * _FINE, height * _FINE, sharp=True))
-    scale = _WIDTH * _FINE / _ZOOM_PX[0]
+    sheet = Sheet.of(resized(cut, _WIDTH * _CLOSE_UP_FINE, height * _CLOSE_UP_FINE, sharp=True))
+    scale = _WIDTH * _CLOSE_UP_FINE / _ZOOM_PX[0]
     near = (columns > x0) & (columns < x0 + _ZOOM_PX[0]) & (rows > y0) & (rows < y0 + _ZOOM_PX[1])
     for x, y in zip(columns[near], rows[near], strict=True):
-        sheet.dot((x - x0) * scale, (y - y0) * scale, 3.0 * _FINE, _FOUND)
+        sheet.dot((x - x0) * scale, (y - y0) * scale, 3.0 * _CLOSE_UP_FINE, _FOUND)
     return resized(sheet.pixels, _WIDTH, height)
 
 

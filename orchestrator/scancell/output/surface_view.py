@@ -15,7 +15,7 @@ from scancell.output.drawing import resized
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-Image = NDArray[np.uint8]
+Pixels = NDArray[np.uint8]
 
 _INK = (34, 40, 49)
 _FINE = 2  # pixels of the drawing along each side of a pixel of the image, which smooths outlines
@@ -66,7 +66,7 @@ class SurfaceView:
         none = np.zeros((0, 2, 3)), np.zeros((0, 3))
         self._edges, self._edge_normals = sharp_edges(mesh) if coarse is mesh else none
 
-    def draw(self, axes_in_part: Array, width_px: int, height_px: int) -> tuple[Image, float]:
+    def draw(self, axes_in_part: Array, width_px: int, height_px: int) -> tuple[Pixels, float]:
         """Orthographic view along the rows of `axes_in_part`, as large as fits: image (h, w, 3) and px per metre."""
         canvas = _Canvas(self._surface, axes_in_part, width_px, height_px)
         self._draw_surface(canvas)
@@ -143,7 +143,7 @@ class _Canvas:
         middle = self._corner[2] * self.axes[2]
         return np.asarray(y[:, None, None] * self.axes[1] + middle + x[:, None] * self.axes[0])
 
-    def mark(self, points: Array, paint: Image, radius: float) -> None:
+    def mark(self, points: Array, paint: Pixels, radius: float) -> None:
         """Draw discs of `radius` px at points (n, 3) in colours (n, 3), the nearest to the viewer last."""
         order = np.argsort(points @ self.axes[2])
         reach = int(np.ceil(radius))
@@ -168,7 +168,7 @@ class _Canvas:
         y, x = np.clip(y, _REACH, height - 1 - _REACH), np.clip(x, _REACH, width - 1 - _REACH)
         return np.asarray(y * width + x)
 
-    def image(self) -> Image:
+    def image(self) -> Pixels:
         """(height, width, 3) at the resolution that was wanted."""
         height, width = self.colour.shape[:2]
         return resized(self.colour, width // _FINE, height // _FINE)

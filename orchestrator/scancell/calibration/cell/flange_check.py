@@ -16,7 +16,7 @@ from scancell.errors import CalibrationError
 Array = NDArray[np.float64]
 
 AGREED = 1e-3  # m: rms distance of a sphere's centres up to which they agree
-_MOST_NAMED = 5
+_MOST_NAMED_POSES = 5
 _MUCH_BETTER = 1 / 3  # of the distance of the centres, with which a mistake explains it
 _UNITS = {"m": 1e3, "um": 1e-3}
 _MOST_RADII = 2.5  # radius of circles of a sphere of another size, at most
@@ -102,4 +102,4 @@ def check_flange(measured: MeasuredPoints, problem: CalibrationProblem, radius: 
         return
     limit = max(_WRONG, 10.0 * own)
     name = lambda i: f"exposure {measured.exposures[circles.frame[i]]:g}"  # noqa: E731
-    refuse_wrong(start.away, limit, name, ("exposures", "centres of the sphere"), measured.flange_path, _MOST_NAMED)
+    refuse_wrong(start.away, limit, name, ("exposures", "centres of the sphere"), measured.flange_path, _MOST_NAMED_POSES)

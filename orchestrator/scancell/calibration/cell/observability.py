@@ -15,7 +15,7 @@ from scancell.geometry import pose
 Array = NDArray[np.float64]
 
 _SYMMETRY = 1e-9  # share of the largest information below which the artefact looks the same after a motion
-_LARGEST = 1.0  # share of the extent of the points
+_LARGEST_CHANGE = 1.0  # share of the extent of the points
 _DOUBTFUL = 5.0  # times the stated sigma
 _LEAST_TURN = np.radians(10.0)  # of the sensor
 _LEAST_TABLE_TURN = np.radians(30.0)
@@ -44,7 +44,7 @@ def determined_basis(moments: Moments, count: int) -> Array:
 def require_determined(problem: CalibrationProblem, moments: Moments, basis: Array, log_variances: Array) -> None:
     """Raise `CalibrationError` where a direction is undetermined, with what is missing.
 
-    That is one without information, or along which the uncertainty moves the measured points by more than `_LARGEST` of
+    That is one without information, or along which the uncertainty moves the measured points by more than `_LARGEST_CHANGE` of
     their extent: neither depends on frames, units or the number of points.
     """
     count, data = len(problem.free), problem.observations
@@ -55,7 +55,7 @@ def require_determined(problem: CalibrationProblem, moments: Moments, basis: Arr
     motion = moments.design[:, :6, :count]
     effect = np.einsum("nip,nij,njq->pq", motion, mean / len(points), motion)
     extent = float(np.sqrt(points.var(0).sum()))
-    weak = [Direction(*one) for one in undetermined(without(information, count), effect, _LARGEST * extent)]
+    weak = [Direction(*one) for one in undetermined(without(information, count), effect, _LARGEST_CHANGE * extent)]
     if weak:
         named = "; ".join(one.text(problem.free) for one in weak)
         scatter = float(np.exp(0.5 * log_variances[0]))

@@ -17,10 +17,10 @@ from scancell.geometry import pose
 Array = NDArray[np.float64]
 
 _TRIALS = 200  # circles through three points of a profile
-_LEAST_POINTS = 20  # on a circle
+_LEAST_CIRCLE_POINTS = 20  # on a circle
 _LEAST_CIRCLES = 4
 _NEAR = 30e-6  # m from a circle, at least; or five standard deviations of the points
-_LARGEST = 1.01  # radius of a circle relative to that of the sphere
+_LARGEST_CIRCLE = 1.01  # radius of a circle relative to that of the sphere
 _STEPS = 50
 _HOPELESS = 10e-3, 15  # m, steps: centres that are farther apart after so many do not come to agree
 _UNIT = 1e-3
@@ -48,7 +48,7 @@ def circle_in(points: Array, sigma: float, largest: float, rng: np.random.Genera
     Circles through three random points are tried (RANSAC; Fischler & Bolles 1981), up to a radius `largest`, and the
     best is fitted to its points by Kåsa's linear equations.
     """
-    if len(points) < _LEAST_POINTS:
+    if len(points) < _LEAST_CIRCLE_POINTS:
         return None
     near = max(_NEAR, 5.0 * sigma)
     three = points[rng.integers(len(points), size=(_TRIALS, 3))]
@@ -66,7 +66,7 @@ def circle_in(points: Array, sigma: float, largest: float, rng: np.random.Genera
         return None
     distance = np.abs(np.linalg.norm(points - centres[:, None], axis=2) - radii[:, None])
     on_circle = distance[(distance < near).sum(1).argmax()] < near
-    if on_circle.sum() < _LEAST_POINTS:
+    if on_circle.sum() < _LEAST_CIRCLE_POINTS:
         return None
     chosen = points[on_circle]
     middle = chosen.mean(0)
@@ -108,7 +108,7 @@ class Circles:
         return np.column_stack([side * self.across, self.centre])
 
 
-def circles_of(data: Observations, radius: float, largest: float = _LARGEST, seed: int = 0) -> Circles:
+def circles_of(data: Observations, radius: float, largest: float = _LARGEST_CIRCLE, seed: int = 0) -> Circles:
     """Circles in the profiles of a sphere of known radius, up to `largest` radii.
 
     The plane of the laser cuts the sphere in a circle of radius r at a distance of ``sqrt(radius² - r²)`` from its

@@ -12,11 +12,11 @@ from scancell.geometry.fits.elements import Array, Circle, Cone, Cylinder, Line,
 _MOST_POINTS = 500  # used to choose a start
 _DIRECTIONS = 60  # tried for cylinders and cones, spread over the half sphere
 _CANDIDATES = 6  # of the directions from which the sum of squares is minimised
-_ITERATIONS = 40  # of these trial fits
+_TRIAL_ITERATIONS = 40  # of these trial fits
 _LEAST_SLOPE = 1e-3  # of a cone at the start
 _NONE = np.zeros(0)
 
-E = TypeVar("E", Cylinder, Cone)
+Revolved = TypeVar("E", Cylinder, Cone)
 
 
 def line(points: Array) -> Line:
@@ -60,10 +60,10 @@ def cone(points: Array) -> Cone:
     return _best([_algebraic_cone(some, frame_about(direction)) for direction in _directions(some)], some)
 
 
-def _best(candidates: list[E], points: Array) -> E:
+def _best(candidates: list[Revolved], points: Array) -> Revolved:
     costs = [float(np.square(candidate.linearised(points)[0]).sum()) for candidate in candidates]
     order = np.argsort(np.where(np.isfinite(costs), costs, np.inf), kind="stable")
-    found = [least_squares(candidates[int(place)], points, _ITERATIONS) for place in order[:_CANDIDATES]]
+    found = [least_squares(candidates[int(place)], points, _TRIAL_ITERATIONS) for place in order[:_CANDIDATES]]
     return min(found, key=lambda pair: pair[1])[0]
 
 

@@ -18,7 +18,7 @@ Indices = NDArray[np.int64]
 _TRIED = 1500  # poses of the sensor that are tried for each target
 _HALF_LENGTH = 0.15  # m: longest leg to either side of its target
 _GAP = 0.008  # m along a leg without unseen surface that ends it
-_END_MARGIN = 1.5e-3  # m
+_LEG_MARGIN = 1.5e-3  # m
 _RANGES = (0.1, 0.35, 0.6)  # of the depth of field: where in the range targets are put
 
 
@@ -81,7 +81,7 @@ def _leg(sight: Sight, at: Array, wanted: Indices) -> Leg | None:
     gaps = np.flatnonzero(np.diff(useful) > _GAP)
     low = useful[gaps[useful[gaps + 1] <= 0] + 1].max(initial=useful[0])
     high = useful[gaps[useful[gaps] >= 0]].min(initial=useful[-1])
-    low, high = float(low) - _END_MARGIN, float(high) + _END_MARGIN
+    low, high = float(low) - _LEG_MARGIN, float(high) + _LEG_MARGIN
     return Leg(_pass(at, low, high), np.where((along >= low) & (along <= high), judged, 0).astype(np.int8))
 
 

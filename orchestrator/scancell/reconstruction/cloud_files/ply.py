@@ -19,7 +19,7 @@ from scancell.reconstruction.cloud_files.record import (
 )
 
 _BLOCK = 1 << 16  # points written at a time, which bounds the memory
-_HEADER = 1 << 16  # bytes in which the header of a file ends
+_PLY_HEADER = 1 << 16  # bytes in which the header of a file ends
 _PLY_NAMES = {"<f8": "double", "<f4": "float", "|u1": "uchar", "<i4": "int"}
 
 
@@ -43,7 +43,7 @@ def read_ply(path: str | Path) -> Cloud:
     if not path.is_file():
         raise MeshError("no such file", file=path)
     with path.open("rb") as stream:
-        head = _read_header(stream.read(_HEADER))
+        head = _read_ply_header(stream.read(_PLY_HEADER))
         if head is None:
             raise MeshError(file=path, expected="a binary point cloud written by scancell")
         count, kind, known = head
@@ -63,7 +63,7 @@ def read_ply_comments(path: str | Path) -> list[str]:
     if not path.is_file():
         raise MeshError("no such file", file=path)
     with path.open("rb") as stream:
-        lines = stream.read(_HEADER).partition(b"end_header\n")[0].decode("utf-8", errors="replace").splitlines()
+        lines = stream.read(_PLY_HEADER).partition(b"end_header\n")[0].decode("utf-8", errors="replace").splitlines()
     return [line.removeprefix("comment ") for line in lines if line.startswith("comment ")]
 
 
@@ -79,7 +79,7 @@ def _header(count: int, comments: tuple[str, ...]) -> bytes:
     return ("\n".join(lines) + "\n").encode("utf-8")
 
 
-def _read_header(start: bytes) -> tuple[int, np.dtype[np.void], int] | None:
+def _read_ply_header(start: bytes) -> tuple[int, np.dtype[np.void], int] | None:
     """Number of points, type of their records and byte offset of the first one; None for another kind of PLY."""
     head, mark, _ = start.partition(b"end_header\n")
     lines = head.decode("utf-8", errors="replace").splitlines()

@@ -14,7 +14,7 @@ from scancell.evaluation.plane_trial import Linearity, PlaneTarget, linearity, m
 from scancell.progress import Progress
 from scancell.studies.acceptance.measure import Programme
 
-_RANGE_MARGIN = 0.02  # of the measuring range, left free at both ends
+_SWEEP_RANGE_MARGIN = 0.02  # of the measuring range, left free at both ends
 _STEEPEST = np.radians(60.0)
 _REFLECTANCES = (0.02, 0.95)
 _SLOPE = np.radians(30.0)  # of the moving target: motion along a level one changes nothing
@@ -85,7 +85,7 @@ def sensor_sweeps(
 def _targets(setup: Setup, steps: int) -> list[tuple[str, str, list[float], Callable[[float], PlaneTarget]]]:
     """Name, unit, values and target of each sweep."""
     near, far = setup.sensor.range.near_mm, setup.sensor.range.far_mm
-    free, middle = _RANGE_MARGIN * (far - near), 0.5e-3 * (near + far)
+    free, middle = _SWEEP_RANGE_MARGIN * (far - near), 0.5e-3 * (near + far)
     steepest = float(np.degrees(_STEEPEST))
     angles = np.linspace(-steepest, steepest, steps).tolist()
     fastest = _FASTEST * setup.scan.raster.speed_mm_s
