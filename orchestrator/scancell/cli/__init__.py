@@ -19,10 +19,8 @@ from scancell.cli import (  # noqa: F401
     pictures,
     plan,
     real,
-    robot,
     scan,
     series,
-    ssp,
     workspace,
 )
 from scancell.cli.common import EXIT_ERROR, Outcome, app, command

@@ -16,7 +16,7 @@ _TRIAL_ITERATIONS = 40  # of these trial fits
 _LEAST_SLOPE = 1e-3  # of a cone at the start
 _NONE = np.zeros(0)
 
-Revolved = TypeVar("E", Cylinder, Cone)
+Revolved = TypeVar("Revolved", Cylinder, Cone)
 
 
 def line(points: Array) -> Line:
