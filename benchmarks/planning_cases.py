@@ -23,16 +23,15 @@ from numpy.typing import NDArray
 
 from scancell.config.files import assets_dir
 from scancell.config.loading import load_setup
-from scancell.config.path import PathDescription
+from scancell.config.scan import PathDescription
 from scancell.errors import PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import box_mesh, load_mesh
 from scancell.nominal.cell import Body, NominalCell, nominal_cell
 from scancell.planning.model import PlanningCell, SensorRange
 from scancell.planning.motion.verification import check_part
-from scancell.planning.path_map.optimum import best_motion
 from scancell.planning.path_map.path_planner import PathPlanner
-from scancell.planning.path_map.ray_shooting import shoot
+from scancell.planning.path_map.ray_shooting import best_motion, shoot
 from scancell.planning.path_map.table_motion import Lattice
 from scancell.planning.views.sensor_paths import SensorPath, sensor_paths
 from scancell.proximity.judge import Judge

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.calibration.board.views import Board
-from scancell.calibration.flange_poses import flange_columns
 from scancell.calibration.measured_table import write_measured_table
+from scancell.calibration.pose_files import flange_columns
 from scancell.config.loading import load_setup
 from scancell.config.sensor import SensorDescription
 from scancell.geometry import pose

@@ -16,8 +16,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from scancell.cell.controller import Mode, Operation
-from scancell.config.choices import TransportProtocol
+from scancell.cell.driver import Mode, Operation
+from scancell.config.description import TransportProtocol
 from scancell.errors import MessageError
 from scancell.guard.messages import CellState, GuardMessage
 from scancell.guard.server import serve_guard

@@ -7,12 +7,12 @@ from functools import cache
 
 import numpy as np
 
+from scancell.config.description import si_value
 from scancell.config.loading import assets_dir, load_setup
-from scancell.config.units import si_value
 from scancell.geometry.mesh import box_mesh
 from scancell.geometry.pose import translation
-from scancell.guard.motion import Kind, MeasuredState, Path
-from scancell.guard.tool import Tool
+from scancell.guard.parts import Tool
+from scancell.guard.stopping import Kind, MeasuredState, Path
 from scancell.nominal.cell import NominalCell, nominal_cell
 
 POLL = 0.032  # s

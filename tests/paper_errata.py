@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from guard_motions import NOISE, cell_of, random_motion
 from scancell import sensor as sensor_rt
 from scancell.config.loading import load_setup
-from scancell.config.path import QualityDescription
+from scancell.config.scan import QualityDescription
 from scancell.config.sensor import sensor_json
 from scancell.geometry.pose import log_rotation
-from scancell.guard.identify import Identifier, _Window
-from scancell.guard.motion import Path
-from scancell.guard.tool import Tool
+from scancell.guard.endpoints import Identifier, _Window
+from scancell.guard.parts import Tool
+from scancell.guard.stopping import Path
 from scancell.planning.path_map import constraints
 
 Array = NDArray[np.float64]

@@ -20,7 +20,7 @@ from scancell.calibration.cell.solve import solve as solve_cell
 from scancell.config.sensor import SensorDescription
 from scancell.evaluation.artefact import evaluate_against_artefact
 from scancell.geometry import pose
-from scancell.geometry.chain import Chain
+from scancell.geometry.arm import Chain
 from scancell.geometry.shapes import Box, Cylinder, PlacedShape, ShapeGroup, Sphere
 from scancell.planning.path_map.path_planner import PathPlanner
 from scancell.scanning.world import make_sensor

@@ -35,11 +35,11 @@ from .config.scan import ScanDescription as ScanDescription
 from .config.estimated import EstimatedDescription as EstimatedDescription
 from .config.loading import Setup as Setup
 from .config.loading import load_setup as load_setup
-from .config.channel import ChannelDescription as ChannelDescription
-from .config.channel import LinkDescription as LinkDescription
+from .config.frames import ChannelDescription as ChannelDescription
+from .config.frames import LinkDescription as LinkDescription
 from .config.files import assets_dir as assets_dir
-from .calibration.cell.request import CalibrationRequest as CalibrationRequest
-from .calibration.sensor.request import SensorCalibrationRequest as SensorCalibrationRequest
+from .calibration.cell.report import CalibrationRequest as CalibrationRequest
+from .calibration.sensor.report import SensorCalibrationRequest as SensorCalibrationRequest
 
 # Data
 from .geometry.mesh import Mesh as Mesh
@@ -75,12 +75,12 @@ from .studies.batch import BatchResult as BatchResult
 from .studies.report import StudyReport as StudyReport
 
 # The running cell: its controller, its guard, its signals
-from .cell.controller import JogFrame as JogFrame
-from .cell.controller import Mode as Mode
-from .cell.controller import Operation as Operation
+from .cell.driver import JogFrame as JogFrame
+from .cell.driver import Mode as Mode
+from .cell.driver import Operation as Operation
 from .cell.instance import CellInstance as CellInstance
 from .cell.session import CellSession as CellSession
-from .cell.signals import SignalLog as SignalLog
+from .cell.instance import SignalLog as SignalLog
 from .cell.fmu_file import build_fmu as build_fmu
 from .cell.fmu_file import cell_json as cell_json
 from .cell.fmu_package.contents import FmuOptions as FmuOptions
@@ -88,19 +88,19 @@ from .cell.fmu_file import make_temporary_fmu as make_temporary_fmu
 from .nominal.cell import NominalCell as NominalCell
 from .nominal.cell import nominal_cell as nominal_cell
 from .guard.guard import Guard as Guard
-from .guard.guarded_cell import GuardedCell as GuardedCell
-from .guard.link import Link as Link
-from .guard.link import faulty_link as faulty_link
+from .guard.guard import GuardedCell as GuardedCell
+from .guard.transport import Link as Link
+from .guard.transport import faulty_link as faulty_link
 from .guard.server import serve_guard as serve_guard
 from .guard.messages import CellState as CellState
 from .guard.messages import GuardMessage as GuardMessage
 from .guard.messages import PlacedPart as PlacedPart
 from .guard.parts import PartTracker as PartTracker
-from .guard.settings import GuardSettings as GuardSettings
+from .guard.guard import GuardSettings as GuardSettings
 from .guard.transport import InProcess as InProcess
 from .guard.transport import TcpTransport as TcpTransport
 from .guard.transport import UdpTransport as UdpTransport
-from .scanning.guard import guard_of as guard_of
+from .scanning.session import guard_of as guard_of
 
 # A live cell: commanded while it runs
 from .live.cell import LiveCell as LiveCell
@@ -117,7 +117,7 @@ from .live.commands import Reset as Reset
 from .live.commands import OpenGripper as OpenGripper
 from .live.commands import CloseGripper as CloseGripper
 from .live.commands import RunConveyor as RunConveyor
-from .live.jobs import JobStopped as JobStopped
+from .live.control import JobStopped as JobStopped
 from .live.scan import LiveScan as LiveScan
 from .live.plan import LivePlan as LivePlan
 from .live.camera import CameraFeed as CameraFeed

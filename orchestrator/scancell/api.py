@@ -24,12 +24,10 @@ from scancell.arguments import (
     checked_arguments,
     checked_value,
 )
-from scancell.calibration.cell.report import CalibrationReport
-from scancell.calibration.cell.request import CalibrationRequest
-from scancell.calibration.sensor.report import SensorCalibrationReport
-from scancell.calibration.sensor.request import SensorCalibrationRequest
+from scancell.calibration.cell.report import CalibrationReport, CalibrationRequest
+from scancell.calibration.sensor.report import SensorCalibrationReport, SensorCalibrationRequest
 from scancell.config.cell import CellDescription
-from scancell.config.choices import (
+from scancell.config.description import (
     Align,
     CalibrationTarget,
     Engine,
@@ -39,7 +37,7 @@ from scancell.config.choices import (
     Reconstruction,
     SensorTarget,
 )
-from scancell.config.keys import Assignments, assignments
+from scancell.config.files import Assignments, assignments
 from scancell.config.loading import load_setup
 from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
@@ -291,7 +289,7 @@ def calibrate_from_images(
     ...     print(error.expected)
     an odd and an even number of corners
     """
-    from scancell.calibration.board.request import calibrate_board  # noqa: PLC0415  (its solvers take 0.4 s to import)
+    from scancell.calibration.board.report import calibrate_board  # noqa: PLC0415  (its solvers take 0.4 s to import)
     from scancell.calibration.board.views import Board  # noqa: PLC0415
 
     setup = load_setup(None, sensor, None, assignments(settings))
@@ -438,7 +436,7 @@ def reconstruct(
     ...     print(error)
     profiles.csv: no such file
     """
-    from scancell.recorded.request import ReconstructRequest, reconstruct_request  # noqa: PLC0415
+    from scancell.recorded.result import ReconstructRequest, reconstruct_request  # noqa: PLC0415
 
     def path(item: str | Path | None) -> Path | None:
         return None if item is None else Path(item)
@@ -610,7 +608,7 @@ def mesh(
     >>> scancell.mesh(result, "surface.stl", spacing_mm=2)
     Mesh(vertices=<float64 (..., 3)>, faces=<int64 (..., 3)>, source='surface', ...)
     """
-    from scancell.reconstruction.surface import reconstruct_surface, write_surface  # noqa: PLC0415
+    from scancell.reconstruction.cloud import reconstruct_surface, write_surface  # noqa: PLC0415
 
     surface = reconstruct_surface(cloud_of(run), method, None if spacing_mm is None else 1e-3 * spacing_mm)
     if out is not None:
@@ -782,7 +780,7 @@ def batch(
     >>> result.figures["scans"]
     1
     """
-    from scancell.config.batch import load_batch  # noqa: PLC0415
+    from scancell.config.study import load_batch  # noqa: PLC0415
     from scancell.studies.batch import open_batch, write_index  # noqa: PLC0415
 
     file, folder = None if config is None else Path(config), Path(out)

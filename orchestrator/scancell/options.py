@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import TypedDict
 
 from scancell.arguments import Length, Seed
-from scancell.config.batch import CloudFormat
-from scancell.config.choices import Engine, FlangeConvention
+from scancell.config.description import Engine, FlangeConvention
 from scancell.config.estimated import EstimatedDescription
-from scancell.config.keys import Assignments
+from scancell.config.files import Assignments
 from scancell.config.sensor import SensorDescription
+from scancell.config.study import CloudFormat
 from scancell.planning.plan import Plan
 from scancell.progress import Progress, ProgressCallback
-from scancell.scanning.drive import PreScanHook
+from scancell.scanning.pipeline import PreScanHook
 from scancell.scanning.sense import OnImages
 
 

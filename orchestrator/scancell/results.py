@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.arguments import Count, checked_arguments, checked_fields
-from scancell.config.choices import CloudFrame
+from scancell.config.description import CloudFrame
 from scancell.evaluation.coverage import Coverage, coverage, profile_spacing
-from scancell.evaluation.deviation import Deviation, deviation_from_mesh
-from scancell.evaluation.unseen import UnseenSurface, unseen_surface
+from scancell.evaluation.deviation import Deviation, UnseenSurface, deviation_from_mesh, unseen_surface
 from scancell.files import png_bytes
 from scancell.progress import NullProgress, Progress, ProgressCallback, as_progress
 from scancell.scanning.scan import ScanData
@@ -262,7 +261,7 @@ class ScanResult(ScanData, Result):
 
     def picture(self) -> bytes:
         """The deviation picture as PNG."""
-        from scancell.output.deviation_picture import deviation_picture  # noqa: PLC0415
+        from scancell.output.deviation_report import deviation_picture  # noqa: PLC0415
 
         cloud, part, share = self.cloud.points_in_part, self.nominal.part, self.coverage.fraction
         return png_bytes(

@@ -10,23 +10,21 @@ from pathlib import Path
 from typing import Self
 
 from scancell.arguments import Length, Pose, Seed, Share, Threads, checked_arguments
-from scancell.calibration.cell.report import CalibrationReport
-from scancell.calibration.cell.request import (
+from scancell.calibration.cell.report import (
+    CalibrationReport,
     CalibrationRequest,
     calibrate_from_points,
     calibrate_in_cell,
     start_of,
 )
 from scancell.calibration.cell.scan import CalibrationScan
-from scancell.calibration.sensor.report import SensorCalibrationReport
-from scancell.calibration.sensor.request import SensorCalibrationRequest, calibrate_described
+from scancell.calibration.sensor.report import SensorCalibrationReport, SensorCalibrationRequest, calibrate_described
 from scancell.cell.recording import Recording, read_recording
 from scancell.closing import Closing
 from scancell.config.cell import CellDescription
-from scancell.config.choices import CalibrationTarget, Engine, FlangeConvention, SensorTarget
+from scancell.config.description import CalibrationTarget, Engine, FlangeConvention, SensorTarget
 from scancell.config.estimated import EstimatedDescription
-from scancell.config.files import assets_dir
-from scancell.config.keys import Assignments, assignments
+from scancell.config.files import Assignments, assets_dir, assignments
 from scancell.config.loading import Setup, load_setup, require_sensor_words
 from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
@@ -34,20 +32,17 @@ from scancell.errors import DescriptionError, ScancellError
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.parts import PartCache
 from scancell.nominal.plausibility import setup_warnings
-from scancell.planning.model import SensorRange
+from scancell.planning.model import SensorRange, Work
 from scancell.planning.options import scan_options
 from scancell.planning.path_map.configuration_map import QualityFactor
 from scancell.planning.plan import Plan
 from scancell.planning.setups import SetUpPlanner, SetUps
-from scancell.planning.work import Work
 from scancell.progress import Progress, ProgressCallback, as_progress
 from scancell.results import ScanResult, ShotResult
-from scancell.scanning.drive import FmuRunner, PreScanHook
-from scancell.scanning.guard import guard_of
-from scancell.scanning.pipeline import ScanPipeline
+from scancell.scanning.pipeline import FmuRunner, PreScanHook, ScanPipeline
 from scancell.scanning.scan import Scan
 from scancell.scanning.sense import OnImages
-from scancell.scanning.session import ScanSession
+from scancell.scanning.session import ScanSession, guard_of
 from scancell.scanning.single_exposure import take_shot
 from scancell.scanning.survey import Survey, SurveyRegion, SurveyResult
 from scancell.scanning.world import World, make_sensor

@@ -29,8 +29,8 @@ from typing import Any
 import numpy as np
 
 import scancell
-from scancell.calibration.cell.request import CalibrationRequest
-from scancell.calibration.sensor.request import SensorCalibrationRequest
+from scancell.calibration.cell.report import CalibrationRequest
+from scancell.calibration.sensor.report import SensorCalibrationRequest
 from scancell.errors import CancelledError
 from scancell.geometry.mesh import box_mesh
 

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 import scancell
 from bench.ball_profiles import BALL_RADIUS, FoundBall, write_ball_artefact
-from scancell.calibration.flange_poses import flange_columns
 from scancell.calibration.measured_table import write_measured_table
+from scancell.calibration.pose_files import flange_columns
 from scancell.geometry import pose
 from scancell.nominal.cell import nominal_cell
 from scancell.recorded.compare import ComparisonResult, Residuals

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.calibration.cell.sphere_start import circle_in
+from scancell.calibration.cell.solve import circle_in
 
 Array = NDArray[np.float64]
 

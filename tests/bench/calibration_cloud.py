@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 import scancell
 from scancell import sensor as sensor_rt
 from scancell.calibration.cell.problem import CalibrationResult
-from scancell.calibration.cell.request import CalibrationRequest
+from scancell.calibration.cell.report import CalibrationRequest
 from scancell.calibration.cell.scan import kinematics_of, readings_of
 from scancell.config.loading import assets_dir
 from scancell.geometry import pose
-from scancell.nominal.estimated import estimated_cell
+from scancell.nominal.cell import estimated_cell
 from scancell.reconstruction.reconstruct import points_in_part
 from scancell.results import ScanResult
 

@@ -30,8 +30,8 @@ from benchmarks.sphere_cell import (
     sphere_views,
 )
 from scancell.calibration.cell.kinematics import LATENCY, PLATTER, TABLE, TOOL, AxisReadings, written_unit
+from scancell.calibration.cell.scan import design_poses
 from scancell.calibration.cell.solve import solve
-from scancell.calibration.cell.views import design_poses
 
 Array = NDArray[np.float64]
 

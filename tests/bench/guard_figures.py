@@ -13,13 +13,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.cell.controller import Mode, Operation
-from scancell.cell.fmu_file import cell_json
+from scancell.cell.driver import Mode, Operation
+from scancell.cell.fmu_file import ReusableCell, cell_json
 from scancell.cell.instance import CellInstance
-from scancell.cell.reusable import ReusableCell
 from scancell.config.cell import CellDescription
 from scancell.geometry.mesh import box_mesh
-from scancell.guard.settings import GuardSettings
+from scancell.guard.guard import GuardSettings
 from scancell.nominal.cell import NominalCell, nominal_cell
 
 Array = NDArray[np.float64]

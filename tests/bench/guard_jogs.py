@@ -13,20 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guard_motions import CELLS
-from scancell.cell.controller import Mode, Operation
-from scancell.cell.fmu_file import cell_json
-from scancell.cell.reusable import ReusableCell
+from scancell.cell.driver import Mode, Operation
+from scancell.cell.fmu_file import ReusableCell, cell_json
 from scancell.config.cell import CellDescription
 from scancell.config.loading import assets_dir, load_setup
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
-from scancell.guard.guarded_cell import GuardedCell
-from scancell.guard.link import Link
-from scancell.guard.transport import InProcess
+from scancell.guard.guard import GuardedCell
+from scancell.guard.transport import InProcess, Link
 from scancell.nominal.cell import NominalCell, nominal_cell
 from scancell.nominal.parts import load_part
-from scancell.proximity.motion_bounds import MotionBounds
-from scancell.scanning.guard import guard_of
+from scancell.proximity.motion_check import MotionBounds
+from scancell.scanning.session import guard_of
 from scancell.studies.guard.scenario import Kind, Motion, Scenario
 from scancell.studies.guard.simulation import Network, Simulation
 from scancell.studies.guard.worlds import World

@@ -27,7 +27,7 @@ from pathlib import Path
 import numpy as np
 
 from guard_answers import HANGS, guard_process
-from scancell.cell.controller import Mode, Operation
+from scancell.cell.driver import Mode, Operation
 from scancell.config.loading import load_setup
 from scancell.guard.endpoints import FAILED, LEAST_PERIOD, SILENCE, CellEndpoint, GuardEndpoint, Outcome
 from scancell.guard.messages import CellState, GuardMessage, PlacedPart, decode

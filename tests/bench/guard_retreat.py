@@ -13,14 +13,12 @@ import numpy as np
 from guard_walls import behind_wall, distances, near_home
 
 from guard_motions import NOISE, unit
-from scancell.cell.controller import Mode, Operation
+from scancell.cell.driver import Mode, Operation
 from scancell.config.loading import load_setup
-from scancell.guard.guard import Guard
+from scancell.guard.guard import Guard, GuardSettings
 from scancell.guard.messages import CellState
-from scancell.guard.motion import Hypothesis, MeasuredState, Path
-from scancell.guard.predict import Predictor
-from scancell.guard.settings import GuardSettings
-from scancell.guard.tool import Tool
+from scancell.guard.parts import Tool
+from scancell.guard.stopping import Hypothesis, MeasuredState, Path, Predictor
 from scancell.nominal.cell import NominalCell
 
 SETTINGS = GuardSettings(noise=NOISE, angle_error=5 * NOISE)

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from scancell import Scanner
-from scancell.config.choices import CloudFrame
+from scancell.config.description import CloudFrame
 from scancell.config.estimated import EstimatedDescription
 from scancell.config.files import assets_dir
 from scancell.config.loading import Setup, load_setup

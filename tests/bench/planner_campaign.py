@@ -33,14 +33,13 @@ from scancell.errors import CellError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import Body, NominalCell, nominal_cell
-from scancell.planning.model import MOTION_SHARE, PlanningCell, SensorRange
+from scancell.planning import planner
+from scancell.planning.model import MOTION_SHARE, PlanningCell, SensorRange, Work
 from scancell.planning.motion.connection import Connector
 from scancell.planning.options import scan_options
 from scancell.planning.planner import plan
-from scancell.planning.views import default_views
 from scancell.planning.views.placement import Infeasible, Placer
 from scancell.planning.views.views import Pass, Sweep
-from scancell.planning.work import Work
 from scancell.progress import NullProgress
 from scancell.scanning.world import make_sensor
 
@@ -279,7 +278,7 @@ class Refusals:
     def noted(self) -> Iterator[None]:
         """Note all refusals of the placement, motions that are not found, and the lost share."""
         connect, sweeps, passes, check = (
-            Connector.connect, Placer.sweeps, Placer.passes, default_views._check_loss,
+            Connector.connect, Placer.sweeps, Placer.passes, planner._check_loss,
         )  # fmt: skip
 
         def connecting(connector: Connector, start: Array, end: Array, purpose: str) -> list[Array]:
@@ -299,7 +298,7 @@ class Refusals:
             self.lost = float((wanted & ~seen).mean() / max(wanted.mean(), 1e-12))
             check(wanted, seen, most, warnings)
 
-        changed: Any = (Connector, Placer, default_views)
+        changed: Any = (Connector, Placer, planner)
         changed[0].connect, changed[1].sweeps, changed[1].passes = connecting, sweeping, passing
         changed[2]._check_loss = checking
         try:

@@ -33,10 +33,9 @@ from benchmarks.planning_cases import (
     read_cases,
 )
 from scancell.config.cell import CellDescription
-from scancell.config.choices import ScanMode
+from scancell.config.description import ScanMode
 from scancell.config.loading import load_setup
-from scancell.config.path import PathDescription
-from scancell.config.scan import RasterDescription, ScanDescription, SweepDescription
+from scancell.config.scan import PathDescription, RasterDescription, ScanDescription, SweepDescription
 from scancell.config.sensor import SensorDescription
 from scancell.errors import PlanningError
 from scancell.planning.model import PlanningCell
@@ -44,9 +43,8 @@ from scancell.planning.motion.timing import FINER
 from scancell.planning.motion.torques import joint_torques
 from scancell.planning.motion.trajectory import limit_fractions, move
 from scancell.planning.options import scan_options
-from scancell.planning.path_map.optimum import best_motion
 from scancell.planning.path_map.path_planner import PathPlanner
-from scancell.planning.path_map.ray_shooting import shoot
+from scancell.planning.path_map.ray_shooting import best_motion, shoot
 from scancell.planning.plan import Plan
 from scancell.planning.planner import plan
 from scancell.planning.views.placement import LIMIT_FRACTION

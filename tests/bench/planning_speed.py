@@ -10,7 +10,7 @@ import numpy as np
 
 from scancell.config.files import assets_dir
 from scancell.config.loading import load_setup
-from scancell.config.path import PathDescription
+from scancell.config.scan import PathDescription
 from scancell.geometry.mesh import load_mesh
 from scancell.nominal.cell import nominal_cell
 from scancell.planning.model import PlanningCell, SensorRange

@@ -8,7 +8,7 @@ import numpy as np
 from scancell import sensor as sensor_rt
 from scancell.config.material import PRESETS
 from scancell.geometry import pose
-from scancell.scanning.exposures import native_material
+from scancell.scanning.world import native_material
 
 from .scenes import make_sensor, still_exposure
 

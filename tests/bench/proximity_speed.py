@@ -11,8 +11,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from scancell.config.loading import assets_dir, load_setup
-from scancell.geometry.mesh import Mesh, box_mesh, load_mesh
-from scancell.geometry.reduction import decimated
+from scancell.geometry.mesh import Mesh, box_mesh, decimated, load_mesh
 from scancell.nominal.cell import NominalCell, nominal_cell
 from scancell.proximity.scene import ProximityScene, cell_scene
 

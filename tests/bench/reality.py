@@ -34,8 +34,8 @@ from scancell.calibration.board.solve import (
     stripes_in_camera,
 )
 from scancell.calibration.board.views import Board, BoardViews, read_views
-from scancell.calibration.flange_poses import flange_columns
 from scancell.calibration.measured_table import write_measured_table
+from scancell.calibration.pose_files import flange_columns
 from scancell.config.loading import load_setup
 from scancell.geometry import pose
 from scancell.progress import NullProgress

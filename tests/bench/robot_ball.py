@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 import scancell
 from bench.ball_profiles import write_ball_artefact
 from scancell.calibration.cell.report import CalibrationReport
-from scancell.calibration.cell.sphere_start import circle_in
-from scancell.calibration.flange_poses import flange_columns
+from scancell.calibration.cell.solve import circle_in
 from scancell.calibration.measured_table import write_measured_table
+from scancell.calibration.pose_files import flange_columns
 from scancell.geometry import pose
 
 Array = NDArray[np.float64]

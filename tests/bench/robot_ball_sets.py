@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 
 from bench.robot_ball import RADIUS, Recording, calibrated, read_recording
 from scancell.calibration.cell.report import CalibrationReport
-from scancell.calibration.cell.sphere_start import Circles, circles_of
+from scancell.calibration.cell.solve import Circles, circles_of
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
 

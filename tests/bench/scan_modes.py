@@ -14,7 +14,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 
 import scancell
-from scancell.config.choices import Engine
+from scancell.config.description import Engine
 from scancell.config.estimated import EstimatedDescription
 from scancell.config.loading import assets_dir
 

@@ -40,20 +40,15 @@ from scancell.cell.as_built import expected_keys
 from scancell.cell.fmu_file import build_fmu, cell_json
 from scancell.cell.fmu_package.contents import FmuOptions
 from scancell.config.artefact import ArtefactDescription
-from scancell.config.batch import BatchDescription
-from scancell.config.channel import LinkDescription
-from scancell.config.choices import Engine
-from scancell.config.description import Description, validate
-from scancell.config.files import assets_dir, plain_data, read_description, toml_text
-from scancell.config.keys import join_path
-from scancell.config.path import PathDescription
-from scancell.config.scan import ScanDescription
-from scancell.config.study import StudyDescription
-from scancell.config.units import split_unit
+from scancell.config.description import Description, Engine, split_unit, validate
+from scancell.config.files import assets_dir, join_path, plain_data, read_description, toml_text
+from scancell.config.frames import LinkDescription
+from scancell.config.scan import PathDescription, ScanDescription
+from scancell.config.study import BatchDescription, StudyDescription
 from scancell.errors import ScancellError
 from scancell.geometry.mesh import box_mesh
 from scancell.geometry.mesh_files import write_stl
-from scancell.guard.channel import Channel
+from scancell.guard.transport import Channel
 from scancell.studies.batch import open_batch
 from scancell.studies.study import open_study, replay
 

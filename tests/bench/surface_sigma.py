@@ -26,7 +26,7 @@ from scancell import sensor as sensor_rt
 from scancell.config.loading import assets_dir
 from scancell.config.material import PRESETS, Material
 from scancell.geometry import pose
-from scancell.scanning.exposures import native_material
+from scancell.scanning.world import native_material
 
 from .scenes import FAITHFUL_DETECTOR, make_sensor, sensor_description
 from .table import replace_paragraphs

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scancell import sensor as sensor_rt
 from scancell.config.material import PRESETS, Material
 from scancell.geometry import pose
-from scancell.scanning.exposures import native_material
+from scancell.scanning.world import native_material
 
 from .scenes import make_sensor
 from .table import cpu_model, replace_paragraphs

@@ -24,13 +24,10 @@ from lxml import etree
 from bench.peers.attributes import misspelt_attributes
 from bench.peers.check import PeerMissingError
 from bench.peers.importers import TOLERANCE, ImporterTools, run_tool
-from scancell.cell.controller import Mode, Operation
-from scancell.cell.driver import TRIGGER_MODES
+from scancell.cell.driver import TRIGGER_MODES, Mode, Operation, Until, example_sequence
 from scancell.cell.fmu_file import cell_json, make_temporary_fmu
-from scancell.cell.instance import CellInstance
+from scancell.cell.instance import CellInstance, RecordCollector
 from scancell.cell.recording import read_recording
-from scancell.cell.records import RecordCollector
-from scancell.cell.sequence import Until, example_sequence
 from scancell.cell.ssp import build_ssp
 from scancell.config.loading import assets_dir, load_setup
 from scancell.errors import CommandError, DescriptionError

@@ -8,8 +8,7 @@ import pytest
 
 from scancell import Scanner
 from scancell.config.loading import load_setup
-from scancell.geometry.mesh import Mesh
-from scancell.geometry.reduction import ReducedMesh, reduced
+from scancell.geometry.mesh import Mesh, ReducedMesh, reduced
 from scancell.guard import guard
 from scancell.planning import model
 

@@ -12,23 +12,20 @@ from pathlib import Path
 import numpy as np
 from fcl_collisions import colliding
 
-from scancell.cell.controller import Mode
+from scancell.cell.driver import Mode
 from scancell.cell.fmu_file import cell_json, make_temporary_fmu
 from scancell.cell.instance import CellInstance
-from scancell.cell.program import Program, Segment
-from scancell.cell.program_file import program_data
+from scancell.cell.program import Program, Segment, program_data
 from scancell.cell.session import CellSession
 from scancell.config.cell import CellDescription
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
-from scancell.guard.guard import Guard
-from scancell.guard.guarded_cell import GuardedCell
-from scancell.guard.link import Link
+from scancell.guard.guard import Guard, GuardedCell
 from scancell.guard.parts import PartTracker
-from scancell.guard.transport import InProcess
+from scancell.guard.transport import InProcess, Link
 from scancell.nominal.cell import NominalCell, fmu_frame, nominal_cell
 from scancell.proximity.scene import ProximityScene
-from scancell.scanning.guard import guard_of, settings_of
+from scancell.scanning.session import guard_of, settings_of
 from scancell.studies.guard.simulation import EarlierCell
 
 EMERGENCY_STOP = 3  # of controller.state

@@ -12,7 +12,7 @@ from guard_motions import cell_of, unit
 from scancell.config.material import Material
 from scancell.geometry.mesh import Mesh, box_mesh
 from scancell.geometry.pose import from_rotation, transform_points, translation
-from scancell.guard.tool import Tool
+from scancell.guard.parts import Tool
 from scancell.nominal.cell import Body, NominalCell
 from scancell.proximity.scene import ProximityScene, cell_scene
 

@@ -7,7 +7,7 @@ import pytest
 
 from scancell.config.loading import Setup, assets_dir, load_setup
 from scancell.evaluation.artefact import evaluate_against_artefact
-from scancell.evaluation.faces import faces_of
+from scancell.evaluation.characteristics import faces_of
 from scancell.geometry.mesh import sample_surface
 from scancell.geometry.shapes import Sphere
 from scancell.studies.acceptance.measure import (

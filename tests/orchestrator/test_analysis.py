@@ -11,7 +11,7 @@ import pytest
 from scancell.config.description import validate
 from scancell.config.study import StudyDescription
 from scancell.studies.analysis import analyse
-from scancell.studies.designs import design
+from scancell.studies.factors import design
 from scancell.studies.page import study_answers, study_page
 from scancell.studies.report import StudyReport
 from scancell.studies.study import Collected

@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 from scancell.config.loading import assets_dir
 from scancell.errors import DescriptionError, FitError
 from scancell.evaluation.artefact import ArtefactEvaluation, evaluate_against_artefact
-from scancell.evaluation.characteristics import Characteristic, narrowest_range
-from scancell.evaluation.faces import assign, faces_of
+from scancell.evaluation.characteristics import Characteristic, assign, faces_of, narrowest_range
 from scancell.geometry import pose
 from scancell.geometry.mesh import sample_surface
 from scancell.geometry.shapes import Box, Cone, Cylinder, PlacedShape, Plane, Ring, Shape, ShapeGroup, Sphere

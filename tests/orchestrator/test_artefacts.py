@@ -17,7 +17,7 @@ from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import Box, Cone, Cylinder, PartSurface, Plane, Ring, ShapeMesh, Sphere
 from scancell.nominal.cell import nominal_cell
 from scancell.nominal.parts import PartCache, load_part, shape_group
-from scancell.scanning.exposures import build_scene, visible_bodies
+from scancell.scanning.world import build_scene, visible_bodies
 
 FOLDER = assets_dir() / "artefacts"
 NAMES = ["ball_bar", "ball_plate", "cone", "cylinder", "plane", "ring", "sphere", "step", "v_groove"]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from scancell.config.batch import load_batch
 from scancell.config.loading import assets_dir
+from scancell.config.study import load_batch
 from scancell.errors import DescriptionError
 from scancell.studies.batch import Batch, find_parts, open_batch
 from scancell.studies.run_record import Comparison, recorded_terms

@@ -28,13 +28,21 @@ from scancell.programs.robot import deg, location, mm
 viser = pytest.importorskip("viser")
 
 from scancell.browser.scene import cloud  # noqa: E402
-from scancell.browser.scene.bodies import MovedNodes  # noqa: E402
-from scancell.browser.scene.devices import DETECTED, FREE  # noqa: E402
-from scancell.browser.scene.pairs import COLLIDING, NEAREST  # noqa: E402
+from scancell.browser.scene.bodies import (  # noqa: E402  # noqa: E402
+    COLLIDING,
+    NEAREST,
+    MovedNodes,
+    inset,
+    material_colour,
+    split_at_creases,
+)
+from scancell.browser.scene.cloud import Trace  # noqa: E402
+from scancell.browser.scene.devices import (  # noqa: E402
+    DETECTED,
+    FREE,
+    stripe_segments,
+)
 from scancell.browser.scene.scene import CellScene  # noqa: E402
-from scancell.browser.scene.sensor_view import stripe_segments  # noqa: E402
-from scancell.browser.scene.surfaces import inset, material_colour, split_at_creases  # noqa: E402
-from scancell.browser.scene.trace import Trace  # noqa: E402
 from scancell.browser.server.quiet import address, quiet_server  # noqa: E402
 
 DEVICES = (

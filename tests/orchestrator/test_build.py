@@ -8,8 +8,9 @@ import tomllib
 from pathlib import Path
 from types import ModuleType
 
-import scancell
 from scancell.output.manifest import build_version, fingerprint, sources
+
+import scancell
 from scancell.studies.run_record import mixed_build_warnings
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -23,18 +23,15 @@ from benchmarks.sphere_cell import (
 )
 from scancell.calibration.cell.kinematics import LATENCY, PLATTER, TABLE, TOOL, WOBBLE, AxisReadings, written_unit
 from scancell.calibration.cell.problem import Artefact, CalibrationProblem, Observations
-from scancell.calibration.cell.scan import readings_of
-from scancell.calibration.cell.solve import solve
-from scancell.calibration.cell.sphere_start import circles_of, sphere_start
-from scancell.calibration.cell.views import design_poses
+from scancell.calibration.cell.scan import design_poses, readings_of
+from scancell.calibration.cell.solve import circles_of, solve, sphere_start
 from scancell.cell.recording import TriggerRecords
 from scancell.config.estimated import EstimatedDescription
 from scancell.config.loading import load_setup
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
 from scancell.geometry.shapes import Plane
-from scancell.nominal.cell import nominal_cell
-from scancell.nominal.estimated import estimated_cell
+from scancell.nominal.cell import estimated_cell, nominal_cell
 
 
 def some_readings(rng: np.random.Generator, count: int) -> AxisReadings:

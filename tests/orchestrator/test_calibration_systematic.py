@@ -11,8 +11,7 @@ from scipy.optimize import least_squares
 from benchmarks.sphere_cell import CENTRE, RADIUS, OneSurface, RobotErrors, SphereCase, default_kinematics, sphere_views
 from scancell.calibration.cell.kinematics import TOOL, AxisReadings
 from scancell.calibration.cell.problem import Artefact, CalibrationProblem, CalibrationResult, Observations
-from scancell.calibration.cell.solve import solve
-from scancell.calibration.cell.sphere_start import Circles, circles_of, sphere_start
+from scancell.calibration.cell.solve import Circles, circles_of, solve, sphere_start
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
 from scancell.geometry.shapes import Sphere

@@ -12,7 +12,7 @@ from scancell.errors import CellError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh, load_mesh
 from scancell.nominal.cell import NominalCell, nominal_cell
-from scancell.proximity.cell_check import check_cell, penetration
+from scancell.proximity.judge import check_cell, penetration
 
 BLOCK = block(0.06, 0.04, 0.03)
 BELT = """

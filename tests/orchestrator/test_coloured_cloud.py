@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from cells import block, cloud_of
 
-from scancell.output.deviation_picture import deviation_colours
-from scancell.views.coloured_cloud import ColouredCloud, coloured_by
+from scancell.output.deviation_report import deviation_colours
+from scancell.views.renderer import ColouredCloud, coloured_by
 from scancell.views.shading import displayed
 
 

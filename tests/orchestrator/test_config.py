@@ -14,18 +14,17 @@ from cells import GRIPPER
 
 from scancell.config.artefact import ArtefactDescription
 from scancell.config.cell import CellDescription
-from scancell.config.channel import LinkDescription
-from scancell.config.description import FileDescription, PoseDescription
-from scancell.config.keys import join_path
+from scancell.config.description import FileDescription, PoseDescription, si_value, split_unit, to_si
+from scancell.config.files import join_path
+from scancell.config.frames import LinkDescription
 from scancell.config.loading import assets_dir, load_resolved, load_setup, parse_assignment, split_path
 from scancell.config.robot import RobotDescription
 from scancell.config.scan import ScanDescription
 from scancell.config.schema import json_schemas
 from scancell.config.sensor import SensorDescription, sensor_json
 from scancell.config.study import load_study
-from scancell.config.units import si_value, split_unit, to_si
 from scancell.errors import DescriptionError, OutputError
-from scancell.output.manifest import resolved_toml
+from scancell.output.run_folder import resolved_toml
 
 _ENDS = (("minimum", "exclusiveMinimum"), ("maximum", "exclusiveMaximum"))
 FILES: list[type[FileDescription]] = [

@@ -7,7 +7,7 @@ import pytest
 from cells import block, planning_cell
 
 from scancell.geometry import pose
-from scancell.planning.model import PlanningCell
+from scancell.planning.model import QUERY, PlanningCell
 from scancell.planning.path_map import constraints
 from scancell.planning.path_map.configuration_map import (
     CLEARANCE,
@@ -21,7 +21,6 @@ from scancell.planning.path_map.configuration_map import (
     singularity_distance,
 )
 from scancell.planning.views.views import sweep_pose
-from scancell.planning.work import QUERY
 
 PERIOD = 0.05
 ROWS = 24

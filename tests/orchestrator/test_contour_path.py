@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from cells import mesh_of, planning_cell
 
-from scancell.config.path import ContourDescription, PathDescription
+from scancell.config.scan import ContourDescription, PathDescription
 from scancell.errors import PlanningError
 from scancell.geometry.mesh import Mesh
 from scancell.planning.path_map.path_planner import PathPlanner, PlacedPath

@@ -19,13 +19,19 @@ from scancell.errors import DescriptionError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, load_mesh
 from scancell.nominal.cell import nominal_cell
-from scancell.planning.model import PlanningCell
+from scancell.planning.model import PlanningCell, Work
 from scancell.planning.options import ScanOptions, scan_options
-from scancell.planning.views.coverage import CoveragePlanner, _least_time
-from scancell.planning.views.legs import legs
-from scancell.planning.views.sight import GRAZING, OCCLUDED, OUT_OF_RANGE, SEEN, Sight
+from scancell.planning.views.coverage import (
+    GRAZING,
+    OCCLUDED,
+    OUT_OF_RANGE,
+    SEEN,
+    CoveragePlanner,
+    Sight,
+    _least_time,
+    legs,
+)
 from scancell.planning.views.views import Pass, sample_part, sweep_pose
-from scancell.planning.work import Work
 from scancell.scanning.world import make_sensor
 from scancell.visibility.measurable import MeasurableSurface, measurable_surface
 

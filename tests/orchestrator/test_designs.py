@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scancell.config.variation import (
+from scancell.config.study import (
     DesignDescription,
     DiscreteDescription,
     NormalDescription,
@@ -13,8 +13,7 @@ from scancell.config.variation import (
     UniformDescription,
 )
 from scancell.errors import DescriptionError
-from scancell.studies.designs import design, hashed, trial_seed
-from scancell.studies.distributions import correlated_normal, extremes, middles, quantiles
+from scancell.studies.factors import correlated_normal, design, extremes, hashed, middles, quantiles, trial_seed
 
 EVEN = (np.arange(100_000) + 0.5) / 100_000
 KINDS = ["monte_carlo", "latin_hypercube", "sobol", "full_factorial", "one_at_a_time", "morris"]

@@ -12,13 +12,10 @@ import pytest
 from cells import cloud_of
 
 import scancell
-from scancell.evaluation import unseen
-from scancell.evaluation.deviation import Deviation, deviation_from_mesh
-from scancell.evaluation.outliers import find_outliers
-from scancell.evaluation.unseen import UnseenSurface, unseen_surface
+from scancell.evaluation import deviation
+from scancell.evaluation.deviation import Deviation, UnseenSurface, deviation_from_mesh, find_outliers, unseen_surface
 from scancell.geometry.mesh import box_mesh, sample_surface
-from scancell.output.deviation_picture import um_text
-from scancell.output.deviation_report import DeviationReport
+from scancell.output.deviation_report import DeviationReport, um_text
 
 BOX = box_mesh((0.08, 0.06, 0.04))
 NOISE = 5e-6
@@ -127,7 +124,7 @@ def test_shares_of_unseen_surface_add_up_to_what_is_not_covered(scan: scancell.S
     shares = scan.unseen.shares
     assert sum(shares.values()) == pytest.approx(1 - scan.coverage.surface_fraction)
     measurable = (scan.coverage.measurable & ~scan.coverage.covered).mean()
-    others = {unseen.STANDS_ON, unseen.NOT_MEASURABLE}
+    others = {deviation.STANDS_ON, deviation.NOT_MEASURABLE}
     assert sum(share for reason, share in shares.items() if reason not in others) == pytest.approx(measurable)
 
 
@@ -135,7 +132,7 @@ def test_surface_on_which_the_part_stands_is_named(scan: scancell.ScanResult) ->
     part = scan.nominal.part
     lowest = part.vertices[part.faces][..., 2].max(1) < part.bounds[0, 2] + 1e-9
     share = part.areas[lowest].sum() / part.areas.sum()
-    assert scan.unseen.shares[unseen.STANDS_ON] == pytest.approx(share, abs=0.015)
+    assert scan.unseen.shares[deviation.STANDS_ON] == pytest.approx(share, abs=0.015)
 
 
 def test_what_the_scan_measured_is_in_view_of_its_exposures(scan: scancell.ScanResult) -> None:
@@ -144,7 +141,9 @@ def test_what_the_scan_measured_is_in_view_of_its_exposures(scan: scancell.ScanR
     margin = 1e-3 * scan.setup.scan.table_margin_mm
     poses, sensor = scan.part_from_sensor, scan.setup.sensor
     found = unseen_surface(none, scan.measurable, scan.nominal, sensor, poses, margin)
-    in_view = np.isin(found.reason, [found.reasons.index(name) for name in (unseen.NO_POINT, unseen.TAKEN_FOR_TABLE)])
+    in_view = np.isin(
+        found.reason, [found.reasons.index(name) for name in (deviation.NO_POINT, deviation.TAKEN_FOR_TABLE)]
+    )
     measured = scan.coverage.covered & scan.coverage.measurable
     assert in_view[measured].mean() > 0.9  # shadows end within the tolerance
     assert in_view[scan.coverage.measurable & ~measured].mean() < 0.1
@@ -152,4 +151,4 @@ def test_what_the_scan_measured_is_in_view_of_its_exposures(scan: scancell.ScanR
     far = poses.copy()
     far[:, :3, 3] += 10.0
     away = unseen_surface(none, scan.measurable, scan.nominal, sensor, far, margin)
-    assert set(away.shares) <= {unseen.STANDS_ON, unseen.NOT_MEASURABLE, unseen.NOT_CROSSED}
+    assert set(away.shares) <= {deviation.STANDS_ON, deviation.NOT_MEASURABLE, deviation.NOT_CROSSED}

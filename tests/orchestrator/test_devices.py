@@ -7,15 +7,15 @@ import pytest
 from cells import cell_file, export_mm
 from fmu_cells import drive
 
+from scancell.cell.arm_dynamics import read_mesh_json
 from scancell.cell.fmu_file import cell_json
-from scancell.cell.mesh_json import read_mesh_json
 from scancell.cell.program import TriggerRule
 from scancell.cell.recording import read_recording, write_recording
 from scancell.config.loading import load_setup
 from scancell.errors import DescriptionError
 from scancell.geometry.mesh import box_mesh
 from scancell.nominal.cell import nominal_cell
-from scancell.scanning.exposures import exposures_from_truth, visible_bodies
+from scancell.scanning.world import exposures_from_truth, visible_bodies
 
 BLOCK = box_mesh((0.04, 0.03, 0.02), "block")
 DEVICES = """

@@ -13,8 +13,7 @@ from engine_work import open_counter
 
 from scancell.errors import OutputError, WorkersError
 from scancell.progress import NullProgress
-from scancell.studies.engine import ExecutionTarget, Job, Task, close_workers, run_tasks
-from scancell.studies.task_store import DONE, TaskStore
+from scancell.studies.engine import DONE, ExecutionTarget, Job, Task, TaskStore, close_workers, run_tasks
 
 ALONE = ExecutionTarget(shard=(1, 1))
 TWO = ExecutionTarget(workers=2)

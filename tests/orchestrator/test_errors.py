@@ -13,11 +13,11 @@ from typing_extensions import TypeAliasType
 from scancell import errors
 from scancell.arguments import checked_value
 from scancell.cell.as_built import parse_as_built
-from scancell.config.batch import load_batch
 from scancell.config.files import assets_dir, read_toml
 from scancell.config.loading import as_built_sensor, load_setup, require_sensor_words
 from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
+from scancell.config.study import load_batch
 from scancell.errors import DescriptionError, MeshError, ScancellError, named_by, shown
 from scancell.geometry.fits.fit import fit_sphere
 from scancell.geometry.mesh import load_mesh

@@ -15,13 +15,12 @@ from bench.exercise_page import updated
 from scancell import Scanner
 from scancell.config.loading import load_setup
 from scancell.errors import DescriptionError
-from scancell.exercises.attempt import Attempt
+from scancell.exercises.attempt import Attempt, sheet_file, sheet_html, write_sheet
 from scancell.exercises.catalogue import EXERCISES, find_exercise
 from scancell.exercises.declaration import Question
-from scancell.exercises.sheet import sheet_file, sheet_html, write_sheet
 from scancell.live.cell import LiveCell
 from scancell.programs.live_program import LiveProgram, LiveProgramState
-from scancell.programs.taught_file import TaughtFile
+from scancell.programs.taught import TaughtFile
 
 SOLUTIONS = Path(__file__).parents[2] / "docs" / "examples" / "exercises"
 PAGE = SOLUTIONS.parents[1] / "exercises.md"

@@ -10,8 +10,8 @@ from scancell.config.loading import load_setup
 from scancell.errors import DescriptionError
 from scancell.planning.options import scan_options
 from scancell.reconstruction.reconstruct import ProfilePoints
-from scancell.scanning.exposure_control import AutomaticExposure, SameExposures
 from scancell.scanning.sense import surest
+from scancell.scanning.world import AutomaticExposure, SameExposures
 from scancell.sensor import PEAK_FLAGS
 
 MULTIPLE = {"exposure.mode": "multiple", "exposure.further_ms": [0.1, 2.0]}

@@ -15,8 +15,7 @@ import pyarrow as pa
 import pytest
 
 import scancell
-from scancell.calibration.measured_table import MeasuredTable
-from scancell.calibration.profile_table import read_profiles
+from scancell.calibration.measured_table import MeasuredTable, read_profiles
 from scancell.cell.fmu_info import describe_fmu
 from scancell.cell.recording import read_table
 from scancell.config.files import read_toml
@@ -25,10 +24,10 @@ from scancell.config.urdf import read_urdf
 from scancell.files import arrow_table, atomic_write, read_json
 from scancell.output.image_files import read_index
 from scancell.planning.views.sensor_paths import recorded_poses
-from scancell.programs.taught_file import TaughtFile
+from scancell.programs.taught import TaughtFile
 from scancell.reconstruction.cloud_files.plain import read_npz
 from scancell.reconstruction.cloud_files.read import read_cloud_file
-from scancell.recorded.calibrated import read_calibration
+from scancell.recorded.uncertainty import read_calibration
 
 
 @pytest.mark.parametrize("dtype", ["u1", "u4", "i4", "i8", "f4", "f8"])

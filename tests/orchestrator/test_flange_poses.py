@@ -24,13 +24,13 @@ from benchmarks.sphere_cell import (
     sphere_views,
 )
 from scancell.calibration.cell.kinematics import TOOL, AxisReadings
-from scancell.calibration.cell.request import CalibrationRequest
+from scancell.calibration.cell.report import CalibrationRequest
 from scancell.calibration.measured_table import write_measured_table
-from scancell.config.choices import FlangeConvention
+from scancell.config.description import FlangeConvention
 from scancell.config.files import assets_dir
 from scancell.errors import CalibrationError, DescriptionError
 from scancell.geometry import pose
-from scancell.geometry.pose_conventions import CONVENTIONS, PoseReading, StatedPoses
+from scancell.geometry.orientation import CONVENTIONS, PoseReading, StatedPoses
 
 COUNT = 16
 # The flange of the real robot is another frame than that of the described one.

@@ -12,7 +12,7 @@ from scancell.config.loading import assets_dir
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh, load_mesh, sample_surface
 from scancell.geometry.shapes import Cone, Cylinder, Sphere
-from scancell.reconstruction.footprint import footprint_of
+from scancell.reconstruction.foreign import footprint_of
 from scancell.reconstruction.reconstruct import Envelope, reconstruct_points, table_warnings
 
 MARGIN = 0.5e-3

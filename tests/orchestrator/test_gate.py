@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from scancell.browser.panels.messages import report_errors
+from scancell.browser.panels.handles import report_errors
 from scancell.browser.server.gate import Gate
 from scancell.errors import CommandError
 

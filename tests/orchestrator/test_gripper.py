@@ -13,7 +13,7 @@ from scancell.config.loading import load_setup
 from scancell.geometry.mesh import box_mesh
 from scancell.nominal.cell import nominal_cell
 from scancell.planning.model import PlanningCell, with_table
-from scancell.scanning.exposures import exposures_from_truth, visible_bodies
+from scancell.scanning.world import exposures_from_truth, visible_bodies
 
 BLOCK = box_mesh((0.04, 0.03, 0.02), "block")
 WORDS = [*GRIPPER, "cell.gripper.start_mm=30"]

@@ -11,11 +11,9 @@ import pytest
 from scipy.stats import kstest
 
 from guard_answers import JointLimitGuard, state_at
-from scancell.config.channel import ChannelDescription, LinkDescription
-from scancell.guard.channel import Arrival, Channel
+from scancell.config.frames import ChannelDescription, LinkDescription
 from scancell.guard.endpoints import SUPERSEDED, Outcome
-from scancell.guard.link import Link, faulty_link
-from scancell.guard.transport import InProcess
+from scancell.guard.transport import Arrival, Channel, InProcess, Link, faulty_link
 
 PERIOD = 0.032
 PACKETS = 20_000

@@ -10,12 +10,10 @@ from guard_walls import behind_wall, boxes, distances, is_clear, near_home, squa
 
 from guard_motions import KINDS, NOISE, POLLS, Motion, random_motion, unit
 from scancell.guard.check import ManualCheck
-from scancell.guard.identify import Identifier
-from scancell.guard.motion import Hypothesis, MeasuredState, Path
-from scancell.guard.near import NearPairs
-from scancell.guard.stopping import WorstCase, stopping_motion
-from scancell.guard.tool import Tool
-from scancell.guard.unseen import JogLimits
+from scancell.guard.endpoints import Identifier
+from scancell.guard.free_path import JogLimits, NearPairs
+from scancell.guard.parts import Tool
+from scancell.guard.stopping import Hypothesis, MeasuredState, Path, WorstCase, stopping_motion
 from scancell.nominal.cell import NominalCell
 from scancell.proximity.scene import ProximityScene
 

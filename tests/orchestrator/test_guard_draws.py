@@ -9,9 +9,9 @@ import pytest
 from cells import block
 
 from scancell.config.loading import load_setup
-from scancell.geometry.reduction import decimated
+from scancell.geometry.mesh import decimated
 from scancell.nominal.cell import nominal_cell
-from scancell.scanning.guard import settings_of
+from scancell.scanning.session import settings_of
 from scancell.studies.guard.draws import Draw, Draws
 from scancell.studies.guard.scenario import JOGGED, Kind
 from scancell.studies.guard.simulation import MotionRecord, Simulation, shifted

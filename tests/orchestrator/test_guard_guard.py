@@ -13,14 +13,13 @@ from guard_walls import Square, boxes, distances, near_home, square, straight
 
 from bench.guard_packets import extreme_states
 from guard_motions import NOISE, POLL, cartesian
-from scancell.cell.controller import Mode, Operation
+from scancell.cell.driver import Mode, Operation
 from scancell.config.loading import load_setup
 from scancell.errors import DescriptionError, MessageError
-from scancell.guard.guard import Decision, Guard
+from scancell.guard.free_path import UnseenApproach, jog_limits
+from scancell.guard.guard import Decision, Guard, GuardSettings
 from scancell.guard.messages import CellState, GuardMessage
-from scancell.guard.settings import GuardSettings
 from scancell.guard.stopping import braking_time, stopping_motion
-from scancell.guard.unseen import UnseenApproach, jog_limits
 from scancell.nominal.cell import NominalCell
 
 ROBOT = load_setup().cell.robot

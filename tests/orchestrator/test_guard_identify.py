@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from guard_motions import CELLS, KIND_OF, KINDS, NOISE, cell_of, random_motion
-from scancell.guard.identify import Identifier, _Window
-from scancell.guard.motion import Kind, MeasuredState, Path
-from scancell.guard.tool import Tool
+from scancell.guard.endpoints import Identifier, _Window
+from scancell.guard.parts import Tool
+from scancell.guard.stopping import Kind, MeasuredState, Path
 
 MOTIONS = 100  # of each kind
 

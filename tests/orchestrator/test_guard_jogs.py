@@ -10,12 +10,11 @@ import pytest
 from guard_walls import boxes, distances, square, straight
 
 from guard_motions import NOISE, POLL
-from scancell.cell.controller import Mode, Operation
+from scancell.cell.driver import Mode, Operation
 from scancell.config.loading import load_setup
-from scancell.guard.guard import Guard
+from scancell.guard.free_path import jog_limits
+from scancell.guard.guard import Guard, GuardSettings
 from scancell.guard.messages import CellState, GuardMessage
-from scancell.guard.settings import GuardSettings
-from scancell.guard.unseen import jog_limits
 from scancell.nominal.cell import NominalCell
 from scancell.proximity.scene import ProximityScene
 

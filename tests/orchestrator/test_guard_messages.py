@@ -13,7 +13,7 @@ import pytest
 
 from bench.guard_packets import Traffic, random_answer, random_state, run_in_process
 from guard_answers import JointLimitGuard, state_at
-from scancell.cell.controller import Mode, Operation
+from scancell.cell.driver import Mode, Operation
 from scancell.errors import MessageError
 from scancell.guard.endpoints import REJECTED, SILENCE, SUPERSEDED, CellEndpoint, GuardEndpoint, Outcome
 from scancell.guard.messages import MAX_PACKET, CellState, GuardMessage, PlacedPart, axes_digest, decode

@@ -10,12 +10,11 @@ import pytest
 from guard_walls import boxes, distances, near_home, square, straight
 
 from guard_motions import NOISE, POLL
-from scancell.cell.controller import Mode, Operation
+from scancell.cell.driver import Mode, Operation
 from scancell.config.loading import load_setup
-from scancell.guard.guard import Guard
+from scancell.guard.check import RATE_SLOPE
+from scancell.guard.guard import Guard, GuardSettings
 from scancell.guard.messages import CellState, GuardMessage
-from scancell.guard.path_check import RATE_SLOPE
-from scancell.guard.settings import GuardSettings
 from scancell.nominal.cell import NominalCell
 from scancell.proximity.scene import ProximityScene
 

@@ -8,15 +8,14 @@ from guard_walls import behind_wall, boxes, distances, near_home, straight
 
 from bench.guard_retreat import CYCLE, ROWS, SETTINGS, run
 from guard_motions import NOISE, POLL, unit
-from scancell.cell.controller import Mode, Operation
+from scancell.cell.driver import Mode, Operation
 from scancell.config.loading import load_setup
 from scancell.config.robot import DriveDescription
-from scancell.guard.guard import Guard
+from scancell.guard.free_path import NearPairs
+from scancell.guard.guard import Guard, GuardSettings
 from scancell.guard.messages import CellState
-from scancell.guard.near import NearPairs
-from scancell.guard.settings import GuardSettings
 from scancell.guard.stopping import braking_time
-from scancell.scanning.guard import settings_of
+from scancell.scanning.session import settings_of
 
 ROBOT = load_setup().cell.robot
 CLEARANCE = 2 * SETTINGS.position_error

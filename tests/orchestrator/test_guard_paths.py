@@ -12,9 +12,8 @@ import pytest
 from guard_walls import boxes, distances, square, straight
 
 from guard_motions import POLL, unit
-from scancell.guard.free_path import FreePath
-from scancell.guard.near import NearPairs
-from scancell.guard.path_check import RATE_SLOPE, PathCheck
+from scancell.guard.check import RATE_SLOPE, PathCheck
+from scancell.guard.free_path import FreePath, NearPairs
 from scancell.nominal.cell import NominalCell
 from scancell.proximity.scene import ProximityScene, cell_scene
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from guard_motions import CELLS, cartesian, cell_of, random_start, twist_of
-from scancell.guard.motion import Hypothesis, MeasuredState, Path
-from scancell.guard.predict import Predictor
-from scancell.guard.tool import Tool
+from scancell.guard.parts import Tool
+from scancell.guard.stopping import Hypothesis, MeasuredState, Path, Predictor
 
 TIMES = np.linspace(0.0, 0.5, 9)
 

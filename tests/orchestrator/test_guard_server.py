@@ -14,14 +14,13 @@ import numpy as np
 import pytest
 
 from guard_answers import FAILS, HANGS, STOP_FROM, JointLimitGuard, guard_process, state_at, until
-from scancell.config.channel import LinkDescription
-from scancell.config.choices import LOOPBACK
+from scancell.config.description import LOOPBACK
+from scancell.config.frames import LinkDescription
 from scancell.errors import LinkError
 from scancell.guard.endpoints import FAILED, REJECTED, SUPERSEDED, Outcome
-from scancell.guard.link import Link, faulty_link
 from scancell.guard.messages import MAX_PACKET, CellState, GuardMessage, PlacedPart
 from scancell.guard.server import serve_guard
-from scancell.guard.transport import TcpTransport, UdpTransport
+from scancell.guard.transport import Link, TcpTransport, UdpTransport, faulty_link
 
 TRANSPORTS = {"udp": UdpTransport, "tcp": TcpTransport}
 CLIENT = Path(__file__).resolve().parents[2] / "docs" / "examples" / "guard_client.py"

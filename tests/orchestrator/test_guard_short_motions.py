@@ -12,14 +12,13 @@ from cells import GRIPPER, block, export_mm
 from guard_rig import Distance, GuardRig, guard_rig
 
 from bench.guard_search.mutations import MUTATIONS
-from scancell.cell.controller import Operation
+from scancell.cell.driver import Operation
 from scancell.config.cell import CellDescription
 from scancell.config.loading import assets_dir, load_setup
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh, joined
-from scancell.guard.settings import GuardSettings
-from scancell.nominal.cell import nominal_cell
-from scancell.nominal.tools import flange_from_tool
+from scancell.guard.guard import GuardSettings
+from scancell.nominal.cell import flange_from_tool, nominal_cell
 
 PAIR = ("sensor", "part")
 PART = block(0.06, 0.06, 0.05)
@@ -286,7 +285,7 @@ def test_jog_at_once_after_a_change_of_operation_is_slowed_and_not_stopped(after
 def test_guards_with_deliberate_errors_let_bodies_collide(
     error: str, scenario: Callable[[Path], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("scancell.scanning.guard.Guard", MUTATIONS[error].guard)
+    monkeypatch.setattr("scancell.scanning.session.Guard", MUTATIONS[error].guard)
     with pytest.raises(AssertionError) as failure:
         scenario(tmp_path)
     assert "rig.contacts(" in str(failure.traceback[-1].statement)

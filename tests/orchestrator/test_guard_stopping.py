@@ -5,9 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scancell.guard.motion import Hypothesis, MeasuredState, Path
-from scancell.guard.stopping import WorstCase, braking_time, latest_stop, stopping_motion, stopping_travel
-from scancell.guard.unseen import JogLimits
+from scancell.guard.free_path import JogLimits
+from scancell.guard.stopping import (
+    Hypothesis,
+    MeasuredState,
+    Path,
+    WorstCase,
+    braking_time,
+    latest_stop,
+    stopping_motion,
+    stopping_travel,
+)
 
 DECELERATION = np.radians([900.0, 900.0, 1000.0, 1200.0, 1200.0, 2000.0, 340.0])
 

@@ -10,8 +10,8 @@ from guard_walls import distances, square
 from guard_motions import cell_of, unit
 from scancell.config.loading import load_setup
 from scancell.geometry.pose import transform_points
-from scancell.guard.tool import Tool
-from scancell.guard.unseen import UnseenApproach, jog_limits
+from scancell.guard.free_path import UnseenApproach, jog_limits
+from scancell.guard.parts import Tool
 from scancell.nominal.cell import NominalCell
 from scancell.proximity.scene import ProximityScene
 

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scancell.browser.panels.checklist import checklist_html
-from scancell.browser.panels.help import KEYS, HelpPanel
-from scancell.cell.controller import Operation
+from scancell.browser.panels.help import KEYS, HelpPanel, checklist_html
+from scancell.cell.driver import Operation
 
 
 class Gui:

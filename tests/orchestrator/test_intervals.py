@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scancell.studies.intervals import convergence, shortest_interval, summary, symmetric_interval
+from scancell.studies.analysis import convergence, shortest_interval, summary, symmetric_interval
 
 
 def test_example_of_the_guide_for_a_small_sample() -> None:

@@ -10,8 +10,7 @@ import pytest
 from bench.inverse_kinematics import compare, random_joints, shipped_arms, skew_arm
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
-from scancell.geometry.arm import Arm, HeldJoint, Joint
-from scancell.geometry.chain import dh_from_axes
+from scancell.geometry.arm import Arm, HeldJoint, Joint, dh_from_axes
 
 RIGHT = np.pi / 2
 RNG = np.random.default_rng(8)

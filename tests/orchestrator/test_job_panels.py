@@ -9,9 +9,8 @@ from typing import Any
 
 import pytest
 
-from scancell.browser.panels.scan_panel import ScanPanel
-from scancell.browser.panels.scans import Scans
-from scancell.config.choices import Engine
+from scancell.browser.panels.scans import ScanPanel, Scans
+from scancell.config.description import Engine
 
 
 class Handle:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scancell.browser.panels.jog_panel import JogPanel
-from scancell.cell.controller import JogFrame
+from scancell.browser.panels.arm_panels import JogPanel
+from scancell.cell.driver import JogFrame
 from scancell.config.loading import load_setup
 from scancell.live.commands import JogJoints, JogSensor
 from scancell.nominal.cell import nominal_cell

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scancell.browser.panels import joint_panel
-from scancell.browser.panels.debounce import Debounce
+from scancell.browser.panels import arm_panels
+from scancell.browser.panels.handles import Debounce
 from scancell.live.commands import MoveJoints
 
 HOME = np.radians([10.0, 20.0])
@@ -69,9 +69,9 @@ def state(joints: np.ndarray) -> Any:
 @pytest.fixture
 def rig(monkeypatch: pytest.MonkeyPatch) -> Any:
     now = SimpleNamespace(time=0.0)
-    monkeypatch.setattr(joint_panel, "Debounce", lambda: Debounce(lambda: now.time))
+    monkeypatch.setattr(arm_panels, "Debounce", lambda: Debounce(lambda: now.time))
     gui, operator = Gui(), Operator()
-    panel = joint_panel.JointPanel(gui, operator, state(HOME))  # type: ignore[arg-type]
+    panel = arm_panels.JointPanel(gui, operator, state(HOME))  # type: ignore[arg-type]
     return SimpleNamespace(gui=gui, operator=operator, panel=panel, now=now)
 
 

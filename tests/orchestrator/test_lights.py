@@ -11,12 +11,12 @@ from numpy.testing import assert_allclose
 
 from scancell import sensor as sensor_rt
 from scancell.config.description import validate
-from scancell.config.light import LightDescription
+from scancell.config.devices import LightDescription
 from scancell.config.loading import load_setup
 from scancell.config.sensor import sensor_json
 from scancell.errors import DescriptionError
 from scancell.nominal.cell import Lamp, nominal_cell
-from scancell.scanning.exposures import build_scene, visible_bodies
+from scancell.scanning.world import build_scene, visible_bodies
 
 DISC: dict[str, Any] = {"kind": "disc", "power_mw": 500.0, "diameter_mm": 40.0, "in_band": 0.25}
 

@@ -10,7 +10,7 @@ import pytest
 from live_cells import PATIENCE, SteppedCell, running
 
 from scancell import Scanner
-from scancell.cell.controller import JogFrame, Operation
+from scancell.cell.driver import JogFrame, Operation
 from scancell.config.loading import load_setup
 from scancell.errors import DescriptionError
 from scancell.geometry import pose

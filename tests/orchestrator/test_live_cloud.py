@@ -9,8 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from scancell.browser.panels.colour_bar import colour_bar_html
-from scancell.browser.scene.live_cloud import LiveCloud
+from scancell.browser.panels.handles import colour_bar_html
+from scancell.browser.scene.scene import LiveCloud
 from scancell.errors import DescriptionError
 from scancell.live.scan import LiveChunk
 

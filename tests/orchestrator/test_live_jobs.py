@@ -14,12 +14,12 @@ from fmu_cells import CYCLE_US, EXPOSURE, moves_with_stops, turn_of_table
 from live_cells import PATIENCE, SteppedCell, running
 
 from scancell import Scanner
-from scancell.cell.controller import Operation
+from scancell.cell.driver import Operation
 from scancell.errors import CellError, CommandError, ProgramError
 from scancell.live import cell as live_module
 from scancell.live.cell import LiveCell
 from scancell.live.commands import Cancel, MoveJoints, Reset, SetMonitorSpeed, SetOperation
-from scancell.live.jobs import JobStopped
+from scancell.live.control import JobStopped
 from scancell.programs.program import ProgramRun, run_program
 from scancell.programs.robot import location, mm
 from scancell.scanning.session import ScanSession

@@ -14,7 +14,7 @@ from scancell import sensor as sensor_rt
 from scancell.config.loading import load_setup
 from scancell.config.material import PRESETS, MaterialDescription
 from scancell.nominal.cell import nominal_cell
-from scancell.scanning.exposures import build_scene, native_material
+from scancell.scanning.world import build_scene, native_material
 
 
 @pytest.mark.parametrize("name", PRESETS)

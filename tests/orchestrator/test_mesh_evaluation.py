@@ -15,8 +15,7 @@ from scancell.errors import DescriptionError, FitError
 from scancell.evaluation.alignment import DatumPlane, best_fit, datum_fit
 from scancell.evaluation.mesh_evaluation import evaluate_against_mesh
 from scancell.geometry import pose
-from scancell.geometry.mesh import Mesh, load_mesh, sample_surface
-from scancell.geometry.regions import smooth_regions
+from scancell.geometry.mesh import Mesh, load_mesh, sample_surface, smooth_regions
 from scancell.geometry.shapes import Cylinder, Sphere
 
 BOX = mesh_of(trimesh.creation.box((0.08, 0.06, 0.04)))

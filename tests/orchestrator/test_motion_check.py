@@ -12,8 +12,7 @@ from scancell.config.material import Material
 from scancell.geometry.mesh import Mesh, box_mesh
 from scancell.geometry.pose import transform_points, translation
 from scancell.nominal.cell import Body, NominalCell, nominal_cell
-from scancell.proximity.motion_bounds import MotionBounds
-from scancell.proximity.motion_check import Budget, MotionCheck
+from scancell.proximity.motion_check import Budget, MotionBounds, MotionCheck
 from scancell.proximity.scene import ProximityScene, cell_scene
 
 BLOCK = box_mesh((0.06, 0.04, 0.05)).transformed(translation((0.02, 0.0, 0.025)))

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scancell.browser.panels.conditions import OTHER_OPERATOR, can_end, can_jog, can_move
-from scancell.browser.panels.operator_commands import OperatorCommands
-from scancell.browser.server.operators import Operators
-from scancell.cell.controller import Operation
+from scancell.browser.panels.operator_commands import OTHER_OPERATOR, OperatorCommands, can_end, can_jog, can_move
+from scancell.browser.server.gate import Operators
+from scancell.cell.driver import Operation
 from scancell.live.commands import Cancel, Command, JogJoints, MoveJoints, SetOperation
 
 JOG, MOVE = JogJoints([0.5]), MoveJoints([0.0] * 6)

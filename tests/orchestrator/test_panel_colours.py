@@ -8,7 +8,7 @@ from importlib.resources import files
 import pytest
 
 from contrast import contrast, rgb
-from scancell.browser.panels.colours import ALARM, CALM, DIMMED, FIELDS, MARKED, THEME, WARNING, theme_html
+from scancell.browser.panels.handles import ALARM, CALM, DIMMED, FIELDS, MARKED, THEME, WARNING, theme_html
 
 WHITE = "#ffffff"
 

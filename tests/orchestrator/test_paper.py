@@ -13,7 +13,7 @@ import paper_errata
 import scancell
 from bench.paper import BEGIN, END, between_marks
 from paper_errata import sensor_of
-from scancell.config.path import QualityDescription
+from scancell.config.scan import QualityDescription
 from scancell.planning.model import SensorRange
 
 ROOT = Path(__file__).resolve().parents[2]

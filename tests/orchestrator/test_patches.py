@@ -18,8 +18,8 @@ from scancell.config.sensor import sensor_json
 from scancell.errors import CellError
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import Body
-from scancell.nominal.patches import part_patches
-from scancell.scanning.exposures import build_scene
+from scancell.nominal.parts import part_patches
+from scancell.scanning.world import build_scene
 
 Z = 0.12
 QUIET = ["sensor.render.noise=false", "sensor.laser.sheet_sigma_mm=0.15", "sensor.laser.divergence_mrad=0"]

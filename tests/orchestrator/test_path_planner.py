@@ -10,7 +10,7 @@ from cells import CYCLE, RANGE, block, planning_cell
 from fcl_collisions import path_collisions
 
 from scancell.config.loading import assets_dir, load_setup
-from scancell.config.path import (
+from scancell.config.scan import (
     PairQualityDescription,
     PathDescription,
     QualityDescription,
@@ -23,8 +23,8 @@ from scancell.nominal.cell import nominal_cell
 from scancell.planning.model import PlanningCell
 from scancell.planning.motion import trajectory
 from scancell.planning.path_map import constraints
-from scancell.planning.path_map.optimum import best_motion
 from scancell.planning.path_map.path_planner import PathPlanner, PlacedPath
+from scancell.planning.path_map.ray_shooting import best_motion
 from scancell.planning.views.sensor_paths import sensor_paths
 
 CLEARANCE = 0.005

@@ -7,7 +7,7 @@ from cells import RANGE, ball, block, mesh_of
 
 from scancell.errors import PlanningError
 from scancell.geometry import pose
-from scancell.planning.model import SensorRange
+from scancell.planning.model import SensorRange, Work
 from scancell.planning.options import RasterOptions, Spacing, SweepOptions
 from scancell.planning.views import paths
 from scancell.planning.views.sensor_paths import SensorPath
@@ -21,7 +21,6 @@ from scancell.planning.views.views import (
     seen_by,
     sweep_pose,
 )
-from scancell.planning.work import Work
 
 SWEEP = SweepOptions(tuple(np.radians((30.0, 60.0))), np.radians(105), 0.08, 0.03, np.radians(1), 0.7)
 RASTER = RasterOptions(0.08, 0.0005, 0.004, 0.05)

@@ -14,10 +14,8 @@ from scancell.errors import OutputError
 from scancell.evaluation.deviation import Deviation
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, sample_surface
-from scancell.output.deviation_picture import colour_limit_um, deviation_colours, deviation_picture
-from scancell.output.drawing import Sheet, _font, ticks
-from scancell.output.stripe_picture import stripe_picture
-from scancell.output.surface_view import SurfaceView, sharp_edges, view_axes
+from scancell.output.deviation_report import colour_limit_um, deviation_colours, deviation_picture
+from scancell.output.surface_view import Sheet, SurfaceView, _font, sharp_edges, stripe_picture, ticks, view_axes
 
 
 def box(size: tuple[float, float, float], shift: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Mesh:

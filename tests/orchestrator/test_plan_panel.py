@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from scancell.browser.panels.plan_view import map_html, pose_html, segments_html, state_html
+from scancell.browser.panels.plans import map_html, pose_html, segments_html, state_html
 from scancell.cell.program import Program, Segment, TriggerRule
 from scancell.errors import CommandError
 from scancell.live.plan import LivePlanState, MapPose

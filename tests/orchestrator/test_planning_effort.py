@@ -14,13 +14,12 @@ from scancell.errors import CancelledError
 from scancell.geometry import pose
 from scancell.geometry.mesh import box_mesh
 from scancell.nominal.cell import Body, nominal_cell
-from scancell.planning.model import PlanningCell, SensorRange
+from scancell.planning.model import PlanningCell, SensorRange, Work
 from scancell.planning.options import scan_options
 from scancell.planning.planner import plan
 from scancell.planning.views import paths
 from scancell.planning.views.placement import Infeasible, Placer
 from scancell.planning.views.views import sample_part, seen_by
-from scancell.planning.work import Work
 from scancell.progress import NullProgress
 from scancell.scanning.world import make_sensor
 

@@ -12,7 +12,7 @@ import trimesh
 
 from scancell.config.cell import CellDescription
 from scancell.config.loading import Setup, assets_dir, load_setup
-from scancell.config.path import PathDescription
+from scancell.config.scan import PathDescription
 from scancell.errors import DescriptionError
 from scancell.nominal.plausibility import setup_warnings
 from scancell.planning.options import scan_options

@@ -13,15 +13,12 @@ from live_cells import SteppedCell
 
 from scancell import Scanner
 from scancell.browser.panels.operator_commands import OperatorCommands
-from scancell.browser.panels.program_panel import ProgramPanel, source_html
-from scancell.browser.panels.teach_panel import TeachPanel
-from scancell.browser.server.operators import Operators
+from scancell.browser.panels.teach_panel import ProgramPanel, TeachPanel, source_html
+from scancell.browser.server.gate import Operators
 from scancell.live.commands import MoveJoints
 from scancell.programs.live_program import LiveProgram
 from scancell.programs.robot import deg, location, mm
-from scancell.programs.taught import JointPoint, PosePoint, TaughtProgram, TaughtStep
-from scancell.programs.taught_file import TaughtFile
-from scancell.programs.taught_text import program_text
+from scancell.programs.taught import JointPoint, PosePoint, TaughtFile, TaughtProgram, TaughtStep, program_text
 
 ABOVE = location(450 * mm, 0, 260 * mm, rx=180 * deg)
 THERE = location(460 * mm, 0, 260 * mm, rx=180 * deg)

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from scancell.planning.motion.trajectory import Limits, limit_fractions
-from scancell.planning.path_map import optimum, ray_shooting
+from scancell.planning.path_map import ray_shooting
 from scancell.planning.path_map.configuration_map import ConfigurationMap
 from scancell.planning.path_map.table_motion import CostWeights, Lattice, TableMotion
 
@@ -96,7 +96,7 @@ def test_poses_of_a_step_have_constant_acceleration_and_end_at_the_next_state() 
 def test_a_motion_follows_a_corridor(slope: float) -> None:
     given = ridge(81, 180, slope, 0.5)
     found = ray_shooting.shoot(lattice(given))
-    best = optimum.best_motion(lattice(given))
+    best = ray_shooting.best_motion(lattice(given))
     assert found is not None
     assert best is not None
     check(found, lattice_of(given))
@@ -114,14 +114,14 @@ def lattice_of(given: NDArray[np.float64]) -> Lattice:
 
 def test_a_corridor_faster_than_the_table_is_blocked() -> None:
     given = ridge(81, 180, 2.5 * MAX_RATE, 0.3)
-    assert optimum.best_motion(lattice(given)) is None
+    assert ray_shooting.best_motion(lattice(given)) is None
     assert ray_shooting.shoot(lattice(given)) is None
 
 
 def test_joint_speed_limits_forbid_fast_motions() -> None:
     given = ridge(81, 180, 0.5, 0.4)
-    assert optimum.best_motion(lattice(given, rate=0.6)) is not None
-    assert optimum.best_motion(lattice(given, rate=0.2)) is None
+    assert ray_shooting.best_motion(lattice(given, rate=0.6)) is not None
+    assert ray_shooting.best_motion(lattice(given, rate=0.2)) is None
     assert ray_shooting.shoot(lattice(given, rate=0.2)) is None
 
 
@@ -129,7 +129,7 @@ def test_a_wall_with_a_gap_is_passed_through_the_gap() -> None:
     given = np.full((81, 180), 0.8)
     given[40] = 0.0
     given[40, 60:75] = 0.8
-    for motion in (ray_shooting.shoot(lattice(given)), optimum.best_motion(lattice(given))):
+    for motion in (ray_shooting.shoot(lattice(given)), ray_shooting.best_motion(lattice(given))):
         assert motion is not None
         row = np.rint(motion.angle[40] * 90 / np.pi) % 180
         assert 60 <= row < 75
@@ -139,7 +139,7 @@ def test_a_whole_wall_is_blocked() -> None:
     given = np.full((81, 180), 0.8)
     given[40] = 0.0
     assert ray_shooting.shoot(lattice(given)) is None
-    assert optimum.best_motion(lattice(given)) is None
+    assert ray_shooting.best_motion(lattice(given)) is None
 
 
 def test_the_optimum_is_the_best_of_all_motions_of_a_small_lattice() -> None:
@@ -147,7 +147,7 @@ def test_the_optimum_is_the_best_of_all_motions_of_a_small_lattice() -> None:
     given = np.random.default_rng(2).uniform(0.2, 1.0, (4 * SAMPLES + 1, 12))
     given[3, :6] = 0.0
     made = lattice(given)
-    best = optimum.best_motion(made)
+    best = ray_shooting.best_motion(made)
     assert best is not None
     found = np.inf
     choices = range(-made.accelerations, made.accelerations + 1)
@@ -171,7 +171,7 @@ def test_few_cells_of_a_smooth_map_are_evaluated() -> None:
     found = ray_shooting.shoot(made)
     assert found is not None
     share = np.isfinite(made.map.quality).mean()
-    best = optimum.best_motion(lattice(given))
+    best = ray_shooting.best_motion(lattice(given))
     assert best is not None
     assert share < 0.12
     assert found.cost < 1.05 * best.cost

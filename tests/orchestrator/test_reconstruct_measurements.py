@@ -23,8 +23,8 @@ from scancell.cli import app
 from scancell.config.loading import assets_dir
 from scancell.errors import CalibrationError, DescriptionError, EmptyScanError, ImageError
 from scancell.geometry import pose
-from scancell.geometry.pose_conventions import CONVENTIONS
-from scancell.views.page import write_page
+from scancell.geometry.orientation import CONVENTIONS
+from scancell.views.pictures import write_page
 from scancell.views.recorded_run import open_run
 
 PART = assets_dir() / "parts" / "sphere_on_foot.stl"

@@ -8,8 +8,7 @@ import trimesh
 from cells import ball, mesh_of, planning_cell
 
 from scancell.config.loading import assets_dir
-from scancell.geometry.mesh import Mesh, box_mesh, load_mesh, sample_surface
-from scancell.geometry.reduction import decimated, protrusion_bound, reduced
+from scancell.geometry.mesh import Mesh, box_mesh, decimated, load_mesh, protrusion_bound, reduced, sample_surface
 from scancell.proximity.scene import ProximityScene
 from scancell.sensor import MeshSurface
 

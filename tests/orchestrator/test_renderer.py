@@ -11,8 +11,7 @@ from scancell.config.loading import load_setup
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import nominal_cell
-from scancell.views.camera import PinholeCamera, framing, looking_at
-from scancell.views.laser import LaserSheet, laser_sheet
+from scancell.views.camera import LaserSheet, PinholeCamera, framing, laser_sheet, looking_at
 from scancell.views.renderer import FLOOR, NOTHING, PaintedBody, Renderer
 from scancell.views.shading import SUN
 

@@ -6,8 +6,7 @@ import trimesh
 from cells import ball, block, mesh_of
 
 from scancell.geometry import pose
-from scancell.geometry.mesh import is_stable_pose
-from scancell.geometry.resting import LEAST_TIP_ANGLE, resting_poses
+from scancell.geometry.mesh import LEAST_TIP_ANGLE, is_stable_pose, resting_poses
 
 
 def test_block_rests_on_each_side_and_tips_over_its_nearer_edge():

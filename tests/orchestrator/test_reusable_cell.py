@@ -8,10 +8,9 @@ from cells import ball, block
 from fmu_cells import CYCLE_US, EXPOSURE, turn_of_table
 
 from scancell.cell.driver import Driver
-from scancell.cell.fmu_file import cell_json
+from scancell.cell.fmu_file import ReusableCell, cell_json
 from scancell.cell.instance import CellInstance
 from scancell.cell.recording import Recording
-from scancell.cell.reusable import ReusableCell
 from scancell.config.loading import load_setup
 from scancell.errors import CellError, DescriptionError
 from scancell.nominal.cell import nominal_cell

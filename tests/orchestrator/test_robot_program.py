@@ -11,7 +11,7 @@ import pytest
 from fmu_cells import moves_with_stops
 
 from scancell import Scanner
-from scancell.cell.controller import Operation
+from scancell.cell.driver import Operation
 from scancell.config.loading import assets_dir, load_setup
 from scancell.errors import CommandError, DescriptionError, ProgramError
 from scancell.geometry import pose

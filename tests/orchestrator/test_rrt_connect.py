@@ -15,8 +15,7 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import box_mesh
 from scancell.nominal.cell import Body
 from scancell.planning.model import MOTION_SHARE, PlanningCell
-from scancell.planning.motion.connection import Connector
-from scancell.planning.motion.rrt_connect import RrtConnect
+from scancell.planning.motion.connection import Connector, RrtConnect
 
 CLEARANCE = 0.005
 DOWN = np.diag([1.0, -1.0, -1.0, 1.0])

@@ -17,7 +17,7 @@ from scancell.cell.recording import INTEGER_COLUMNS, RecordLayout
 from scancell.config.loading import assets_dir, load_setup
 from scancell.errors import DescriptionError
 from scancell.files import first_free
-from scancell.output.manifest import resolved_toml
+from scancell.output.run_folder import resolved_toml
 from scancell.views import recorded_run
 
 PART = assets_dir() / "parts" / "step_block.stl"

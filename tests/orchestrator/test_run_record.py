@@ -15,12 +15,11 @@ from scancell.config.description import validate
 from scancell.config.loading import Setup, assets_dir
 from scancell.config.study import StudyDescription
 from scancell.errors import DescriptionError
-from scancell.output.manifest import versions
+from scancell.output.run_folder import versions
 from scancell.studies.engine import request_digest
 from scancell.studies.factors import checked_sections
 from scancell.studies.run_record import recorded_terms
-from scancell.studies.study import Study, open_study
-from scancell.studies.trial import open_trials
+from scancell.studies.study import Study, open_study, open_trials
 from studies_files import DESIGN, GLOSS, HEAD, OFFSET, write_study
 
 

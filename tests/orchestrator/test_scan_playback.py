@@ -12,15 +12,13 @@ import pytest
 from live_cells import PATIENCE, running
 
 from scancell import Scanner
-from scancell.browser.panels.conditions import can_jog, can_move, can_start
-from scancell.browser.panels.scan_playback import PLAYBACK, ScanPlayback
-from scancell.browser.panels.scans import Scans
+from scancell.browser.panels.operator_commands import can_jog, can_move, can_start
+from scancell.browser.panels.scans import PLAYBACK, ScanPlayback, Scans
 from scancell.browser.panels.status import advice
-from scancell.browser.scene.live_cloud import LiveCloud
-from scancell.browser.scene.scene import CellScene
+from scancell.browser.scene.scene import CellScene, LiveCloud
 from scancell.browser.server.quiet import quiet_server
-from scancell.cell.controller import Operation
-from scancell.config.choices import Engine
+from scancell.cell.driver import Operation
+from scancell.config.description import Engine
 from scancell.config.loading import assets_dir, load_setup
 from scancell.errors import CommandError
 from scancell.live.camera import CameraFeed, CameraFrame

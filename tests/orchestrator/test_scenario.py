@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scancell.cell.fmu_file import cell_json
-from scancell.cell.reusable import ReusableCell
+from scancell.cell.fmu_file import ReusableCell, cell_json
 from scancell.config.loading import load_setup
 from scancell.nominal.cell import nominal_cell
 from scancell.studies.guard.scenario import (

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scancell.config.variation import DesignDescription
-from scancell.studies.designs import design
-from scancell.studies.sensitivity import morris_effects, one_at_a_time_budget, sobol_indices
+from scancell.config.study import DesignDescription
+from scancell.studies.analysis import morris_effects, one_at_a_time_budget, sobol_indices
+from scancell.studies.factors import design
 
 
 def sobol_of(function, factors: int, base: int, seed: int = 3):

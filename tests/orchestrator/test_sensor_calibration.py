@@ -7,8 +7,14 @@ import pytest
 from synthetic_stripes import board_corners, exact_exposure, native, noisy
 
 from bench.sensor_calibration import CAMERAS, CASES, SHEET, Case, calibrated, exact, trial
-from scancell.calibration.sensor.parameters import RADIUS_OFFSET, SensorParameters, free_parameters
-from scancell.calibration.sensor.problem import SensorProblem, StripePeaks, TargetExposure
+from scancell.calibration.sensor.problem import (
+    RADIUS_OFFSET,
+    SensorParameters,
+    SensorProblem,
+    StripePeaks,
+    TargetExposure,
+    free_parameters,
+)
 from scancell.calibration.sensor.simulated import range_error
 from scancell.calibration.sensor.solve import solve
 from scancell.calibration.sensor.targets import ball, ball_poses, step_block, step_poses

@@ -8,11 +8,9 @@ from synthetic_stripes import board_corners, exact_exposure, native
 
 from scancell import sensor as sensor_rt
 from scancell.calibration.sensor import targets as sensor_targets
-from scancell.calibration.sensor.checkered import CheckeredBoard, start_from_corners
-from scancell.calibration.sensor.parameters import free_parameters
-from scancell.calibration.sensor.problem import TargetExposure
+from scancell.calibration.sensor.problem import TargetExposure, free_parameters
 from scancell.calibration.sensor.simulated import calibrate_from, measure, range_error
-from scancell.calibration.sensor.targets import board_poses, step_block
+from scancell.calibration.sensor.targets import CheckeredBoard, board_poses, start_from_corners, step_block
 from scancell.config.loading import as_built_sensor
 from scancell.config.sensor import SensorDescription
 from scancell.errors import CalibrationError

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from cells import ball, block
 
-from scancell.config.path import PathDescription, SpiralDescription, WaypointDescription
+from scancell.config.scan import PathDescription, SpiralDescription, WaypointDescription
 from scancell.errors import DescriptionError, PlanningError
 from scancell.geometry import pose
 from scancell.planning.views.sensor_paths import SensorPath, recorded_poses, sensor_paths

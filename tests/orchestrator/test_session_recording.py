@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from scancell import Scanner
-from scancell.browser.panels.recording import SessionRecording
+from scancell.browser.panels.teach_panel import SessionRecording
 from scancell.errors import OutputError
 from scancell.live.camera import CameraFeed
 from scancell.live.cell import LiveCell

@@ -18,9 +18,9 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import nominal_cell
 from scancell.planning import setups
+from scancell.planning.model import WorkLimitError
 from scancell.planning.setups import riser_for
-from scancell.planning.views import sight
-from scancell.planning.work import WorkLimitError
+from scancell.planning.views import coverage
 from scancell.scanner import Scanner
 
 SWEEPS = {"scan.raster.enabled": False}  # Sweeps alone see all sides of a block, and are chosen sooner.
@@ -32,7 +32,7 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(setups, "_SAMPLES", 600)
     monkeypatch.setattr(setups, "_HEIGHTS_MM", (0.0, 60.0))
     monkeypatch.setattr(setups, "_OFFSETS", (0.0,))
-    monkeypatch.setattr(sight, "_MOST_SAMPLES", 2000)
+    monkeypatch.setattr(coverage, "_MOST_SAMPLES", 2000)
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from scancell.config.loading import load_setup
-from scancell.evaluation.sheet_check import sheet_deviation
+from scancell.evaluation.plane_trial import sheet_deviation
 from scancell.scanning.world import make_sensor
 
 SENSOR = make_sensor(load_setup().sensor, 0)

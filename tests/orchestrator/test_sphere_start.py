@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scancell.calibration.cell.sphere_start import circle_in
+from scancell.calibration.cell.solve import circle_in
 
 CENTRE, RADIUS = np.array([0.004, 0.12]), 0.01
 

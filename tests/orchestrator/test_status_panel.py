@@ -15,7 +15,7 @@ from live_cells import SteppedCell
 from chromium import chromium
 from scancell import Scanner
 from scancell.browser.panels.status import Status, advice, pace, share_done, state_html
-from scancell.cell.controller import GUARD_TOO_OLD, Operation
+from scancell.cell.driver import GUARD_TOO_OLD, Operation
 from scancell.config.loading import load_setup
 from scancell.guard.guard import Decision, Guard
 from scancell.live.commands import JogSensor, Reset, SetOperation

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from scancell.errors import OutputError
-from scancell.scanning.stored_columns import StoredColumns
+from scancell.scanning.sense import StoredColumns
 
 
 @dataclass

@@ -10,8 +10,7 @@ from cells import cloud_of
 
 from scancell.errors import FitError, MeshError
 from scancell.geometry.mesh import load_mesh
-from scancell.reconstruction.cloud import Cloud
-from scancell.reconstruction.surface import reconstruct_surface, write_surface
+from scancell.reconstruction.cloud import Cloud, reconstruct_surface, write_surface
 
 RADIUS = 0.025
 

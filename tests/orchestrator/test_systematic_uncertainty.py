@@ -16,7 +16,7 @@ from scancell import sensor as sensor_rt
 from scancell.calibration.cell.kinematics import AxisReadings
 from scancell.calibration.cell.scan import kinematics_of
 from scancell.calibration.measured_table import write_measured_table
-from scancell.calibration.sensor.parameters import SensorParameters
+from scancell.calibration.sensor.problem import SensorParameters
 from scancell.config.loading import load_setup
 from scancell.config.sensor import sensor_json
 from scancell.errors import CalibrationError, DescriptionError

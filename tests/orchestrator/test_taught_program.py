@@ -14,9 +14,17 @@ from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.programs.program import run_program
 from scancell.programs.robot import deg, location, mm
-from scancell.programs.taught import COMMANDS, MAX_STEPS, JointPoint, PosePoint, TaughtProgram, TaughtStep
-from scancell.programs.taught_file import TaughtFile
-from scancell.programs.taught_text import program_text, read_program
+from scancell.programs.taught import (
+    COMMANDS,
+    MAX_STEPS,
+    JointPoint,
+    PosePoint,
+    TaughtFile,
+    TaughtProgram,
+    TaughtStep,
+    program_text,
+    read_program,
+)
 
 WITH_GRIPPER = Path(__file__).parents[2] / "assets" / "exercises" / "gripper.toml"
 START = location(430 * mm, 0, 230 * mm, rx=180 * deg)

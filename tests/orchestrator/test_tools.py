@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from scancell import Scanner
-from scancell.cell.controller import JogFrame, Operation
+from scancell.cell.driver import JogFrame, Operation
 from scancell.config.loading import load_setup
 from scancell.errors import CommandError, DescriptionError
 from scancell.geometry import pose

@@ -13,7 +13,7 @@ from scancell import DescriptionError, Scanner, assets_dir, cell_json, load_part
 from scancell.geometry import pose
 from scancell.geometry.mesh import box_mesh
 from scancell.geometry.tree import Joint, Tree
-from scancell.proximity.motion_bounds import MotionBounds
+from scancell.proximity.motion_check import MotionBounds
 
 KINDS = ("fixed", "revolute", "prismatic")
 

@@ -7,7 +7,7 @@ import pytest
 
 from scancell.config.study import FittedSphereDescription
 from scancell.reconstruction.cloud import Cloud
-from scancell.studies.trial import _process, _sphere_figures
+from scancell.studies.study import _process, _sphere_figures
 
 SPHERE = FittedSphereDescription(name="ball", centre_mm=(10.0, 20.0, 30.0), radius_mm=12.5, above_mm=25.0, reach_mm=1.0)
 

@@ -25,8 +25,7 @@ from scancell.planning.motion.connection import Connector
 from scancell.planning.options import scan_options
 from scancell.planning.planner import plan
 from scancell.proximity.judge import Judge
-from scancell.proximity.motion_bounds import MotionBounds
-from scancell.proximity.motion_check import MotionCheck
+from scancell.proximity.motion_check import MotionBounds, MotionCheck
 from scancell.proximity.scene import cell_scene, moving_pairs
 
 Array = np.ndarray

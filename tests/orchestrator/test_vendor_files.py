@@ -19,7 +19,7 @@ import scancell
 from scancell.cli import app
 from scancell.config.table_format import read_format, shipped_formats
 from scancell.errors import DescriptionError
-from scancell.geometry.pose_conventions import CONVENTIONS
+from scancell.geometry.orientation import CONVENTIONS
 from scancell.nominal.cell import nominal_cell
 
 X = np.array([-4.0, -2.0, 0.0, 2.5, 4.0, 6.0, 8.0, 10.0, 12.0])  # mm along the profile

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from scancell.geometry import pose
-from scancell.views.laser import LaserSheet
+from scancell.views.camera import LaserSheet
 
 FAR, SOURCE_Z, SLOPE, HALF_WIDTH = 0.2, -0.02, 0.5, 1e-3  # m
 EYE = np.array([0.1, 0.03, 0.05])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from scancell.browser.panels.view_panel import ViewPanel
-from scancell.browser.scene.viewpoints import VIEW_NAMES, ViewName, Viewpoint, viewpoint
+from scancell.browser.scene.scene import VIEW_NAMES, ViewName, Viewpoint, viewpoint
 from scancell.config.loading import load_setup
 from scancell.geometry import pose
 from scancell.geometry.mesh import box_mesh

@@ -13,7 +13,7 @@ import scancell
 from bench.api_fuzzer import Fuzzer, cancels
 from scancell.arguments import Seed, checked_arguments, checked_value
 from scancell.calibration.measured_table import MeasuredTable
-from scancell.config.keys import Assignments
+from scancell.config.files import Assignments
 from scancell.errors import CancelledError, DescriptionError, PlanningError, ScancellError
 
 CALLS = 1  # of each target; `make campaign` makes more

@@ -18,7 +18,7 @@ from scancell.evaluation.deviation import deviation_from_mesh
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import ShapeMesh
 from scancell.nominal.parts import load_part
-from scancell.output.manifest import sha256
+from scancell.output.run_folder import sha256
 from scancell.reconstruction.cloud_files import read_ply
 from scancell.studies.engine import close_workers
 

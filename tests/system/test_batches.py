@@ -19,7 +19,7 @@ from commands import COMMAND, PARTS, PATIENCE_S, environment, scancell_here
 
 from scancell import sensor as sensor_rt
 from scancell.geometry import pose
-from scancell.output.manifest import build_version
+from scancell.output.run_folder import build_version
 from scancell.reconstruction.cloud_files import read_ply
 from scancell.studies.engine import close_workers
 

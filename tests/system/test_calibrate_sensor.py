@@ -11,10 +11,9 @@ import pytest
 from commands import scancell_here
 
 import scancell
-from scancell.calibration.sensor.points import read_exposures, write_exposures
 from scancell.calibration.sensor.problem import PEAK_SPACING, Corners, StripePeaks, TargetExposure
-from scancell.calibration.sensor.request import SensorCalibrationRequest
-from scancell.calibration.sensor.targets import surface_of
+from scancell.calibration.sensor.report import SensorCalibrationRequest
+from scancell.calibration.sensor.targets import read_exposures, surface_of, write_exposures
 from scancell.config.loading import assets_dir
 from scancell.config.sensor import SensorDescription
 from scancell.errors import CalibrationError, DescriptionError

@@ -15,7 +15,7 @@ from commands import scancell_here
 import scancell
 from compatibility import SETS, copy_of
 from scancell.cell.recording import read_any_recording
-from scancell.config.keys import split_path
+from scancell.config.files import split_path
 from scancell.errors import DescriptionError
 from scancell.evaluation.deviation import deviation_from_mesh
 from scancell.geometry import pose

@@ -13,7 +13,7 @@ from commands import PARTS, Finished, scancell_here
 import scancell
 from scancell.config.loading import assets_dir
 from scancell.geometry.mesh import box_mesh, load_mesh
-from scancell.reconstruction.surface import write_surface
+from scancell.reconstruction.cloud import write_surface
 
 ARTEFACTS = assets_dir() / "artefacts"
 EXACT = ("--engine", "geometric", "--ideal")

@@ -14,9 +14,9 @@ from bench.guard_search.mutations import MUTATIONS
 from bench.guard_search.outcomes import IGNORED, TABLE, search
 from scancell.errors import DescriptionError
 from scancell.geometry.mesh import load_mesh
-from scancell.guard.tool import Tool
+from scancell.guard.parts import Tool
 from scancell.nominal.cell import nominal_cell
-from scancell.scanning.guard import settings_of
+from scancell.scanning.session import settings_of
 from scancell.studies.guard.campaign import Campaign, RunRow, stated_distance
 from scancell.studies.guard.run import CampaignOptions, RowFile, run_campaign, summary, tables
 from scancell.studies.guard.scenario import Kind, Motion, Scenario

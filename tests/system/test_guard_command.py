@@ -11,13 +11,12 @@ import pytest
 from commands import COMMAND, PATIENCE_S, environment, scancell_here
 
 from guard_answers import HANGS, until
-from scancell.cell.controller import Mode, Operation
+from scancell.cell.driver import Mode, Operation
 from scancell.config.cell import CellDescription
-from scancell.config.choices import LOOPBACK
-from scancell.guard.link import Link
+from scancell.config.description import LOOPBACK
 from scancell.guard.messages import CellState
-from scancell.guard.transport import TcpTransport, UdpTransport
-from scancell.scanning.guard import guard_of
+from scancell.guard.transport import Link, TcpTransport, UdpTransport
+from scancell.scanning.session import guard_of
 
 
 @pytest.mark.parametrize(("protocol", "transport"), [("udp", UdpTransport), ("tcp", TcpTransport)])

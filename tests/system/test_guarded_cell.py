@@ -19,19 +19,16 @@ import trimesh
 from commands import COMMAND, PATIENCE_S, environment
 
 from guard_answers import until
-from scancell.cell.controller import Mode, Operation
+from scancell.cell.driver import Mode, Operation
 from scancell.cell.fmu_file import cell_json, make_temporary_fmu
 from scancell.cell.instance import CellInstance
 from scancell.config.cell import CellDescription
-from scancell.config.choices import LOOPBACK
+from scancell.config.description import LOOPBACK
 from scancell.config.loading import assets_dir, load_setup
 from scancell.geometry.mesh import box_mesh
-from scancell.guard.channel import Arrival
-from scancell.guard.guarded_cell import GuardedCell
-from scancell.guard.link import Link
-from scancell.guard.settings import GuardSettings
-from scancell.guard.tool import Tool
-from scancell.guard.transport import TcpTransport, Transport, UdpTransport
+from scancell.guard.guard import GuardedCell, GuardSettings
+from scancell.guard.parts import Tool
+from scancell.guard.transport import Arrival, Link, TcpTransport, Transport, UdpTransport
 from scancell.nominal.cell import NominalCell, nominal_cell
 
 TRANSPORTS = {"udp": UdpTransport, "tcp": TcpTransport}

@@ -86,7 +86,7 @@ def test_interrupted_scan_removes_files(tmp_path, stage, number) -> None:
 INTERRUPTED_IN_A_CALLBACK = """
 import os, signal, weakref
 from scancell.cli import main
-from scancell.scanning.drive import FmuRunner
+from scancell.scanning.pipeline import FmuRunner
 
 class Referent:
     pass

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from scancell import Scanner
-from scancell.cell.controller import Operation
+from scancell.cell.driver import Operation
 from scancell.config.loading import assets_dir, load_setup
 from scancell.errors import CancelledError, PlanningError
 from scancell.geometry import pose

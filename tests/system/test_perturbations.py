@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scancell import sensor as sensor_rt
 from scancell.cell.recording import TriggerRecords
 from scancell.config.cell import CellDescription
-from scancell.config.units import split_unit
+from scancell.config.description import split_unit
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
 from scancell.reconstruction.cloud import Cloud

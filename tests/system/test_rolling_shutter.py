@@ -11,8 +11,7 @@ from line import figures_um
 from scancell.cell.recording import Recording
 from scancell.config.loading import load_setup
 from scancell.errors import SensorError
-from scancell.scanning.exposures import readout_time
-from scancell.scanning.world import make_sensor
+from scancell.scanning.world import make_sensor, readout_time
 
 FEWER = "scan.max_profiles=12"
 ROLLING = ('sensor.detector.shutter="rolling"', "sensor.detector.row_readout_us=20")

@@ -18,11 +18,10 @@ from scancell.planning.plan import Plan
 from scancell.reconstruction.cloud_files import read_ply, write_cloud
 from scancell.views import pictures, video
 from scancell.views.camera import camera_path
-from scancell.views.coloured_cloud import coloured_by
 from scancell.views.motion import RunMotion
 from scancell.views.pictures import _in_order, run_pictures
 from scancell.views.recorded_run import open_run
-from scancell.views.renderer import Rendered
+from scancell.views.renderer import Rendered, coloured_by
 
 PART = PARTS / "free_form.stl"
 SMALL = ("--size", "160x96", "--json")

@@ -7,7 +7,7 @@ import pytest
 
 import scancell
 from scancell.config.loading import assets_dir, load_setup, with_path
-from scancell.config.path import PathDescription, SpiralDescription
+from scancell.config.scan import PathDescription, SpiralDescription
 from scancell.errors import PlanningError
 
 PART = assets_dir() / "parts" / "free_form.stl"

@@ -15,15 +15,13 @@ from test_perturbations import geometry, smooth_points, surface_normals, thinned
 
 from scancell.errors import DescriptionError
 from scancell.evaluation.deviation import deviation_from_mesh
-from scancell.output.manifest import build_version
+from scancell.output.run_folder import build_version
 from scancell.progress import NullProgress
 from scancell.stopwatch import Stopwatch
 from scancell.studies import run_record
-from scancell.studies.engine import ExecutionTarget, close_workers
+from scancell.studies.engine import ExecutionTarget, Trial, close_workers
 from scancell.studies.report import write_report
-from scancell.studies.scan_worker import Trial
-from scancell.studies.study import open_study, replay
-from scancell.studies.trial import TrialWorker
+from scancell.studies.study import TrialWorker, open_study, replay
 from studies_files import DESIGN, GLOSS, HEAD, OFFSET, write_study
 
 LATENCY = '[[factor]]\npath = "as_built.trigger.latency_ms"\ndistribution = { kind = "uniform", low = 0, high = 1 }\n'

@@ -19,7 +19,7 @@ from scancell.browser.server.serve import Host
 from scancell.browser.server.workspace import WorkspaceSettings
 from scancell.config.loading import load_setup
 from scancell.geometry.fits import fit_sphere
-from scancell.programs.taught_text import program_text, read_program
+from scancell.programs.taught import program_text, read_program
 from scancell.reconstruction.cloud_files import read_ply
 from tour import hosted
 

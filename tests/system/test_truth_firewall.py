@@ -13,10 +13,9 @@ from line import ply_sha256, rows
 from scancell import sensor as sensor_rt
 from scancell.cell.recording import INTEGER_COLUMNS, Recording, RecordLayout
 from scancell.progress import NullProgress
-from scancell.scanning.exposures import build_scene, exposures_from_truth, visible_bodies
 from scancell.scanning.scan import Scan
 from scancell.scanning.sense import SensedProfiles
-from scancell.scanning.world import World
+from scancell.scanning.world import World, build_scene, exposures_from_truth, visible_bodies
 from scancell.stopwatch import Stopwatch
 
 FEWER = "scan.max_profiles=60"

@@ -23,7 +23,7 @@ from scancell import Scanner
 from scancell.browser.server.quiet import address
 from scancell.browser.server.serve import Host
 from scancell.browser.server.workspace import Workspace, WorkspaceSettings
-from scancell.cell.controller import Operation
+from scancell.cell.driver import Operation
 from scancell.config.loading import load_setup
 from scancell.geometry import pose
 from scancell.live.camera import CameraFrame

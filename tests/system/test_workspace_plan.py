@@ -18,7 +18,7 @@ from test_workspace import Opened, entry, fill
 from chromium import chromium
 from scancell import Scanner
 from scancell.browser.panels.plans import Plans
-from scancell.browser.panels.playback import Playback
+from scancell.browser.panels.scans import Playback
 from scancell.browser.server.workspace import WorkspaceSettings
 from scancell.planning.path_map.configuration_map import CLEARANCE, FREE, ConfigurationMap
 from spiral_cell import PART, spiral_setup

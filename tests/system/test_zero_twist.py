@@ -10,7 +10,7 @@ from line import rows
 
 from scancell import sensor as sensor_rt
 from scancell.cell.recording import Recording
-from scancell.scanning.exposures import build_scene, exposures_from_truth, visible_bodies
+from scancell.scanning.world import build_scene, exposures_from_truth, visible_bodies
 
 FEWER = "scan.max_profiles=60"
 STOP = 'scan.mode="stop-and-look"'

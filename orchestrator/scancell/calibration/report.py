@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from scancell.config.loading import Setup
 from scancell.files import png_bytes
-from scancell.output.manifest import command_words, manifest
 from scancell.output.residual_picture import residual_picture
 from scancell.output.run_files import write_json
-from scancell.output.run_folder import RunFolder
+from scancell.output.run_folder import RunFolder, command_words, manifest
 from scancell.values import Result
 
 

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from base64 import b64decode, b64encode
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from scancell.config.cell import CellDescription
+from scancell.config.description import to_si
 from scancell.config.robot import DriveDescription, InertiaDescription
-from scancell.config.units import to_si
 from scancell.geometry.mesh import Mesh, load_mesh, mass_properties
-from scancell.nominal.gripper import housing_mesh
-from scancell.nominal.poses import pose_matrix, tool_matrix
+from scancell.nominal.gripper import housing_mesh, pose_matrix, tool_matrix
 
 Array = NDArray[np.float64]
 
@@ -100,3 +101,17 @@ def _body(inertia: InertiaDescription | None, mesh: Mesh | None, density: float)
 def _of_mesh(mesh: Mesh, density: float) -> RigidBody:
     properties = mass_properties(mesh, density)
     return RigidBody(properties.mass, properties.centre_of_mass, properties.inertia)
+
+
+def mesh_json(vertices: ArrayLike, faces: ArrayLike) -> dict[str, str]:
+    """Vertices (n, 3), metres, as little-endian 64-bit floats, and faces (m, 3) as little-endian 32-bit integers."""
+    return {
+        "vertices": b64encode(np.ascontiguousarray(vertices, "<f8").tobytes()).decode(),
+        "faces": b64encode(np.ascontiguousarray(faces, "<i4").tobytes()).decode(),
+    }
+
+
+def read_mesh_json(mesh: Mapping[str, str]) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Vertices (n, 3) and faces (m, 3) that `mesh_json` wrote."""
+    vertices = np.frombuffer(b64decode(mesh["vertices"]), "<f8").reshape(-1, 3)
+    return vertices, np.frombuffer(b64decode(mesh["faces"]), "<i4").reshape(-1, 3)

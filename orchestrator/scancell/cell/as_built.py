@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+from scancell.config.description import split_unit
 from scancell.config.loading import parse_assignment, sensor_words
-from scancell.config.units import split_unit
 from scancell.errors import DescriptionError
 
 _SUFFIXES_OF_UNIT = {"m": ("_mm", "_um"), "rad": ("_deg", "_mrad"), "s": ("_ms",), "Hz": ("_hz",)}

@@ -9,6 +9,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from ctypes import POINTER, c_double, c_size_t, c_uint32
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,11 @@ from fmpy.fmi3 import FMU3Slave
 from numpy.typing import NDArray
 
 from scancell.arguments import checked_arguments
+from scancell.cell.recording import INTEGER_COLUMNS, Recording, RecordLayout
 from scancell.closing import Closing
 from scancell.errors import CellError, DescriptionError
+
+Array = NDArray[np.float64]
 
 _STATUS_WARNING = 1
 _DOUBLES = POINTER(c_double)
@@ -30,6 +34,15 @@ _DOUBLES = POINTER(c_double)
 
 # Chooses values (SI) of fixed parameters, knowing the names and units of those that the FMU has.
 Parameters = Callable[[Mapping[str, str | None]], Mapping[str, float]]
+
+_OF_EXPOSURE = ("trigger.time", "trigger.exposure")
+_RECORD = "trigger."
+# Beyond every trigger index, which are 32 bits wide: the index seeds the noise of an image.
+_FIRST_INDEX = 1 << 31
+
+_RECORD_NUMBERS = (*INTEGER_COLUMNS, "trigger.queued")
+# A record must arrive within this time of its exposure, or the cell is not working.
+PATIENCE_US = 5_000_000
 
 
 class RealGroup:
@@ -397,3 +410,211 @@ class CellInstance(Closing):
             self._fmu.freeInstance()
         finally:
             self._remove_unpacked()
+
+
+def snapshot(cell: CellInstance, exposure: float, number: int = 0) -> Recording:
+    """One row: axes, poses and twists at the present instant, as of an exposure whose middle is now.
+
+    The cell is not stepped, and its trigger records are not touched; as-built latency and jitter of the trigger do not
+    apply.
+
+    Parameters
+    ----------
+    exposure
+        Duration of the exposure, s.
+    number
+        Number of the snapshot, from 0; another number gives other image noise.
+    """
+    present = _present_columns(cell)
+    values = cell.get(cell.real_group([name.removeprefix(_RECORD) for name in present]))
+    columns: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {
+        name: np.array([index], np.int64)
+        for name, index in zip(INTEGER_COLUMNS, (_FIRST_INDEX + number, 0), strict=True)
+    }
+    columns |= {"trigger.time": np.array([cell.time_us * 1e-6]), "trigger.exposure": np.array([exposure])}
+    columns |= {name: np.array([value]) for name, value in zip(present, values, strict=True)}
+    return Recording(columns)
+
+
+def _present_columns(cell: CellInstance) -> list[str]:
+    """Columns of a recording that the cell also states for the present instant, without ``trigger.``."""
+    layout = RecordLayout.of(cell.names)
+    return [name for name in (*layout.measured, *layout.truth) if name not in _OF_EXPOSURE]
+
+
+class MotionLog:
+    """Axes, poses and twists of a cell from now on until `end`, at least `interval_us` µs apart; the last ones always.
+
+    Attributes
+    ----------
+    end
+        Ends the log.
+    """
+
+    def __init__(self, cell: CellInstance, interval_us: int) -> None:
+        self._cell, self._interval_us = cell, interval_us
+        self._columns = _present_columns(cell)
+        self._group = cell.real_group([name.removeprefix(_RECORD) for name in self._columns])
+        self._times_us: list[int] = []
+        self._rows: list[NDArray[np.float64]] = []
+        self._look()
+        self.end = cell.on_step(self._look)
+
+    def _look(self) -> None:
+        if len(self._rows) > 1 and self._times_us[-1] - self._times_us[-2] < self._interval_us:
+            self._times_us.pop()
+            self._rows.pop()
+        self._times_us.append(self._cell.time_us)
+        self._rows.append(self._cell.get(self._group).copy())
+
+    @property
+    def recording(self) -> Recording:
+        """All poses as a recording whose rows are no exposures: these are 0 s long."""
+        count, values = len(self._rows), np.array(self._rows)
+        columns: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {
+            name: values[:, i] for i, name in enumerate(self._columns)
+        }
+        columns |= {"trigger.time": 1e-6 * np.array(self._times_us), "trigger.exposure": np.zeros(count)}
+        columns |= zip(INTEGER_COLUMNS, (np.arange(1, count + 1), np.zeros(count, np.int64)), strict=True)
+        return Recording(columns)
+
+
+@dataclass(frozen=True)
+class RecordBatches:
+    """Passes records on as they arrive: `size` at a time, fewer at the end."""
+
+    size: int
+    receive: Callable[[Recording], object]
+
+
+class RecordCollector:
+    """Steps a cell and keeps every trigger record from now on.
+
+    The FMU shows one record per communication step: while records wait, a step is divided into as many.
+
+    Parameters
+    ----------
+    cycle_us
+        The controller's cycle.
+    exposure
+        Duration of the exposures, s.
+    batches
+        Receives the records in addition.
+    """
+
+    def __init__(
+        self, cell: CellInstance, cycle_us: int, exposure: float, batches: RecordBatches | None = None
+    ) -> None:
+        self._cell, self._cycle_us, self._batches = cell, cycle_us, batches
+        self._passed_on = 0
+        layout = RecordLayout.of(cell.names)
+        self._columns = (*layout.measured, *layout.truth)
+        self._group = cell.real_group(self._columns)
+        self._records: list[NDArray[np.float64]] = []
+        self._numbers: list[tuple[int, int]] = []
+        # The cell may have run before, and still show or queue records of that run.
+        self._last, self._queued = cell.get_integers(["trigger.count", "trigger.queued"])
+        cell.set(cell.real_group(["command.exposure"]), np.array([exposure]))
+
+    def __len__(self) -> int:
+        return len(self._records)
+
+    def step_to(self, time_us: int) -> None:
+        """Step to `time_us`, in one communication step and one more for each record that waits."""
+        start_us = self._cell.time_us
+        steps = min(1 + self._queued, time_us - start_us)
+        for k in range(1, steps + 1):
+            self._cell.step_to(start_us + (time_us - start_us) * k // steps)
+            index, segment, self._queued = self._cell.get_integers(_RECORD_NUMBERS)
+            if index > self._last:
+                self._last = index
+                self._numbers.append((index, segment))
+                self._records.append(self._cell.get(self._group).copy())
+        if self._batches is not None and len(self) - self._passed_on >= self._batches.size:
+            self.pass_on()
+
+    def pass_on(self) -> None:
+        """Pass on the records of an incomplete batch, such as those before a stop."""
+        if self._batches is not None and len(self) > self._passed_on:
+            first, self._passed_on = self._passed_on, len(self)
+            self._batches.receive(self._recording(first))
+
+    def finish(self) -> Recording:
+        """Step until no record is queued or pending; returns all records.
+
+        Raises
+        ------
+        CellError
+            If a record never comes.
+        """
+        limit = self._cell.time_us + PATIENCE_US
+        while self._cell.get_integer("trigger.count") > self._last:
+            if self._cell.time_us > limit:
+                raise CellError("trigger records are missing at the end of the program")
+            self.step_to(self._cell.time_us + self._cycle_us)
+        self.pass_on()
+        return self._recording()
+
+    def _recording(self, first: int = 0) -> Recording:
+        values = np.array(self._records[first:], float).reshape(-1, len(self._columns))
+        numbers = np.array(self._numbers[first:], np.int64).reshape(-1, len(INTEGER_COLUMNS))
+        columns: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {
+            name: numbers[:, i] for i, name in enumerate(INTEGER_COLUMNS)
+        }
+        columns.update({name: values[:, i] for i, name in enumerate(self._columns)})
+        return Recording(columns)
+
+
+class SignalLog:
+    """Values of variables from now on, at every communication step.
+
+    Parameters
+    ----------
+    cell
+        Running instance (`CellSession.cell`).
+    reals
+        Names of real variables.
+    booleans
+        Names of Boolean variables, which count 0 and 1.
+
+    Raises
+    ------
+    CellError
+        If the cell has no such variable.
+
+    Examples
+    --------
+    >>> with scancell.Scanner() as scanner, scanner.session("part.stl") as session:
+    ...     log = scancell.SignalLog(session.cell, ["measured.table"], ["controller.moving"])
+    ...     session.turn_table(0.5)
+    >>> log["measured.table"][[0, -1]].round(3)
+    array([0. , 0.5])
+    >>> bool(np.all(np.diff(log["measured.table"]) >= 0)), int(log["controller.moving"].max())
+    (True, 1)
+    """
+
+    @checked_arguments
+    def __init__(self, cell: CellInstance, reals: Sequence[str], booleans: Sequence[str] = ()) -> None:
+        self._cell = cell
+        self._reals, self._booleans = tuple(reals), tuple(booleans)
+        self._group = cell.real_group(self._reals)
+        self._rows: list[Array] = []
+        self._listen()
+        cell.on_step(self._listen)
+
+    def _listen(self) -> None:
+        seen = [float(self._cell.get_boolean(name)) for name in self._booleans]
+        self._rows.append(np.concatenate([[self._cell.time_us * 1e-6], self._cell.get(self._group), seen]))
+
+    @property
+    def time(self) -> Array:
+        """Instants (n,) in s, the present one at the beginning first."""
+        return np.array([row[0] for row in self._rows])
+
+    def __getitem__(self, name: str) -> Array:
+        """Values (n,) of the variable `name` at the instants of `time`, SI; `KeyError` where it is not logged."""
+        names = (*self._reals, *self._booleans)
+        if name not in names:
+            raise KeyError(name)
+        column = 1 + names.index(name)
+        return np.array([row[column] for row in self._rows])

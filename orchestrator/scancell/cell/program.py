@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+import json
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +17,8 @@ from numpy.typing import NDArray
 from scancell.values import Value
 
 TriggerKind = Literal["off", "time", "table_angle", "path_distance", "request", "belt_travel"]
+
+FORMAT = 2
 
 
 @dataclass(frozen=True)
@@ -104,3 +112,37 @@ class Program(Value):
     def duration(self) -> float:
         """Seconds of motion, without settling."""
         return float(sum(segment.times[-1] for segment in self.segments))
+
+
+def program_data(program: Program) -> dict[str, Any]:
+    """A program as plain data for JSON, SI units, without loss of precision."""
+    return {
+        "format": FORMAT,
+        "settle": program.settle,
+        "segments": [
+            {
+                "id": segment.id,
+                "name": segment.name,
+                "trigger": {"kind": segment.trigger.kind, "interval": segment.trigger.interval},
+                "trigger_from": segment.trigger_from,
+                "trigger_to": segment.trigger_to,
+                "belt": None if segment.belt is None else asdict(segment.belt),
+                "time": segment.times.tolist(),
+                "q": segment.axes[:, :-1].tolist(),
+                "table": segment.axes[:, -1].tolist(),
+            }
+            for segment in program.segments
+        ],
+    }
+
+
+@contextmanager
+def temporary_program_file(program: Program, folder: Path) -> Iterator[Path]:
+    """A new file in `folder` with a program, removed at the end."""
+    handle, name = tempfile.mkstemp(prefix="program-", suffix=".json", dir=folder)
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(json.dumps(program_data(program)))  # faster than json.dump
+        yield Path(name).absolute()
+    finally:
+        Path(name).unlink(missing_ok=True)

@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, get_args
 
-from scancell.cell.mesh_json import mesh_json
+from scancell.cell.arm_dynamics import mesh_json
 from scancell.config.cell import CellDescription
-from scancell.config.sensing import CellSensorDescription
-from scancell.config.units import si_value, to_si
+from scancell.config.description import si_value, to_si
+from scancell.config.devices import CellSensorDescription
 from scancell.errors import CellError
-from scancell.geometry.mesh import Mesh
-from scancell.geometry.reduction import decimated, deviation
+from scancell.geometry.mesh import Mesh, decimated, deviation
 from scancell.nominal.cell import NominalCell, fmu_frame
-from scancell.nominal.poses import pose_json, pose_matrix
+from scancell.nominal.gripper import pose_json, pose_matrix
 from scancell.proximity.scene import cell_scene
 
 # Keys of the cell's description that list sensors; the FMU reads each from a key in the plural.

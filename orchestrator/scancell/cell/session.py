@@ -22,9 +22,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scancell.arguments import Count, Duration, Length, Share, checked_arguments, checked_value
-from scancell.cell.controller import (
+from scancell.cell.driver import (
+    TRIGGER_MODES,
     BeltSpeed,
     Deflections,
+    Driver,
     Force,
     GripperMode,
     JogFrame,
@@ -40,16 +42,12 @@ from scancell.cell.controller import (
     refusal,
     state_in_words,
 )
-from scancell.cell.driver import TRIGGER_MODES, Driver
-from scancell.cell.instance import CellInstance, RealGroup
+from scancell.cell.instance import CellInstance, RealGroup, RecordBatches, RecordCollector, snapshot
 from scancell.cell.program import Program
 from scancell.cell.recording import Recording
-from scancell.cell.records import RecordBatches, RecordCollector
-from scancell.cell.snapshot import snapshot
 from scancell.errors import CommandError
 from scancell.geometry import pose
-from scancell.nominal.cell import NominalCell
-from scancell.nominal.tools import flange_from_tool, world_from_frame
+from scancell.nominal.cell import NominalCell, flange_from_tool, world_from_frame
 
 Array = NDArray[np.float64]
 

@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from scancell.cell.driver import SequenceStep
 from scancell.cell.fmu_file import description_text, runtime_dir
 from scancell.cell.fmu_info import unit_of
 from scancell.cell.fmu_package.contents import (
@@ -24,7 +25,6 @@ from scancell.cell.fmu_package.contents import (
     sequencer_contents,
     write_archive,
 )
-from scancell.cell.sequence import SequenceStep
 from scancell.errors import DescriptionError
 from scancell.files import atomic_write
 

@@ -50,7 +50,7 @@ def schema(
 @command("version")
 def version() -> Outcome:
     """Show the versions of scancell and its dependencies."""
-    from scancell.output.manifest import versions  # noqa: PLC0415
+    from scancell.output.run_folder import versions  # noqa: PLC0415
 
     found = versions()
     return Outcome([f"{name} {number}" for name, number in found.items()], {"versions": found})

@@ -10,7 +10,7 @@ import typer
 
 from scancell.cli.common import Outcome, command, show_progress
 from scancell.cli.options import AsBuiltOption, EngineOption, SeedOption, SensorOption, SetOption, ThreadsOption
-from scancell.config.choices import CalibrationTarget, FlangeConvention, SensorTarget
+from scancell.config.description import CalibrationTarget, FlangeConvention, SensorTarget
 from scancell.errors import DescriptionError
 
 if TYPE_CHECKING:
@@ -141,7 +141,7 @@ def calibrate(
     from scancell.scanner import Scanner  # noqa: PLC0415
 
     def cell_report(progress: Progress) -> CalibrationReport:
-        from scancell.calibration.cell.request import CalibrationRequest  # noqa: PLC0415
+        from scancell.calibration.cell.report import CalibrationRequest  # noqa: PLC0415
 
         _refuse(context, what, ("target", "from_images", "board"))
         request = CalibrationRequest(
@@ -189,7 +189,7 @@ def calibrate(
         )
 
     def sensor_report(progress: Progress) -> SensorCalibrationReport:
-        from scancell.calibration.sensor.request import SensorCalibrationRequest  # noqa: PLC0415
+        from scancell.calibration.sensor.report import SensorCalibrationRequest  # noqa: PLC0415
 
         _refuse(context, what, (*_OF_CELL, "board"))
         if from_points is not None:

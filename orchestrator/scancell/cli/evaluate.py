@@ -20,7 +20,7 @@ from scancell.cli.options import (
     ThreadsOption,
     UnitOption,
 )
-from scancell.config.choices import Align, Reconstruction
+from scancell.config.description import Align, Reconstruction
 
 
 @command("evaluate")

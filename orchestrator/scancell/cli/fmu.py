@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -82,3 +82,76 @@ def fmu_info(
 
     info = describe_fmu(fmu)
     return Outcome(info.lines(filter_), info.figures(filter_))
+
+
+@command("ssp build")
+def ssp_build(
+    cell: Annotated[Path | None, typer.Argument(help="cell description (TOML)")] = None,
+    part: Annotated[Path | None, typer.Option("--part", help="mesh of the part that is scanned")] = None,
+    set_: SetOption = None,
+    seed: SeedOption = 0,
+    unit: UnitOption = "mm",
+    out: Annotated[Path, typer.Option("--out", help="file of the package")] = Path("out/RobotCell.ssp"),
+    stop_time: Annotated[float, typer.Option("--stop-time", help="end of the default experiment, s")] = 30.0,
+    ssp: Annotated[Literal["1.0", "2.0"], typer.Option("--ssp", help="version of SSP")] = "1.0",
+) -> Outcome:
+    """Write an SSP package: the FMU (FMI 2.0) of a cell, and a sequencer FMU that lets it pick, scan and jog."""
+    from scancell.cell.driver import example_sequence  # noqa: PLC0415
+    from scancell.cell.fmu_file import cell_json  # noqa: PLC0415
+    from scancell.cell.ssp import build_ssp  # noqa: PLC0415
+    from scancell.config.loading import assets_dir, load_setup  # noqa: PLC0415
+    from scancell.nominal.cell import nominal_cell, with_unknown_obstacles  # noqa: PLC0415
+    from scancell.nominal.parts import load_part  # noqa: PLC0415
+
+    setup = load_setup(cell, settings=set_ or [])
+    mesh = load_part(part, unit) if part else load_part(assets_dir() / "parts" / "step_block.stl")
+    nominal = nominal_cell(setup.cell, mesh)
+    steps = example_sequence(setup, nominal)
+    description = cell_json(setup.cell, with_unknown_obstacles(nominal, setup.cell), seed)
+    build_ssp(description, steps, out, stop_time=stop_time, version=ssp)
+    size = out.stat().st_size
+    figures = {"bytes": size, "steps": len(steps), "stop_time": stop_time}
+    return Outcome([f"{out}: {size / 1e6:.1f} MB, {len(steps)} steps"], figures, [str(out)])
+
+
+@command("robot from-urdf")
+def from_urdf(
+    urdf: Annotated[Path, typer.Argument(help="URDF file of a serial arm of 4 to 8 joints")],
+    tip: Annotated[str, typer.Option("--tip", help="link at the end of the arm, which carries the tool")],
+    out: Annotated[Path, typer.Option("--out", help="robot file (TOML) to write; meshes go into a folder beside")],
+    home: Annotated[
+        str | None, typer.Option("--home", help="joint angles of the home position, deg, commas between them")
+    ] = None,
+    hold: Annotated[
+        list[int] | None,
+        typer.Option("--hold", help="joint that inverse kinematics holds: one for each beyond six; repeatable"),
+    ] = None,
+) -> Outcome:
+    """Write the arm of a URDF file as a robot file: Denavit-Hartenberg rows, limits, masses and meshes."""
+    import numpy as np  # noqa: PLC0415
+
+    from scancell.config.urdf import RAMP_TIME, robot_from_urdf  # noqa: PLC0415
+    from scancell.errors import DescriptionError  # noqa: PLC0415
+    from scancell.geometry import pose  # noqa: PLC0415
+
+    try:
+        angles = [float(word) for word in (home or "").split(",") if word.strip()]
+    except ValueError:
+        raise DescriptionError(key="home", value=home, expected="angles with commas between them") from None
+    made = robot_from_urdf(urdf, tip, out, angles, hold or ())
+    lines = [
+        f"{made.description.name}: {len(made.description.joint)} joints",
+        f"  written to {out}",
+        f"  accelerations are assumed: full speed in {RAMP_TIME:g} s (joint.max_acceleration_deg_s2)",
+    ]
+    warnings = list(made.warnings)
+    remainder = made.flange_from_tip
+    if np.abs(remainder - np.eye(4)).max() > 1e-9:
+        x, y, z = 1e3 * remainder[:3, 3]
+        rx, ry, rz = np.degrees(pose.euler_xyz_from_rotation(remainder[:3, :3]))
+        warnings.append(
+            f"link '{tip}' is not the flange of the file: its pose on the flange, to be put before the tool, is"
+            f" x_mm = {x:.6f}, y_mm = {y:.6f}, z_mm = {z:.6f}, rx_deg = {rx:.6f}, ry_deg = {ry:.6f},"
+            f" rz_deg = {rz:.6f}"
+        )
+    return Outcome(lines, {"joints": len(made.description.joint)}, [str(file) for file in made.files], warnings)

@@ -11,7 +11,7 @@ import typer
 
 from scancell.cli.common import EXIT_ERROR, Outcome, command
 from scancell.cli.options import ScanOption, TablePartOption, UnitOption, WorkersOption
-from scancell.config.choices import LOOPBACK, TransportProtocol
+from scancell.config.description import LOOPBACK, TransportProtocol
 
 if TYPE_CHECKING:
     from scancell.studies.guard.campaign import RunRow
@@ -38,7 +38,7 @@ def guard_serve(
 ) -> Outcome:
     """Answer the states of a cell (docs/guard_protocol.md) until Ctrl-C; not a rated safety function."""
     from scancell.guard.server import serve_guard  # noqa: PLC0415
-    from scancell.scanning.guard import guard_of  # noqa: PLC0415
+    from scancell.scanning.session import guard_of  # noqa: PLC0415
 
     def started(host: str, port: int) -> None:
         print(f"guard: {transport} {host} {port}", file=sys.stderr if as_json else sys.stdout, flush=True)

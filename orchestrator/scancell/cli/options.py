@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from scancell.cli.common import KEY_VALUE, JsonOption, Outcome
-from scancell.config.choices import CloudFrame, Engine, LengthUnit
+from scancell.config.description import CloudFrame, Engine, LengthUnit
 from scancell.errors import DescriptionError
 
 if TYPE_CHECKING:

@@ -88,7 +88,7 @@ def page(
     threads: ThreadsOption = 0,
 ) -> Outcome:
     """Write a run as one HTML file with a time slider, which opens in a browser without a network."""
-    from scancell.views.page import write_page  # noqa: PLC0415
+    from scancell.views.pictures import write_page  # noqa: PLC0415
 
     opened, warnings = _opened(run_folder, points)
     megabytes = write_page(opened, out, colour=colour, threads=threads) / 1e6

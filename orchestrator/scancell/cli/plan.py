@@ -100,7 +100,7 @@ def _figures_of(placed: PlacedPath, optimum: bool) -> dict[str, str | float]:
         "evaluated": map_.evaluated / map_.quality.size,
     }
     if optimum:
-        from scancell.planning.path_map.optimum import best_motion  # noqa: PLC0415
+        from scancell.planning.path_map.ray_shooting import best_motion  # noqa: PLC0415
 
         best = best_motion(placed.lattice)
         assert best is not None  # the motion that was found is on the lattice

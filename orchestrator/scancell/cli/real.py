@@ -18,7 +18,7 @@ from scancell.cli.options import (
     ThreadsOption,
     UnitOption,
 )
-from scancell.config.choices import FlangeConvention, LatencyWord
+from scancell.config.description import FlangeConvention, LatencyWord
 from scancell.errors import DescriptionError
 
 

@@ -20,7 +20,7 @@ from scancell.cli.options import (
     SimulationOptions,
     ThreadsOption,
 )
-from scancell.config.choices import ScanMode
+from scancell.config.description import ScanMode
 
 if TYPE_CHECKING:
     from scancell.results import ScanResult

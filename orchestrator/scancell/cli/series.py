@@ -20,14 +20,13 @@ from scancell.cli.options import (
     SetOption,
     WorkersOption,
 )
-from scancell.config.choices import Engine
+from scancell.config.description import Engine
 
 if TYPE_CHECKING:
     from scancell.studies.batch import Batch
     from scancell.studies.engine import ExecutionTarget, RunOutcome
     from scancell.studies.report import StudyReport
-    from scancell.studies.series import ScanSeries
-    from scancell.studies.study import Study
+    from scancell.studies.study import ScanSeries, Study
 
 _MAX_LISTED = 5  # failures that are printed; the index has all
 
@@ -208,7 +207,7 @@ def batch(
     unit: Annotated[str | None, typer.Option("--unit", help="unit of the mesh files: mm, m or inch")] = None,
 ) -> Outcome:
     """Scan many parts in many variants: clouds, images, ground truth and an index. The same command resumes."""
-    from scancell.config.batch import load_batch  # noqa: PLC0415
+    from scancell.config.study import load_batch  # noqa: PLC0415
     from scancell.reconstruction.cloud_files import parse_formats  # noqa: PLC0415
     from scancell.studies.batch import open_batch  # noqa: PLC0415
 

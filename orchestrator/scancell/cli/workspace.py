@@ -13,7 +13,7 @@ import typer
 from scancell.cli.common import Outcome, command
 from scancell.cli.interrupts import INTERRUPTS, leaves_when_interrupted
 from scancell.cli.options import CellOptions, NoGuardOption, PathOption, ScanOption, TablePartOption
-from scancell.config.choices import LOOPBACK
+from scancell.config.description import LOOPBACK
 from scancell.errors import DescriptionError, ProgramError
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def workspace(
         print(f"workspace: open {address}", file=sys.stderr if options.as_json else sys.stdout, flush=True)
 
     if target is not None and target.is_dir():
-        from scancell.browser.panels.playback import serve_playback  # noqa: PLC0415
+        from scancell.browser.panels.scans import serve_playback  # noqa: PLC0415
         from scancell.views.recorded_run import open_run  # noqa: PLC0415
 
         run = open_run(target)

@@ -6,7 +6,6 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from scancell.config.contact import ContactDescription
 from scancell.config.description import (
     Angle,
     AngularAcceleration,
@@ -24,14 +23,20 @@ from scancell.config.description import (
 )
 from scancell.config.devices import (
     ArrivalDescription,
+    CollisionDescription,
     ConveyorDescription,
+    DistanceSensorDescription,
     FurtherPartDescription,
+    GripperDescription,
+    LightCurtainDescription,
+    LightDescription,
     ObstacleDescription,
     PartDensity,
     PartFriction,
     PartMaterial,
     PartReflectance,
     PartSprings,
+    PresenceSensorDescription,
     check_devices,
     check_soft,
 )
@@ -44,16 +49,8 @@ from scancell.config.frames import (
     check_carriers,
     check_names,
 )
-from scancell.config.gripper import GripperDescription
-from scancell.config.light import LightDescription
-from scancell.config.material import MaterialDescription
+from scancell.config.material import ContactDescription, MaterialDescription
 from scancell.config.robot import EncoderLatency, EncoderNoise, EncoderResolution, InertiaDescription, RobotDescription
-from scancell.config.sensing import (
-    CollisionDescription,
-    DistanceSensorDescription,
-    LightCurtainDescription,
-    PresenceSensorDescription,
-)
 
 
 class FixtureDescription(Description):

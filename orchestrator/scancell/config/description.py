@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from scancell.arguments import checked_arguments
-from scancell.config.files import assets_dir, plain_data, read_description, resolve_files, toml_text
-from scancell.config.keys import KeyPath, Origin, join_path, set_value, split_path
+from scancell.config.files import (
+    KeyPath,
+    Origin,
+    assets_dir,
+    join_path,
+    plain_data,
+    read_description,
+    resolve_files,
+    set_value,
+    split_path,
+    toml_text,
+)
 from scancell.errors import DescriptionError
 from scancell.files import atomic_write
 
@@ -37,6 +48,32 @@ Friction = Annotated[float, Field(ge=0.0, le=100.0)]  # coefficient of Coulomb f
 Bandwidth = Annotated[float, Field(ge=0.01, le=10_000.0)]  # nm
 Point = Annotated[tuple[Coordinate, ...], Field(min_length=3, max_length=3)]  # mm
 Number = Annotated[float, Field(ge=-1e15, le=1e15)]  # in any unit
+
+_SCALE_OF_SUFFIX: dict[str, float] = {
+    "_deg_s3": math.pi / 180.0,
+    "_deg_s2": math.pi / 180.0,
+    "_deg_s": math.pi / 180.0,
+    "_deg": math.pi / 180.0,
+    "_mrad": 1e-3,
+    "_mm_s2": 1e-3,
+    "_mm_s": 1e-3,
+    "_n_mm": 1e3,
+    "_mm": 1e-3,
+    "_um": 1e-6,
+    "_nm": 1e-9,
+    "_mw": 1e-3,
+    "_ms": 1e-3,
+    "_m_s2": 1.0,
+    "_w_m2": 1.0,
+    "_kg_m3": 1.0,
+    "_kg_m2": 1.0,
+    "_kg": 1.0,
+    "_n_m_s_rad": 1.0,
+    "_n_m_rad": 1.0,
+    "_n_m": 1.0,
+    "_hz": 1.0,
+    "_n": 1.0,
+}
 
 
 class Description(BaseModel):
@@ -245,3 +282,59 @@ def _descriptions_in(annotation: Any) -> list[type[Description]]:
     if isinstance(annotation, type) and issubclass(annotation, Description):
         return [annotation]
     return [found for argument in getattr(annotation, "__args__", ()) for found in _descriptions_in(argument)]
+
+
+Engine = Literal["ray-traced", "geometric"]
+CalibrationTarget = Literal["tool", "table", "latency", "all"]
+FlangeConvention = Literal[
+    "matrix", "wxyz", "xyzw", "xyz", "zyz", "xyzwpr", "zyx", "rotvec",
+    "xyx", "xzx", "xzy", "yxy", "yxz", "yzx", "yzy", "zxy", "zxz",
+]  # fmt: skip
+SensorTarget = Literal["ball", "step", "checkered"]
+ScanMode = Literal["dynamic", "stop-and-look"]
+LengthUnit = Literal["mm", "m", "inch"]
+OccupiedFrame = Literal["part", "table", "base", "world"]
+CloudFrame = Literal["part", "table", "base", "world", "belt"]
+Align = Literal["none", "best-fit", "datum"]
+Reconstruction = Literal["poisson", "ball-pivoting"]
+LatencyWord = Literal["estimate"]
+TransportProtocol = Literal["udp", "tcp"]
+
+LOOPBACK = "127.0.0.1"  # address on which servers listen by default
+
+
+def split_unit(key: str) -> tuple[str, float]:
+    """Name without its unit, and the factor from that unit to SI (1 for a key without a convertible unit).
+
+    Units that the program uses unchanged (``_px``, ``_e``, ``_dn``, ``_us``) are part of the name.
+    """
+    for suffix, scale in _SCALE_OF_SUFFIX.items():
+        if key.endswith(suffix):
+            return key[: -len(suffix)], scale
+    return key, 1.0
+
+
+def to_si(value: Any) -> Any:
+    """Nested plain data with SI values, and keys without their units."""
+    if isinstance(value, Mapping):
+        converted = {}
+        for key, item in value.items():
+            name, scale = split_unit(key)
+            converted[name] = to_si(item) if scale == 1.0 else _scaled(item, scale)
+        return converted
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [to_si(item) for item in value]
+    return value
+
+
+def si_value(description: object, key: str) -> float:
+    """SI value of one key of a description; the key's suffix is its unit."""
+    return float(getattr(description, key)) * split_unit(key)[1]
+
+
+def _scaled(value: Any, scale: float) -> Any:
+    if value is None or isinstance(value, str):
+        return value
+    if isinstance(value, Sequence):
+        return [_scaled(item, scale) for item in value]
+    return float(value) * scale

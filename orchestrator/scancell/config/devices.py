@@ -8,11 +8,13 @@ from pydantic import Field, StringConstraints, model_validator
 
 from scancell.config.description import (
     Acceleration,
+    Bandwidth,
     Density,
     Description,
     Fraction,
     Friction,
     Length,
+    Mass,
     PoseDescription,
     Size,
     Speed,
@@ -22,6 +24,15 @@ from scancell.config.material import MaterialDescription
 
 NAME_PATTERN = r"^[A-Za-z][A-Za-z0-9_ -]*$"
 Name = Annotated[str, StringConstraints(min_length=1, pattern=NAME_PATTERN)]
+
+DeviceFrame = Annotated[str, Field(pattern=r"^(world|sensor|table|link\[[1-8]\]|part\[[1-9][0-9]*\]|finger\[[12]\])$")]
+FramedPose = Field(
+    default=PoseDescription(), description="frame_from_sensor: pose of the sensor in the frame that it moves with"
+)
+MovesWith = Field(default="world", description="frame that the sensor moves with")
+Period = Annotated[float, Field(ge=0.001, le=1000.0)]
+
+LampFrame = Annotated[str, Field(pattern=r"^(world|sensor|table|part|link\[[1-8]\])$")]
 
 
 class SoftDescription(Description):
@@ -212,3 +223,160 @@ def check_devices(
     for who, part in standing:
         if part.conveyor is not None and part.conveyor > len(conveyors):
             raise ValueError(f"{who}: stands_on = '{part.stands_on}', but there are {len(conveyors)} conveyors")
+
+
+class GripperDescription(Description):
+    """Two fingers that slide on the flange, beside the sensor or instead of it.
+
+    The origin of the gripper frame lies between the roots of the fingers, x along the closing direction, z towards the
+    tips. The frame of finger 1 is that frame moved to its pad (the plane x = 0, the finger on the side of +x); that of
+    finger 2 is rotated about z by 180 deg.
+    """
+
+    pose: PoseDescription = Field(description="flange_from_gripper: pose of the gripper frame on the flange")
+    stroke_mm: Size = Field(description="largest distance between the pads, mm")
+    start_mm: Length | None = Field(
+        default=None, description="distance between the pads at the start, mm; default: stroke_mm"
+    )
+    finger_length_mm: Size = Field(description="length of a finger along gripper z, mm")
+    finger_width_mm: Size = Field(description="width of a finger along gripper y, mm")
+    finger_thickness_mm: Size = Field(default=10.0, description="thickness of a finger along gripper x, mm")
+    finger_mass_kg: Mass = Field(default=0.1, description="moving mass of each finger, kg")
+    max_force_n: Annotated[float, Field(ge=0.001, le=1e6)] = Field(
+        default=60.0, description="force limit of each finger, N"
+    )
+    max_speed_mm_s: Speed = Field(default=100.0, description="speed limit of each finger, mm/s")
+    friction: Friction = Field(
+        default=0.8, description="Coulomb friction coefficient of the pads; the smaller one of two bodies applies"
+    )
+    centring_stiffness_n_mm: Stiffness = Field(
+        default=20.0, description="stiffness of the coupling that keeps both fingers symmetric to the centre, N/mm"
+    )
+    housing_mm: Annotated[tuple[Size, ...], Field(min_length=3, max_length=3)] | None = Field(
+        default=None,
+        description="size (x, y, z) of the housing's box from the gripper's origin towards the flange, mm;"
+        " default: none",
+    )
+    housing_mesh: str | None = Field(
+        default=None, description="file of the housing's mesh instead of the box, gripper frame, mm"
+    )
+    finger_mesh: str | None = Field(
+        default=None,
+        description="file of the finger's mesh for images and clearance, finger frame, mm; contact uses the box",
+    )
+    reflectance: Fraction = Field(
+        default=0.3, description="Lambertian reflectance of the gripper at the laser's wavelength, 0..1"
+    )
+    material: MaterialDescription | None = Field(
+        default=None, description="material of the gripper; overrides reflectance"
+    )
+
+    @model_validator(mode="after")
+    def _start_within_stroke(self) -> Self:
+        if self.start_mm is not None and self.start_mm > self.stroke_mm:
+            raise ValueError(f"start_mm ({self.start_mm:g}) must not exceed stroke_mm ({self.stroke_mm:g})")
+        return self
+
+
+class CellSensorDescription(Description):
+    """What all sensors have in common. The FMU reads the further keys of a sensor in SI units, by the same names."""
+
+    name: str = Field(description="name of the sensor")
+    moves_with: DeviceFrame = MovesWith
+    pose: PoseDescription = FramedPose
+    period_ms: Period = Field(default=1.0, description="time between two readings, ms")
+
+
+class PresenceSensorDescription(CellSensorDescription):
+    """A box that detects whether any body intersects it. The origin of its frame is the box's centre."""
+
+    x_size_mm: Size = Field(description="size of the box along its x, mm")
+    y_size_mm: Size = Field(description="size of the box along its y, mm")
+    z_size_mm: Size = Field(description="size of the box along its z, mm")
+
+
+class DistanceSensorDescription(CellSensorDescription):
+    """Triangulating distance sensor: a ray along its z axis, and a lens beside the origin that sees the spot.
+
+    A reading is invalid when the path from spot to lens is occluded or the spot is out of range.
+    """
+
+    nearest_mm: Length = Field(default=0.0, description="start of the measuring range along z, mm")
+    farthest_mm: Size = Field(description="end of the measuring range along z, mm")
+    lens_x_mm: Size = Field(default=20.0, description="position of the lens on the sensor's x axis, mm")
+    noise_mm: Length = Field(default=0.0, description="standard deviation of a reading's noise, mm")
+    resolution_mm: Length = Field(default=0.0, description="quantisation step of a reading, mm; 0: continuous")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.nearest_mm >= self.farthest_mm:
+            raise ValueError(f"nearest_mm ({self.nearest_mm:g}) must be below farthest_mm ({self.farthest_mm:g})")
+        return self
+
+
+class LightCurtainDescription(CellSensorDescription):
+    """Parallel beams between two posts. The first beam runs along z from the origin, the others beside it along x."""
+
+    width_mm: Size = Field(description="distance between the posts along z, mm")
+    height_mm: Size = Field(description="extent of the beams along x from the first beam, mm")
+    beam_spacing_mm: Size = Field(description="distance between two beams, mm; at most 1000 beams")
+
+    @model_validator(mode="after")
+    def _number_of_beams(self) -> Self:
+        if self.height_mm / self.beam_spacing_mm >= 1000:
+            raise ValueError(
+                f"beam_spacing_mm ({self.beam_spacing_mm:g}) must give at most 1000 beams over"
+                f" height_mm ({self.height_mm:g})"
+            )
+        return self
+
+
+class CollisionDescription(Description):
+    """Outputs of the FMU for collisions and clearances between the cell's bodies."""
+
+    outputs: bool = Field(default=True, description="whether the FMU has outputs for collision and clearance")
+    stops_arm: bool = Field(
+        default=False,
+        description="whether the controller makes an emergency stop when a collision begins or becomes deeper",
+    )
+    swept: bool = Field(
+        default=True,
+        description="whether collisions between two controller cycles are found, too; false: poses are sampled once "
+        "per cycle, which costs less",
+    )
+    range_mm: Size = Field(default=20.0, description="largest clearance that is computed, mm; larger values cost time")
+    max_faces: Annotated[int, Field(ge=4, le=10_000_000)] = Field(
+        default=5000, description="meshes with more triangles are decimated to about this number"
+    )
+
+
+class LightDescription(Description):
+    """A lamp: a point radiates uniformly in all directions, an area like a Lambertian surface along +z of its pose."""
+
+    kind: Literal["point", "rectangle", "disc"] = Field(description="shape of the lamp")
+    frame: LampFrame = Field(default="world", description="frame that the lamp moves with")
+    pose: PoseDescription = Field(default=PoseDescription(), description="frame_from_lamp: pose in that frame")
+    power_mw: Annotated[float, Field(ge=0.0, le=1e9)] = Field(
+        description="radiant power over the whole spectrum and all directions, mW"
+    )
+    width_mm: Size | None = Field(default=None, description="size of a rectangle along x, mm")
+    height_mm: Size | None = Field(default=None, description="size of a rectangle along y, mm")
+    diameter_mm: Size | None = Field(default=None, description="diameter of a disc, mm")
+    in_band: Fraction | None = Field(
+        default=None, description="share of the power that passes the band-pass filter, 0..1"
+    )
+    wavelength_nm: Annotated[float, Field(ge=200.0, le=2000.0)] | None = Field(
+        default=None, description="centre of a Gaussian spectrum, nm; with bandwidth_nm instead of in_band"
+    )
+    bandwidth_nm: Bandwidth | None = Field(default=None, description="full width at half maximum of the spectrum, nm")
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        sizes = {"point": (), "rectangle": ("width_mm", "height_mm"), "disc": ("diameter_mm",)}[self.kind]
+        for name in ("width_mm", "height_mm", "diameter_mm"):
+            if (getattr(self, name) is not None) != (name in sizes):
+                raise ValueError(f'kind = "{self.kind}": {name} is {"missing" if name in sizes else "not used"}')
+        spectrum = self.wavelength_nm is not None, self.bandwidth_nm is not None
+        if spectrum not in ((False, False), (True, True)) or spectrum[0] == (self.in_band is not None):
+            raise ValueError("give either in_band, or wavelength_nm and bandwidth_nm")
+        return self

@@ -7,9 +7,8 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field
 
-from scancell.config.description import Angle, Coordinate, Description, validate
+from scancell.config.description import Angle, Coordinate, Description, split_unit, to_si, validate
 from scancell.config.robot import MAX_JOINTS
-from scancell.config.units import split_unit, to_si
 from scancell.errors import DescriptionError
 
 _DIGITS = 9  # of numbers in mm, deg and ms

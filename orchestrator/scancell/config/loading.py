@@ -10,10 +10,20 @@ from typing import Any
 from scancell.arguments import checked_arguments, checked_fields
 from scancell.config.cell import CellDescription
 from scancell.config.description import FileDescription, checked, validate
-from scancell.config.files import FILE_KEYS, assets_dir, plain_data, read_description, read_toml
-from scancell.config.keys import Assignments, Origin, assignments, override, parse_assignment, split_path
-from scancell.config.path import PathDescription
-from scancell.config.scan import ScanDescription
+from scancell.config.files import (
+    FILE_KEYS,
+    Assignments,
+    Origin,
+    assets_dir,
+    assignments,
+    override,
+    parse_assignment,
+    plain_data,
+    read_description,
+    read_toml,
+    split_path,
+)
+from scancell.config.scan import PathDescription, ScanDescription
 from scancell.config.sensor import SensorDescription
 from scancell.errors import DescriptionError
 from scancell.files import MANIFEST_VERSION, read_json, require_format_version

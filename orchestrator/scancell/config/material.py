@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from scancell.config.description import Description, Fraction, Point
+from scancell.config.description import Description, Fraction, Friction, Point
 
 Model = Literal[
     "lambert", "oren_nayar", "rough_dielectric", "rough_conductor", "grooved_conductor", "mirror", "retro_reflective"
@@ -21,6 +21,8 @@ _Direction = Annotated[tuple[Annotated[float, Field(ge=-1e6, le=1e6)], ...], Fie
 _SMOOTHEST_GGX = 0.01
 _MOST_TRANSLUCENT = 0.9
 _SHORTEST_AXIS = 1e-6
+
+Points = Annotated[int, Field(ge=1, le=100)]
 
 
 @dataclass(frozen=True)
@@ -125,3 +127,48 @@ class MaterialDescription(Description):
         base = Material(0.0) if self.preset is None else PRESETS[self.preset]
         given = self.model_dump(exclude={"preset"}, exclude_none=True)
         return replace(base, **given)
+
+
+class ContactPairDescription(Description):
+    """Contact of one pair of bodies."""
+
+    bodies: tuple[str, str] = Field(
+        description='names of the two bodies: "table", "gripper", the name of a conveyor or a part, and with'
+        ' contact.cell_bodies "base", "link1" … "link6", "sensor", "table_base", "floor"'
+    )
+    points: Points | None = Field(
+        default=None, description="largest number of contact points between the two; default: contact.points"
+    )
+    response: bool = Field(
+        default=True,
+        description="whether contact forces act between the two; false: they pass through each other, and only the"
+        " collision outputs report it",
+    )
+
+
+class ContactDescription(Description):
+    """Solver of contact forces, bodies with contact shapes, and the contact points of a pair of bodies."""
+
+    solver: Literal["dantzig", "pgs"] = Field(
+        default="dantzig",
+        description="dantzig: exact, with Coulomb's friction cone; pgs: projected Gauss-Seidel, where a gripped part"
+        " creeps and a stack of boxes collapses",
+    )
+    points: Points = Field(
+        default=4,
+        description="largest number of contact points of a pair of bodies: the deepest, then those farthest apart",
+    )
+    stick: bool = Field(
+        default=True,
+        description="stick constraints: a part that friction holds follows its support exactly; false: friction of the"
+        " dynamics engine alone, with which a resting part creeps",
+    )
+    cell_bodies: bool = Field(
+        default=True,
+        description="whether arm, sensor, gripper housing, table base and floor have contact shapes (convex hulls);"
+        " they act on free parts, and on an arm with dynamic drives",
+    )
+    friction: Friction = Field(
+        default=0.3, description="friction coefficient of these bodies; the smaller one of two bodies applies"
+    )
+    pair: tuple[ContactPairDescription, ...] = Field(default=(), description="pairs of bodies with other values")

@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from scancell.config.artefact import ArtefactDescription
-from scancell.config.batch import BatchDescription
 from scancell.config.cell import CellDescription
 from scancell.config.description import Description
-from scancell.config.path import PathDescription
 from scancell.config.robot import RobotDescription
-from scancell.config.scan import ScanDescription
+from scancell.config.scan import PathDescription, ScanDescription
 from scancell.config.sensor import SensorDescription
-from scancell.config.study import StudyDescription
+from scancell.config.study import BatchDescription, StudyDescription
 from scancell.config.table_format import FormatFileDescription, shipped_formats
 
 _MODELS: dict[str, type[Description]] = {

@@ -12,8 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, model_validator
 
-from scancell.config.description import Bandwidth, Coordinate, Description, FileDescription, Fraction, Size
-from scancell.config.units import si_value, to_si
+from scancell.config.description import (
+    Bandwidth,
+    Coordinate,
+    Description,
+    FileDescription,
+    Fraction,
+    Size,
+    si_value,
+    to_si,
+)
 
 Array = NDArray[np.float64]
 

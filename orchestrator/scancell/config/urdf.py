@@ -22,7 +22,7 @@ from scancell.config.robot import MAX_JOINTS, RobotDescription
 from scancell.errors import DescriptionError
 from scancell.files import atomic_write, read_file
 from scancell.geometry import pose
-from scancell.geometry.chain import Chain, dh_from_axes
+from scancell.geometry.arm import Chain, dh_from_axes
 from scancell.geometry.mesh_files import FORMATS, read_mesh, write_stl
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.config.choices import Align
+from scancell.config.description import Align
 from scancell.errors import FitError
 from scancell.evaluation.alignment import (
     MOST_POINTS,
@@ -19,9 +19,16 @@ from scancell.evaluation.alignment import (
     check_request,
     datum_fit,
 )
-from scancell.evaluation.characteristics import Characteristic, FittedFace, characteristics, fitted_face
+from scancell.evaluation.characteristics import (
+    Characteristic,
+    Face,
+    FittedFace,
+    assign,
+    characteristics,
+    faces_of,
+    fitted_face,
+)
 from scancell.evaluation.deviation import Deviation, DeviationFigures
-from scancell.evaluation.faces import Face, assign, faces_of
 from scancell.evaluation.mesh_evaluation import Evaluation, alignment_json
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, sample_surface

@@ -28,9 +28,8 @@ from scancell.geometry import pose
 from scancell.geometry.shapes import ShapeMesh
 from scancell.nominal.cell import Body, Lamp
 from scancell.reconstruction.cloud import Cloud
-from scancell.scanning.exposures import build_scene, exposures_from_truth, true_poses
 from scancell.scanning.sense import SensedProfiles, expose
-from scancell.scanning.world import make_sensor
+from scancell.scanning.world import build_scene, exposures_from_truth, make_sensor, true_poses
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.arguments import checked_arguments
-from scancell.config.choices import Align
+from scancell.config.description import Align
 from scancell.errors import FitError
 from scancell.evaluation.alignment import DatumPlane, best_fit_of_starts, check_request, datum_fit
 from scancell.evaluation.deviation import Deviation, DeviationFigures, figures_by_label
 from scancell.files import png_bytes
 from scancell.geometry import pose
-from scancell.geometry.mesh import METRES_PER_UNIT, Mesh, sample_surface
-from scancell.geometry.regions import Regions, smooth_regions
+from scancell.geometry.mesh import METRES_PER_UNIT, Mesh, Regions, sample_surface, smooth_regions
 from scancell.geometry.shapes import PartSurface, ShapeMesh
 from scancell.sensor import MeshSurface
 from scancell.values import Result
@@ -84,13 +83,13 @@ class Evaluation(Result):
         return png_bytes(self._draw)
 
     def _draw(self, path: Path) -> None:
-        from scancell.output.deviation_picture import deviation_picture  # noqa: PLC0415  (imports OpenCV)
+        from scancell.output.deviation_report import deviation_picture  # noqa: PLC0415  (imports OpenCV)
 
         points, deviation, mesh = self._drawn()
         deviation_picture(path, points, deviation, mesh, name=Path(mesh.source).stem)
 
     def _write_report(self, path: Path) -> None:
-        from scancell.evaluation.unseen import UnseenSurface  # noqa: PLC0415  (imports planning)
+        from scancell.evaluation.deviation import UnseenSurface  # noqa: PLC0415  (imports planning)
         from scancell.output.deviation_report import DeviationReport  # noqa: PLC0415
 
         points, deviation, mesh = self._reported()

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scancell.exercises.declaration import Measure
-from scancell.exercises.situation import Situation
+from scancell.exercises.declaration import Measure, Situation
 from scancell.geometry import pose
 from scancell.geometry.fits import fit_sphere
-from scancell.nominal.poses import pose_matrix
+from scancell.nominal.gripper import pose_matrix
 
 Array = NDArray[np.float64]
 

@@ -11,12 +11,26 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scancell import sensor as sensor_rt
 from scancell.arguments import Shape, checked_arguments, checked_fields
 from scancell.errors import MeshError
 from scancell.geometry import orientation, pose
 from scancell.geometry.mesh_files import FORMATS, Vertices, read_mesh, weld, weld_seams
-from scancell.geometry.orientation import Orientation, Winding
+from scancell.geometry.orientation import Orientation, Winding, connected_components
 from scancell.values import Value
+
+Array = NDArray[np.float64]
+
+_SHARP_DEG = 30.0  # angle between faces from which on their edge separates regions
+_FLAT_COSINE = np.cos(np.radians(0.5))  # of all normals of a plane region with their mean
+
+LEAST_TIP_ANGLE = np.radians(6.0)
+"""Poses that tip over at a smaller tilt of the plane do not count: the facets of a ball."""
+_SAME_PLANE = 1e-4  # m between a corner of the hull and the plane of a face in which it counts as lying
+
+_TOLERANCE = 0.1e-3  # m: the bound exceeds the largest distance that was found by no more
+_MAX_TRIANGLES = 2_000_000  # in a round of subdivision; then the bound is what has been proved so far
+
 
 __all__ = [
     "FORMATS",
@@ -31,7 +45,6 @@ __all__ = [
     "mass_properties",
 ]
 
-Array = NDArray[np.float64]
 
 METRES_PER_UNIT = {"mm": 1e-3, "m": 1.0, "inch": 0.0254}
 
@@ -407,3 +420,251 @@ def sample_surface(mesh: Mesh, count: int, seed: int) -> tuple[NDArray[np.float6
     a, b, c = np.moveaxis(mesh.vertices[mesh.faces[face]], 1, 0)
     root = np.sqrt(u)
     return (1 - root) * a + root * (1 - v) * b + root * v * c, face
+
+
+@dataclass(frozen=True)
+class Regions:
+    """Regions of a mesh by falling area, numbered from 0.
+
+    Attributes
+    ----------
+    of_face
+        (m,) region of each face.
+    areas
+        (k,) m².
+    normals
+        (k, 3) mean unit normals.
+    centres
+        (k, 3) centroids, m.
+    is_plane
+        (k,) whether all faces have the mean normal.
+    """
+
+    of_face: NDArray[np.int64]
+    areas: Array
+    normals: Array
+    centres: Array
+    is_plane: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.areas)
+
+
+def smooth_regions(mesh: Mesh, sharp_deg: float = _SHARP_DEG) -> Regions:
+    """Regions whose neighbouring faces meet at less than `sharp_deg`; edges of more than two faces separate, too."""
+    _, a, b = _edges(mesh)
+    shared = b >= 0
+    a, b = a[shared], b[shared]
+    smooth = np.einsum("ni,ni->n", mesh.normals[a], mesh.normals[b]) > np.cos(np.radians(sharp_deg))
+    label = connected_components(len(mesh.faces), a[smooth], b[smooth])
+    areas = np.bincount(label, mesh.areas).astype(float)
+    rank = np.empty(len(areas), np.int64)
+    rank[np.argsort(-areas, kind="stable")] = np.arange(len(areas))
+    of_face = rank[label]
+    summed, moment = (
+        np.stack([np.bincount(of_face, mesh.areas * values[:, axis]) for axis in range(3)], 1)
+        for values in (mesh.normals, mesh.vertices[mesh.faces].mean(1))
+    )
+    areas = np.sort(areas)[::-1]
+    length = np.linalg.norm(summed, axis=1, keepdims=True)
+    normals = summed / np.where(length > 0, length, 1.0)
+    aligned = np.einsum("ni,ni->n", mesh.normals, normals[of_face]) >= _FLAT_COSINE
+    bent = np.bincount(of_face, ~aligned & (mesh.areas > 0))
+    centres = moment / np.where(areas > 0, areas, 1.0)[:, None]
+    return Regions(of_face, areas, normals, centres, (bent == 0) & (length[:, 0] > 0))
+
+
+def sharp_edges(mesh: Mesh, sharp_deg: float = _SHARP_DEG) -> Array:
+    """Ends (k, 2, 3), m, of the edges at which two faces meet at `sharp_deg` or more, or not exactly two faces."""
+    ends, a, b = _edges(mesh)
+    cosine = np.einsum("ni,ni->n", mesh.normals[a], mesh.normals[b])
+    has_area = mesh.areas > 0
+    is_bent = (cosine <= np.cos(np.radians(sharp_deg))) & has_area[a] & has_area[b]
+    return np.asarray(mesh.vertices[ends[is_bent | (b < 0)]], np.float64)
+
+
+def _edges(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Vertices (k, 2) of each edge, a face at it, and the other one; -1 where there are not exactly two faces."""
+    first, number = weld(mesh.vertices)
+    faces = first[number][mesh.faces]
+    ends = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    owner = np.tile(np.arange(len(faces)), 3)
+    order = np.lexsort((ends[:, 1], ends[:, 0]))
+    ends, owner = ends[order], owner[order]
+    begin = np.flatnonzero(np.append(True, (ends[1:] != ends[:-1]).any(1)))
+    count = np.diff(np.append(begin, len(ends)))
+    last = begin + count - 1
+    return ends[begin], owner[begin], np.where(count == 2, owner[last], -1)
+
+
+@dataclass(frozen=True)
+class RestingPose:
+    """A stable pose.
+
+    Attributes
+    ----------
+    rotation
+        (3, 3) ``table_from_part``; the part rests on its lowest points. The turn about the vertical is arbitrary.
+    tip_angle
+        Tilt of the plane at which the part tips over, rad.
+    """
+
+    rotation: Array
+    tip_angle: float
+
+
+def resting_poses(part: Mesh) -> list[RestingPose]:
+    """Stable poses of the part on a plane, the most stable first.
+
+    A part of uniform density rests on a face of its convex hull if its centre of mass is above the inside of that face.
+    """
+    hull, centre = part.hull, mass_properties(part, 1.0).centre_of_mass
+    order = np.argsort(-hull.areas, kind="stable")
+    used = np.unique(hull.faces)
+    corners = hull.vertices[used]
+    done = np.zeros(len(hull.faces), bool)
+    result = []
+    for face in order:
+        if done[face] or not hull.areas[face] > 0:
+            continue
+        normal = hull.normals[face]
+        offset = float(hull.vertices[hull.faces[face, 0]] @ normal)
+        done |= (np.abs(hull.vertices[hull.faces] @ normal - offset) < _SAME_PLANE).all(1)
+        feet = corners[np.abs(corners @ normal - offset) < _SAME_PLANE]
+        height = offset - float(centre @ normal)
+        rotation = _turned_down(normal)
+        margin = _margin((feet - centre) @ rotation.T)
+        tip_angle = float(np.arctan2(margin, height))
+        if tip_angle < LEAST_TIP_ANGLE:
+            continue
+        if is_stable_pose(part, pose.from_rotation(rotation)):
+            result.append(RestingPose(rotation, tip_angle))
+    return sorted(result, key=lambda rest: -rest.tip_angle)
+
+
+def _turned_down(normal: Array) -> Array:
+    """Rotation (3, 3) by the smallest angle that turns a unit vector (3,) to -z."""
+    axis = np.cross(normal, [0.0, 0.0, -1.0])
+    sine, cosine = float(np.linalg.norm(axis)), -float(normal[2])
+    if sine < 1e-9:
+        return np.asarray(pose.rotation_about(0, 0.0 if cosine > 0 else np.pi))
+    return np.asarray(pose.exp_rotation(axis / sine * np.arctan2(sine, cosine)))
+
+
+def _margin(feet: Array) -> float:
+    """Distance from the centre, the origin, to the rim of the hull of the feet (n, 3) in the plane, m; < 0 outside."""
+    from scipy.spatial import ConvexHull, QhullError  # noqa: PLC0415  (a third of a second)
+
+    try:
+        # Half planes of the hull: normal @ x + offset <= 0.
+        return float(-ConvexHull(feet[:, :2]).equations[:, 2].max())
+    except QhullError:  # all on one line, nearly
+        return 0.0
+
+
+def decimated(mesh: Mesh, max_faces: int) -> Mesh:
+    """The mesh (m) simplified to `max_faces` triangles by quadric edge collapse; unchanged if it has no more.
+
+    Boundary and non-manifold edges do not collapse: open or non-manifold meshes may keep more triangles.
+
+    Raises `MeshError` if no triangle remains.
+    """
+    if len(mesh.faces) <= max_faces:
+        return mesh
+    import fast_simplification  # noqa: PLC0415
+
+    # The library works in single precision: millimetres, about the centre.
+    centre = mesh.bounds.mean(0)
+    corners = ((mesh.vertices - centre) * 1e3).astype(np.float32)
+    # Vertices must be shared: triangles without neighbours would be removed.
+    first, number = weld(corners)
+    vertices, faces = fast_simplification.simplify(
+        corners[first], number[mesh.faces].astype(np.int32), target_count=max_faces
+    )
+    if len(faces) == 0:
+        raise MeshError(f"cannot be simplified from {len(mesh.faces)} to {max_faces} triangles", file=mesh.source)
+    return Mesh(np.asarray(vertices, np.float64) * 1e-3 + centre, np.asarray(faces, np.int64), mesh.source)
+
+
+def deviation(mesh: Mesh, other: Mesh) -> float:
+    """Largest distance (m) from a vertex or face centre of either mesh to the surface of the other."""
+    return max(_one_sided(mesh, other), _one_sided(other, mesh))
+
+
+def _one_sided(source: Mesh, target: Mesh) -> float:
+    corners = source.vertices[np.unique(source.faces)]
+    probes = np.concatenate([corners, source.vertices[source.faces].mean(1)])
+    distance, _ = sensor_rt.MeshSurface(target.vertices, target.faces).signed_distances(probes)
+    return float(np.abs(distance).max())
+
+
+@dataclass(frozen=True)
+class ReducedMesh:
+    """A mesh in place of one with more faces.
+
+    Attributes
+    ----------
+    mesh
+        The mesh, or the original if that has few faces.
+    original_faces
+        Number of faces of the original.
+    error
+        Bound (m) on the distance of any point of the original from the mesh, or from its inside if it is closed.
+    """
+
+    mesh: Mesh
+    original_faces: int
+    error: float = 0.0
+
+    def line(self, name: str) -> str:
+        """Line of text for messages."""
+        return (
+            f"{name}: {self.original_faces} triangles reduced to {len(self.mesh.faces)}, beyond which the body reaches"
+            f" at most {1e3 * self.error:.2f} mm"
+        )
+
+
+def reduced(mesh: Mesh, max_faces: int, max_error: float) -> ReducedMesh:
+    """The mesh simplified to `max_faces` triangles by quadric edge collapse; unchanged if it has no more.
+
+    Where the error would exceed `max_error` (m), it keeps four times as many, and so on.
+
+    Raises `MeshError` if no triangle remains.
+    """
+    while True:
+        light = decimated(mesh, max_faces)
+        if light is mesh:
+            return ReducedMesh(mesh, len(mesh.faces))
+        error = protrusion_bound(mesh, light, limit=max_error)
+        if error <= max_error:
+            return ReducedMesh(light, len(mesh.faces), error)
+        max_faces *= 4
+
+
+def protrusion_bound(mesh: Mesh, solid: Mesh, tolerance: float = _TOLERANCE, limit: float = np.inf) -> float:
+    """Bound (m) on the distance by which any point of a mesh lies outside a solid, or off an open surface.
+
+    Triangles whose bound, see `scancell.sensor.MeshSurface.triangle_distances`, exceeds the largest distance found so
+    far by more than `tolerance` are divided in four. Beyond `limit` the bound is not sought: the result is a distance
+    above it.
+    """
+    surface = sensor_rt.MeshSurface(solid.vertices, solid.faces.astype(np.uint32))
+    triangles = mesh.vertices[mesh.faces]
+    corners = surface.signed_distances(mesh.vertices[np.unique(mesh.faces)])[0]
+    largest = max(0.0, float((corners if solid.is_closed else np.abs(corners)).max()))
+    while largest <= limit:
+        distance, bound = surface.triangle_distances(triangles, solid.is_closed)
+        largest = max(largest, float(distance.max(initial=0.0)))
+        rest = np.flatnonzero(bound > largest + tolerance)
+        if not len(rest) or 4 * len(rest) > _MAX_TRIANGLES:
+            return max(largest + tolerance, float(bound[rest].max(initial=0.0)))
+        triangles = _divided(triangles[rest])
+    return largest
+
+
+def _divided(triangles: Array) -> Array:
+    """Four triangles (4 n, 3, 3) in place of each (n, 3, 3), between its corners and the middles of its edges."""
+    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    return np.concatenate([np.stack(corners, 1) for corners in quarters])

@@ -9,11 +9,22 @@ from __future__ import annotations
 
 import secrets
 from collections import Counter, deque
+from collections.abc import Sequence
 from enum import StrEnum
+from functools import cache
 from typing import Protocol, TypeVar, runtime_checkable
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 from scancell.errors import MessageError
+from scancell.geometry import pose
 from scancell.guard.messages import CellState, GuardMessage, Packet, decode
+from scancell.guard.parts import Tool
+from scancell.guard.stopping import Hypothesis, Identification, Kind, MeasuredState, Path
+from scancell.nominal.cell import NominalCell
+
+Array = NDArray[np.float64]
 
 SILENCE = 0.5  # s after which another cell may open a session
 LEAST_PERIOD = 1e-4  # s between the times of two states
@@ -21,6 +32,11 @@ _REMEMBERED_STATES = 256
 _REMEMBERED_SESSIONS = 64
 
 _Message = TypeVar("_Message", CellState, GuardMessage)
+
+_STATES = 3
+_NOT_PLAIN = 5e-4  # chance to miss that a motion is of a plain kind
+_IMPOSSIBLE = 1e-6  # chance to rule out the true path
+_SIGMAS = 4.0  # of a rate's error
 
 
 class Outcome(StrEnum):
@@ -228,3 +244,167 @@ class GuardEndpoint:
 
 def _random_number() -> int:
     return secrets.randbelow(2**64 - 1) + 1
+
+
+class Identifier:
+    """Identifies motion by hand from measured states.
+
+    Parameters
+    ----------
+    nominal
+        Kinematics.
+    noise
+        Standard deviation of the measured angles, one or (axes,), rad.
+    """
+
+    def __init__(self, nominal: NominalCell, noise: ArrayLike) -> None:
+        self._tool = Tool(nominal)
+        self._joints = len(nominal.arm.joints)
+        self._noise = np.broadcast_to(np.asarray(noise, float), (self._joints + 1,))
+        if not (self._noise > 0).all():
+            raise ValueError(f"noise = {self._noise}: expected standard deviations above 0")
+
+    def identify(self, states: Sequence[MeasuredState]) -> Identification:
+        """Motions that are consistent with the last three (or two) states.
+
+        The true path is missing with a probability of 1e-6, near singular positions somewhat more. Rates come from a
+        straight line through the states: they are those in the middle of their time.
+
+        Raises
+        ------
+        ValueError
+            If there are fewer than two states, or their times do not increase.
+        """
+        states = states[-_STATES:]
+        times = np.array([state.time for state in states])
+        if len(states) < 2 or not (np.diff(times) > 0).all():
+            raise ValueError(f"measured states at {times.tolist()} s: expected at least two, in the order of time")
+        window = _Window(self._tool, times, np.array([state.axes for state in states]), self._noise)
+        kind, rates = self._plainest(window)
+        paths = [Path.JOINT] if kind in (Kind.REST, Kind.TABLE) else self._paths(kind, window)
+        error = np.abs(window.rates - rates) + _SIGMAS * window.rate_noise
+        age = float(times[-1] - window.rate_time)
+        return Identification(kind, tuple(Hypothesis(path, states[-1], rates, error, age) for path in paths))
+
+    def _plainest(self, window: _Window) -> tuple[Kind, Array]:
+        """The simplest kind of motion, and the rates (axes,) of this kind that are nearest to the measured."""
+        rates = window.rates.copy()
+        still = window.stillness
+        freedom = len(window.times) - 1
+        table_rests = still[-1] <= _limit(freedom, _NOT_PLAIN)
+        if table_rests:
+            rates[-1] = 0.0
+        if still[:-1].sum() <= _limit(freedom * self._joints, _NOT_PLAIN):
+            rates[:-1] = 0.0
+            return (Kind.REST if table_rests else Kind.TABLE), rates
+        most = int(np.argmax(still[:-1]))
+        if still[:-1].sum() - still[most] <= _limit(freedom * (self._joints - 1), _NOT_PLAIN):
+            rates[:-1] = np.where(np.arange(self._joints) == most, rates[:-1], 0.0)
+            return Kind.SINGLE_JOINT, rates
+        if window.moves_straight and window.held_stillness <= _limit(window.held_freedom, _NOT_PLAIN):
+            for kind, kept in ((Kind.TRANSLATION, slice(3, 6)), (Kind.ROTATION, slice(0, 3))):
+                if window.constancy(kept) <= _limit(3 * freedom, _NOT_PLAIN):
+                    rates[:-1] = window.rates_without(kept)
+                    return kind, rates
+        return Kind.COMBINED, rates
+
+    def _paths(self, kind: Kind, window: _Window) -> list[Path]:
+        """Paths that are possible; all, if none agrees with the states."""
+        candidates = [Path.JOINT]
+        if window.moves_straight:
+            # Pure translations and rotations are the same in both frames.
+            candidates += [Path.BASE] if kind in (Kind.TRANSLATION, Kind.ROTATION) else [Path.BASE, Path.TOOL]
+        if len(window.times) < _STATES:
+            return candidates
+        possible = []
+        for path in candidates:
+            moved = self._joints if path is Path.JOINT else 6
+            held = path is Path.JOINT or window.held_stillness <= _limit(window.held_freedom, _IMPOSSIBLE)
+            if held and window.straightness(path) <= _limit(moved - 1, _IMPOSSIBLE):
+                possible.append(path)
+        return possible or candidates
+
+
+@cache
+def _limit(freedom: int, chance: float) -> float:
+    """Value that a chi-squared variable exceeds with a probability of `chance`."""
+    from scipy.special import chdtri  # noqa: PLC0415  (slow to import)
+
+    return float(chdtri(freedom, chance)) if freedom else np.inf
+
+
+class _Window:
+    """Measured axes (k, axes) at `times` (k,), and tests of their constancy and straightness."""
+
+    def __init__(self, tool: Tool, times: Array, axes: Array, noise: Array) -> None:
+        self._tool, self.times, self._axes, self._noise = tool, times, axes, noise
+        since = times - times.mean()
+        spread = (since**2).sum()
+        self.rates = since @ axes / spread
+        self.rate_noise = noise / np.sqrt(spread)
+        # The slope is a weighted mean of the rate in the window: this is the mean of the time with the same weights.
+        self.rate_time = float(since @ times**2 / (2 * spread))
+        self._poses, self._jacobians = tool.poses(axes[:, :-1])
+        self._jacobian = self._jacobians[len(times) // 2]
+        self.moves_straight = tool.moves_straight(self._jacobian)
+        self.held_freedom = len(tool.held) * (len(times) - 1)
+        # Squared deviations of each axis from its mean, in units of its variance, and of those that Cartesian motion
+        # holds, summed.
+        self.stillness = (((axes - axes.mean(0)) / noise) ** 2).sum(0)
+        self.held_stillness = float(self.stillness[tool.held].sum())
+
+    def constancy(self, rows: slice) -> float:
+        """Squared deviations of the tool's position (rows 0 to 3) or orientation (3 to 6) from their mean.
+
+        In units of their variances, which follow from those of the joints.
+        """
+        if rows.start == 0:
+            values = self._poses[:, :3, 3]
+        else:
+            middle = self._poses[len(self.times) // 2, :3, :3]
+            values = pose.log_rotation(self._poses[:, :3, :3] @ middle.T)
+        spread = self._jacobians[:, rows] * self._noise[:-1]
+        covariance = (spread @ np.swapaxes(spread, -1, -2)).mean(0)
+        deviation = values - values.mean(0)
+        return float(np.sum(deviation * np.linalg.solve(covariance, deviation.T).T))
+
+    def rates_without(self, rows: slice) -> Array:
+        """Rates (joints,), rad/s, of the measured motion of the tool without some of its velocities."""
+        twist = self._jacobian @ self.rates[:-1]
+        twist[rows] = 0.0
+        return np.asarray(self._tool.rates(self._jacobian[None], twist[None])[0])
+
+    def straightness(self, path: Path) -> float:
+        """Squared distance of the second step from the direction of both together, in units of its variance.
+
+        Eq. 9 for joints, Eq. 10 for the tool in a frame, with a length of each step of its own.
+        """
+        if path is Path.JOINT:
+            first, second = np.diff(self._axes[:, :-1], axis=0) / self._noise[:-1]
+        else:
+            first, second = np.linalg.solve(self._deviation_of_change(), self._steps(path).T).T
+        both, change = first + second, second - first
+        length = float(both @ both)
+        if length == 0.0:
+            return float(change @ change) / 6
+        across = change - both * (both @ change) / length
+        unequal = float(change @ both) / length
+        return float(across @ across) / (6 + 2 * unequal**2)
+
+    def _deviation_of_change(self) -> Array:
+        """Cholesky factor (6, 6) of the covariance of the change between the steps, over 6 as that of joints is."""
+        spread = self._jacobians * self._noise[:-1]
+        covariance = spread @ np.swapaxes(spread, -1, -2)
+        return np.asarray(np.linalg.cholesky((covariance[0] + 4 * covariance[1] + covariance[2]) / 6))
+
+    def _steps(self, path: Path) -> Array:
+        """Translation and rotation (2, 6) of the tool from state to state, those of a path parallel; world axes."""
+        rotation, position = self._poses[:, :3, :3], self._poses[:, :3, 3]
+        moved = np.diff(position, axis=0)
+        before = np.swapaxes(rotation[:-1], -1, -2)
+        turned = pose.log_rotation(before @ rotation[1:])  # tool frame
+        if path is Path.BASE:
+            return np.concatenate([moved, np.einsum("nij,nj->ni", rotation[:-1], turned)], 1)
+        half_way = rotation[:-1] @ pose.exp_rotation(turned / 2)
+        in_tool = np.concatenate([np.einsum("nji,nj->ni", half_way, moved), turned], 1)
+        return np.asarray(in_tool.reshape(2, 2, 3) @ rotation[1].T).reshape(2, 6)

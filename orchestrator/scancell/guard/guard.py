@@ -8,40 +8,274 @@ Where no stop is proved, the answer is an emergency stop, and the proof of an ea
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scancell.arguments import Shape, checked_arguments, checked_value
-from scancell.cell.controller import Mode, Operation
+from scancell.arguments import Length, Shape, Threads, Within, checked_arguments, checked_fields, checked_value
+from scancell.cell.driver import Mode, MonitorSpeed, Operation
+from scancell.cell.instance import CellInstance
 from scancell.config.robot import RobotDescription
 from scancell.errors import MessageError
 from scancell.geometry import pose
-from scancell.geometry.reduction import reduced
-from scancell.guard.check import Contact, ManualCheck, Verdict
-from scancell.guard.free_path import FreePath
-from scancell.guard.identify import Identifier
-from scancell.guard.jog_check import JogCheck, JogVerdict
+from scancell.geometry.mesh import reduced
+from scancell.guard.check import Contact, JogCheck, JogVerdict, ManualCheck, PathCheck, PathVerdict, Verdict
+from scancell.guard.endpoints import Identifier
+from scancell.guard.free_path import FreePath, NearPairs, jog_limits
 from scancell.guard.messages import MAX_TEXT, CellState, GuardMessage, PlacedPart, axes_digest
-from scancell.guard.motion import Hypothesis, MeasuredState
-from scancell.guard.near import NearPairs
-from scancell.guard.path_check import PathCheck, PathVerdict
-from scancell.guard.settings import GuardSettings
-from scancell.guard.stopping import WorstCase
-from scancell.guard.unseen import jog_limits
+from scancell.guard.parts import PartTracker
+from scancell.guard.stopping import Hypothesis, MeasuredState, WorstCase
+from scancell.guard.transport import Link
 from scancell.nominal.cell import NominalCell
 from scancell.proximity.motion_check import MotionCheck, MotionClash
 from scancell.proximity.scene import cell_scene
+from scancell.stopwatch import Pace
 
 Array = NDArray[np.float64]
+
+_POLL_CYCLES = 2  # of the controller; it answers position queries no faster
+_EMERGENCY = 3  # controller.state
+_AHEAD = 64  # points of the path ahead, a cycle of path clock apart; the first one is the present set-point
+
+_Positive = Length
+_NotNegative = Annotated[float, Within(0.0)]
 
 _MAX_FACES = 400
 _STATES = 3
 _BEEP = 0.5  # s to a contact
 _AT_LIMIT = 0.9  # of the permitted speed, from which on a jog counts as slowed
+
+
+class GuardedCell:
+    """Steps a cell that exchanges messages with its guard.
+
+    Parameters
+    ----------
+    cell
+        A running instance at a multiple of the controller's cycle.
+    cycle_us
+        The controller's cycle, µs.
+    link
+        To the guard; None: without a guard.
+    max_age
+        Age of the last answer's state at which the controller stops, s.
+    shows_jogs
+        Whether the guard sees where a jog leads before it moves the robot, and limits its speed; else it identifies
+        jogs by measured states.
+    parts
+        Follows what the gripper and belts move; None: the guard does not know where these parts are.
+
+    Attributes
+    ----------
+    monitor_speed
+        Of the operator, 0 to 1; the lower one of this and the guard's is in force.
+    stop_pressed
+        Whether the operator keeps the emergency stop pressed, independently of the guard.
+
+    Examples
+    --------
+    >>> guard = scancell.guard_of(part="part.stl")
+    >>> link = scancell.Link(scancell.InProcess(guard, compute_time=0.003), guard.settings.max_age)
+    >>> with scancell.Scanner() as scanner, scanner.session("part.stl") as session:
+    ...     guarded = scancell.GuardedCell(session.cell, 16_000, link, guard.settings.max_age)
+    ...     guarded.attach()
+    ...     session.move_tool(scancell.location(0.45, 0.0, 0.05, rx=np.pi))
+    Traceback (most recent call last):
+        ...
+    scancell.errors.CommandError: move_tool: held by the guard ...: slowed to 0%: sensor - part
+
+    `Scanner.session` with ``guarded=True`` does the same.
+    """
+
+    @checked_arguments
+    def __init__(
+        self,
+        cell: CellInstance,
+        cycle_us: int,
+        link: Link | None,
+        max_age: float,
+        shows_jogs: bool = True,
+        parts: PartTracker | None = None,
+    ) -> None:
+        self._cell, self._cycle_us, self._link, self._shows_jogs = cell, cycle_us, link, shows_jogs
+        self._parts = parts
+        axes = cell.axis_names("")
+        self._digest = axes_digest(axes)
+        self._widths = cell.real_group([name for name in cell.names if name == "measured.gripper.width"])
+        belts = sum(name.startswith("measured.conveyor[") and name.endswith("].travel") for name in cell.names)
+        self._travel = cell.real_group([f"measured.conveyor[{i}].travel" for i in range(1, belts + 1)])
+        self._measured = cell.real_group([f"measured.{axis}" for axis in axes])
+        self._rate = cell.real_group(["controller.rate"])
+        self._path_time = cell.real_group(["controller.path_time"])
+        self._ahead = cell.path_ahead(_AHEAD)
+        self._guard_time = cell.real_group(["command.guard.time"])
+        self._monitor_speed = cell.real_group(["command.monitor_speed"])
+        self._polls = 0
+        self._sequence = 0
+        self._allowed = 1.0 if link is None else 0.0  # by the last answer
+        self.monitor_speed = 1.0
+        self.stop_pressed = False
+        if link is not None:
+            cell.set(cell.real_group(["command.guard.max_age"]), np.array([max_age]))
+
+    def attach(self) -> None:
+        """Poll at the end of every controller cycle from now on, however the cell is stepped.
+
+        So commands and programs of a `CellSession` cannot step the cell past its guard.
+        """
+        self.poll()
+        self._cell.on_cycle(self._cycle_us, self.poll)
+
+    @checked_arguments
+    def set_monitor_speed(self, share: MonitorSpeed) -> None:
+        """Change the operator's monitor speed to `share`, 0 to 1.
+
+        It acts at once, but never beyond what the guard allows, and scales no jog.
+
+        Raises
+        ------
+        DescriptionError
+            If it is out of its range.
+        """
+        self.monitor_speed = share
+        self._apply_monitor_speed()
+
+    def _apply_monitor_speed(self) -> None:
+        manual = self._cell.get_integer("command.operation") == Operation.MANUAL
+        speed = self._allowed if manual else min(self.monitor_speed, self._allowed)
+        self._cell.set(self._monitor_speed, np.array([speed]))
+
+    def poll(self) -> list[GuardMessage]:
+        """Send the state when a query is due, and apply the answers that have arrived; to be called once a cycle.
+
+        The answers are returned, see `Link.poll`.
+        """
+        if self._link is None:
+            return []
+        time = self._cell.time_us * 1e-6
+        if self._polls % _POLL_CYCLES == 0:
+            self._link.send(self.state(), time)
+        self._polls += 1
+        answers = self._link.poll(time)
+        if answers:
+            last = answers[-1]
+            self._cell.set(self._guard_time, np.array([time - self._link.age(time)]))
+            self._allowed = last.monitor_speed
+            self._apply_monitor_speed()
+            stop = self.stop_pressed or any(answer.emergency_stop for answer in answers)
+            self._cell.set_boolean("command.emergency_stop", stop)
+            if last.text or self._cell.get_integer("controller.state") != _EMERGENCY:  # else the reason stays
+                self._cell.set_string("command.pendant.text", last.text)
+            self._cell.set_boolean("command.pendant.beep", last.beep)
+        return answers
+
+    def run(self, seconds: float, act: Callable[[], bool]) -> None:
+        """Run in real time for `seconds` of the cell, or until `act`, which is called once a cycle, returns true.
+
+        A machine that is too slow makes the cell's clock slow, which is that of the ages: see `Pace`.
+        """
+        pace = Pace(self._cycle_us * 1e-6)
+        end = self._cell.time_us + round(seconds * 1e6)
+        while self._cell.time_us < end and not act():
+            self.poll()
+            self._cell.step_to(self._cell.time_us + self._cycle_us)
+            pace.wait()
+
+    def state(self) -> CellState:
+        """The cell as the controller answers a query."""
+        cell = self._cell
+        operation = Operation(cell.get_integer("command.operation"))
+        mode = Mode(cell.get_integer("controller.mode"))
+        automatic = operation is Operation.AUTOMATIC
+        follows = mode not in (Mode.HOLD, Mode.SERVO) if automatic else self._shows_jogs
+        self._sequence = (self._sequence + 1) % 2**32
+        axes = cell.get(self._measured).copy()
+        return CellState(
+            self._sequence,
+            cell.time_us * 1e-6,
+            operation,
+            mode,
+            cell.get_boolean("controller.moving"),
+            axes,
+            float(np.clip(cell.get(self._rate)[0], 0.0, 1.0)),
+            cell.get(self._ahead).reshape(_AHEAD, len(axes)).copy() if follows else (),
+            self._cycle_us * 1e-6 if follows else 0.0,
+            float(cell.get(self._path_time)[0]) if follows else 0.0,
+            self._shows_jogs,
+            cell.get(self._widths).copy(),
+            self._placed_parts(axes),
+            digest=self._digest,
+        )
+
+    def _placed_parts(self, axes: NDArray[np.float64]) -> tuple[PlacedPart, ...]:
+        if self._parts is None:
+            return ()
+        has_gripper = self._widths.count > 0
+        width = float(self._cell.get(self._widths)[0]) if has_gripper else 0.0
+        gripped = has_gripper and self._cell.get_boolean("measured.gripper.gripped")
+        return self._parts.update(axes, self._cell.get(self._travel), width, gripped)
+
+
+@checked_fields
+@dataclass(frozen=True)
+class GuardSettings:
+    """Worst case for which stops are proved.
+
+    Attributes
+    ----------
+    max_age
+        Age of the last answer's state at which the controller stops by itself, s. A longer one bears more loss of
+        packets, and keeps the robot farther from everything.
+    cycle
+        Cycle of the controller, s: it notices the age, and brakes, one cycle late each.
+    noise
+        Standard deviation of the measured angles, rad.
+    angle_error
+        Largest error of the measured angles, rad, one or (axes,): of the encoders, and of the gears behind them.
+    latency
+        Largest age of measured angles when the controller stamps them, s.
+    position_error
+        Largest deviation of a body from its nominal position, m: two bodies may be nearer by twice as much.
+    mesh_error
+        Largest error of the simplified meshes that the guard compares, m: it adds to the distance to be kept.
+    deceleration
+        Share of the axes' accelerations that braking attains.
+    horizon
+        Time for which a motion by hand is predicted for warnings, s.
+    threads
+        Threads of the checks of motions before they begin; 0 uses all cores. An answer takes one.
+
+    Raises
+    ------
+    DescriptionError
+        If a value is negative, or 0 where there is no such worst case.
+
+    Examples
+    --------
+    >>> settings = scancell.GuardSettings(max_age=0.2, position_error=0.002)
+    >>> print(f"{settings.reaction:.3f} s")
+    0.232 s
+    >>> guard = scancell.guard_of(part="part.stl", settings=settings)
+    """
+
+    max_age: _Positive = 0.12
+    cycle: _Positive = 0.016
+    noise: _Positive = float(np.radians(0.005))
+    angle_error: _NotNegative | tuple[_NotNegative, ...] = float(np.radians(0.025))
+    latency: _NotNegative = 0.0
+    position_error: _NotNegative = 1e-3
+    mesh_error: _NotNegative = 0.2e-3
+    deceleration: _Positive = 0.95
+    horizon: _Positive = 1.0
+    threads: Threads = 1
+
+    @property
+    def reaction(self) -> float:
+        """Time from a measured state to the beginning of braking, if no later answer arrives, s."""
+        return self.latency + self.max_age + 2 * self.cycle
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scancell.cell.controller import Mode, Operation
+from scancell.cell.driver import Mode, Operation
 from scancell.errors import MessageError
 
 Array = NDArray[np.float64]

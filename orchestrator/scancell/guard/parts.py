@@ -15,13 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from scancell.arguments import checked_arguments
 from scancell.config.cell import CellDescription
-from scancell.config.units import si_value
+from scancell.config.description import si_value
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.tree import WORLD
 from scancell.guard.messages import PlacedPart
 from scancell.nominal.cell import NominalCell
-from scancell.nominal.poses import pose_matrix
+from scancell.nominal.gripper import pose_matrix
+from scancell.proximity.motion_check import arm_motion
 
 Array = NDArray[np.float64]
 
@@ -31,6 +32,8 @@ _ABOVE = 0.05  # m: a part that is released higher above the platter or a belt f
 _RESTS = 1e-6  # m that a belt at rest travels between two states
 
 TABLE = "table"
+
+_SINGULAR = 0.01  # smallest singular value of the Jacobian from which on the controller moves the tool straight
 
 
 def movable_parts(cell: CellDescription) -> list[int]:
@@ -170,3 +173,45 @@ class PartTracker:
 def _numbers(at: Array) -> tuple[float, ...]:
     """Position and quaternion of a pose (4, 4)."""
     return tuple(float(value) for value in (*at[:3, 3], *pose.quaternion_from_rotation(at[:3, :3])))
+
+
+class Tool:
+    """Kinematics of the sensor of a cell.
+
+    Attributes
+    ----------
+    active
+        Numbers from 0 of the joints that Cartesian motion moves.
+    held
+        Those that it does not.
+    """
+
+    def __init__(self, nominal: NominalCell) -> None:
+        self._motion, self._flange_from_tool = arm_motion(nominal), nominal.flange_from_sensor
+        held = {joint.index for joint in nominal.arm.held}
+        self.held = np.array(sorted(held), np.int64)
+        self.active = np.array([i for i in range(len(nominal.arm.joints)) if i not in held], np.int64)
+
+    def poses(self, joints: Array) -> tuple[Array, Array]:
+        """``world_from_tool`` (n, 4, 4) at joints (n, joints), and the geometric Jacobian (n, 6, joints) of its origin.
+
+        The Jacobian is in world axes: linear velocity, then angular velocity.
+        """
+        return self._motion.tool_poses(joints, joints.shape[1] - 1, self._flange_from_tool)
+
+    def moves_straight(self, jacobian: Array) -> bool:
+        """Whether Cartesian motion is possible with a Jacobian (6, joints): six active joints, no singular position."""
+        if len(self.active) != 6:
+            return False
+        return bool(np.linalg.svd(jacobian[:, self.active], compute_uv=False)[-1] >= _SINGULAR)
+
+    def rates(self, jacobian: Array, twist: Array) -> Array:
+        """Rates (n, joints), rad/s, of twists (n, 6) of the tool, world axes; held joints stand still."""
+        rates = np.zeros((len(twist), jacobian.shape[-1]))
+        rates[:, self.active] = np.linalg.solve(jacobian[..., self.active], twist[..., None])[..., 0]
+        return rates
+
+    def length(self, joints: Array) -> float:
+        """Length (m) of the path of the tool's origin through joints (n, joints)."""
+        position = self.poses(joints)[0][:, :3, 3]
+        return float(np.linalg.norm(np.diff(position, axis=0), axis=1).sum())

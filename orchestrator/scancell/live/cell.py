@@ -12,8 +12,7 @@ from typing import Annotated, TypeVar
 from scancell.arguments import Count, Within, checked_arguments
 from scancell.errors import CommandError, DescriptionError
 from scancell.live.commands import Cancel, Command, SetMonitorSpeed
-from scancell.live.control import LiveControl
-from scancell.live.jobs import CLOSED, JobStopped, SubmittedJob, Work, interrupt, withdraw_interrupt
+from scancell.live.control import CLOSED, JobStopped, LiveControl, SubmittedJob, Work, interrupt, withdraw_interrupt
 from scancell.live.state import LiveState, StateReader
 from scancell.progress import NullProgress
 from scancell.scanning.session import ScanSession

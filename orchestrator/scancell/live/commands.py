@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from scancell.arguments import Count, Share, checked_fields
-from scancell.cell.controller import (
+from scancell.cell.driver import (
     BeltSpeed,
     Deflections,
     Force,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count
 from types import MappingProxyType
@@ -10,18 +10,22 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.cell.controller import Mode, Operation, refusal
+from scancell.cell.driver import Mode, Operation, refusal
+from scancell.cell.instance import CellInstance
 from scancell.cell.recording import RecordLayout
 from scancell.geometry import pose
 from scancell.nominal.cell import fmu_frame
 from scancell.scanning.session import ScanSession
 
 Array = NDArray[np.float64]
+
 Poses = Mapping[str, Array]
 
 _STATES = ("at rest", "moving", "braking", "emergency stop")
 _NEAREST = ("truth.clearance.body_a", "truth.clearance.body_b")
 _COLLISION = ("truth.collision.pairs", "truth.collision.body_a", "truth.collision.body_b")
+
+_OUTPUTS = ("truth.collision.pairs", "truth.collision.body_a", "truth.collision.body_b")
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,3 +214,33 @@ def _read_only(values: Array) -> Array:
     copied = np.array(values, float)
     copied.setflags(write=False)
     return copied
+
+
+class ContactWatch:
+    """Notes the pairs of bodies that come into contact, from now on until `end`.
+
+    Parameters
+    ----------
+    bodies
+        Names of the cell's bodies, in the order of its description for the FMU.
+
+    Attributes
+    ----------
+    pairs
+        ``a - b`` in the order of their first contact; of several contacts at once, the deepest.
+    end
+        Ends the watch.
+    """
+
+    def __init__(self, cell: CellInstance, bodies: Sequence[str]) -> None:
+        self._cell, self._bodies = cell, bodies
+        self.pairs: list[str] = []
+        self.end = cell.on_step(self._look)
+
+    def _look(self) -> None:
+        pairs, first, second = self._cell.get_integers(_OUTPUTS)
+        if pairs == 0:
+            return
+        pair = f"{self._bodies[first - 1]} - {self._bodies[second - 1]}"
+        if pair not in self.pairs:
+            self.pairs.append(pair)

@@ -13,34 +13,43 @@ from numpy.typing import ArrayLike, NDArray
 
 from scancell.arguments import checked_arguments
 from scancell.config.cell import CellDescription, PartDescription, TableDescription
-from scancell.config.devices import FurtherPartDescription
-from scancell.config.gripper import GripperDescription
-from scancell.config.light import LightDescription
+from scancell.config.description import si_value, to_si
+from scancell.config.devices import FurtherPartDescription, GripperDescription, LightDescription
 from scancell.config.material import Material, MaterialDescription
 from scancell.config.robot import RobotDescription
-from scancell.config.units import si_value, to_si
-from scancell.errors import CellError, DescriptionError
+from scancell.errors import CellError, CommandError, DescriptionError
 from scancell.geometry import pose
 from scancell.geometry.arm import Arm, HeldJoint
 from scancell.geometry.arm import Joint as ArmJoint
 from scancell.geometry.mesh import Mesh, box_mesh, is_stable_pose, load_mesh
 from scancell.geometry.tree import WORLD, Joint, Tree, z_along
-from scancell.nominal.gripper import finger_mesh, gripper_from_finger, housing_mesh, start_width
-from scancell.nominal.parts import load_part
-from scancell.nominal.patches import Patch, part_patches
-from scancell.nominal.poses import lay_down, pose_matrix, tool_matrix
+from scancell.nominal.gripper import (
+    finger_mesh,
+    gripper_from_finger,
+    housing_mesh,
+    lay_down,
+    pose_matrix,
+    start_width,
+    tool_matrix,
+)
+from scancell.nominal.parts import Patch, load_part, part_patches
 from scancell.values import Value
+
+Array = NDArray[np.float64]
 
 # Shares of the friction that turning and speeding up may each take at the part's farthest point: together half of it,
 # because the pressure under the part is not even.
 _OF_SPEED, _OF_ACCELERATION = 0.4, 0.3
 
-Array = NDArray[np.float64]
 
 _SIDES = 96  # of a platter without a mesh: 0.05 % beyond its radius at the corners
 _PLACEHOLDER = box_mesh((0.01, 0.01, 0.01), "no part")
 
 OCCUPIED = "occupied["  # begins the names of bodies that are measured space; no description can have such a name
+
+_DH = ("theta", "d", "a", "alpha", "beta")
+_POSE = ("x", "y", "z", "rx", "ry", "rz")
+WOBBLE = ("rx_cos", "rx_sin", "ry_cos", "ry_sin")
 
 
 def table_limits(cell: CellDescription, part: Mesh, table_from_part: NDArray[np.float64]) -> tuple[float, float]:
@@ -593,3 +602,88 @@ def _placed(mesh: Mesh, name: str, cell: CellDescription) -> Mesh:
     if name not in frames:
         return mesh
     return mesh.transformed(pose_matrix(frames[name]))
+
+
+def as_estimated(nominal: NominalCell, cell: CellDescription) -> NominalCell:
+    """The nominal cell with the deviations that its description states as estimated, if it does."""
+    return nominal if cell.estimated is None else estimated_cell(nominal, cell.estimated.deviations())
+
+
+def estimated_cell(nominal: NominalCell, deviations: Mapping[str, float]) -> NominalCell:
+    """The nominal cell with deviations by the names of as-built parameters, SI; those not given are 0."""
+
+    def values(group: str, *keys: str) -> list[float]:
+        return [deviations.get(f"{group}.{key}", 0.0) for key in keys]
+
+    def delta(group: str) -> NDArray[np.float64]:
+        found = values(group, *_POSE)
+        return pose.from_euler_xyz(found[:3], found[3:])
+
+    joints = [
+        replace(joint, **{key: getattr(joint, key) + deviations.get(f"dh[{number}].{key}", 0.0) for key in _DH})
+        for number, joint in enumerate(nominal.arm.joints, 1)
+    ]
+    return replace(
+        nominal,
+        arm=replace(nominal.arm, joints=joints),
+        flange_from_sensor=nominal.flange_from_sensor @ delta("tool"),
+        world_from_table=nominal.world_from_table @ delta("table"),
+        eccentricity=(*values("platter", "x", "y"),),
+        wobble=(*values("table", *(f"wobble_{key}" for key in WOBBLE)),),
+        trigger_latency=deviations.get("trigger.latency", 0.0),
+    )
+
+
+def tool_names(nominal: NominalCell) -> tuple[str, ...]:
+    """``sensor``, ``gripper`` if the cell has one, and the tools of the description."""
+    gripper = () if nominal.flange_from_finger is None else ("gripper",)
+    return ("sensor", *gripper, *nominal.flange_from_tcp)
+
+
+def frame_names(nominal: NominalCell) -> tuple[str, ...]:
+    """``base``, ``table``, and the user frames of the description."""
+    return ("base", "table", *nominal.user_frames)
+
+
+def flange_from_tool(nominal: NominalCell, tool: str) -> Array:
+    """Pose (4, 4) of a tool on the flange; the origin of ``gripper`` lies between its pads.
+
+    Raises
+    ------
+    CommandError
+        If `tool` is ``gripper`` and the cell has none.
+    DescriptionError
+        If the cell has no such tool.
+    """
+    if tool == "sensor":
+        return nominal.flange_from_sensor
+    if tool in nominal.flange_from_tcp:
+        return nominal.flange_from_tcp[tool]
+    if tool != "gripper":
+        raise DescriptionError(key="tool", value=tool, expected=_listed(tool_names(nominal)))
+    fingers = nominal.flange_from_finger
+    if fingers is None:
+        raise CommandError("the cell has no gripper")
+    flange_from_gripper = fingers[0].copy()
+    flange_from_gripper[:3, 3] = fingers[:, :3, 3].mean(0)
+    return np.asarray(flange_from_gripper)
+
+
+def world_from_frame(nominal: NominalCell, frame: str, axes: ArrayLike) -> Array:
+    """Pose (4, 4) of ``base``, ``table`` or a user frame at positions of the axes.
+
+    Raises
+    ------
+    DescriptionError
+        If the cell has no such frame.
+    """
+    if frame in ("base", "table"):
+        return nominal.world_from(frame, axes)
+    if frame not in nominal.user_frames:
+        raise DescriptionError(key="frame", value=frame, expected=_listed(frame_names(nominal)))
+    found = nominal.user_frames[frame]
+    return np.asarray(nominal.world_from(found.parent, axes) @ found.parent_from_joint)
+
+
+def _listed(names: Collection[str]) -> str:
+    return ", ".join(f"'{name}'" for name in names)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.output.drawing import INK, SOFT, Sheet, ticks
+from scancell.output.surface_view import INK, SOFT, Sheet, ticks
 
 _PANEL, _HEIGHT, _TOP, _BOTTOM, _LEFT = 470, 470, 70, 400, 76
 _REAL, _SIMULATED = "#b5532a", "#2a6db5"

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scancell import sensor as sensor_rt
 from scancell.config.sensor import SensorDescription
 from scancell.errors import SensorError
-from scancell.evaluation.sheet_check import sheet_deviation
+from scancell.evaluation.plane_trial import sheet_deviation
 from scancell.output.image_files import INDEX, ImageSet, holds_colours, laser_channel, read_images
 from scancell.output.run_folder import RunFolder, RunReport, run_into
 from scancell.output.tables import write_csv

@@ -18,7 +18,7 @@ from scancell.config.sensor import SensorDescription
 from scancell.errors import ImageError, OutputError
 from scancell.files import require_file
 from scancell.output.run_folder import RunFolder
-from scancell.output.stripe_picture import stripe_picture
+from scancell.output.surface_view import stripe_picture
 from scancell.scanning.sense import ExposureImages
 
 INDEX = "frames.csv"

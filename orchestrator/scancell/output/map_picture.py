@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.output.drawing import INK, SOFT, Sheet, resized, text_width, ticks
+from scancell.output.surface_view import INK, SOFT, Sheet, resized, text_width, ticks
 from scancell.planning.path_map.configuration_map import CAUSES, ConfigurationMap
 from scancell.planning.path_map.table_motion import TableMotion
 

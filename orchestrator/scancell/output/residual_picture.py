@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.output.drawing import INK, SOFT, Sheet, ticks
+from scancell.output.surface_view import INK, SOFT, Sheet, ticks
 
 _WIDTH, _HEIGHT = 1120, 460
 _LEFT, _TOP, _RIGHT, _BOTTOM = 84, 64, 1090, 390

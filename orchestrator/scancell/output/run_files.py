@@ -12,18 +12,15 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.cell.recording import write_recording
-from scancell.config.choices import CloudFrame
+from scancell.config.description import CloudFrame
 from scancell.config.files import plain_data
 from scancell.evaluation.coverage import Coverage
-from scancell.evaluation.deviation import Deviation
-from scancell.evaluation.unseen import UnseenSurface
+from scancell.evaluation.deviation import Deviation, UnseenSurface
 from scancell.files import arrow_table
 from scancell.geometry.mesh import Mesh
-from scancell.output.deviation_picture import deviation_picture
-from scancell.output.deviation_report import DeviationReport
+from scancell.output.deviation_report import DeviationReport, deviation_picture
 from scancell.output.image_files import FrameFiles, draw_stripes
-from scancell.output.manifest import build_version, command_words, manifest, resolved_toml
-from scancell.output.run_folder import RunFolder
+from scancell.output.run_folder import RunFolder, build_version, command_words, manifest, resolved_toml
 from scancell.output.tables import write_profile_csv
 from scancell.planning.plan import plan_json
 from scancell.reconstruction.cloud_files import FORMATS, write_cloud

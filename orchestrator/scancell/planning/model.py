@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -10,17 +11,27 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scancell import sensor as sensor_rt
+from scancell.errors import PlanningError
 from scancell.geometry import pose
-from scancell.geometry.mesh import Mesh
-from scancell.geometry.reduction import ReducedMesh, reduced
+from scancell.geometry.mesh import Mesh, ReducedMesh, reduced
 from scancell.nominal.cell import OCCUPIED, NominalCell
 from scancell.planning.motion.torques import TorqueLimits
 from scancell.planning.motion.trajectory import Limits
-from scancell.planning.work import CONFIGURATION, NUMERICAL_POSE, NUMERICAL_ROW, NUMERICAL_STEP, POSE, Work
+from scancell.progress import NullProgress, Progress
 from scancell.proximity.motion_check import MotionCheck
 from scancell.proximity.scene import Clash, ProximityScene, arm_chain, cell_scene
 
 Array = NDArray[np.float64]
+
+# Units of work, about seconds of one core of 2020.
+POSE = 5e-6  # inverse kinematics of a pose in closed form
+NUMERICAL_POSE = 1.5e-3  # and by continuation
+NUMERICAL_STEP, NUMERICAL_ROW = 5e-4, 5e-5  # of a step along paths, and of each solution in it
+CONFIGURATION = 3e-5  # distances of all bodies
+CELL = 2e-4  # of a configuration map
+QUERY = 2e-3  # of cells of one, with the ranking of the ways over them
+PATH_POSE = 1e-5  # pose on a sensor path
+SIGHT = 1e-6  # judgement of a sample from a pose
 
 _SELF_CLEARANCE = 2e-3  # m between links of the arm
 _TOUCHING = 1e-4  # m
@@ -31,6 +42,52 @@ _MAX_ERROR = 0.5e-3  # m: what a reduced mesh may leave out, which is added to t
 _BLOCK = 512  # poses of inverse kinematics between two looks at the work
 _NUMERICAL_BLOCK = 96  # of an arm without closed form
 _MAX_JUDGED_FACES = 100_000  # python-fcl takes 3 s to prepare a million
+
+MAX_LISTED = 8
+
+
+class WorkLimitError(PlanningError):
+    """The limit of the work of planning is reached; the message states the current step and result."""
+
+
+class Work:
+    """Counts work and passes the time for cancelling; a `Progress` of parts, whose stages are not displayed.
+
+    Parameters
+    ----------
+    limit
+        Largest work; ``scan.max_planning_work``.
+    progress
+        Told of every piece of work, so that it may cancel.
+    """
+
+    def __init__(self, limit: float = math.inf, progress: Progress | None = None) -> None:
+        self.limit, self.spent, self.doing = limit, 0.0, "preparing the cell"
+        self._progress = progress or NullProgress()
+
+    def spend(self, amount: float) -> None:
+        """Count work that is about to be done.
+
+        Raises `WorkLimitError` naming what was being done, when the limit is exceeded; `CancelledError` when the
+        progress cancels.
+        """
+        self.spent += amount
+        self._progress.advance(0.0)
+        if self.spent > self.limit:
+            raise WorkLimitError(
+                f"planning reached its limit of work while {self.doing}",
+                key="scan.max_planning_work",
+                value=self.limit,
+                expected="a larger limit, or a scan with fewer views",
+            )
+
+    def stage(self, name: str, total: float, unit: str) -> None:
+        """Begin a part."""
+        self.spend(0.0)
+
+    def advance(self, steps: float) -> None:
+        """Count steps of a part, which are no work by themselves."""
+        self.spend(0.0)
 
 
 def with_table(q: ArrayLike, table: ArrayLike) -> Array:
@@ -284,3 +341,38 @@ class PlanningCell:
     def _world_from_flange(self, table_from_sensor: ArrayLike) -> Array:
         world_from_sensor = self.nominal.world_from_table @ np.asarray(table_from_sensor, float)
         return np.asarray(world_from_sensor @ pose.inverse(self.nominal.flange_from_sensor))
+
+
+def describe(clash: Clash) -> str:
+    """Message that names the two bodies and, unless they intersect, their distance and the required clearance."""
+    if clash.distance <= 0:
+        return f"{clash.body_a} hits {clash.body_b}"
+    distance, required = 1e3 * clash.distance, 1e3 * clash.clearance
+    return f"{clash.body_a} comes within {distance:.1f} mm of {clash.body_b} (required clearance {required:g} mm)"
+
+
+def out_of_reach(cell: PlanningCell, table_from_sensor: Array, branches: slice = slice(None)) -> str:
+    """Message why none of several sensor poses (n, 4, 4) is feasible, with the smallest violation among them.
+
+    Poses are in the frame of the table at angle 0. The violation is the distance to the reach of the arm, or the
+    angle by which a joint exceeds its limits; in some of the arm's `branches`.
+    """
+    arm = cell.nominal.arm
+    q = cell.ik(table_from_sensor, filtered=False)[:, branches]
+    exists = np.asarray(np.isfinite(q).all(axis=-1))
+    if not exists.any():
+        world = cell.nominal.world_from_table @ table_from_sensor
+        missing = float(np.min(arm.distance_outside_reach(world @ pose.inverse(cell.nominal.flange_from_sensor))))
+        return f"out of the arm's reach by {1e3 * missing:.0f} mm" if missing > 0 else "out of the arm's reach"
+    violation = np.where(exists[..., None], arm.limit_violation(np.nan_to_num(q)), np.inf)
+    best = violation.reshape(-1, violation.shape[-1])[int(np.argmin(violation.max(-1)))]
+    joint = int(np.argmax(best))
+    if best[joint] <= 0:
+        return "reachable only with a joint at its limit"
+    return f"joint {joint + 1} would be {np.degrees(best[joint]):.1f} deg outside its limits"
+
+
+def join_reasons(title: str, reasons: list[str]) -> str:
+    """Message of a title and the first `MAX_LISTED` of several reasons."""
+    more = [f"and {len(reasons) - MAX_LISTED} more"] if len(reasons) > MAX_LISTED else []
+    return f"{title}: " + "; ".join([*reasons[:MAX_LISTED], *more])

@@ -10,9 +10,9 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.config.description import si_value
 from scancell.config.material import Material
 from scancell.config.scan import OccupiedDescription
-from scancell.config.units import si_value
 from scancell.errors import DescriptionError
 from scancell.files import atomic_write, require_file
 from scancell.geometry.pose import transform_points

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from scancell.arguments import checked_arguments
-from scancell.cell.program import BeltRun, Program, Segment, TriggerKind, TriggerRule
-from scancell.cell.program_file import program_data
+from scancell.cell.program import BeltRun, Program, Segment, TriggerKind, TriggerRule, program_data
 from scancell.config.description import Description, validate
 from scancell.errors import DescriptionError
 from scancell.files import PLAN_VERSION, atomic_write, read_json, require_format_version

@@ -15,17 +15,13 @@ from scancell.config.devices import FurtherPartDescription
 from scancell.config.sensor import SensorDescription
 from scancell.errors import PlanningError
 from scancell.geometry import pose
-from scancell.geometry.mesh import Mesh, box_mesh
-from scancell.geometry.resting import RestingPose, resting_poses
+from scancell.geometry.mesh import Mesh, RestingPose, box_mesh, resting_poses
 from scancell.nominal.cell import Body, NominalCell, nominal_cell
-from scancell.planning.model import PlanningCell, SensorRange
+from scancell.planning.model import PlanningCell, SensorRange, Work, WorkLimitError, join_reasons
 from scancell.planning.motion.verification import check_part
 from scancell.planning.options import CoverageOptions, ScanOptions
-from scancell.planning.reasons import join_reasons
-from scancell.planning.views.coverage import CoveragePlanner
-from scancell.planning.views.sight import Sight
+from scancell.planning.views.coverage import CoveragePlanner, Sight
 from scancell.planning.views.views import sample_part
-from scancell.planning.work import Work, WorkLimitError
 from scancell.progress import Progress
 from scancell.values import Result, Value
 from scancell.visibility.measurable import MeasurableSurface, measurable_surface

@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scancell.arguments import Length, Share, checked_arguments
-from scancell.cell.controller import Tool, WorldFromTool
-from scancell.config.choices import Engine
+from scancell.cell.driver import Tool, WorldFromTool
+from scancell.config.description import Engine
 from scancell.geometry import pose
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import write_cloud

@@ -15,15 +15,30 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell import sensor as sensor_rt
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import NominalCell
 from scancell.sensor import closest_points
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 TOLERANCE = 1e-3  # m: more than as-built errors move points, less than parts stand apart
 _CONTACT = 1.5  # tolerances between surfaces of neighbour and part up to which points count as the part's
+
+_WALL = 0.1  # vertical component of the normal up to which a face is a wall, which has no footprint
+_THIN = 0.05  # tolerances: height of the part over the table up to which measured heights do not tell them apart
+_CELLS = 4  # of the grid in a tolerance
+_MOST_CELLS = 2000  # along a side
+# Directions from the table to light that comes from above: elevations up to which sensors are tilted.
+_TO_LIGHT = [
+    np.array([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)])
+    for up in np.radians([20.0, 40.0, 60.0])
+    for around in np.radians(np.arange(0.0, 360.0, 30.0) + 7.0)
+]
+# Position of the rays in their cells: no symmetry of a part puts all of them on edges, where rays may miss.
+_OFF_CENTRE = np.array([0.4571, 0.5312])
 
 
 @dataclass(frozen=True)
@@ -143,3 +158,139 @@ def _nearer(points: Array, mesh: Mesh, distance: float) -> NDArray[np.bool_]:
     if near.any():
         near[near] = np.abs(closest_points(mesh.vertices, mesh.faces.astype(np.uint32), points[near])[2]) <= distance
     return np.asarray(near)
+
+
+@dataclass(frozen=True)
+class Footprint:
+    """Grid of the heights of the part's low upper sides, in the frame of the table at angle 0, m.
+
+    Attributes
+    ----------
+    corner, step
+        Lower corner (2,) of the grid and edge of its cells.
+    covered
+        (nx, ny) whether the part covers the table in the cell, so that no ray from above meets it there.
+    surely_covered
+        (nx, ny) whether it covers the table everywhere within the tolerance.
+    lowest_top, highest_top
+        (nx, ny) extremes of the heights of the low upper sides within the tolerance; infinite, and -infinite, without.
+    base
+        Height of the lowest point of the part.
+    tolerance
+        Distance by which as-built errors move points.
+    """
+
+    corner: Array
+    step: float
+    covered: Flags
+    surely_covered: Flags
+    lowest_top: Array
+    highest_top: Array
+    base: float
+    tolerance: float
+
+    def part_points(self, points_in_table: Array) -> tuple[Flags, Flags]:
+        """Which low points (n, 3) are the part's, (n,), and where position and height contradict each other, (n,)."""
+        shape = np.array(self.covered.shape)
+        index = np.floor((points_in_table[:, :2] - self.corner) / self.step)
+        rows = np.flatnonzero(((index >= 0) & (index < shape)).all(1) & (points_in_table[:, 2] > self._floor))
+        cell = tuple(index[rows].astype(np.intp).T)
+        height, sure = points_in_table[rows, 2], self.surely_covered[cell]
+        top = np.where(sure, self.lowest_top[cell], self.highest_top[cell])
+        near = np.isfinite(top)
+        least = _THIN * self.tolerance
+        thin = top - self.base < least
+        high = near & ((height >= self.base + np.maximum(top - self.base, least) / 2) | (thin & self.covered[cell]))
+        kept, ambiguous = np.zeros((2, len(points_in_table)), bool)
+        kept[rows] = high | (near & sure)
+        ambiguous[rows] = near & (high != self.covered[cell])
+        return kept, ambiguous
+
+    @property
+    def _floor(self) -> float:
+        return self.base - self.tolerance
+
+
+def footprint_of(part: Mesh, table_from_part: Array, lowest: float, tolerance: float = TOLERANCE) -> Footprint | None:
+    """The footprint of the nominal part; None if it has no upper side near or below the height `lowest`, m."""
+    ceiling = lowest + tolerance
+    height = part.vertices @ table_from_part[2, :3] + table_from_part[2, 3]
+    below = height < ceiling
+    a, b, c = part.faces.T
+    low_faces = part.faces[below[a] | below[b] | below[c]]
+    corners = pose.transform_points(table_from_part, part.vertices[low_faces].reshape(-1, 3)).reshape(-1, 3, 3)
+    low = corners[_upwards(corners) > _WALL]
+    if not len(low):
+        return None
+    bounds = low[..., :2].reshape(-1, 2)
+    corner, end = bounds.min(0) - 2 * tolerance, bounds.max(0) + 2 * tolerance
+    step = max(tolerance / _CELLS, float((end - corner).max()) / _MOST_CELLS)
+    reach = 2 * int(np.ceil(tolerance / step)) + 1
+    shape = np.ceil((end - corner) / step).astype(int)
+    x, y = (corner[axis] + step * (np.arange(shape[axis]) + _OFF_CENTRE[axis]) for axis in (0, 1))
+    places = np.stack(np.meshgrid(x, y, indexing="ij"), -1)
+    rays = _Rays(part, table_from_part)
+    top = rays.tops(places, ceiling)
+    covered = ~np.isnan(top)
+    covered[covered] = rays.covers(places[covered], float(height.min()), _THIN * tolerance)
+
+    from scipy.ndimage import maximum_filter, minimum_filter  # noqa: PLC0415
+
+    is_low = np.isfinite(top)
+    return Footprint(
+        corner=corner,
+        step=step,
+        covered=covered,
+        surely_covered=minimum_filter(covered, reach),
+        lowest_top=minimum_filter(np.where(is_low, top, np.inf), reach),
+        highest_top=maximum_filter(np.where(is_low, top, -np.inf), reach),
+        base=float(height.min()),
+        tolerance=tolerance,
+    )
+
+
+class _Rays:
+    """Rays cast at a part on the table; places (..., 2) are in the frame of the table, m."""
+
+    def __init__(self, part: Mesh, table_from_part: Array) -> None:
+        self._part, self._table_from_part = part, table_from_part
+        self._scene = sensor_rt.Scene()
+        self._scene.add_mesh("part", part.vertices, part.faces, 0.5)
+
+    def tops(self, places: Array, ceiling: float) -> Array:
+        """Height (...) of the upper side below the ceiling; infinite where it is above, NaN where there is no part."""
+        distance, face = self._cast(places.reshape(-1, 2), ceiling, np.array([0.0, 0.0, -1.0]))
+        hit = np.flatnonzero(np.isfinite(distance))
+        top = np.full(len(distance), np.nan)
+        upwards = self._part.normals[face[hit]] @ self._table_from_part[2, :3]
+        # A ray that starts inside the part leaves it by its lower side.
+        top[hit] = np.where(upwards > _WALL, ceiling - distance[hit], np.inf)
+        return top.reshape(places.shape[:-1])
+
+    def covers(self, places: Array, base: float, gap: float) -> Flags:
+        """Whether the part keeps all rays from above from the table at places (n, 2).
+
+        It does where its lower side is no more than `gap` above its lowest point, `base`.
+        """
+        height, _ = self._cast(places, base - gap, np.array([0.0, 0.0, 1.0]))
+        covered = np.isfinite(height)
+        rest = np.flatnonzero(covered & (height > 2 * gap))
+        for direction in _TO_LIGHT:
+            distance, _ = self._cast(places[rest], base - gap, direction)
+            covered[rest[np.isinf(distance)]] = False
+            rest = rest[np.isfinite(distance)]
+        return covered
+
+    def _cast(self, places: Array, height: float, direction: Array) -> tuple[Array, NDArray[np.int64]]:
+        """Distance (n,) to the part from places (n, 2) at a height, infinite without any, and its face (n,)."""
+        origins = np.column_stack([places, np.full(len(places), height)])
+        along = np.tile(direction, (len(places), 1))
+        distance, body, face = sensor_rt.cast_rays(self._scene, self._table_from_part[None], origins, along)
+        return np.where(body >= 0, distance, np.inf), face
+
+
+def _upwards(corners: Array) -> Array:
+    """Vertical component (n,) of the unit normals of triangles (n, 3, 3)."""
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(cross, axis=1)
+    return np.asarray(cross[:, 2] / np.where(length > 0, length, 1.0))

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from scancell.geometry import pose
 from scancell.reconstruction.cloud import Cloud
-from scancell.reconstruction.footprint import Footprint
-from scancell.reconstruction.foreign import TOLERANCE, Neighbours, foreign_points
+from scancell.reconstruction.foreign import TOLERANCE, Footprint, Neighbours, foreign_points
 from scancell.sensor import PEAK_FLAGS, estimate_normals
 from scancell.values import Value
 

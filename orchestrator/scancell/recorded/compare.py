@@ -20,14 +20,12 @@ from scancell.config.loading import Setup, load_resolved
 from scancell.errors import DescriptionError, EmptyScanError
 from scancell.files import png_bytes
 from scancell.geometry import pose
-from scancell.geometry.mesh import Mesh
-from scancell.geometry.regions import sharp_edges
+from scancell.geometry.mesh import Mesh, sharp_edges
 from scancell.geometry.shapes import PartSurface
 from scancell.nominal.parts import load_part
 from scancell.output.comparison_picture import comparison_picture
-from scancell.output.manifest import command_words, manifest
 from scancell.output.run_files import write_json
-from scancell.output.run_folder import RunFolder
+from scancell.output.run_folder import RunFolder, command_words, manifest
 from scancell.progress import Progress
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.recorded.measurements import Measurements, read_table_of

@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 from scancell.calibration.board.views import pose_table
 from scancell.calibration.cell.kinematics import AxisReadings
 from scancell.calibration.cell.points import read_axes, read_points
-from scancell.calibration.flange_poses import flange_columns, has_flange, read_flange
-from scancell.calibration.measured_table import MeasuredTable, write_measured_table
-from scancell.calibration.profile_table import read_profiles
+from scancell.calibration.measured_table import MeasuredTable, read_profiles, write_measured_table
+from scancell.calibration.pose_files import flange_columns, has_flange, read_flange
 from scancell.config.sensor import SensorDescription
 from scancell.config.table_format import FormatDescription
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
-from scancell.geometry.pose_conventions import StatedPoses
+from scancell.geometry.orientation import StatedPoses
 from scancell.output.extract_images import ExtractionRequest, extract_profiles, rejection_text
 from scancell.output.image_files import ImageSet
 from scancell.progress import Progress

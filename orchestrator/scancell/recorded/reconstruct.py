@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -10,16 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.calibration.cell.kinematics import LATENCY, AxisReadings
-from scancell.calibration.cell.request import start_of
+from scancell.calibration.cell.problem import Artefact, CalibrationProblem, Observations, surface_of
+from scancell.calibration.cell.report import start_of
+from scancell.calibration.cell.scan import kinematics_of, on_artefact
+from scancell.calibration.cell.solve import solve
+from scancell.calibration.pose_files import refuse_misread, refuse_wrong
 from scancell.cell.recording import TriggerRecords
-from scancell.config.choices import LatencyWord
+from scancell.config.description import LatencyWord
 from scancell.config.loading import Setup
 from scancell.errors import CalibrationError, DescriptionError, EmptyScanError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import PartSurface
-from scancell.nominal.cell import NominalCell, nominal_cell
-from scancell.nominal.estimated import estimated_cell
+from scancell.nominal.cell import NominalCell, estimated_cell, nominal_cell
 from scancell.reconstruction.foreign import neighbours_of
 from scancell.reconstruction.reconstruct import (
     Envelope,
@@ -29,15 +32,157 @@ from scancell.reconstruction.reconstruct import (
     table_warnings,
     why_empty,
 )
-from scancell.recorded.checks import check_exposures, check_readings
-from scancell.recorded.latency import Latency, estimate_latency
 from scancell.recorded.measurements import Measurements
 from scancell.recorded.uncertainty import ValueCovariance, by_poses, by_sensor, propagated
 from scancell.scanning.pipeline import envelope_of
 
 Array = NDArray[np.float64]
 
+AGREED = 2e-3  # m: median distance of points from the part up to which readings are taken to be right
+_WRONG = 3e-3  # m: and ten times the median, from which an exposure disagrees with the others
+_SAMPLE = 4000  # points that are compared
+_MUCH_BETTER = 1 / 3
+_LEAST_POINTS = 20  # on the part, of an exposure that is compared
+_MOST_NAMED = 5
+
+# What turns points (n, 3) of the sensor frame into those of another reading of the columns.
+_POINT_READINGS: dict[str, Array] = {
+    "with y_mm mirrored": np.diag([1.0, -1.0, 1.0]),
+    "with y_mm and z_mm swapped": np.array([[1.0, 0, 0], [0, 0, 1], [0, 1, 0]]),
+    "with z_mm of the opposite sign": np.diag([1.0, 1.0, -1.0]),
+    "with x_mm and y_mm swapped": np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 1]]),
+    "with lengths in m in place of mm": 1e3 * np.eye(3),
+}
+
+PointsInPart = Callable[[AxisReadings, Array, NDArray[np.intp]], Array]
+
 _EVERYWHERE = Envelope(-np.inf, np.inf, np.inf)
+
+
+@dataclass(frozen=True)
+class Latency:
+    """A delay, s; `half_width` is that of its 95 % interval where it was estimated, else None."""
+
+    value: float
+    half_width: float | None = None
+
+
+def estimate_latency(found: Measurements, nominal: NominalCell, start: Mapping[str, float], has_part: bool) -> Latency:
+    """The delay at which the points of the part agree best, as `scancell calibrate latency` estimates it.
+
+    The pose of the part is found as well: what determines the delay is that points of motions in different directions
+    agree with one shape.
+
+    Raises `CalibrationError` if rates or the part are not given, or the measurements do not determine the delay.
+
+    Parameters
+    ----------
+    nominal
+        The cell with its part.
+    start
+        Deviations of the cell by name, SI, with the delay to start from.
+    """
+    if found.stated is not None:
+        raise CalibrationError(
+            "flange poses state no rates, without which a delay cannot be estimated",
+            file=found.poses_file,
+            expected="joints with rates (q1_deg, qd1_deg_s, …), or `latency_ms` as a number",
+        )
+    if not found.moves:
+        raise CalibrationError(
+            "all rates are 0: exposures at rest do not depend on a delay",
+            file=found.poses_file,
+            key="columns 'qd1_deg_s' …, 'table_rate_deg_s'",
+            expected="the rates at which joints and table moved",
+        )
+    if not has_part:
+        raise CalibrationError(
+            "is estimated from the agreement of points with a part", key="latency_ms", expected="`part`, or a number"
+        )
+    profiles = found.profiles
+    good = np.asarray(profiles.flags) == 0
+    points = np.asarray(profiles.points_in_sensor, float)[good]
+    observations = Observations(
+        readings=found.readings,
+        points_in_sensor=points,
+        sigma=np.asarray(profiles.sigma, float)[good],
+        direction=found.directions[good],
+        frame=np.asarray(profiles.frame, np.intp)[good],
+        time_offset=np.asarray(profiles.time_offset, float)[good],
+    )
+    problem = CalibrationProblem(
+        kinematics=kinematics_of(nominal),
+        observations=observations,
+        artefact=Artefact(surface_of(nominal.part), nominal.table_from_part, False),
+        free=(LATENCY,),
+        start=start,
+    )
+    result = solve(replace(problem, observations=observations.chosen(on_artefact(problem))))
+    return Latency(float(result.values[0]), float(result.half_widths(0.95)[0]))
+
+
+def check_readings(found: Measurements, surface: PartSurface, in_part: PointsInPart) -> None:
+    """Raise `CalibrationError` if the points lie far from the part, and near it by another reading of the file.
+
+    `in_part` gives points (k, 3) in the part frame of readings, points in the sensor frame and their exposures.
+    """
+    points = np.asarray(found.profiles.points_in_sensor, float)
+    rows = np.unique(np.linspace(0, len(points) - 1, min(_SAMPLE, len(points))).astype(np.intp))
+    points, frame = points[rows], np.asarray(found.profiles.frame, np.intp)[rows]
+
+    def misfit(readings: AxisReadings, moved: Array = points) -> float:
+        return float(np.median(np.abs(surface.distances(in_part(readings, moved, frame))[0])))
+
+    own = misfit(found.readings)
+    if own <= AGREED:
+        return
+    others = [(text, misfit(readings, points @ turn.T)) for text, readings, turn in _alternatives(found)]
+    text, best = min(others, key=lambda one: one[1])
+    if best < _MUCH_BETTER * own and best <= AGREED:
+        raise CalibrationError(
+            f"the points are {1e3 * own:.3g} mm from the part (median); they are {1e3 * best:.3g} mm from it {text}",
+            file=found.poses_file if text.startswith("with angles") else found.files[0],
+        )
+    if found.stated is not None:
+        refuse_misread(
+            found.stated,
+            lambda flange: misfit(replace(found.readings, flange=flange)),
+            "the part",
+            "points from it",
+            found.poses_file,
+        )
+
+
+def _alternatives(found: Measurements) -> Iterator[tuple[str, AxisReadings, Array]]:
+    """Other readings of the columns of points and of joints."""
+    for text, turn in _POINT_READINGS.items():
+        yield text, found.readings, turn
+    if found.stated is None:
+        radians = replace(found.readings, axes=np.column_stack([np.degrees(found.readings.q), found.readings.table]))
+        yield "with angles of the joints in rad in place of deg", radians, np.eye(3)
+
+
+def check_exposures(found: Measurements, frame: NDArray[np.intp], distance: Array) -> None:
+    """Raise `CalibrationError` naming exposures whose points are much farther from the part than those of the others.
+
+    `frame` (k,) and `distance` (k,), m, are of the points of the cloud.
+    """
+    order = np.argsort(frame, kind="stable")
+    numbers, first = np.unique(frame[order], return_index=True)
+    parts = np.split(np.abs(distance)[order], first[1:])
+    seen = [i for i, part in enumerate(parts) if len(part) >= _LEAST_POINTS]
+    if not seen:
+        return
+    away = np.array([float(np.median(parts[i])) for i in seen])
+    limit = max(_WRONG, 10.0 * float(np.median(away)))
+    refuse_wrong(
+        away,
+        limit,
+        lambda i: found.names[numbers[seen[i]]],
+        ("exposures", "distances from the part"),
+        found.poses_file,
+        _MOST_NAMED,
+    )
 
 
 @dataclass(frozen=True)

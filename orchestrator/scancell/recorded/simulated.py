@@ -13,9 +13,8 @@ from scancell.progress import Progress
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.recorded.measurements import Measurements
 from scancell.recorded.reconstruct import MeasuredCell
-from scancell.scanning.exposures import build_scene, still_exposures, visible_bodies
 from scancell.scanning.sense import expose
-from scancell.scanning.world import make_sensor
+from scancell.scanning.world import build_scene, make_sensor, still_exposures, visible_bodies
 
 _BATCH = 16  # exposures at a time
 

@@ -6,6 +6,9 @@ Nominal cells with their ray-tracing scenes, plans and the FMU instance are cach
 from __future__ import annotations
 
 import hashlib
+import os
+import shutil
+import tempfile
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import fields, is_dataclass, replace
@@ -17,19 +20,24 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.cell.driver import Driver
+from scancell.cell.fmu_file import ReusableCell
+from scancell.cell.instance import CellInstance
 from scancell.cell.program import Program
 from scancell.cell.recording import Recording, TriggerRecords
+from scancell.cell.session import CellSession
 from scancell.closing import Closing
+from scancell.config.description import si_value
+from scancell.config.exposure_times import exposure_span
 from scancell.config.files import file_entries, plain_data
 from scancell.config.loading import Setup
 from scancell.config.sensor import SensorDescription
-from scancell.config.units import si_value
 from scancell.files import file_state
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import PartSurface
 from scancell.nominal.cell import NominalCell, nominal_cell, with_unknown_obstacles
-from scancell.planning.model import PlanningCell, SensorRange
+from scancell.planning.model import PlanningCell, SensorRange, Work
 from scancell.planning.motion.assembly import approach
 from scancell.planning.motion.torques import TorqueLimits
 from scancell.planning.motion.verification import recheck
@@ -39,13 +47,11 @@ from scancell.planning.path_map.configuration_map import QualityFactor
 from scancell.planning.plan import Plan
 from scancell.planning.planner import plan
 from scancell.planning.views.belt import with_passing_part
-from scancell.planning.views.sight import Sight
-from scancell.planning.work import Work
+from scancell.planning.views.coverage import Sight
 from scancell.progress import Progress
-from scancell.proximity.cell_check import check_cell
+from scancell.proximity.judge import check_cell
 from scancell.reconstruction.cloud import Cloud
-from scancell.reconstruction.footprint import footprint_of
-from scancell.reconstruction.foreign import neighbours_of
+from scancell.reconstruction.foreign import footprint_of, neighbours_of
 from scancell.reconstruction.reconstruct import (
     Dropped,
     Envelope,
@@ -54,16 +60,76 @@ from scancell.reconstruction.reconstruct import (
     reconstruct_points,
     with_normals,
 )
-from scancell.scanning.drive import FmuRunner, PreScanHook
-from scancell.scanning.exposures import build_scene, visible_bodies
-from scancell.scanning.world import World
+from scancell.scanning.world import World, build_scene, visible_bodies
 from scancell.visibility.measurable import MeasurableSurface, cache_folder, measurable_surface
+
+FOLDER_PREFIX = "scancell-fmu-"
+
+
+# Commands to the cell before the program starts, such as loading the part.
+PreScanHook = Callable[[CellSession], None]
 
 _MAX_CELLS = 2
 _MAX_PLANS = 16
 _ENVELOPE_HEIGHT = 0.5  # m above the table: beyond the reach of the sensor
 
 T = TypeVar("T")
+
+
+class FmuRunner(Closing):
+    """Runs programs on one FMU instance, which is reset for each run."""
+
+    def __init__(self) -> None:
+        self._folder: Path | None = None
+        self._cell: ReusableCell | None = None
+        self.token = ""
+
+    def start(self, world: World, collision_outputs: bool = False) -> CellInstance:
+        """The initialised instance at time 0, with the cell and its perturbations.
+
+        Raises `DescriptionError` if a perturbation is unknown; `CellError` if the FMU cannot be built or reports an
+        error.
+        """
+        if self._cell is None:
+            # The process id in the name lets others remove what a killed process leaves.
+            self._folder = Path(tempfile.mkdtemp(prefix=f"{FOLDER_PREFIX}{os.getpid()}-"))
+            self._cell = ReusableCell(self._folder)
+        instance = self._cell.start(world.for_fmu(collision_outputs), world.as_built)
+        self.token = instance.token
+        return instance
+
+    def units(self, world: World) -> dict[str, str | None]:
+        """Units of the deviations of the cell; raises the same errors as `start`."""
+        return self.start(world).units()
+
+    def run(self, world: World, program: Program, progress: Progress, hook: PreScanHook | None = None) -> Recording:
+        """Recording of `program`, executed after the commands of `hook`, which may read collision outputs.
+
+        Raises `DescriptionError` if a perturbation is unknown; `CellError` if the FMU cannot be built or reports an
+        error, or its controller rejects a command of `hook`.
+        """
+        progress.stage("driving", program.duration, "s")
+        cycle_us = world.setup.cell.world.controller_cycle_us
+        try:
+            cell = self.start(world, collision_outputs=hook is not None)
+            if hook is not None:
+                session = CellSession(cell, world.nominal, cycle_us)
+                hook(session)
+                session.check_start(program)
+            return Driver(cell, cycle_us, exposure_span(world.setup.sensor)).run(program, progress.advance)
+        except BaseException:
+            if self._cell is not None:
+                self._cell.discard()  # the state of the instance is unknown
+            raise
+
+    def close(self) -> None:
+        """Free the instance and its files."""
+        cell, self._cell = self._cell, None
+        if cell is not None:
+            cell.close()
+        folder, self._folder = self._folder, None
+        if folder is not None:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 class ScanPipeline(Closing):

@@ -8,16 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.cell.recording import Recording
-from scancell.config.choices import Engine
-from scancell.config.units import si_value
+from scancell.config.description import Engine, si_value
 from scancell.geometry import pose
 from scancell.planning.model import PlanningCell, SensorRange
 from scancell.planning.views.placement import PlacedPose, Placer
 from scancell.reconstruction.reconstruct import ProfilePoints
-from scancell.scanning.exposure_control import ExposureControl
 from scancell.scanning.pipeline import measured_motion
 from scancell.scanning.sense import ExposureImages, SensedProfiles
-from scancell.scanning.world import World
+from scancell.scanning.world import ExposureControl, World
 from scancell.values import Value
 
 Array = NDArray[np.float64]

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.arguments import checked_arguments, checked_fields
-from scancell.config.units import si_value
+from scancell.config.description import si_value
 from scancell.errors import DescriptionError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, joined
 from scancell.geometry.voxels import MAX_VOXELS, VoxelGrid
 from scancell.nominal.cell import NominalCell
-from scancell.planning.model import PlanningCell, SensorRange, with_table
+from scancell.planning.model import PlanningCell, SensorRange, Work, WorkLimitError, with_table
 from scancell.planning.motion.assembly import Assembly
 from scancell.planning.motion.verification import check_part
 from scancell.planning.occupancy import occupied_bodies, write_voxels
@@ -28,7 +28,6 @@ from scancell.planning.options import scan_options
 from scancell.planning.plan import Plan
 from scancell.planning.space_map import Profiles, SpaceMap
 from scancell.planning.views.placement import PlacedPose
-from scancell.planning.work import Work, WorkLimitError
 from scancell.progress import Progress
 from scancell.scanning.pipeline import ScanPipeline
 from scancell.scanning.world import World

@@ -3,35 +3,248 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterator, Mapping
+from collections import deque
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.cell.fmu_file import cell_json
-from scancell.cell.recording import Recording
-from scancell.config.choices import Engine
+from scancell.cell.recording import ExposureTruth, Recording
+from scancell.config.description import Engine, si_value
 from scancell.config.exposure_times import exposure_windows
 from scancell.config.loading import Setup, as_built_sensor
+from scancell.config.material import Material
 from scancell.config.sensor import SensorDescription, read_out, sensor_json
 from scancell.errors import DescriptionError, SensorError
-from scancell.geometry.shapes import PartSurface
-from scancell.nominal.cell import Body, Lamp, NominalCell
-from scancell.nominal.estimated import as_estimated
+from scancell.geometry.shapes import Box, Cone, Cylinder, PartSurface, PlacedShape, Plane, Ring, ShapeMesh, Sphere
+from scancell.nominal.cell import Body, Lamp, NominalCell, as_estimated, fmu_frame
+from scancell.nominal.parts import Patch
 from scancell.progress import Progress
-from scancell.scanning.exposure_control import AutomaticExposure, ExposureControl, SameExposures
-from scancell.scanning.exposures import build_scene, exposures_from_truth, readout_time, still_exposures, sub_indices
 from scancell.scanning.sense import OnImages, SensedProfiles, expose
 
 Array = NDArray[np.float64]
 
+# The housing of the sensor blocks neither its light nor its view.
+_INVISIBLE = frozenset({"sensor"})
+
+_LARGEST_STEP = 4.0  # of the exposure time, from one image to the profile that it sets
+_IN_THE_DARK = 2.0  # factor without any light of the stripe
+_NEAR_ENOUGH = 0.05  # relative change that is not worth it
+
 # Exposures per call: enough to use all cores, few enough for responsive interrupts and progress.
 _BATCH = 64
+
+
+def visible_bodies(cell: NominalCell) -> tuple[Body | Lamp, ...]:
+    """Bodies that reflect or block light, then lamps, in the order of the scene."""
+    return (*(body for body in cell.bodies if body.name not in _INVISIBLE), *cell.lamps)
+
+
+def build_scene(bodies: Sequence[Body | Lamp]) -> sensor_rt.Scene:
+    """Ray-tracing scene of bodies, with one mesh per material, and lamps."""
+    scene = sensor_rt.Scene()
+    for body in bodies:
+        if isinstance(body, Lamp):
+            power = (body.power, body.in_band, body.spectrum)
+            scene.add_light(body.name, body.kind, body.frame_from_lamp, body.size, *power)
+            continue
+        _add_body(scene, body)
+    return scene
+
+
+def _add_body(scene: sensor_rt.Scene, body: Body) -> None:
+    """Add the exact shapes of the body, or one mesh per material, all under its name, so that they move together."""
+    if isinstance(body.mesh, ShapeMesh):
+        for placed in body.mesh.shapes.shapes:
+            _add_shape(scene, body.name, placed, native_material(body.material))
+        return
+    patched = np.zeros(len(body.mesh.faces), bool)
+    for patch in body.patches:
+        patched[patch.faces] = True
+    for patch in (Patch(np.flatnonzero(~patched), body.material), *body.patches):
+        if len(patch.faces) == 0:
+            continue
+        material = native_material(patch.material)
+        if len(patch.faces) == len(patched):
+            scene.add_mesh(body.name, body.mesh.vertices, body.mesh.faces, material)
+        else:
+            used, faces = np.unique(body.mesh.faces[patch.faces], return_inverse=True)
+            scene.add_mesh(body.name, body.mesh.vertices[used], faces.reshape(-1, 3), material)
+
+
+def _add_shape(scene: sensor_rt.Scene, name: str, placed: PlacedShape, material: sensor_rt.Material) -> None:
+    shape, pose = placed.shape, placed.frame_from_shape
+    match shape:
+        case Sphere():
+            scene.add_sphere(name, pose[:3, 3], shape.radius, material)
+        case Plane():
+            scene.add_plane(name, pose, (shape.size_x, shape.size_y), material)
+        case Box():
+            scene.add_box(name, pose, shape.size, material)
+        case Cylinder():
+            scene.add_cylinder(name, pose, shape.radius, shape.height, material)
+        case Cone():
+            scene.add_cone(name, pose, shape.bottom_radius, shape.top_radius, shape.height, material)
+        case Ring():
+            scene.add_ring(name, pose, shape.inner_radius, shape.outer_radius, shape.height, material)
+        case _:
+            raise TypeError(f"{name}: the ray tracer has no {type(shape).__name__}")
+
+
+def native_material(m: Material) -> sensor_rt.Material:
+    """The material as the ray tracer takes it."""
+    centre = None if m.groove_centre_mm is None else 1e-3 * np.array(m.groove_centre_mm)
+    along, scattering = m.roughness_along or 0.0, 1e3 * (m.scattering_per_mm or 0.0)
+    return sensor_rt.Material(
+        m.reflectance, m.model, m.roughness, m.refractive_index, along, m.groove_axis, centre, scattering
+    )
+
+
+def exposures_from_truth(
+    truth: ExposureTruth, index: NDArray[np.int64], bodies: Sequence[Body | Lamp], rows: slice = slice(None)
+) -> sensor_rt.Exposures:
+    """Exposures with the true poses of sensor and bodies at start and end of each.
+
+    Parameters
+    ----------
+    truth
+        Recorded truth; with a rolling shutter `Recording.truth_for_rows` of the sensor's `readout_time`.
+    index
+        (n,) trigger indices, which select the random numbers of each exposure.
+    bodies
+        Bodies and lamps in the order of the scene.
+    rows
+        Rows of the recording to convert.
+    """
+    world_from_sensor = truth.world_from_frame["sensor"][rows]
+    identity = np.broadcast_to(np.eye(4), world_from_sensor.shape)
+    poses = [
+        identity if body.moves_with == "world" else truth.world_from_frame[fmu_frame(body.moves_with)][rows]
+        for body in bodies
+    ]
+    return sensor_rt.Exposures(world_from_sensor, np.stack(poses, 1), truth.duration[rows], index[rows])
+
+
+def true_poses(recording: Recording, frames: Sequence[str]) -> list[Array]:
+    """True ``world_from_frame`` (n, 4, 4) at the middle of every exposure, for each of `frames` (`Body.moves_with`)."""
+    identity = np.broadcast_to(np.eye(4), (len(recording), 4, 4))
+    return [identity if frame == "world" else recording.truth_at_middle(fmu_frame(frame)) for frame in frames]
+
+
+def readout_time(sensor: sensor_rt.Sensor) -> float:
+    """Time (s) between the exposures of the first and the last image row; 0 with a global shutter."""
+    return float(sensor.row_readout * (max(camera.height_px for camera in sensor.cameras) - 1))
+
+
+def still_exposures(
+    frames: Mapping[str, Array], bodies: Sequence[Body | Lamp], index: NDArray[np.int64], durations: Array
+) -> sensor_rt.Exposures:
+    """Exposures of `durations` (k,), s, at each pose (n, 4, 4) of the frames, without motion.
+
+    `index` (n,) and the `bodies` are as of `exposures_from_truth`.
+    """
+    count = len(durations)
+    world_from_body = np.stack([frames[body.moves_with] for body in bodies], 1)
+    return sensor_rt.Exposures(
+        np.repeat(frames["sensor"][:, None], count, 0),
+        np.repeat(world_from_body[:, :, None], count, 0),
+        np.tile(durations, len(index)),
+        sub_indices(index, count),
+    )
+
+
+def sub_indices(index: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """Indices (n count,) of `count` exposures for each trigger index (n,), which select their random numbers."""
+    return (index[:, None] * count + np.arange(count)).ravel()
+
+
+class ExposureControl(Protocol):
+    """Exposure times of the profiles of one recording, in their order.
+
+    `next` chooses them for at most `most` profiles: their windows (n, k, 2), n from 1 to `most`, see
+    `Recording.truth_for_rows`, or None for all of them as recorded. Then `learn` is called with the brightest digital
+    number (m,) of every column of each of these profiles, if the control `looks` at images. `first` is the exposure
+    time of the next profile, s; None for one that never changes.
+    """
+
+    @property
+    def looks(self) -> bool: ...
+    @property
+    def first(self) -> float | None: ...
+    def next(self, most: int) -> Array | None: ...
+    def learn(self, signals: Sequence[Array]) -> None: ...
+
+
+class SameExposures:
+    """The same windows (k, 2) for every profile; None: as recorded."""
+
+    looks = False
+    first = None
+
+    def __init__(self, windows: Array | None) -> None:
+        self._windows = windows
+
+    def next(self, most: int) -> Array | None:
+        """Of all of them, see `ExposureControl`."""
+        return None if self._windows is None else np.broadcast_to(self._windows, (most, *self._windows.shape))
+
+    def learn(self, signals: Sequence[Array]) -> None:
+        """Nothing: there is no choice."""
+
+
+class AutomaticExposure:
+    """Scales the exposure time of a profile by the light in the image `delay` profiles before.
+
+    The new time is the old one times the wanted signal over the measured one: a percentile, over the columns with
+    light, of the brightest pixel of each. As a saturated image does not tell by how much, several profiles may pass
+    until none is. Times change by at least 5 % and at most a factor of 4. The exposures of `delay` profiles do not
+    depend on each other's images, so that they are computed at the same time.
+    """
+
+    looks = True
+
+    def __init__(self, description: SensorDescription) -> None:
+        detector, options = description.detector, description.exposure
+        if options.shortest_ms is None or options.longest_ms is None:
+            raise ValueError("the description has no automatic exposure")
+        self._black = detector.black_level_dn
+        highest = min(2.0**detector.bit_depth - 1, self._black + detector.full_well_e * detector.gain_dn_per_e)
+        self._range = highest - self._black
+        self._least = description.extraction.min_amplitude_dn
+        self._target, self._percentile = options.target, options.percentile
+        self._limits = si_value(options, "shortest_ms"), si_value(options, "longest_ms")
+        self._next = deque([si_value(detector, "exposure_ms")] * options.delay)
+        self._taken: deque[float] = deque()
+
+    @property
+    def first(self) -> float:
+        """Exposure time of the next profile, s."""
+        return self._next[0]
+
+    def next(self, most: int) -> Array:
+        """Windows of as many profiles as are known, see `ExposureControl`."""
+        durations = [self._next.popleft() for _ in range(min(most, len(self._next)))]
+        self._taken.extend(durations)
+        return np.array([[[0.0, duration]] for duration in durations])
+
+    def learn(self, signals: Sequence[Array]) -> None:
+        """Choose the times of as many later profiles, see `ExposureControl`."""
+        for signal in signals:
+            duration = self._taken.popleft() * self._factor(signal - self._black)
+            self._next.append(float(np.clip(duration, *self._limits)))
+
+    def _factor(self, light: Array) -> float:
+        lit = light[light >= self._least]
+        if not len(lit):
+            return _IN_THE_DARK
+        wanted = float(self._target * self._range / np.percentile(lit, self._percentile))
+        return 1.0 if abs(wanted - 1) < _NEAR_ENOUGH else float(np.clip(wanted, 1 / _LARGEST_STEP, _LARGEST_STEP))
 
 
 def make_sensor(description: SensorDescription, seed: int) -> sensor_rt.Sensor:

@@ -16,17 +16,45 @@ the same call after any kill continues, and a task that two workers ran by accid
 
 from __future__ import annotations
 
+import errno
+import hashlib
+import json
+import os
+import shutil
+import socket
+import tempfile
 import time
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+import uuid
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
-from scancell.errors import OutputError
+from scancell.calibration.cell.report import CalibrationReport, CalibrationRequest
+from scancell.config.description import Engine
+from scancell.config.estimated import EstimatedDescription
+from scancell.config.loading import Setup
+from scancell.config.study import CalibrateDescription, VaryingScansDescription
+from scancell.errors import DescriptionError, OutputError
 from scancell.extras import require
+from scancell.files import read_json
+from scancell.geometry.mesh import Mesh
+from scancell.nominal.cell import NominalCell
+from scancell.output.run_folder import sha256
 from scancell.progress import Progress
-from scancell.studies.task_store import TaskStore, digest_of, disk_error
+from scancell.results import ScanResult
+from scancell.scanner import Scanner
+from scancell.scanning.pipeline import FOLDER_PREFIX
+from scancell.scanning.sense import OnImages
+from scancell.studies.factors import Factors, Units, Value
+
+DONE = "done.json"
+_PARTIAL = ".partial"
+_HOST = socket.gethostname().replace(".", "-")
+# Errors of a full or write-protected disk, which are no failure of the task.
+_DISK_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO})
 
 # Runs one task: its payload, and an empty folder for its files.
 Perform = Callable[[Any, Path], None]
@@ -35,6 +63,109 @@ OpenWorker = Callable[[Mapping[str, Any]], Perform]
 
 # Called with the address of Dask's dashboard.
 Announce = Callable[[str], None] | None
+
+
+def digest_of(*content: Any) -> str:
+    """SHA-256 of plain data; the order of keys does not matter."""
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def disk_error(error: BaseException | None) -> OSError | None:
+    """The disk error that `error` is or was caused by."""
+    while error is not None:
+        if isinstance(error, OSError) and error.errno in _DISK_ERRORS:
+            return error
+        error = error.__cause__ or error.__context__
+    return None
+
+
+class TaskStore:
+    """A folder with one folder of files per finished task."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def path(self, name: str) -> Path:
+        """Folder with the files of a finished task."""
+        return self._folder / name
+
+    def holds(self, name: str, digest: str) -> bool:
+        """Whether the task `name` is finished for the request `digest`, with every file as it was written."""
+        folder = self.path(name)
+        try:
+            done = read_json(folder / DONE)
+            return bool(
+                done["digest"] == digest
+                and all(sha256(folder / file) == checksum for file, checksum in done["files"].items())
+            )
+        except (OSError, DescriptionError, KeyError, TypeError, AttributeError):
+            return False
+
+    @contextmanager
+    def publish(self, name: str, digest: str) -> Iterator[Path]:
+        """Yield an empty folder to write into; it becomes the task's if the block ends without an error.
+
+        If another process has published the same result meanwhile, that one stays and this one is dropped.
+
+        Raises
+        ------
+        OutputError
+            If the disk is full or the folder cannot be written; nothing of the task is left behind.
+        """
+        partial = self._partial(name)
+        try:
+            partial.mkdir(parents=True)
+            yield partial
+            files = sorted(file for file in partial.rglob("*") if file.is_file())
+            checksums = {str(file.relative_to(partial)): sha256(file) for file in files}
+            (partial / DONE).write_text(json.dumps({"digest": digest, "files": checksums}, indent=1) + "\n")
+            self._rename(partial, name, digest)
+        except Exception as error:
+            fault = disk_error(error)
+            if fault is None:
+                raise
+            raise OutputError(f"cannot be written: {fault.strerror}", file=self.path(name)) from error
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
+
+    def _partial(self, name: str) -> Path:
+        return self._folder / f".{name}.{_HOST}.{os.getpid()}.{uuid.uuid4().hex[:8]}{_PARTIAL}"
+
+    def _rename(self, partial: Path, name: str, digest: str) -> None:
+        if self.holds(name, digest):
+            return
+        self.discard(name)
+        try:
+            partial.rename(self.path(name))
+        except OSError as error:
+            if error.errno not in {errno.ENOTEMPTY, errno.EEXIST} or not self.holds(name, digest):
+                raise
+
+    def discard(self, name: str) -> None:
+        """Remove a task's folder, if it exists; it is renamed first, so that it disappears at once."""
+        renamed = self._partial(name)
+        with suppress(FileNotFoundError):
+            self.path(name).rename(renamed)
+            shutil.rmtree(renamed, ignore_errors=True)
+
+    def sweep(self) -> None:
+        """Remove unfinished folders of killed processes of this machine."""
+        for partial in self._folder.glob(f".*{_PARTIAL}"):
+            host, pid = partial.name.removesuffix(_PARTIAL).rsplit(".", 3)[-3:-1]
+            if host == _HOST and not is_running(int(pid)):
+                shutil.rmtree(partial, ignore_errors=True)
+
+
+def is_running(pid: int) -> bool:
+    """Whether the process exists on this machine."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
 
 
 @dataclass(frozen=True)
@@ -266,3 +397,99 @@ def _make_folder(folder: Path) -> None:
 def chunks(count: int, size: int) -> Iterable[range]:
     """Ranges of at most `size` numbers that cover 0 … count - 1."""
     return (range(start, min(start + size, count)) for start in range(0, count, size))
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A numbered scan: the seed of its random numbers, its engine, and the drawn value of each factor."""
+
+    number: int
+    seed: int
+    engine: Engine
+    values: tuple[Value, ...]
+
+
+class ScanWorker:
+    """Scans one part in this process; `source` names the file of the variation in messages."""
+
+    def __init__(self, scans: VaryingScansDescription, setup: Setup, part: Mesh, source: str) -> None:
+        self._part = part
+        self._factors = Factors(scans, setup, source)
+        self._scanner = Scanner(setup=setup, threads=1)
+
+    def calibrated(self, trial: Trial, calibrate: CalibrateDescription) -> CalibrationReport:
+        """Calibrate the cell of the trial.
+
+        Raises
+        ------
+        ScancellError
+            If any of it cannot be done.
+        """
+        inputs = self._factors.inputs(trial.values)
+        return self._scanner.calibrate(
+            CalibrationRequest.of(calibrate),
+            calibrate.artefact,
+            engine=trial.engine,
+            as_built=inputs.as_built,
+            seed=trial.seed,
+            setup=inputs.setup,
+        )
+
+    def scan(
+        self,
+        trial: Trial,
+        on_images: OnImages | None = None,
+        normals: bool = False,
+        estimated: EstimatedDescription | None = None,
+    ) -> ScanResult:
+        """Scan with the values of the trial; `estimated` are deviations that reconstruction assumes.
+
+        Raises
+        ------
+        ScancellError
+            If any of it cannot be done.
+        """
+        inputs = self._factors.inputs(trial.values)
+        return self._scanner.scan(
+            self._part,
+            engine=trial.engine,
+            as_built=inputs.as_built,
+            seed=trial.seed,
+            setup=inputs.setup,
+            estimated=estimated,
+            normals=normals,
+            samples=False,
+            on_images=on_images,
+        )
+
+    @property
+    def setup(self) -> Setup:
+        """The nominal descriptions around which factors vary."""
+        return self._scanner.setup
+
+    @cached_property
+    def nominal(self) -> NominalCell:
+        """The cell of these descriptions."""
+        return self._scanner.pipeline.load(self.setup, self._part).nominal
+
+    def units(self) -> Units:
+        """Units of the deviations of the FMU."""
+        pipeline = self._scanner.pipeline
+        return pipeline.runner.units(pipeline.load(self.setup, self._part))
+
+    def close(self) -> None:
+        """Free the FMU and the files of this worker."""
+        self._scanner.close()
+
+
+def trial_of(plain: Mapping[str, Any]) -> Trial:
+    """A trial from plain data."""
+    return Trial(plain["number"], plain["seed"], plain["engine"], tuple(plain["values"]))
+
+
+def sweep_temporary() -> None:
+    """Remove the temporary files of workers of this machine that were killed."""
+    for folder in Path(tempfile.gettempdir()).glob(f"{FOLDER_PREFIX}*"):
+        pid = folder.name.removeprefix(FOLDER_PREFIX).split("-")[0]
+        if pid.isdigit() and not is_running(int(pid)):
+            shutil.rmtree(folder, ignore_errors=True)

@@ -7,13 +7,18 @@ reconstruction) or begins with ``as_built.`` (only the true cell).
 from __future__ import annotations
 
 import copy
+import hashlib
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import block_diag
+from scipy.special import ndtr, ndtri
 
 from scancell.cell.as_built import parse_as_built
 from scancell.config.cell import CellDescription
@@ -21,12 +26,32 @@ from scancell.config.description import Description, validate
 from scancell.config.loading import FILE_KEYS, Setup, as_built_sensor, load_setup, parse_assignment, split_path
 from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
-from scancell.config.variation import DiscreteDescription, VariationMode, VaryingScansDescription
+from scancell.config.study import (
+    DesignDescription,
+    DiscreteDescription,
+    DistributionDescription,
+    FactorDescription,
+    NormalDescription,
+    TruncatedNormalDescription,
+    UniformDescription,
+    VariationMode,
+    VaryingScansDescription,
+)
 from scancell.errors import DescriptionError
-from scancell.studies.designs import design
-from scancell.studies.distributions import Value, correlated_normal, extremes, middles, values_at
+from scancell.extras import require
 
 Array = NDArray[np.float64]
+
+_DRAWS = 1
+_TRIALS = 2
+_MOST_TRIALS = 2_000_000
+
+# Probabilities of exactly 0 or 1 have no finite quantile under a normal distribution.
+_SMALLEST = 2.0**-53
+Value = bool | int | float | str
+
+_QUANTILES = 20_000  # the variance of a normal distribution is 1e-4 too small by these
+
 Units = Mapping[str, str | None]
 
 _AS_BUILT = "as_built."
@@ -38,6 +63,211 @@ _SECTIONS: dict[str, type[Description]] = {
 }
 # Keys of `VaryingScansDescription` that take effect only through the nominal setup.
 SETUP_KEYS = (*_SECTIONS, "set", "ideal")
+
+
+def hashed(seed: int, stream: int, number: int) -> int:
+    """64 bits that depend only on the three numbers: the counter-based generator of trials."""
+    return int.from_bytes(hashlib.sha256(f"scancell {seed} {stream} {number}".encode()).digest()[:8], "big")
+
+
+def trial_seed(seed: int, trial: int) -> int:
+    """Seed (31 bits) of the random numbers of one trial's sensor and encoders."""
+    return hashed(seed, _TRIALS, trial) >> 33
+
+
+def design(description: DesignDescription, levels_of: Sequence[Array | None], seed: int) -> Array:
+    """Probabilities (n, k) of k factors in n trials.
+
+    Parameters
+    ----------
+    levels_of
+        Per factor, the probabilities in the middle of each of its listed values; None for a continuous distribution.
+
+    The rows of ``sobol`` are Saltelli's scheme: for each base sample A, then A with column j taken from B for each j,
+    then B; those of ``morris`` its trajectories; the first of ``one_at_a_time`` has all factors at their median.
+
+    Raises `DescriptionError` for more trials than memory holds.
+    """
+    if (count := _count(description, levels_of)) > _MOST_TRIALS:
+        key = "levels" if description.kind == "full_factorial" else "trials"
+        raise DescriptionError(
+            f"{count} trials of {len(levels_of)} factors",
+            key=f"design.{key}",
+            value=getattr(description, key),
+            expected=f"a design of at most {_MOST_TRIALS} trials",
+        )
+    match description.kind:
+        case "monte_carlo":
+            return _monte_carlo(description.trials, len(levels_of), seed)
+        case "latin_hypercube":
+            return _latin_hypercube(description.trials, len(levels_of), seed)
+        case "sobol":
+            return _saltelli(description.trials, len(levels_of), seed)
+        case "full_factorial":
+            return np.array(list(product(*(_levels(description, listed) for listed in levels_of))))
+        case "one_at_a_time":
+            return _one_at_a_time(description, levels_of)
+        case "morris":
+            return _morris(description, len(levels_of), seed)
+
+
+def _count(description: DesignDescription, levels_of: Sequence[Array | None]) -> int:
+    """Number of trials."""
+    factors, trials = len(levels_of), description.trials
+    levels = [description.levels if listed is None else len(listed) for listed in levels_of]
+    return {
+        "sobol": trials * (factors + 2),
+        "morris": trials * (factors + 1),
+        "full_factorial": math.prod(levels),
+        "one_at_a_time": 1 + sum(levels),
+    }.get(description.kind, trials)
+
+
+def _levels(description: DesignDescription, listed: Array | None) -> Array:
+    """Probabilities of a factor's levels: equal steps between the quantiles, or those of its listed values."""
+    return np.linspace(*description.quantiles, description.levels) if listed is None else listed
+
+
+def _monte_carlo(trials: int, factors: int, seed: int) -> Array:
+    """Each row has its own counter, so that a longer study begins with the trials of a shorter one."""
+    source = np.random.Philox(key=0)
+    generator, state = np.random.Generator(source), source.state
+    rows = np.empty((trials, factors))
+    for n in range(trials):
+        # As of a new generator with this key, whose making takes ten times as long.
+        state["state"]["key"][0] = hashed(seed, _DRAWS, n)
+        source.state = state
+        rows[n] = generator.random(factors)
+    return rows
+
+
+def _latin_hypercube(trials: int, factors: int, seed: int) -> Array:
+    from scipy.stats import qmc  # noqa: PLC0415  (takes two seconds to import)
+
+    return np.asarray(qmc.LatinHypercube(factors, rng=_generator(seed)).random(trials))
+
+
+def _saltelli(base: int, factors: int, seed: int) -> Array:
+    from scipy.stats import qmc  # noqa: PLC0415
+
+    both = qmc.Sobol(2 * factors, scramble=True, rng=_generator(seed)).random(base)
+    a, b = both[:, :factors], both[:, factors:]
+    blocks = [a]
+    for j in range(factors):
+        mixed = a.copy()
+        mixed[:, j] = b[:, j]
+        blocks.append(mixed)
+    return np.stack([*blocks, b], 1).reshape(-1, factors)
+
+
+def _one_at_a_time(description: DesignDescription, levels_of: Sequence[Array | None]) -> Array:
+    centre = np.full(len(levels_of), 0.5)
+    rows = [centre]
+    for j, listed in enumerate(levels_of):
+        for level in _levels(description, listed):
+            row = centre.copy()
+            row[j] = level
+            rows.append(row)
+    return np.array(rows)
+
+
+def _morris(description: DesignDescription, factors: int, seed: int) -> Array:
+    """Trajectories on the unit grid, scaled to the range between the quantiles."""
+    morris = require("SALib.sample.morris", "studies")
+    grid = morris.sample(morris_problem(factors), description.trials, description.levels, seed=hashed(seed, 1, 0) >> 32)
+    low, high = description.quantiles
+    return np.asarray(low + grid * (high - low))
+
+
+def morris_problem(factors: int) -> dict[str, object]:
+    """The unit cube as a problem of SALib."""
+    return {"num_vars": factors, "names": [f"x{j}" for j in range(factors)], "bounds": [[0.0, 1.0]] * factors}
+
+
+def _generator(seed: int) -> np.random.Generator:
+    return np.random.default_rng(hashed(seed, _DRAWS, 0))
+
+
+def quantiles(distribution: DistributionDescription, probability: ArrayLike) -> NDArray[np.generic]:
+    """Values (n,) at cumulative probabilities (n,) in [0, 1]; for a discrete distribution, indices of its values."""
+    p = np.clip(np.asarray(probability, float), _SMALLEST, 1 - _SMALLEST)
+    match distribution:
+        case TruncatedNormalDescription():
+            a, b = ndtr((np.array([distribution.low, distribution.high]) - distribution.mean) / distribution.std)
+            values = distribution.mean + distribution.std * ndtri(a + p * (b - a))
+            return np.asarray(np.clip(values, distribution.low, distribution.high))
+        case UniformDescription():
+            return np.asarray(distribution.low + p * (distribution.high - distribution.low))
+        case NormalDescription():
+            return np.asarray(distribution.mean + distribution.std * ndtri(p))
+        case DiscreteDescription():
+            weights = distribution.weights or (1.0,) * len(distribution.values)
+            edges = np.cumsum(weights) / np.sum(weights)
+            return np.asarray(np.minimum(np.searchsorted(edges, p, side="right"), len(weights) - 1))
+
+
+def middles(distribution: DistributionDescription) -> Array | None:
+    """Probabilities in the middle of each value of a discrete distribution with a weight above 0; else None."""
+    if not isinstance(distribution, DiscreteDescription):
+        return None
+    weights = np.array(distribution.weights or (1.0,) * len(distribution.values))
+    share = weights / weights.sum()
+    return np.asarray((np.cumsum(share) - share / 2)[share > 0])
+
+
+def extremes(distribution: DistributionDescription) -> list[bool | int | float | str]:
+    """Bounds of a bounded distribution, all values of a discrete one, the mean of an unbounded one."""
+    match distribution:
+        case DiscreteDescription():
+            return list(distribution.values)
+        case UniformDescription():  # includes the truncated normal
+            return [distribution.low, distribution.high]
+        case _:
+            return [distribution.mean]
+
+
+def correlated_normal(probability: Array, mean: Array, covariance: Array) -> Array:
+    """Values (n, k) of a multivariate normal distribution from independent probabilities (n, k).
+
+    Uses the symmetric root of the covariance, which exists for singular matrices too.
+    """
+    scores = ndtri(np.clip(probability, _SMALLEST, 1 - _SMALLEST))
+    size, vectors = np.linalg.eigh(covariance)
+    root = (vectors * np.sqrt(np.clip(size, 0, None))) @ vectors.T
+    return np.asarray(mean + scores @ root)
+
+
+@dataclass(frozen=True)
+class Population:
+    """Equally probable values of each factor, and the correlation (factors, factors) of normally distributed ones."""
+
+    values: Sequence[NDArray[np.generic]]
+    correlation: Array
+
+
+def population_of(study: VaryingScansDescription) -> Population:
+    """The population of a study's factors, blocks last; of a full factorial design its points."""
+    middle = (np.arange(_QUANTILES) + 0.5) / _QUANTILES
+    probabilities = np.tile(middle[:, None], len(study.labels))
+    if study.design.kind == "full_factorial":
+        probabilities = design(study.design, [middles(factor.distribution) for factor in study.factor], study.seed)
+    values = [np.array(values_at(factor, probabilities[:, j])) for j, factor in enumerate(study.factor)]
+    correlations = [np.eye(len(study.factor))]
+    for block in study.block:
+        std = np.sqrt(np.diag(block.covariance_matrix))
+        correlations.append(block.covariance_matrix / np.outer(std, std))
+        for mean, deviation in zip(block.mean or np.zeros(len(std)), std, strict=True):
+            normal = NormalDescription(kind="normal", mean=float(mean), std=float(deviation))
+            values.append(quantiles(normal, middle))
+    return Population(values, block_diag(*correlations))
+
+
+def values_at(factor: FactorDescription, probabilities: Array) -> list[Value]:
+    """Values (n,) of a factor at cumulative probabilities (n,)."""
+    drawn = quantiles(factor.distribution, probabilities).tolist()
+    if isinstance(factor.distribution, DiscreteDescription):
+        return [factor.distribution.values[position] for position in drawn]
+    return list(drawn)
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from pydantic_core import to_jsonable_python
 from scancell.config.description import Description
 from scancell.errors import DescriptionError
 from scancell.files import atomic_write, read_json
-from scancell.output.manifest import build_version, sha256, versions
+from scancell.output.run_folder import build_version, sha256, versions
 
 DESCRIPTION = "description.json"
 FILES = "files"

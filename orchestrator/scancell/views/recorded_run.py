@@ -23,8 +23,7 @@ from scancell.config.loading import Setup, load_resolved
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
-from scancell.nominal.cell import NominalCell, nominal_cell, with_unknown_obstacles
-from scancell.nominal.estimated import as_estimated
+from scancell.nominal.cell import NominalCell, as_estimated, nominal_cell, with_unknown_obstacles
 from scancell.nominal.parts import load_part
 from scancell.planning.plan import Plan
 from scancell.reconstruction.cloud import Cloud

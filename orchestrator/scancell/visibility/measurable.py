@@ -40,8 +40,7 @@ from scancell.files import atomic_write
 from scancell.nominal.cell import NominalCell
 from scancell.progress import NullProgress, Progress
 from scancell.values import Value
-from scancell.visibility.sensor_field import SensorField
-from scancell.visibility.surface_search import SurfaceSearch
+from scancell.visibility.surface_search import SensorField, SurfaceSearch
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

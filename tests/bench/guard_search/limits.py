@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from scancell.config.cell import CellDescription
-from scancell.guard.settings import GuardSettings
-from scancell.scanning.guard import settings_of
+from scancell.guard.guard import GuardSettings
+from scancell.scanning.session import settings_of
 
 _WEAKER = 0.05  # accelerations of the axes, of those described
 _PLACID = 0.1  # accelerations of jogs, of those described

@@ -10,13 +10,12 @@ import numpy as np
 
 from scancell.geometry.mesh import Mesh
 from scancell.guard.check import ManualCheck
-from scancell.guard.free_path import FreePath
+from scancell.guard.endpoints import Identifier, _Window
+from scancell.guard.free_path import FreePath, NearPairs
 from scancell.guard.guard import Decision, Guard
-from scancell.guard.identify import Identifier, _Window
-from scancell.guard.link import Link
 from scancell.guard.messages import CellState, GuardMessage, decode
-from scancell.guard.motion import Hypothesis, Kind, Path
-from scancell.guard.near import NearPairs
+from scancell.guard.stopping import Hypothesis, Kind, Path
+from scancell.guard.transport import Link
 from scancell.nominal.cell import NominalCell
 from scancell.studies.guard.scenario import JOGGED, MOVED
 from scancell.studies.guard.simulation import Protection

@@ -20,9 +20,9 @@ from bench.guard_search.mutations import Mutation
 from bench.guard_search.pair_moves import PairMoves
 from scancell.closing import Closing
 from scancell.config.cell import CellDescription
-from scancell.config.channel import ChannelDescription, LinkDescription
+from scancell.config.frames import ChannelDescription, LinkDescription
 from scancell.geometry.mesh import Mesh
-from scancell.guard.tool import Tool
+from scancell.guard.parts import Tool
 from scancell.nominal.cell import nominal_cell
 from scancell.studies.guard.draws import Draws
 from scancell.studies.guard.scenario import JOGGED, Kind, Motion, Scenario

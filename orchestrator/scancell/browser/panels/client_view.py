@@ -8,27 +8,15 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from scancell.browser.panels.arm_panels import JogPanel, JointPanel, PosePanel
 from scancell.browser.panels.camera_panel import CameraPanel
-from scancell.browser.panels.cell_panel import CellPanel
-from scancell.browser.panels.conditions import is_stopped
-from scancell.browser.panels.exercise_panel import ExercisePanel
-from scancell.browser.panels.file_panel import FilePanel, Opener
-from scancell.browser.panels.handles import set_changed
-from scancell.browser.panels.help import TourCard, add_help
-from scancell.browser.panels.jog_panel import JogPanel
-from scancell.browser.panels.joint_panel import JointPanel
-from scancell.browser.panels.messages import report_errors
-from scancell.browser.panels.operator_commands import OperatorCommands
-from scancell.browser.panels.plan_panel import PlanPanel
-from scancell.browser.panels.plans import Plans
-from scancell.browser.panels.pose_panel import PosePanel
-from scancell.browser.panels.program_panel import ProgramPanel
-from scancell.browser.panels.recording import SessionRecording
-from scancell.browser.panels.scan_panel import ScanPanel
-from scancell.browser.panels.scan_playback import ScanPlayback
-from scancell.browser.panels.scans import Scans
-from scancell.browser.panels.sensor_panel import SensorPanel
-from scancell.browser.panels.teach_panel import TeachPanel
+from scancell.browser.panels.cell_panel import CellPanel, SensorPanel
+from scancell.browser.panels.handles import report_errors, set_changed
+from scancell.browser.panels.help import ExercisePanel, TourCard, add_help
+from scancell.browser.panels.operator_commands import OperatorCommands, is_stopped
+from scancell.browser.panels.plans import PlanPanel, Plans
+from scancell.browser.panels.scans import ScanPanel, ScanPlayback, Scans
+from scancell.browser.panels.teach_panel import FilePanel, Opener, ProgramPanel, SessionRecording, TeachPanel
 from scancell.browser.panels.view_panel import ViewPanel
 from scancell.browser.scene.scene import CellScene
 from scancell.config.sensor import SensorDescription
@@ -37,7 +25,7 @@ from scancell.live.camera import CameraFeed
 from scancell.live.commands import Reset
 from scancell.live.state import LiveState
 from scancell.programs.live_program import LiveProgram
-from scancell.programs.taught_file import TaughtFile
+from scancell.programs.taught import TaughtFile
 
 if TYPE_CHECKING:
     import viser

@@ -1,10 +1,55 @@
-"""Functions for the inputs of viser."""
+"""Elements that panels share: handles, delayed calls, rates, colours and messages."""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from html import escape
-from typing import Any
+from time import monotonic
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scancell.browser.scene.scene import ColourBar
+from scancell.errors import ScancellError
+
+if TYPE_CHECKING:
+    import viser
+
+
+ALARM, WARNING, CALM = "#c62828", "#8a5300", "#2f7d32"  # of text on white
+FIELDS = {ALARM: "#fdecea", WARNING: "#fff4e0"}  # behind a sentence of this colour
+DIMMED, MARKED = "#59636e", "#cfe2ff"  # secondary text; background of a marked row
+
+_PRIMARY, _PRIMARY_HOVER, _STOP, _STOP_HOVER = "#1864ab", "#14548f", ALARM, "#a61f1f"
+# Colours of the page's theme that are lighter by default, with the background that their text is on, or with its text.
+THEME = {
+    "--mantine-color-dimmed": DIMMED,
+    "--mantine-color-gray-6": DIMMED,  # labels of the ends of sliders
+    "--mantine-color-blue-6": _PRIMARY,
+    "--mantine-color-blue-filled": _PRIMARY,
+    "--mantine-color-blue-filled-hover": _PRIMARY_HOVER,
+    "--mantine-color-blue-outline": _PRIMARY,
+    "--mantine-color-blue-text": _PRIMARY,
+    "--mantine-color-blue-light-color": _PRIMARY,
+    "--mantine-color-red-6": _STOP,
+    "--mantine-color-red-filled": _STOP,
+    "--mantine-color-red-filled-hover": _STOP_HOVER,
+}
+
+# A folder is a bar with its label; by default a closed one is a bordered field, as of a text input.
+_FOLDER = ".mantine-Paper-root[data-with-border]:has(> .mantine-Paper-root)"
+_BARS = (
+    f"{_FOLDER}{{padding-bottom:0}}"
+    f"{_FOLDER} > .mantine-Paper-root{{position:static;transform:none;display:flex;justify-content:space-between;"
+    "align-items:center;padding:0.3em 0.6em;background:var(--mantine-color-gray-1)}"
+    f"{_FOLDER} > :last-child{{display:none}}"
+)
+
+_HEIGHT, _BAR = 60, 12  # px of the histogram and of the colours below it
+
+SHOWN = 8.0  # s, for which a message is shown
 
 
 def set_changed(handle: Any, name: str, value: Any) -> None:
@@ -49,3 +94,104 @@ def small_html(lines: Iterable[str]) -> str:
 def run_once(script: str) -> str:
     """HTML that runs a script in the page: the element's empty picture fails to load, without any request."""
     return f'<img src="data:," alt="" style="display:none" onerror="{escape(script)}">'
+
+
+class Debounce:
+    """Reports a change of a value after the value has not changed for `delay` seconds."""
+
+    def __init__(self, clock: Callable[[], float] = monotonic, delay: float = 0.2) -> None:
+        self._clock, self._delay = clock, delay
+        self._changed: float | None = None
+
+    @property
+    def is_pending(self) -> bool:
+        """Whether a change is pending."""
+        return self._changed is not None
+
+    def change(self) -> None:
+        """Note that the value changes now."""
+        self._changed = self._clock()
+
+    def take(self) -> bool:
+        """Whether a change is due; clears it if so."""
+        if self._changed is None or self._clock() - self._changed < self._delay:
+            return False
+        self._changed = None
+        return True
+
+
+class Rate:
+    """Mean change of a value per second of wall time; a value that decreases begins anew.
+
+    Parameters
+    ----------
+    span
+        Of wall time for the mean, s.
+    clock
+        s.
+    """
+
+    def __init__(self, span: float = 3.0, clock: Callable[[], float] = monotonic) -> None:
+        self._span, self._clock = span, clock
+        self._values: deque[tuple[float, float]] = deque()
+
+    def add(self, value: float) -> None:
+        """Add the present value."""
+        if self._values and value < self._values[-1][1]:
+            self._values.clear()
+        now = self._clock()
+        self._values.append((now, value))
+        while len(self._values) > 2 and self._values[1][0] <= now - self._span:
+            self._values.popleft()
+
+    @property
+    def per_second(self) -> float | None:
+        """The mean change; None before there are values of a whole span."""
+        if not self._values:
+            return None
+        (first, low), (last, high) = self._values[0], self._values[-1]
+        return (high - low) / (last - first) if last - first >= self._span else None
+
+
+def theme_html() -> str:
+    """HTML that sets the colours of the page's theme, and the look of its folders."""
+    rules = "".join(f"{name}:{colour};" for name, colour in THEME.items())
+    return f"<style>:root:root:root{{{rules}}}{_BARS}</style>"
+
+
+def colour_bar_html(bar: ColourBar) -> str:
+    """The number of points in every interval between the limits, above the colour of the interval, as HTML."""
+    counts = bar.counts / max(1, bar.counts.max())
+    n = len(counts)
+    shown = bar.colours[np.rint(np.linspace(0, len(bar.colours) - 1, n)).astype(int)]
+    columns = "".join(
+        f'<rect x="{i}" y="{(1 - share) * _HEIGHT:.1f}" width="1.02" height="{share * _HEIGHT:.1f}" fill="#495057"/>'
+        f'<rect x="{i}" y="{_HEIGHT}" width="1.02" height="{_BAR}" fill="{_hex(colour)}"/>'
+        for i, (share, colour) in enumerate(zip(counts.tolist(), shown, strict=True))
+    )
+    low, high = bar.limits
+    return (
+        f'<div style="padding:0 0.75em 0.4em;font-size:0.85em"><svg viewBox="0 0 {n} {_HEIGHT + _BAR}" '
+        f'preserveAspectRatio="none" style="width:100%;height:{_HEIGHT + _BAR}px;display:block">{columns}</svg>'
+        f'<div style="display:flex;justify-content:space-between"><span>{low:.3g}</span>'
+        f"<span>{escape(bar.title)}</span><span>{high:.3g}</span></div></div>"
+    )
+
+
+def _hex(colour: NDArray[np.float64]) -> str:
+    return "#" + "".join(f"{round(float(value)):02x}" for value in colour)
+
+
+def show_message(client: viser.ClientHandle, text: str) -> None:
+    """Show a message in a browser for a while."""
+    client.add_notification("scancell", text, auto_close_seconds=SHOWN, color="orange")
+
+
+def report_errors(act: Callable[[], object], show: Callable[[str], None]) -> None:
+    """Call `act` and show any error as a message: viser would discard it in one of its threads."""
+    try:
+        act()
+    except ScancellError as error:
+        show(str(error))
+    except Exception as error:
+        show(f"This failed: {type(error).__name__}: {error}")

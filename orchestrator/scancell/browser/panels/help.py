@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -11,14 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.browser.panels.checklist import checklist_html
-from scancell.browser.panels.handles import set_changed, small_html
+from scancell.browser.panels.handles import CALM, Follower, set_changed, small_html
+from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.browser.panels.scans import Scans
-from scancell.cell.controller import Operation
+from scancell.cell.driver import Operation
+from scancell.exercises.attempt import Attempt, Result, sheet_file, write_sheet
+from scancell.exercises.declaration import Question
 from scancell.live.camera import CameraFeed, CameraFrame
 from scancell.live.state import LiveState
 from scancell.programs.live_program import LiveProgram
-from scancell.programs.taught_file import TaughtFile
+from scancell.programs.taught import TaughtFile
 
 Array = NDArray[np.float64]
 
@@ -53,6 +55,19 @@ _LAST = 1e6  # order of a folder at the end of a tab
 _MOVED = np.radians(1.0)
 _NEAR = 0.03  # m
 _PLACE_PX, _WIDTH_PX = 15, 220  # from the upper right corner of the scene
+
+_SLOW = "the browser draws it, which is slow without a graphics card"
+
+
+def checklist_html(title: str, what: str, texts: Sequence[str], done: Sequence[bool]) -> str:
+    """Texts with their marks, under a title that counts `what` is done; the first one that is not done is bold."""
+    following = done.index(False) if False in done else -1
+    lines = [f"<b>{escape(title)}</b>, {sum(done)} of {len(done)} {what} done"]
+    for number, (text, is_done) in enumerate(zip(texts, done, strict=True)):
+        mark = f'<span style="color:{CALM}">&#9745;</span>' if is_done else "&#9744;"
+        shown = f"<b>{escape(text)}</b>" if number == following else escape(text)
+        lines.append(f"{mark} {shown}")
+    return small_html(lines)
 
 
 def add_help(gui: Any, tab: str) -> None:
@@ -191,3 +206,53 @@ def _are_apart(joints: Array, others: Array) -> bool:
 def _is_run(program: LiveProgram, file: Path) -> bool:
     state = program.state
     return state is not None and state.file == file and state.stage == "done"
+
+
+class ExercisePanel:
+    """Shows an attempt at an exercise, takes figures, and saves the result sheet in a folder."""
+
+    def __init__(
+        self, gui: Any, operator: OperatorCommands, attempt: Attempt, start_again: Callable[[], None], out: Path
+    ) -> None:
+        self._operator, self._attempt, self._out = operator, attempt, out
+        exercise = attempt.exercise
+        gui.add_html(small_html([f"<b>{exercise.number}. {escape(exercise.title)}</b>", escape(exercise.task)]))
+        self._list = gui.add_html("")
+        self._figures: dict[Question, Follower] = {}
+        for question in (item for item in exercise.items if isinstance(item, Question)):
+            self._add_figure(gui, question)
+        self._student = gui.add_text("your name", "", hint="may be empty")
+        self._file = gui.add_text("file", f"exercise_{exercise.number}.html", hint="in the folder of --out")
+        self._picture = gui.add_checkbox("with a picture of the scene", False, hint=_SLOW)
+        save = gui.add_button("Save result")
+        again = gui.add_button("Start again", hint="opens the cell anew, with the part at its first place")
+        save.on_click(operator.operator_callback(self._save))
+        again.on_click(operator.operator_callback(start_again))
+        operator.add_inputs([self._student, self._file, self._picture, save, again])
+
+    def _add_figure(self, gui: Any, question: Question) -> None:
+        field = gui.add_number(question.label, 0.0, step=0.001)
+        self._figures[question] = Follower(field)
+        field.on_update(self._operator.operator_callback(lambda: self._attempt.answer(question, field.value)))
+        self._operator.add_inputs([field])
+
+    def show(self, _state: LiveState) -> None:
+        """Show what has been reached."""
+        results = self._attempt.results
+        for result in results:
+            if isinstance(result.item, Question) and result.value is not None:
+                self._figures[result.item].show(result.value)
+        done = [result.is_reached for result in results]
+        set_changed(self._list, "content", checklist_html("Checklist", "items", [*map(item_text, results)], done))
+
+    def _save(self) -> None:
+        file = sheet_file(self._out, self._file.value)
+        picture = self._operator.picture() if self._picture.value else None
+        write_sheet(file, self._attempt, self._student.value, picture)
+        self._operator.show_message(f"saved: {file}")
+
+
+def item_text(result: Result) -> str:
+    """An item with its limit, and its value where there is one."""
+    value = f"; now {result.value_text}" if result.value_text else ""
+    return f"{result.item.text} ({result.item.limit}{value})"

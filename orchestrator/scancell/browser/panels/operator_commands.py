@@ -12,11 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from scancell.browser.panels.conditions import OTHER_OPERATOR, always
-from scancell.browser.panels.handles import set_changed
-from scancell.browser.panels.messages import SHOWN, report_errors, show_message
-from scancell.browser.server.operators import Operators
-from scancell.cell.controller import Tool
+from scancell.browser.panels.handles import SHOWN, report_errors, set_changed, show_message
+from scancell.browser.server.gate import Operators
+from scancell.cell.driver import Operation, Tool
 from scancell.errors import CommandError
 from scancell.live.cell import LiveCell
 from scancell.live.commands import Command, SetOperation
@@ -27,10 +25,51 @@ if TYPE_CHECKING:
     import viser
 
 Array = NDArray[np.float64]
+
+OTHER_OPERATOR = "another browser controls the cell: take control first"
+
 Condition = Callable[[LiveState], str]  # reason why an input cannot work now; empty if it can
 
 _PICTURE = (720, 1280)  # px, height and width
 _RENDER_TIMEOUT = 60.0  # s, within which a browser renders a picture
+
+
+def always(state: LiveState) -> str:
+    """No condition."""
+    return ""
+
+
+def can_move(state: LiveState) -> str:
+    """Moves need a cell without an emergency stop and without a job."""
+    if state.controller == "emergency stop":
+        return 'the robot is stopped: press "Reset after a stop" first'
+    return _no_job(state)
+
+
+def is_stopped(state: LiveState) -> str:
+    """There is a stop to release."""
+    return "" if state.controller == "emergency stop" else "the robot is not stopped"
+
+
+def can_start(state: LiveState) -> str:
+    """Jobs that do not move the robot need it at rest, stopped or not, and without another job."""
+    return _no_job(state) or ("the robot moves: wait until it is at rest" if state.moving else "")
+
+
+def can_jog(state: LiveState) -> str:
+    """Jogs also need manual operation, which is chosen at rest."""
+    if state.moving and state.operation is Operation.AUTOMATIC:
+        return "the robot moves in automatic operation: wait until it is at rest"
+    return can_move(state)
+
+
+def _no_job(state: LiveState) -> str:
+    return "" if state.job is None else f"{state.job} runs: end it first"
+
+
+def can_end(state: LiveState) -> str:
+    """A motion or a job that can be ended."""
+    return "" if state.moving or state.job is not None else "nothing moves the robot"
 
 
 class OperatorCommands:

@@ -1,22 +1,48 @@
-"""The plan in the workspace: selected pose, playback, and the ghost that shows it in all browsers."""
+"""Plans of the workspace: their panel, their map and their motion."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import base64
+import io
+from collections.abc import Callable, Iterable
+from functools import lru_cache
+from html import escape
+from pathlib import Path
 from threading import RLock
 from time import monotonic
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
+from scancell.browser.panels.handles import ALARM, CALM, DIMMED, MARKED, Follower, set_changed
+from scancell.browser.panels.operator_commands import OperatorCommands, can_end, can_move
 from scancell.browser.scene.scene import CellScene
 from scancell.errors import CommandError
+from scancell.live.commands import Cancel
 from scancell.live.plan import LivePlan, LivePlanState, MapPose
+from scancell.live.state import LiveState
+from scancell.output.map_picture import map_legend, map_pixels, motion_lines
 from scancell.planning.path_map.configuration_map import ConfigurationMap
 from scancell.planning.plan import Plan
 from scancell.views.motion import ProgramMotion
 
 Array = NDArray[np.float64]
+
+ALONG, ANGLE = "along the path, %", "table angle, deg"  # inputs that a click on the map sets
+
+_HEIGHT = 200  # px
+_SEGMENTS = 7  # shown at a time: a scrolled list would jump back at every change
+_NUMBER = "padding-right:0.5em;vertical-align:top"
+_ONE_LINE = "max-width:0;width:100%;overflow:hidden;text-overflow:ellipsis;white-space:nowrap"
+_RIGHT = "text-align:right;white-space:nowrap;padding-left:0.6em;vertical-align:top"
+_TEXT = "padding:0 0.75em 0.4em;font-size:0.85em;line-height:1.4"
+_CLICK = (
+    Path(__file__).with_name("map.js").read_text(encoding="utf-8").replace("@ALONG@", ALONG).replace("@ANGLE@", ANGLE)
+)
+
+_STEP = 0.01  # s of the slider
 
 
 class Plans:
@@ -181,3 +207,203 @@ class Plans:
     def _select(self, axes: Array | None, what: str, forbidden: bool) -> None:
         self._axes, self._what = axes, what
         self._scene.show_preview(axes, forbidden)
+
+
+def map_html(map_: ConfigurationMap, motion: NDArray[np.float64] | None, picked: MapPose | None) -> str:
+    """A map whose time goes to the right and whose table angle goes upwards, with a motion (n,), rad, and a pose.
+
+    A click sets the inputs `ALONG` and `ANGLE`.
+    """
+    lines = [] if motion is None else motion_lines(motion)
+    drawn = [_line(line, "#222831", 2.5) for line in lines]
+    if picked is not None:
+        x, y = picked.share, 1 - picked.angle / (2 * np.pi)
+        for colour, width in (("#ffffff", 3.0), ("#0b57d0", 1.2)):
+            drawn += [_line([(x, 0.0), (x, 1.0)], colour, width), _line([(0.0, y), (1.0, y)], colour, width)]
+    marks = "".join(
+        f'<span style="display:inline-block;margin-right:0.8em"><span style="display:inline-block;width:0.8em;height:'
+        f'0.8em;background:{colour};border:1px solid #7d8590"></span> {escape(name)}</span>'
+        for name, colour in map_legend(map_)
+    )
+    return (
+        f'<div style="{_TEXT}"><div>↑ table angle, 0 to 360°</div><svg viewBox="0 0 1 1" preserveAspectRatio="none" '
+        f'data-map="" onclick="{escape(_CLICK)}" style="width:100%;height:{_HEIGHT}px;cursor:crosshair;display:block">'
+        f'<image href="{_picture(map_)}" width="1" height="1" preserveAspectRatio="none" '
+        f'style="image-rendering:pixelated"/>{"".join(drawn)}</svg>'
+        f'<div style="text-align:right">along the path →</div>{marks}</div>'
+    )
+
+
+def pose_html(picked: MapPose) -> str:
+    """Quality of a pose of the map, or the reason why it is forbidden."""
+    colour = ALARM if picked.reason else CALM
+    verdict = f"forbidden: {picked.reason}" if picked.reason else f"free, quality {picked.quality:.2f}"
+    where = f"{100 * picked.share:.1f} % of the way, table at {np.degrees(picked.angle):.0f}°"
+    return f'<div style="{_TEXT}">{where}<br><b style="color:{colour}">{escape(verdict)}</b></div>'
+
+
+def state_html(state: LivePlanState, plan: Plan | None) -> str:
+    """Progress and contents of a plan."""
+    lines = []
+    if state.stage in ("planning", "evaluating"):
+        what = "planning" if state.stage == "planning" else f"evaluating the map, {state.share:.0%}"
+        lines.append(f"<b>{what}</b>, {state.seconds:.0f} s")
+    if state.error:
+        lines.append(f'<b style="color:{ALARM}">{escape(state.error)}</b>')
+    if plan is not None:
+        count, program = len(plan.segment), plan.program
+        lines.append(f"{count} exposures in {len(program.segments)} segments, {program.duration:.1f} s of motion")
+        if plan.coverage is not None:
+            lines.append(f"sees {plan.coverage:.1%} of the surface")
+        lines += [escape(warning) for warning in plan.warnings]
+    return f'<div style="{_TEXT}">{"<br>".join(lines or ["no plan yet"])}</div>'
+
+
+def segments_html(plan: Plan, now: int) -> str:
+    """A table of names, durations and numbers of exposures of the segments around `now` (index)."""
+    segments, most = plan.program.segments, _SEGMENTS
+    exposures = dict(zip(*(values.tolist() for values in np.unique(plan.segment, return_counts=True)), strict=True))
+    first = max(0, min(now - most // 2, len(segments) - most))
+    rows = [
+        f'<tr style="{f"background:{MARKED}" if number == now + 1 else ""}"><td style="{_NUMBER}">{number}</td>'
+        f'<td style="{"" if number == now + 1 else _ONE_LINE}" title="{escape(item.name)}">{escape(item.name)}</td>'
+        f'<td style="{_RIGHT}">{item.times[-1]:.1f}</td>'
+        f'<td style="{_RIGHT}">{exposures.get(item.id, "-")}</td></tr>'
+        for number, item in enumerate(segments[first : first + most], start=first + 1)
+    ]
+    more = f"segments {first + 1} to {first + len(rows)} of {len(segments)}" if len(rows) < len(segments) else ""
+    return (
+        f'<div style="{_TEXT}"><table style="width:100%;border-spacing:0"><thead><tr style="color:{DIMMED}"><td></td>'
+        f'<td>segment</td><td style="{_RIGHT}">time, s</td><td style="{_RIGHT}">exposures</td></tr></thead>'
+        f"<tbody>{''.join(rows)}</tbody></table>{more}</div>"
+    )
+
+
+def _line(points: Iterable[tuple[float, float]], colour: str, width: float) -> str:
+    places = " ".join(f"{x:.4f},{y:.4f}" for x, y in points)
+    return (
+        f'<polyline points="{places}" fill="none" stroke="{colour}" stroke-width="{width}" '
+        'vector-effect="non-scaling-stroke"/>'
+    )
+
+
+@lru_cache(maxsize=16)
+def _picture(map_: ConfigurationMap) -> str:
+    """A map as a data address; it is complete when it is shown."""
+    file = io.BytesIO()
+    Image.fromarray(map_pixels(map_)).save(file, "PNG")
+    return f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}"
+
+
+class PlanPanel:
+    """Makes the plan, shows its poses as a ghost, and moves the robot to them."""
+
+    def __init__(self, gui: Any, operator: OperatorCommands, plans: Plans) -> None:
+        self._operator, self._plans = operator, plans
+        self._shown: Plan | None = None
+        self._drawn: tuple[object, ...] = ()
+        self._followers: dict[str, Follower] = {}
+        self._make = gui.add_button("Plan the scan")
+        self._text = gui.add_html("")
+        self._path = gui.add_dropdown("sensor path", ("-",), visible=False)
+        self._branch = gui.add_dropdown("arm configuration", ("-",), visible=False)
+        self._map = gui.add_html("", visible=False)
+        self._along = gui.add_slider(ALONG, 0.0, 100.0, 0.1, 0.0, visible=False)
+        self._angle = gui.add_slider(ANGLE, 0.0, 360.0, 0.1, 0.0, visible=False)
+        self._segments = gui.add_html("", visible=False)
+        self._segment = gui.add_dropdown("start of segment", ("-",), visible=False)
+        self._time = gui.add_slider("time of the plan, s", 0.0, 1.0, _STEP, 0.0, visible=False)
+        self._play = gui.add_button("Play the plan", icon="player-play", visible=False)
+        self._go = gui.add_button("Go there", icon="route", hint="on a path without collision", visible=False)
+        self._end = gui.add_button("End the motion", visible=False)
+        self._hide = gui.add_button("Hide the ghost", visible=False)
+        self._of_map = [self._path, self._branch, self._along, self._angle]
+        self._of_plan = [self._segment, self._time, self._play, self._go, self._end, self._hide]
+        self._connect()
+
+    def _connect(self) -> None:
+        operator, plans = self._operator, self._plans
+        operator.add_inputs([*self._of_map, self._segment, self._time, self._play, self._hide])
+        operator.add_inputs([self._make], lambda _: plans.hindrance)
+        operator.add_inputs([self._go], lambda state: plans.unselected or can_move(state))
+        operator.add_inputs([self._end], can_end)
+        self._make.on_click(operator.operator_callback(plans.start))
+        self._path.on_update(operator.operator_callback(lambda: plans.choose_map(self._number(self._path))))
+        self._branch.on_update(
+            operator.operator_callback(lambda: plans.choose_map(self._number(self._path), self._number(self._branch)))
+        )
+        for handle in (self._along, self._angle):
+            handle.on_update(operator.operator_callback(self._pick))
+        self._segment.on_update(operator.operator_callback(self._choose_segment))
+        self._time.on_update(operator.operator_callback(lambda: plans.go_to_time(self._time.value)))
+        self._play.on_click(operator.operator_callback(plans.play_or_pause))
+        self._go.on_click(operator.operator_callback(plans.move_robot))
+        self._end.on_click(operator.operator_callback(lambda: operator.submit(Cancel())))
+        self._hide.on_click(operator.operator_callback(plans.hide))
+
+    def show(self, state: LiveState) -> None:
+        """Show the plan and the selected pose."""
+        plans = self._plans
+        plan, motion = plans.plan, plans.motion
+        set_changed(self._text, "content", state_html(plans.state, plan))
+        if plan is None or motion is None:
+            return
+        if plan is not self._shown:
+            self._open(plan, motion.duration)
+        self._show_map(plan)
+        number = motion.segment_at(plans.time)
+        set_changed(self._segments, "content", segments_html(plan, number))
+        self._follow(self._segment, self._segment.options[number])
+        self._follow(self._time, round(plans.time, 2))
+        set_changed(self._play, "label", "Pause" if plans.plays else "Play the plan")
+
+    def _open(self, plan: Plan, duration: float) -> None:
+        """Adapt the inputs to another plan."""
+        self._shown, self._drawn = plan, ()
+        inputs = (self._path, self._branch, self._along, self._angle, self._segment, self._time)
+        self._followers = {handle.label: Follower(handle) for handle in inputs}
+        self._segment.options = _numbered(item.name for item in plan.program.segments)
+        self._time.max = float(np.ceil(duration / _STEP) * _STEP)
+        if plan.paths:
+            self._path.options = _numbered(item.view.name for item in plan.paths)
+            self._branch.options = _numbered(plan.paths[0].branch_names)
+        for handle in (*self._of_plan, self._segments):
+            handle.visible = True
+        for handle in (*self._of_map, self._map):
+            handle.visible = bool(plan.paths)
+        self._path.visible = len(plan.paths) > 1
+
+    def _show_map(self, plan: Plan) -> None:
+        plans = self._plans
+        map_, picked = plans.map, plans.picked
+        if map_ is None or not plan.paths:
+            return
+        self._follow(self._path, self._path.options[plans.path])
+        self._follow(self._branch, self._branch.options[plans.branch])
+        self._follow(self._along, round(100 * plans.share, 1))
+        self._follow(self._angle, round(float(np.degrees(plans.angle)), 1))
+        if self._drawn == (map_, picked):
+            return
+        placed = plan.paths[plans.path]
+        motion = placed.motion.angle if map_.branch == placed.lattice.map.branch else None
+        self._drawn = (map_, picked)
+        self._map.content = map_html(map_, motion, picked) + ("" if picked is None else pose_html(picked))
+
+    def _follow(self, handle: Any, value: object) -> None:
+        self._followers[handle.label].show(value)
+
+    def _pick(self) -> None:
+        self._plans.pick(self._along.value / 100, float(np.radians(self._angle.value)))
+
+    def _choose_segment(self) -> None:
+        if self._plans.motion is not None:
+            self._plans.go_to_time(float(self._plans.motion.begins[self._number(self._segment)]))
+
+    @staticmethod
+    def _number(dropdown: Any) -> int:
+        return int(dropdown.options.index(dropdown.value))
+
+
+def _numbered(names: Any) -> tuple[str, ...]:
+    """Unique names."""
+    return tuple(f"{number}: {name}" for number, name in enumerate(names, start=1))

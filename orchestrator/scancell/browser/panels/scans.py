@@ -1,26 +1,66 @@
-"""Scans of the part in the workspace: one at a time, shown to all browsers."""
+"""Scans of the workspace: their start, their list and their playback."""
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable
 from concurrent.futures import Future
+from dataclasses import dataclass
 from functools import partial
+from html import escape
 from pathlib import Path
-from threading import Lock
+from threading import Event, Lock, RLock
+from time import monotonic
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
-from scancell.browser.scene.live_cloud import LiveCloud
-from scancell.config.choices import Engine
+from scancell.browser.panels.handles import (
+    WARNING,
+    Follower,
+    colour_bar_html,
+    report_errors,
+    set_changed,
+    show_message,
+    small_html,
+)
+from scancell.browser.panels.operator_commands import OperatorCommands, can_end, can_move, can_start
+from scancell.browser.panels.view_panel import add_switch
+from scancell.browser.scene.scene import LIVE_COLOURS, CellScene, LiveCloud
+from scancell.browser.server.quiet import address, quiet_server
+from scancell.config.description import LOOPBACK, Engine
 from scancell.errors import CommandError
 from scancell.files import first_free
 from scancell.geometry.mesh import Mesh
+from scancell.live.camera import CameraFeed
 from scancell.live.cell import LiveCell
+from scancell.live.commands import Cancel
 from scancell.live.scan import LiveChunk, LiveScan, LiveScanState
+from scancell.live.state import LiveState
+from scancell.nominal.cell import NominalCell
+from scancell.reconstruction.cloud_files import write_cloud
 from scancell.results import ScanResult
+from scancell.scanning.session import ScanSession
+from scancell.stopwatch import Pace
+from scancell.views.motion import RunMotion, scan_motion
+from scancell.views.recorded_run import RecordedRun
+from scancell.views.renderer import ColourBy, coloured_by
+from scancell.views.shading import displayed
+
+if TYPE_CHECKING:
+    import viser
+
 
 _LINE_SPACING = 0.2e-3  # m between points of scan lines, whose distances are not known
 _CHUNK = 20_000  # points of a cloud that is shown again
+
+PLAYBACK = "the playback of the scan"  # name of its job
+
+_STEP = 0.01  # s of the slider
+
+_CHUNKS = 200  # of the cloud
+_RATE = 30.0  # Hz, of updates
+_SPEEDS = ("0.5 x", "1 x", "2 x", "5 x", "10 x", "20 x")
 
 
 class Scans:
@@ -201,3 +241,396 @@ class Scans:
         if number == self._started and result.exception() is None:
             self._kept, self._is_saved = result.result(), False
             self.figures = self._kept.deviation.figures.text().strip()
+
+
+@dataclass(frozen=True)
+class _Played:
+    result: ScanResult
+    motion: RunMotion
+    ended: Event
+    job: Future[None]
+
+
+class ScanPlayback:
+    """Shows the last scan, finished or stopped, at a time of it, in real time while it plays.
+
+    The robot rests meanwhile: playback is a job of the running cell, so that other commands are rejected until it
+    ends, and a stop or `Cancel` ends it. Any thread may call.
+
+    Parameters
+    ----------
+    live, cell
+        The running cell, and its bodies, obstacles that planning does not know included.
+    scans, feed, scene
+        The scan, and what shows it.
+    clock
+        s.
+
+    Attributes
+    ----------
+    time
+        Of the scan, that is shown, s.
+    """
+
+    def __init__(
+        self,
+        live: LiveCell,
+        cell: NominalCell,
+        scans: Scans,
+        feed: CameraFeed,
+        scene: CellScene,
+        clock: Callable[[], float] = monotonic,
+    ) -> None:
+        self._live, self._cell, self._clock = live, cell, clock
+        self._scans, self._feed, self._scene = scans, feed, scene
+        self._lock = RLock()
+        self._played: _Played | None = None
+        self._plays, self._before = False, 0.0
+        self.time = 0.0
+
+    @property
+    def is_on(self) -> bool:
+        """Whether the scan is shown in place of the running cell."""
+        return self._played is not None
+
+    @property
+    def plays(self) -> bool:
+        """Whether the time advances."""
+        return self._plays
+
+    @property
+    def duration(self) -> float:
+        """Of the scan that is played back, s; 0 without one."""
+        played = self._played
+        return 0.0 if played is None else played.motion.duration
+
+    def play_or_pause(self) -> None:
+        """Begin the playback; then pause it, or continue it, after its end from the start.
+
+        Raises
+        ------
+        CommandError
+            If there is no scan.
+        """
+        with self._lock:
+            if self._played is None:
+                self._begin()
+            self._plays, self._before = not self._plays, self._clock()
+            if self._plays and self.time >= self.duration:
+                self.go_to(0.0)
+
+    def go_to(self, time: float) -> None:
+        """Show the scan at a time, s.
+
+        Raises
+        ------
+        CommandError
+            If no scan is played back.
+        """
+        with self._lock:
+            if self._played is None:
+                raise CommandError("no scan is played back: play it first")
+            self.time = float(np.clip(time, self._played.motion.start, self._played.motion.duration))
+            self._show(self._played)
+
+    def leave(self) -> None:
+        """Show the running cell again."""
+        with self._lock:
+            if self._played is None:
+                return
+            self._played.ended.set()
+            self._played, self._plays = None, False
+            self._feed.resume()
+            self._scene.show_laser(True)
+            self._scans.cloud.show_until(np.inf)
+
+    def update(self) -> None:
+        """Advance the time while it plays, and leave when the cell has ended the job; called periodically."""
+        with self._lock:
+            if self._played is not None and self._played.job.done():
+                self.leave()
+            if not self._plays:
+                return
+            now = self._clock()
+            self.go_to(self.time + now - self._before)
+            self._before = now
+            self._plays = self.time < self.duration
+
+    def _begin(self) -> None:
+        result, ended = self._scans.result, Event()
+        motion = scan_motion(self._cell, result.recording, result.plan)
+        self._scans.show_result()
+
+        def rest(session: ScanSession) -> None:
+            while not ended.is_set():
+                session.step()
+
+        self._played = _Played(result, motion, ended, self._live.perform(rest, PLAYBACK))
+        self.go_to(motion.start)
+
+    def _show(self, played: _Played) -> None:
+        taken = int(np.searchsorted(played.motion.times, self.time, side="right"))
+        self._feed.replay(played.result, max(taken - 1, 0))
+        self._scene.replay(played.motion.frames(self.time), played.motion.laser_on(self.time))
+        self._scans.cloud.show_until(self.time)
+
+
+class ScanPanel:
+    """Runs the scan of the descriptions, and plays it back."""
+
+    def __init__(self, gui: Any, operator: OperatorCommands, scans: Scans, playback: ScanPlayback) -> None:
+        self._operator, self._scans, self._playback = operator, scans, playback
+        self._engine = gui.add_dropdown("engine", get_args(Engine), initial_value=scans.engine)
+        start, cancel = gui.add_button("Scan the part"), gui.add_button("End the scan")
+        self._progress = gui.add_progress_bar(0.0)
+        self._text = gui.add_html("")
+        self._colour = gui.add_dropdown("colours show", LIVE_COLOURS)
+        self._shown_colour = Follower(self._colour)
+        self._bar = gui.add_html("")
+        self._limits = gui.add_vector2("limits of the colours", (0.0, 1.0), visible=False)
+        self._shown_limits = Follower(self._limits)
+        self._automatic = gui.add_button("Automatic limits", visible=False)
+        save, download = gui.add_button("Save the run folder"), gui.add_button("Download the cloud (PLY)")
+        self._play = gui.add_button("Play the scan back", icon="player-play")
+        self._time = gui.add_slider("time of the scan, s", 0.0, 1.0, _STEP, 0.0, visible=False)
+        self._shown_time = Follower(self._time)
+        self._leave = gui.add_button("Back to the running cell", visible=False)
+        start.on_click(operator.operator_callback(lambda: scans.start(self._engine.value)))
+        cancel.on_click(operator.callback(lambda: operator.submit(Cancel())))
+        self._colour.on_update(operator.callback(lambda: scans.cloud.colour_by(self._colour.value)))
+        self._limits.on_update(operator.callback(lambda: scans.cloud.limit(*self._limits.value)))
+        self._automatic.on_click(operator.callback(scans.cloud.limit))
+        save.on_click(operator.operator_callback(lambda: operator.show_message(f"saved: {scans.save()}")))
+        download.on_click(operator.callback(self._download))
+        self._play.on_click(operator.operator_callback(playback.play_or_pause))
+        self._time.on_update(operator.operator_callback(lambda: playback.go_to(self._time.value)))
+        self._leave.on_click(operator.operator_callback(playback.leave))
+        operator.add_inputs([self._time, self._leave])
+        operator.add_inputs([self._play], lambda state: "" if playback.is_on else scans.lack or can_start(state))
+        operator.add_inputs([self._engine, self._colour, self._limits, self._automatic])
+        operator.add_inputs([start], lambda state: scans.hindrance or can_move(state))
+        operator.add_inputs([cancel], can_end)
+        operator.add_inputs([save], lambda _: scans.lack)
+        operator.add_inputs([download], lambda _: scans.lack, by_all=True)
+
+    def show(self, state: LiveState) -> None:
+        """Show the progress of the scan."""
+        self._show_colours()
+        self._show_playback()
+        scan = self._scans.state
+        if scan is None:
+            return
+        share = 100.0 * scan.sensed / scan.planned if scan.planned else 0.0
+        set_changed(self._progress, "value", share)
+        lines = [
+            f"<b>{scan.stage}</b>",
+            f"{scan.sensed} of {scan.planned} profiles, {scan.points} points",
+            escape(scan.ended_by),
+            escape(self._scans.error),
+            escape(self._scans.figures),
+            *self._what_is_lost(),
+        ]
+        set_changed(self._text, "content", small_html(lines))
+
+    def _what_is_lost(self) -> list[str]:
+        """Sentences on points that are not shown, and scans that are not saved."""
+        scans, lines = self._scans, []
+        if scans.cloud.step > 1:
+            lines.append(f"One point of {scans.cloud.step} is shown; the saved cloud has all.")
+        if scans.discarded:
+            lines.append(f"This scan has replaced {scans.discarded}.")
+        if scans.unsaved:
+            lines.append(
+                f'<b style="color:{WARNING}">The next scan, another part or run, and the end of the workspace discard '
+                f"{scans.unsaved}.</b>"
+            )
+        return lines
+
+    def _show_playback(self) -> None:
+        playback = self._playback
+        set_changed(self._play, "label", "Pause" if playback.plays else "Play the scan back")
+        for handle in (self._time, self._leave):
+            set_changed(handle, "visible", playback.is_on)
+        if playback.is_on:
+            set_changed(self._time, "max", max(_STEP, float(np.ceil(playback.duration / _STEP) * _STEP)))
+            self._shown_time.show(round(playback.time, 2))
+
+    def _show_colours(self) -> None:
+        self._shown_colour.show(self._scans.cloud.colour)
+        bar = self._scans.cloud.bar
+        set_changed(self._bar, "content", "" if bar is None else colour_bar_html(bar))
+        for handle in (self._limits, self._automatic):
+            set_changed(handle, "visible", bar is not None)
+        if bar is not None:
+            self._shown_limits.show(tuple(round(value, 3) for value in bar.limits))
+
+    def _download(self) -> None:
+        cloud = self._scans.result.cloud
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "cloud.ply"
+            write_cloud(file, cloud)
+            self._operator.send_file(file.name, file.read_bytes())
+
+
+class Playback:
+    """Plays a run back on a server of viser; all its browsers show and control the same time.
+
+    Parameters
+    ----------
+    server
+        Of viser.
+    run
+        To be shown.
+    colour
+        What the colours of the cloud show.
+    threads
+        For the deviations of the cloud; 0 uses all cores.
+    back
+        Goes back to where the run was opened; None: there is nothing to go back to.
+
+    Attributes
+    ----------
+    scene
+        What is shown.
+    """
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        run: RecordedRun,
+        colour: ColourBy,
+        threads: int = 0,
+        back: Callable[[], None] | None = None,
+    ) -> None:
+        self._run, self._lock = run, RLock()
+        self.scene = CellScene(server, run.cell, run.setup.sensor, run.setup.cell)
+        motion, gui = run.motion, server.gui
+        gui.set_panel_label(f"scancell: {run.name}")
+        gui.main_panel.dock_right()
+        if back is not None:
+            gui.add_button("Back to the cell").on_click(
+                lambda event: report_errors(back, partial(show_message, event.client))
+            )
+        first, last = np.floor(motion.start / _STEP) * _STEP, np.ceil(motion.duration / _STEP) * _STEP
+        self._slider = gui.add_slider("time, s", round(first, 2), round(last, 2), _STEP, initial_value=round(first, 2))
+        self._play = gui.add_button("Play")
+        self._speed = gui.add_dropdown("speed", _SPEEDS, initial_value="5 x")
+        for label, name in (("frames", "frames"), ("field of view", "field_of_view"), ("devices", "devices")):
+            add_switch(gui, self.scene, label, name)
+        self._text = gui.add_markdown("")
+        self._chunk_ends = self._add_cloud(gui, colour, threads)
+        self._playing = False
+        self._slider.on_update(lambda _: self._show())
+        self._play.on_click(lambda _: self.play_or_pause())
+        self._show()
+
+    def run(self, ended: Callable[[], bool]) -> None:
+        """Advance the time during playback, until `ended`."""
+        pace, before = Pace(1 / _RATE), monotonic()
+        while not ended():
+            pace.wait()
+            now = monotonic()
+            self.advance(now - before)
+            before = now
+
+    def join(self, client: viser.ClientHandle, is_wide: bool) -> None:
+        """Do nothing: all browsers share one panel."""
+
+    def leave(self, client: viser.ClientHandle) -> None:
+        """Do nothing: no data are kept per browser."""
+
+    @property
+    def time(self) -> float:
+        """Time of the run that is shown, s."""
+        return float(np.clip(self._slider.value, self._run.motion.start, self._run.motion.duration))
+
+    @property
+    def speed(self) -> float:
+        """Seconds of the run in a second."""
+        return float(self._speed.value.split()[0])
+
+    @property
+    def plays(self) -> bool:
+        """Whether playback is running."""
+        return self._playing
+
+    def go_to(self, time: float) -> None:
+        """Show the run at a time, s."""
+        with self._lock:
+            self._slider.value = time  # which shows it
+
+    def play_or_pause(self) -> None:
+        """Resume playback, from the start after the end, or pause it."""
+        with self._lock:
+            self._playing = not self._playing
+            if self._playing and self.time >= self._run.motion.duration:
+                self.go_to(self._run.motion.start)
+            self._play.label = "Pause" if self._playing else "Play"
+
+    def advance(self, seconds: float) -> None:
+        """Advance the time by `seconds` during playback, which ends with the run."""
+        with self._lock:
+            if not self._playing:
+                return
+            later, end = self.time + seconds * self.speed, self._run.motion.duration
+            self.go_to(min(later, end))
+            if later >= end:
+                self.play_or_pause()
+
+    def _show(self) -> None:
+        with self._lock:
+            time, motion = self.time, self._run.motion
+            frames = motion.frames(time)
+            self.scene.move(frames)
+            self.scene.show_chunks(int(np.searchsorted(self._chunk_ends, time, side="right")))
+            self.scene.show_laser(motion.laser_on(time))
+            x, y, z = 1e3 * frames["sensor"][:3, 3]
+            self._text.content = f"sensor at x {x:.1f}, y {y:.1f}, z {z:.1f} mm"
+
+    def _add_cloud(self, gui: viser.GuiApi, colour: ColourBy, threads: int) -> list[float]:
+        """Add the cloud in chunks of the order of measurement and its scale, and return their last times, s."""
+        run = self._run
+        if run.cloud is None or not len(run.cloud):
+            return []
+        cloud = coloured_by(run.cloud, run.cloud_points, run.cell.part, colour, threads)
+        world_from_part = run.motion.frames(run.motion.start)["part"]
+        ends = []
+        for rows in np.array_split(np.arange(len(cloud.time)), min(_CHUNKS, len(cloud.time))):
+            colours = displayed(cloud.shaded(rows, world_from_part))
+            self.scene.add_points(cloud.points_in_part[rows], colours, 1.2 * cloud.spacing)
+            ends.append(float(cloud.time[rows[-1]]))
+        low, high = cloud.limits
+        scale = np.tile(np.asarray(cloud.scale, np.uint8), (12, 1, 1))
+        gui.add_image(scale, label=f"{cloud.title}: {low:.3g} to {high:.3g}", format="png")
+        return ends
+
+
+def serve_playback(
+    run: RecordedRun,
+    *,
+    host: str = LOOPBACK,
+    port: int = 8080,
+    colour: ColourBy = "deviation",
+    threads: int = 0,
+    started: Callable[[str], None] = lambda _: None,
+    stop: Event | None = None,
+) -> None:
+    """Show a run in browsers until `stop` is set.
+
+    Parameters
+    ----------
+    port
+        To listen on; the next free port is used if it is in use.
+    started
+        Receives the address to open.
+
+    Raises
+    ------
+    ScancellError
+        If viser is not installed, or the cloud has no such colours.
+    """
+    stop = stop or Event()
+    with quiet_server(host, port) as server:
+        playback = Playback(server, run, colour, threads)
+        started(address(server))
+        playback.run(stop.is_set)

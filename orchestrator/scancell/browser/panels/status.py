@@ -13,11 +13,19 @@ from typing import Any
 
 import numpy as np
 
-from scancell.browser.panels.colours import ALARM, CALM, FIELDS, WARNING, theme_html
-from scancell.browser.panels.handles import run_once, set_changed, small_html
-from scancell.browser.panels.rate import Rate
-from scancell.browser.panels.scan_playback import PLAYBACK
-from scancell.cell.controller import GUARD_TOO_OLD, Operation
+from scancell.browser.panels.handles import (
+    ALARM,
+    CALM,
+    FIELDS,
+    WARNING,
+    Rate,
+    run_once,
+    set_changed,
+    small_html,
+    theme_html,
+)
+from scancell.browser.panels.scans import PLAYBACK
+from scancell.cell.driver import GUARD_TOO_OLD, Operation
 from scancell.live.scan import LiveScanState
 from scancell.live.state import LiveState
 

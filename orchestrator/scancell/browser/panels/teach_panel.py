@@ -1,25 +1,45 @@
-"""Teaching: steps of a robot program from the present pose of the robot."""
+"""Programs in the workspace: teaching, running, files and recordings."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from html import escape
-from threading import RLock
-from typing import Any
+from pathlib import Path, PurePath
+from threading import Event, RLock, Thread
+from typing import Any, Protocol
 
 import numpy as np
 
-from scancell.browser.panels.handles import pressed, set_changed, small_html
+from scancell.browser.panels.handles import WARNING, Follower, pressed, run_once, set_changed, small_html
 from scancell.browser.panels.operator_commands import OperatorCommands
-from scancell.cell.controller import Tool
-from scancell.errors import CommandError, DescriptionError, ScancellError
-from scancell.live.commands import CloseGripper, MoveJoints, MoveTool, OpenGripper
+from scancell.browser.panels.scans import Scans
+from scancell.cell.driver import Tool
+from scancell.closing import Closing
+from scancell.errors import CommandError, DescriptionError, OutputError, ScancellError
+from scancell.files import first_free, read_file
+from scancell.live.camera import CameraFeed
+from scancell.live.cell import LiveCell
+from scancell.live.commands import Cancel, CloseGripper, MoveJoints, MoveTool, OpenGripper
+from scancell.live.scan import LiveChunk
 from scancell.live.state import LiveState
-from scancell.nominal.tools import tool_names
+from scancell.nominal.cell import NominalCell, tool_names
+from scancell.nominal.parts import PART_FORMATS
+from scancell.programs.live_program import LiveProgram, LiveProgramState
 from scancell.programs.robot import deg, mm
-from scancell.programs.taught import WORDS, Command, JointPoint, Point, PosePoint, TaughtProgram, TaughtStep
-from scancell.programs.taught_file import TaughtFile
-from scancell.programs.taught_text import MAX_BYTES, read_program
+from scancell.programs.taught import (
+    MAX_BYTES,
+    WORDS,
+    Command,
+    JointPoint,
+    Point,
+    PosePoint,
+    TaughtFile,
+    TaughtProgram,
+    TaughtStep,
+    read_program,
+)
+from scancell.stopwatch import Pace
+from scancell.views.mcap_export import SessionRecorder
 
 _KINDS: dict[str, Command] = {
     "joints": "move_joints",
@@ -38,6 +58,19 @@ _TYPED: dict[Command, tuple[float, float]] = {  # unit and first value of a numb
     "wait": (1.0, 1.0),
 }
 _NONE = "-"
+
+_TAUGHT = "the taught program"
+_SHOWN = 400  # lines of a program, around the marked one
+_TO_MARK = """const box = this.parentElement, row = box.querySelector("[data-marked]");
+if (row) box.scrollTop = row.offsetTop - box.offsetTop - box.clientHeight / 2;"""
+_BOX = "font-family:monospace;white-space:pre;overflow:auto;font-size:0.75em;line-height:1.35;margin:0.3em 0.75em"
+_MARKS = {"failed": "rgba(208,48,48,0.35)", "stopped": "rgba(224,138,0,0.35)"}
+_ACTIVE_MARK = "rgba(47,125,50,0.35)"
+
+_RATE = 30.0  # Hz, of states
+
+_UNITS = ("mm", "m", "inch")
+_LONGEST_NAME = 200  # bytes
 
 
 class TeachPanel:
@@ -259,3 +292,257 @@ def step_label(number: int, step: TaughtStep) -> str:
     if words.moves:
         parts.append(f"{100 * step.speed:g} %")
     return f"{number} {step.point}{': ' if step.point else ''}{', '.join(parts)}"
+
+
+class ProgramPanel:
+    """Runs the program of ``--program`` or the taught one, and shows its source, active line and output."""
+
+    def __init__(
+        self, gui: Any, operator: OperatorCommands, program: LiveProgram, taught: TaughtFile, file: Path | None
+    ) -> None:
+        self._program, self._taught = program, taught
+        self._files = {} if file is None else {file.name: file}
+        self._choice = gui.add_dropdown("program", (*self._files, _TAUGHT))
+        start = gui.add_button("Run the program", hint="or continue it after a pause")
+        more = gui.add_button_group("while it runs", ("Pause", "Step", "End"), hint="Step: one command, also the first")
+        self._source, self._text = gui.add_html(""), gui.add_html("")
+        start.on_click(operator.operator_callback(self._run))
+        acts = {"Pause": program.pause, "Step": self._step, "End": lambda: operator.submit(Cancel())}
+        more.on_click(operator.operator_callback(pressed(more, acts)))
+        operator.add_inputs([self._choice, start])
+
+    def show(self, state: LiveState) -> None:
+        """Show the program and its run."""
+        run = self._program.state
+        file = self._files.get(self._choice.value, self._taught.path)
+        if run is not None and run.is_active:
+            set_changed(self._source, "content", source_html(run.source, run))
+        else:
+            source = self._lines(file)
+            is_same = run is not None and run.file == file and run.source == source
+            set_changed(self._source, "content", source_html(source, run if is_same else None))
+        set_changed(self._text, "content", "" if run is None else run_html(run))
+
+    def _lines(self, file: Path) -> tuple[str, ...]:
+        if file == self._taught.path:
+            return tuple(self._taught.text.splitlines())
+        try:
+            return tuple(read_file(file).decode("utf-8", errors="replace").splitlines())
+        except DescriptionError as error:
+            return (str(error),)
+
+    def _file(self) -> Path:
+        """The chosen file; the taught one only while it is a list of steps."""
+        file = self._files.get(self._choice.value)
+        if file is None:
+            file, _ = self._taught.path, self._taught.program
+        return file
+
+    def _run(self) -> None:
+        run = self._program.state
+        if run is not None and run.is_active:
+            self._program.resume()
+        else:
+            self._program.start(self._file())
+
+    def _step(self) -> None:
+        self._program.step(self._file())
+
+
+def source_html(lines: tuple[str, ...], run: LiveProgramState | None) -> str:
+    """Numbered lines of a program; the active line of its run, or that of its end, is marked."""
+    marked = 0 if run is None else run.line
+    first = max(0, min(marked - _SHOWN // 2, len(lines) - _SHOWN))
+    colour = _ACTIVE_MARK if run is None else _MARKS.get(run.stage, _ACTIVE_MARK)
+    rows = []
+    for number, line in enumerate(lines[first : first + _SHOWN], start=first + 1):
+        mark = f' data-marked style="background:{colour}"' if number == marked else ""
+        rows.append(f"<div{mark}>{number:4} {escape(line)}</div>")
+    return f'<div style="{_BOX};max-height:16em">{"".join(rows)}{run_once(_TO_MARK)}</div>'
+
+
+def run_html(run: LiveProgramState) -> str:
+    """Stage, error, run folder and output of a run; the last line of output first."""
+    where = f", line {run.line}" if run.line else ""
+    head = [f"<b>{escape(run.file.name)}: {run.stage}{where}</b>", escape(run.error)]
+    if run.folder is not None:
+        head.append(f"recorded: {escape(str(run.folder))}")
+    rows = "".join(f"<div>{escape(line)}</div>" for line in reversed(run.output))
+    return f'{small_html(head)}<div style="{_BOX};max-height:10em">{rows}</div>'
+
+
+class SessionRecording(Closing):
+    """Writes states, camera frames and points of scans in a thread of its own. All methods are thread-safe.
+
+    Parameters
+    ----------
+    live, cell, feed
+        The running cell, its bodies, and its cameras.
+    out
+        Folder of the files ``session_1.mcap``, ``session_2.mcap``, ...
+    """
+
+    def __init__(self, live: LiveCell, cell: NominalCell, feed: CameraFeed, out: Path) -> None:
+        self._live, self._cell, self._feed, self._out = live, cell, feed, out
+        self._lock, self._ending = RLock(), Event()
+        self._recorder: SessionRecorder | None = None
+        self._thread: Thread | None = None
+        self._path: Path | None = None
+        self._error = ""
+
+    @property
+    def is_on(self) -> bool:
+        """Whether recording is active."""
+        return self._recorder is not None
+
+    @property
+    def path(self) -> Path | None:
+        """The last file; None before the first."""
+        return self._path
+
+    @property
+    def error(self) -> str:
+        """Reason why the last recording ended early; empty if it did not."""
+        return self._error
+
+    def start(self) -> None:
+        """Begin a file, unless recording is active.
+
+        Raises
+        ------
+        ScancellError
+            If the file cannot be written, or packages of the extra `workspace` are missing.
+        """
+        with self._lock:
+            if self.is_on:
+                return
+            path = first_free(self._out, "session_{}.mcap")
+            try:
+                self._out.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise OutputError(f"cannot be written: {error.strerror or error}", file=path) from error
+            self._recorder = SessionRecorder(path, self._cell)
+            self._path, self._error = path, ""
+            self._ending.clear()
+            self._thread = Thread(target=self._record, name="record", daemon=True)
+            self._thread.start()
+
+    def stop(self) -> None:
+        """Complete the file, if recording is active."""
+        self._ending.set()
+        if self._thread is not None:
+            self._thread.join()
+
+    def points(self, chunk: LiveChunk) -> None:
+        """Record points of a scan, if recording is active."""
+        with self._lock:
+            if self._recorder is not None:
+                self._recorder.points(chunk)
+
+    def close(self) -> None:
+        """As `stop`."""
+        self.stop()
+
+    def _record(self) -> None:
+        pace, number = Pace(1 / _RATE), 0
+        try:
+            while not self._ending.is_set() and self._recorder is not None:
+                self._recorder.state(self._live.state)
+                frame = self._feed.frame
+                if frame is not None and frame.number != number and not frame.is_replayed:
+                    number = frame.number
+                    self._recorder.cameras(frame)
+                pace.wait()
+        except OutputError as error:
+            self._error = str(error)
+        finally:
+            with self._lock:
+                recorder, self._recorder = self._recorder, None
+                if recorder is not None:
+                    self._complete(recorder)
+
+    def _complete(self, recorder: SessionRecorder) -> None:
+        try:
+            recorder.close()
+        except OutputError as error:
+            self._error = self._error or str(error)
+
+
+class Opener(Protocol):
+    """Opens another view."""
+
+    def start_again(self) -> None:
+        """Open the cell anew, with the same part."""
+
+    def open_part(self, name: str, content: bytes, unit: str) -> None:
+        """Show the cell with the file of a part, by its name, content and unit."""
+
+    def open_run(self, name: str, content: bytes) -> None:
+        """Play back a run, by the name and content of a zip file of its folder."""
+
+
+class FilePanel:
+    """Opens another part or a run, records the session, and saves pictures."""
+
+    def __init__(
+        self, gui: Any, operator: OperatorCommands, opener: Opener, recording: SessionRecording, scans: Scans
+    ) -> None:
+        self._operator, self._opener, self._recording, self._scans = operator, opener, recording, scans
+        self._lost = gui.add_html("")
+        self._unit = gui.add_dropdown("unit of the mesh", _UNITS)
+        self._upload = gui.add_upload_button("Open a part (STL, OBJ, PLY, TOML)", mime_type=",".join(PART_FORMATS))
+        self._run = gui.add_upload_button("Open a run (zip of a run folder)", mime_type=".zip,application/zip")
+        self._record = gui.add_checkbox("Record (MCAP)", recording.is_on)
+        self._shown_record = Follower(self._record)
+        self._text = gui.add_html("")
+        picture = gui.add_button("Download a picture")
+        self._upload.on_upload(operator.operator_callback(self._open))
+        self._run.on_upload(operator.operator_callback(self._open_run))
+        self._record.on_update(operator.operator_callback(self._switch_recording))
+        picture.on_click(operator.callback(self._take_picture))
+        operator.add_inputs([self._unit, self._upload, self._run, self._record])
+
+    def show(self, state: LiveState) -> None:
+        """Show the state and the file of the recording, and what another part or run discards."""
+        lost = self._scans.unsaved and f"Another part or run discards {self._scans.unsaved}."
+        set_changed(self._lost, "content", small_html([f'<b style="color:{WARNING}">{lost}</b>' if lost else ""]))
+        recording = self._recording
+        self._shown_record.show(recording.is_on)
+        text = recording.error
+        if not text and recording.path is not None:
+            text = f"{'recording' if recording.is_on else 'recorded'}: {recording.path}"
+        set_changed(self._text, "content", small_html([escape(text)]))
+
+    def _switch_recording(self) -> None:
+        if self._recording.is_on:
+            self._recording.stop()
+        else:
+            self._start_recording()
+
+    def _start_recording(self) -> None:
+        try:
+            self._recording.start()
+        finally:
+            set_changed(self._record, "value", self._recording.is_on)
+
+    def _open_run(self) -> None:
+        file = self._run.value
+        self._opener.open_run(_checked_name(file), file.content)
+
+    def _open(self) -> None:
+        file = self._upload.value
+        name = _checked_name(file)
+        if Path(name).suffix.lower() not in PART_FORMATS:
+            raise DescriptionError(f"{name}: expected the file of a part, {', '.join(PART_FORMATS)}")
+        self._opener.open_part(name, file.content, self._unit.value)
+
+    def _take_picture(self) -> None:
+        self._operator.send_file("scancell.png", self._operator.picture())
+
+
+def _checked_name(file: Any) -> str:
+    name = PurePath(file.name).name
+    if not name.isprintable() or not 0 < len(name.encode()) <= _LONGEST_NAME:
+        shown = ascii(name if len(name) <= 60 else f"{name[:40]}...{name[-10:]}")
+        raise DescriptionError(f"{shown}: expected a file name of at most {_LONGEST_NAME} printable characters")
+    return name

@@ -8,12 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.browser.panels.operator_commands import OperatorCommands
-from scancell.browser.scene.scene import CellScene
-from scancell.browser.scene.viewpoints import VIEW_NAMES, ViewName, Viewpoint
+from scancell.browser.scene.scene import VIEW_NAMES, CellScene, ViewName, Viewpoint
 
 _FOLLOW = "follow"
 _RESIZED = 0.02  # relative change of the aspect ratio, from which a viewpoint is fitted again
 _STILL = 1e-3  # m: the user has not moved the camera
+
+_SWITCHES = {
+    "frames": "frames",
+    "collision meshes": "collision_meshes",
+    "field of view and laser": "field_of_view",
+    "target of the motion": "ghost",
+    "path of the sensor": "trace",
+    "nearest pair": "distances",
+    "presence and distance sensors": "devices",
+}
 
 
 class ViewPanel:
@@ -65,3 +74,17 @@ class ViewPanel:
         self._camera.position, self._camera.look_at = seen.position, seen.look_at
         self._camera.fov = seen.fov
         self._fitted = seen.position
+
+
+def add_view_options(gui: Any, scene: CellScene) -> None:
+    """Add a folder of switches to the panel."""
+    with gui.add_folder("Display", expand_by_default=False, order=100):
+        for label, option in _SWITCHES.items():
+            add_switch(gui, scene, label, option)
+        gui.add_button("Clear the path of the sensor").on_click(lambda _: scene.clear_trace())
+
+
+def add_switch(gui: Any, scene: CellScene, label: str, option: str) -> None:
+    """Add a checkbox for an option of a scene."""
+    box = gui.add_checkbox(label, getattr(scene.options, option))
+    box.on_update(lambda _: setattr(scene.options, option, box.value))

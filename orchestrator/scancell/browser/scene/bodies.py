@@ -9,20 +9,118 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.browser.scene.surfaces import DrawnMesh, Rgb, body_colour
+from scancell.config.material import Material
 from scancell.geometry import pose
-from scancell.geometry.mesh import Mesh
-from scancell.nominal.cell import NominalCell
+from scancell.geometry.mesh import Mesh, decimated
+from scancell.geometry.mesh_files import weld
+from scancell.live.state import LiveState
+from scancell.nominal.cell import Body, NominalCell
+from scancell.proximity.scene import ProximityScene
+from scancell.views.pictures import painted
 
 if TYPE_CHECKING:
     import viser
 
 Array = NDArray[np.float64]
 
+Vertices = NDArray[np.float32]
+Faces = NDArray[np.uint32]
+DrawnMesh = tuple[Vertices, Faces]
+Rgb = tuple[int, int, int]
+
+_MOST_FACES = 150_000  # of a body on the screen; more only take longer to load
+_CREASE = np.radians(32.0)  # edges at which the surface bends by more are drawn sharp
+_INSET = 0.3e-3  # m by which the scanned part is drawn smaller, or it would hide half of its cloud
+_METALS = ("rough_conductor", "grooved_conductor", "mirror")
+_PAINT, _METAL = np.array([1.0, 0.985, 0.95]), np.array([0.94, 0.97, 1.0])
+_DARKEST = 0.14  # displayed brightness; blacker surfaces would lose their shape
+
 _AXES = 0.08  # m, of frames
 _TRANSLUCENT = 0.45  # opacity of bodies, most of which hide their frames
 _WIRE, _FAINT = (220, 90, 0), 0.35  # colour and opacity of wire frames
 _STILL = 1e-6  # m and rad: smaller changes of a pose are not sent
+
+Poses = Mapping[str, Array]
+
+TARGET, PREVIEW, FORBIDDEN = (40, 115, 225), (240, 150, 20), (215, 35, 35)
+_OPACITY = 0.35
+_POSITION, _ANGLE = 0.1e-3, np.radians(0.01)  # m and rad: nearer to its target, a body has no ghost
+_ON_TABLE = 5e-3  # m and rad by which a part on the table may be off its nominal pose
+_LARGER = 1.004  # scale of the ghost: faces of both in one plane would flicker
+
+COLLIDING, NEAREST = (215, 35, 35), (245, 165, 30)
+_LINE = (200, 60, 0)
+_PERIOD = 0.1  # s of the cell between computations of the line
+_GUARDED_REACH = 1.0  # m
+_SLACK = 2e-3  # m by which the nearest points may be farther apart than the distance that is known
+
+
+def drawn_mesh(body: Body) -> DrawnMesh:
+    """Vertices (n, 3), m, and faces (m, 3) of a body, simplified where it is huge, with `split_at_creases`."""
+    mesh = decimated(body.mesh, _MOST_FACES)
+    return split_at_creases(inset(mesh, _INSET) if body.moves_with == "part" else mesh)
+
+
+def inset(mesh: Mesh, depth: float) -> Mesh:
+    """The mesh with its vertices moved inwards by `depth`, m, along the mean normals of their faces."""
+    first, number = weld(mesh.vertices)
+    normals = np.zeros((len(first), 3))
+    np.add.at(normals, number[mesh.faces], (mesh.areas[:, None] * mesh.normals)[:, None])
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    moved = mesh.vertices[first] - depth * normals / np.where(length > 0, length, 1.0)
+    return Mesh(moved[number], mesh.faces, mesh.source)
+
+
+def split_at_creases(mesh: Mesh, angle: float = _CREASE) -> DrawnMesh:
+    """Vertices (n, 3), m, and faces (m, 3), in their order, so that faces share a vertex only across smooth edges.
+
+    A renderer that takes the mean normal of the faces at each vertex then draws edges sharp where the normals of both
+    faces differ by more than `angle` (rad).
+    """
+    from scipy.sparse import coo_array  # noqa: PLC0415  (takes a while to import)
+    from scipy.sparse.csgraph import connected_components  # noqa: PLC0415
+
+    first, number = weld(mesh.vertices)
+    faces = number[mesh.faces].astype(np.int64)
+    corner = np.arange(3 * len(faces)).reshape(-1, 3)  # of a face: the vertices, were none shared
+    start, end = faces.ravel(), np.roll(faces, -1, 1).ravel()
+    from_corner, to_corner = corner.ravel(), np.roll(corner, -1, 1).ravel()
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    order = np.lexsort((high, low))
+    one, other = order[:-1], order[1:]
+    normals = mesh.normals
+    smooth = (low[one] == low[other]) & (high[one] == high[other])
+    smooth &= np.einsum("ni,ni->n", normals[one // 3], normals[other // 3]) >= np.cos(angle)
+    one, other = one[smooth], other[smooth]
+    at_low = np.where(start == low, from_corner, to_corner)
+    at_high = np.where(start == low, to_corner, from_corner)
+    rows, columns = np.concatenate([at_low[one], at_high[one]]), np.concatenate([at_low[other], at_high[other]])
+    joined = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(corner.size, corner.size))
+    count, vertex = connected_components(joined, directed=False)
+    source = np.zeros(count, np.int64)
+    source[vertex] = start
+    vertices = np.asarray(mesh.vertices[first][source], np.float32)
+    return vertices, np.asarray(vertex.reshape(-1, 3), np.uint32)
+
+
+def body_colour(body: Body, number: int) -> Rgb:
+    """Displayed colour of a body: parts, belts and obstacles by their material, the machine as in pictures."""
+    machine = ("base", "table", "table_base", "sensor", "gripper")
+    if body.name in machine or body.moves_with.startswith(("link[", "finger[")):
+        return as_rgb(painted(body, number).colour)
+    return material_colour(body.material)
+
+
+def material_colour(material: Material) -> Rgb:
+    """Displayed colour of a material: its reflectance as grey, metals colder than paint."""
+    tint = _METAL if material.model in _METALS else _PAINT
+    return as_rgb(tint * max(np.sqrt(material.reflectance), _DARKEST))
+
+
+def as_rgb(colour: NDArray[np.float64] | tuple[float, float, float]) -> Rgb:
+    """Values 0 to 255 of a displayed colour, 0 to 1."""
+    red, green, blue = (round(255 * float(share)) for share in colour)
+    return red, green, blue
 
 
 class MovedNodes:
@@ -140,3 +238,179 @@ class BodyNodes:
             ]
         for wire in self._wires:
             wire.visible = shown
+
+
+class Ghost:
+    """The ghost of the bodies on the arm and on the table; a body at its target has none.
+
+    Poses hold the table's platter, too, by which the part is carried.
+
+    Parameters
+    ----------
+    scene
+        Of viser.
+    cell
+        Bodies and frames.
+    drawn
+        Meshes by the names of the bodies.
+    root, colour
+        Name of the scene's node above the bodies, and their colour.
+    """
+
+    def __init__(
+        self,
+        scene: viser.SceneApi,
+        cell: NominalCell,
+        drawn: Mapping[str, DrawnMesh],
+        root: str = "/ghost",
+        colour: Rgb = TARGET,
+    ) -> None:
+        self._root, self._colour = root, colour
+        self._bodies = [body for body in cell.bodies if _moves(body)]
+        self._table_from_part = cell.table_from_part
+        flanges = [body.name for body in self._bodies if body.moves_with.startswith("link[")]
+        self._carrier = {"finger": flanges[-1] if flanges else "", "part": "table"}
+        self._nodes = MovedNodes({body.name: self._add(scene, body.name, drawn[body.name]) for body in self._bodies})
+
+    def _add(self, scene: viser.SceneApi, name: str, drawn: DrawnMesh) -> Any:
+        return scene.add_mesh_simple(
+            f"{self._root}/{name}",
+            *drawn,
+            color=self._colour,
+            opacity=_OPACITY,
+            scale=_LARGER,
+            cast_shadow=False,
+            receive_shadow=False,
+            visible=False,
+        )
+
+    @property
+    def shown(self) -> tuple[str, ...]:
+        """Names of the bodies whose ghosts are shown."""
+        return tuple(name for name, node in self._nodes.nodes.items() if node.visible)
+
+    def show(self, target_from_body: Poses, world_from_body: Poses) -> None:
+        """Put the ghosts of all bodies at poses (4, 4), where these differ from the bodies' own."""
+        if not self._bodies:
+            return
+        target = np.stack([self._target(body, target_from_body, world_from_body) for body in self._bodies])
+        true = np.stack([world_from_body[body.name] for body in self._bodies])
+        away = np.linalg.norm(target[:, :3, 3] - true[:, :3, 3], axis=1) > _POSITION
+        turned = np.linalg.norm(target[:, :3, :3] - true[:, :3, :3], axis=(1, 2)) / np.sqrt(2)  # 2 sin(angle / 2)
+        visible = away | (turned > 2 * np.sin(_ANGLE / 2))
+        for node, shown in zip(self._nodes.nodes.values(), visible.tolist(), strict=True):
+            node.visible = shown
+        if visible.any():
+            self._nodes.move(target)
+
+    def paint(self, colour: Rgb) -> None:
+        """Give all bodies another colour."""
+        if colour != self._colour:
+            self._colour = colour
+            for node in self._nodes.nodes.values():
+                node.color = colour
+
+    def hide(self) -> None:
+        """Show no ghost."""
+        for node in self._nodes.nodes.values():
+            node.visible = False
+
+    def _target(self, body: Body, target_from_body: Poses, world_from_body: Poses) -> Array:
+        """Target of a body; fingers and the part go on as they are held now, which no motion of the arm changes."""
+        kind = body.moves_with.partition("[")[0]
+        if kind not in self._carrier:
+            return target_from_body[body.name]
+        carrier = self._carrier[kind]
+        if carrier not in world_from_body:
+            return world_from_body[body.name]
+        carrier_from_body = pose.inverse(world_from_body[carrier]) @ world_from_body[body.name]
+        if kind == "part" and np.abs(carrier_from_body - self._table_from_part).max() > _ON_TABLE:
+            return world_from_body[body.name]
+        return np.asarray(target_from_body[carrier] @ carrier_from_body)
+
+
+def _moves(body: Body) -> bool:
+    """Whether a body has a ghost; the platter looks the same at all angles."""
+    carried = body.moves_with in ("sensor", "table", "part") or body.moves_with.startswith(("link[", "finger["))
+    return carried and body.name != "table"
+
+
+class PairView:
+    """Paints pairs of bodies, and draws the line between the nearest points of one.
+
+    It is the pair that the guard names, else the nearest one.
+
+    Parameters
+    ----------
+    scene
+        Of viser.
+    bodies
+        To be painted.
+    collision_meshes
+        By the names of the bodies, in their frames.
+    """
+
+    def __init__(self, scene: viser.SceneApi, bodies: BodyNodes, collision_meshes: Mapping[str, Mesh]) -> None:
+        self._bodies, self._meshes = bodies, collision_meshes
+        self._painted: dict[str, Rgb] = {}
+        self._pairs: dict[tuple[str, ...], ProximityScene] = {}
+        self._drawn: tuple[str, ...] = ()  # pair of the line
+        self._computed = -np.inf  # s
+        self._shown = True
+        self._line = scene.add_line_segments(
+            "/nearest/line", np.zeros((1, 2, 3)), _LINE, thickness=3.0, thickness_units="screen", visible=False
+        )
+        self._label = scene.add_label("/nearest/distance", "", visible=False, anchor="bottom-left")
+
+    def show(self, state: LiveState) -> None:
+        """Paint the pairs of a state, and draw the line."""
+        self._paint(dict.fromkeys(_pair(state)[0], NEAREST) | dict.fromkeys(state.colliding or (), COLLIDING))
+        names, reach = _pair(state)
+        if not names or state.colliding is not None or not self._shown:
+            self._hide()
+        elif names != self._drawn or abs(state.time - self._computed) >= _PERIOD:
+            self._drawn, self._computed = names, state.time
+            self._draw(np.stack([state.world_from_body[name] for name in names]), reach)
+
+    def clear(self) -> None:
+        """Show no pair, until the next state."""
+        self._paint({})
+        self._hide()
+
+    def show_distances(self, shown: bool) -> None:
+        """Show the line, from the next state on, or hide it."""
+        self._shown = shown
+        if not shown:
+            self._hide()
+
+    def _paint(self, wanted: dict[str, Rgb]) -> None:
+        if wanted == self._painted:
+            return
+        for body in self._painted.keys() | wanted.keys():
+            self._bodies.paint(body, wanted.get(body))
+        self._painted = wanted
+
+    def _draw(self, poses: Array, reach: float) -> None:
+        ends = self._scene_of(self._drawn).closest_points(poses[None], reach, threads=1)[1][0, 0]
+        found = bool(np.isfinite(ends).all())
+        self._line.visible = self._label.visible = found
+        if found:
+            self._line.points = ends[None]
+            self._label.text = f"{1e3 * np.linalg.norm(ends[1] - ends[0]):.1f} mm"
+            self._label.position = ends.mean(0)
+
+    def _scene_of(self, names: tuple[str, ...]) -> ProximityScene:
+        if names not in self._pairs:
+            self._pairs[names] = ProximityScene({name: self._meshes[name] for name in names}, [(names[0], names[1])])
+        return self._pairs[names]
+
+    def _hide(self) -> None:
+        self._drawn = ()
+        self._line.visible = self._label.visible = False
+
+
+def _pair(state: LiveState) -> tuple[tuple[str, ...], float]:
+    """Names of the two bodies to show, and a bound on their distance, m; no names if there are none."""
+    if (guarded := state.guarded_pair) is not None:
+        return guarded, _GUARDED_REACH
+    return ((), 0.0) if state.nearest is None else (state.nearest[:2], state.nearest[2] + _SLACK)

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 if TYPE_CHECKING:
     import viser
 
 Array = NDArray[np.float64]
+
 Image = NDArray[np.uint8]
 
 MOST_POINTS = 5_000_000
+
+_COLOUR = (20, 150, 90)
+_STEP = 3e-3  # m between points of the line
+_JUMP = 0.1  # m between two updates, above which the line is broken
+_PIECE, _PIECES = 50, 40  # points of a piece, which alone is sent again while it grows, and number of pieces
 
 
 class GrowingCloud:
@@ -59,3 +67,105 @@ class GrowingCloud:
         for chunk in self._chunks:
             chunk.remove()
         self._chunks, self.count = [], 0
+
+
+class Trace:
+    """Pieces of a line; the oldest piece is removed when there are too many.
+
+    Parameters
+    ----------
+    scene
+        Of viser.
+    """
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        self._scene, self._begun, self._visible = scene, 0, True
+        self._pieces: deque[Any] = deque()
+        self._points: list[Array] = []  # of the piece that grows
+
+    @property
+    def segments(self) -> Array:
+        """Ends of all segments (n, 2, 3) that are shown, world, m."""
+        return np.concatenate([np.zeros((0, 2, 3)), *(piece.points for piece in self._pieces)])
+
+    def add(self, point: ArrayLike) -> None:
+        """Append a point (3,), world, m."""
+        point = np.array(point, float)
+        step = np.linalg.norm(point - self._points[-1]) if self._points else 0.0
+        if self._points and step < _STEP:
+            return
+        if step > _JUMP:
+            self._points = []
+        self._points.append(point)
+        if len(self._points) == 1:
+            return
+        segments = np.stack([self._points[:-1], self._points[1:]], 1)
+        if len(self._points) == 2:
+            self._begin(segments)
+        else:
+            self._pieces[-1].points = segments
+        if len(self._points) > _PIECE:
+            self._points = [point]
+
+    def show(self, shown: bool) -> None:
+        """Show or hide the line; points are appended in both cases."""
+        self._visible = shown
+        for piece in self._pieces:
+            piece.visible = shown
+
+    def clear(self) -> None:
+        """Remove all points."""
+        while self._pieces:
+            self._pieces.popleft().remove()
+        self._points = []
+
+    def _begin(self, segments: Array) -> None:
+        self._begun += 1
+        name = f"/trace/{self._begun}"
+        self._pieces.append(
+            self._scene.add_line_segments(
+                name, segments, _COLOUR, thickness=2.0, thickness_units="screen", visible=self._visible
+            )
+        )
+        if len(self._pieces) > _PIECES:
+            self._pieces.popleft().remove()
+
+
+class SceneOptions:
+    """Switches of a scene; each may be set at any time from any thread.
+
+    Attributes
+    ----------
+    frames
+        Axes of all frames, with their names.
+    collision_meshes
+        The meshes of which the cell computes collisions and distances, as wire frames.
+    field_of_view
+        Outline of the sensor's measuring range, and the laser's sheet while the laser is on.
+    ghost
+        The arm and the table where the motion in force leads.
+    trace
+        Line along which the sensor's origin went.
+    distances
+        Line between the nearest bodies, with its length.
+    devices
+        Presence sensors, distance sensors and light curtains.
+    """
+
+    frames: bool = False
+    collision_meshes: bool = False
+    field_of_view: bool = True
+    ghost: bool = True
+    trace: bool = True
+    distances: bool = True
+    devices: bool = True
+    _changed: Callable[[], None]
+
+    def __init__(self, changed: Callable[[], None]) -> None:
+        object.__setattr__(self, "_changed", changed)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if not isinstance(getattr(SceneOptions, name, None), bool):
+            raise AttributeError(f"a scene has no option {name}")
+        object.__setattr__(self, name, bool(value))
+        self._changed()

@@ -11,8 +11,8 @@ from ipaddress import ip_address
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-from scancell.browser.panels.messages import show_message
-from scancell.config.choices import LOOPBACK
+from scancell.browser.panels.handles import show_message
+from scancell.config.description import LOOPBACK
 from scancell.errors import LinkError
 from scancell.extras import require
 

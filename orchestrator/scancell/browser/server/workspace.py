@@ -14,19 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.browser.panels.client_view import ClientView, Shared
-from scancell.browser.panels.file_panel import Opener
 from scancell.browser.panels.help import HelpPanel
 from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.browser.panels.plans import Plans
-from scancell.browser.panels.recording import SessionRecording
-from scancell.browser.panels.scan_playback import ScanPlayback
-from scancell.browser.panels.scans import Scans
+from scancell.browser.panels.scans import ScanPlayback, Scans
 from scancell.browser.panels.status import Status
-from scancell.browser.panels.view_options import add_view_options
-from scancell.browser.scene.live_cloud import LiveCloud
-from scancell.browser.scene.scene import CellScene
-from scancell.browser.server.operators import Operators
-from scancell.config.choices import Engine
+from scancell.browser.panels.teach_panel import Opener, SessionRecording
+from scancell.browser.panels.view_panel import add_view_options
+from scancell.browser.scene.scene import CellScene, LiveCloud
+from scancell.browser.server.gate import Operators
+from scancell.config.description import Engine
 from scancell.config.sensor import SensorDescription
 from scancell.errors import CommandError, PlanningError
 from scancell.exercises.attempt import Attempt
@@ -37,7 +34,7 @@ from scancell.live.cell import LiveCell
 from scancell.live.plan import LivePlan
 from scancell.nominal.cell import NominalCell
 from scancell.programs.live_program import LiveProgram
-from scancell.programs.taught_file import TaughtFile
+from scancell.programs.taught import TaughtFile
 from scancell.scanning.session import ScanSession
 from scancell.stopwatch import Pace
 

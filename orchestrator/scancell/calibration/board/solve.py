@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from scancell.calibration.board.problem import COUNT, ERRORS, NAMES, BoardProblem, BoardView, Rig, met
 from scancell.calibration.least_squares import NormalEquations, minimise, undetermined
-from scancell.calibration.left_out import LeftOut, left_out
+from scancell.calibration.measured_table import LeftOut, left_out
 from scancell.calibration.variance_components import Estimate, Moments, equations_at, estimate, normal_equations
 from scancell.errors import CalibrationError
 from scancell.geometry import pose

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.calibration.board.problem import BoardView
-from scancell.calibration.flange_poses import read_flange
 from scancell.calibration.measured_table import MeasuredTable
+from scancell.calibration.pose_files import read_flange
 from scancell.config.sensor import SensorDescription
 from scancell.errors import CalibrationError, DescriptionError, ImageError
 from scancell.files import require_file
-from scancell.geometry.pose_conventions import StatedPoses
+from scancell.geometry.orientation import StatedPoses
 from scancell.output.image_files import SUFFIXES
 from scancell.progress import Progress
 from scancell.scanning.world import make_sensor

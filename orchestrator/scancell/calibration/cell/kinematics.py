@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.cell.recording import later
-from scancell.geometry.chain import Chain
+from scancell.geometry.arm import Chain
 from scancell.geometry.tree import Joint, Tree, z_along
 
 Array = NDArray[np.float64]

@@ -2,25 +2,64 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.calibration.cell.kinematics import AxisReadings
-from scancell.calibration.cell.problem import Observations
-from scancell.calibration.flange_poses import flange_columns, has_flange, read_flange
+from scancell.calibration.cell.kinematics import AxisReadings, written_unit
+from scancell.calibration.cell.problem import (
+    REACH,
+    CalibrationProblem,
+    CalibrationResult,
+    Observations,
+    distances_to,
+    points_on_platter,
+)
+from scancell.calibration.cell.solve import Circles, SphereStart, circles_of, solve, sphere_start
 from scancell.calibration.measured_table import MeasuredTable, write_measured_table
-from scancell.calibration.pose_files import read_pose_file
-from scancell.errors import DescriptionError
-from scancell.geometry.pose_conventions import StatedPoses
+from scancell.calibration.pose_files import (
+    flange_columns,
+    has_flange,
+    read_flange,
+    read_pose_file,
+    refuse_misread,
+    refuse_wrong,
+)
+from scancell.config.cell import PartDescription
+from scancell.errors import CalibrationError, DescriptionError
+from scancell.geometry import pose
+from scancell.geometry.mesh import Mesh
+from scancell.geometry.orientation import StatedPoses
+from scancell.geometry.shapes import ShapeMesh, Sphere
+from scancell.nominal.cell import NominalCell
 
 Array = NDArray[np.float64]
 
 _DEFAULT_SIGMA_UM = 10.0
 _SAME = 1e-9  # deg: readings of one exposure must agree
 _MOST_NAMED = 3
+
+AGREED = 1e-3  # m: rms distance of a sphere's centres up to which they agree
+_MOST_NAMED_POSES = 5
+_MUCH_BETTER = 1 / 3  # of the distance of the centres, with which a mistake explains it
+_UNITS = {"m": 1e3, "um": 1e-3}
+_MOST_RADII = 2.5  # radius of circles of a sphere of another size, at most
+_LEAST_CIRCLES = 6
+_SHARES = (1.0, 1.01, 1.03, 1.1)  # radius of the sphere in terms of that of the largest circle but one
+_ABOUT = 0.05  # share
+_TINY = 0.05  # of the radius: smaller circles are chance
+_WRONG = 2e-3  # m: and ten times the median distance, from which a pose is wrong
+
+ABOVE_TABLE = 3e-3  # m: lower points may be the table's
+_SIGNIFICANT = 5.0  # standard deviations of a size
+_LEAST_SIZE_ERROR = 1e-6  # m
+_SHIFTED = 0.05e-3  # m: more than the chord error of the artefact's mesh
+_MIRRORED = np.radians(30.0)  # of half a turn about the sensor's z
+# Deviations from which a warning is given: several times the errors of an assembly.
+_IMPLAUSIBLE = {"mm": 10.0, "deg": 5.0, "ms": 50.0}
 
 
 def write_points(data: Observations, path: Path) -> None:
@@ -189,3 +228,198 @@ def _require_equal(
                 key=f"row {table.row_number(row)}",
                 expected="equal readings in all rows of an exposure",
             )
+
+
+def _distance(found: SphereStart | None) -> float:
+    """Median distance, m, of the centres of a sphere from the common one; infinite without one."""
+    return float("inf") if found is None else float(np.median(found.away))
+
+
+def wrong_sphere(problem: CalibrationProblem, radius: float, centre: Array) -> str:
+    """Size or unit of profiles of a sphere that makes the centres of its circles agree, as a sentence; else empty.
+
+    Parameters
+    ----------
+    radius, centre
+        Of the described sphere, the latter (3,) about where it is on the platter, m.
+    """
+    data, readings = problem.observations, problem.observations.readings
+
+    def misfit(circles: Circles) -> float:
+        return _distance(sphere_start(problem.kinematics, readings, circles, centre))
+
+    own = circles_of(data, radius)
+    # A few circles agree by chance.
+    limit = min(AGREED, _MUCH_BETTER * misfit(own)) if len(own) >= _LEAST_CIRCLES else AGREED
+    if not len(own) or own.radius.max() < _TINY * radius:
+        for unit, scale in _UNITS.items():
+            scaled = replace(data, points_in_sensor=scale * data.points_in_sensor)
+            if misfit(circles_of(scaled, radius)) < limit:
+                return f"in {unit} the points of the profiles fit the sphere: check their unit"
+    # The first set has all circles of a larger sphere, of which the second has the small ones only.
+    for circles in (circles_of(data, radius, _MOST_RADII), own):
+        if len(circles) < _LEAST_CIRCLES:
+            continue
+        top = float(np.sort(circles.radius)[-2])
+        least, size = min((misfit(circles.of_sphere(share * top)), share * top) for share in _SHARES)
+        if least < limit:
+            is_radius = abs(size / (2 * radius) - 1.0) < _ABOUT
+            return (
+                f"the profiles show circles up to {2e3 * top:.2f} mm across, whose centres agree for a diameter of"
+                f" about {2e3 * size:.1f} mm; the description says {2e3 * radius:.6g} mm: correct diameter_mm"
+                + (", which seems to hold the radius" if is_radius else "")
+            )
+    return ""
+
+
+def check_flange(measured: MeasuredPoints, problem: CalibrationProblem, radius: float, centre: Array) -> None:
+    """Raise `CalibrationError` if poses of the flange disagree with the circles in profiles of a sphere.
+
+    The message names what fits (the poses of other rows, another size of the sphere, another convention), or the
+    exposures that do not. `radius` and `centre` as in `wrong_sphere`.
+    """
+    readings, stated = measured.observations.readings, measured.flange
+    kinematics, circles = problem.kinematics, circles_of(problem.observations, radius)
+    start = sphere_start(kinematics, readings, circles, centre)
+    if start is None or stated is None:
+        return
+    own = _distance(start)
+
+    def misfit(flange: Array) -> float:
+        return _distance(sphere_start(kinematics, replace(readings, flange=flange), circles, centre))
+
+    if own > AGREED:
+        for rows in (1, -1):
+            fits = misfit(np.roll(stated.matrices(), rows, axis=0))
+            if fits < min(AGREED, _MUCH_BETTER * own):
+                raise CalibrationError(
+                    f"the flange poses do not belong to the profiles: the median distance of the sphere's centres is"
+                    f" {1e3 * own:.3g} mm; it is {1e3 * fits:.3g} mm with the poses shifted by"
+                    f" one exposure, so that each profile has the pose of the exposure"
+                    f" {'before' if rows > 0 else 'after'} it",
+                    file=measured.flange_path,
+                )
+        if wrong := wrong_sphere(problem, radius, centre):
+            raise CalibrationError(wrong, file=measured.flange_path)
+        refuse_misread(stated, misfit, "the profiles of the sphere", "its centres", measured.flange_path)
+        return
+    limit = max(_WRONG, 10.0 * own)
+    name = lambda i: f"exposure {measured.exposures[circles.frame[i]]:g}"  # noqa: E731
+    refuse_wrong(
+        start.away, limit, name, ("exposures", "centres of the sphere"), measured.flange_path, _MOST_NAMED_POSES
+    )
+
+
+def shift_of(nominal: NominalCell, described: PartDescription) -> Array:
+    """Shift (3,) of a part's own coordinates on the table beyond the described one, m; 0 for parts without shapes.
+
+    A part stands with its lowest point on the table and the middle of its bounding box on the axis.
+    """
+    if not isinstance(nominal.part, ShapeMesh):
+        return np.zeros(3)
+    return np.asarray(
+        nominal.table_from_part[:3, 3] - 1e-3 * np.array([described.x_mm, described.y_mm, described.z_mm])
+    )
+
+
+def shift_text(shift: Array) -> str:
+    """A sentence about a shift (3,), m; empty without one."""
+    if np.abs(shift).max() < _SHIFTED:
+        return ""
+    return (
+        "the artefact stands with its lowest shape on the table and the middle of its bounding box on the axis: its"
+        f" coordinates are shifted by ({_mm(shift)}) mm; describe what carries it, too, or move it by cell.part"
+    )
+
+
+def where_points_lie(problem: CalibrationProblem, part: Mesh) -> str:
+    """Sentence that states the distance of the points of a problem from the artefact at its nominal pose."""
+    data, artefact = problem.observations, problem.artefact
+    points = points_on_platter(data, problem.kinematics.poses(data.readings, problem.start))
+    high = points[:, 2] > ABOVE_TABLE
+    if not high.any():
+        return f"all {len(points)} points lie lower than {1e3 * ABOVE_TABLE:g} mm above the table"
+    away = distances_to(part, pose.transform_points(pose.inverse(artefact.platter_from_artefact), points[high]))
+    middle = np.median(points[high], axis=0)
+    return (
+        f"of {len(points)} points {(~high).sum()} lie lower than {1e3 * ABOVE_TABLE:g} mm above the table, and"
+        f" {int((away < REACH).sum())} of the others within {1e3 * REACH:g} mm of the artefact; the median distance of"
+        f" these others is {1e3 * float(np.median(away)):.1f} mm, their middle ({_mm(middle)}) mm on the table"
+    )
+
+
+def _mm(vector: Array) -> str:
+    return ", ".join(f"{1e3 * value + 0.0:.1f}" for value in vector)
+
+
+def wrong_sizes(problem: CalibrationProblem, part: Mesh) -> str:
+    """Spheres whose diameter is significantly not the described one, as a sentence; empty without any."""
+    if not isinstance(part, ShapeMesh) or problem.artefact.unknown_sizes:
+        return ""
+    spheres = [
+        i for i, one in enumerate(part.shapes.shapes) if one.role == "measured" and isinstance(one.shape, Sphere)
+    ]
+    if not spheres:
+        return ""
+    try:
+        found = solve(replace(problem, artefact=replace(problem.artefact, unknown_sizes=tuple(spheres))))
+    except CalibrationError:
+        return ""
+    limit = np.maximum(_SIGNIFICANT * found.size_standard_deviations, _LEAST_SIZE_ERROR)
+    wrong = [(i, size) for i, size, most in zip(spheres, found.sizes, limit, strict=True) if abs(size) > most]
+    if not wrong:
+        return ""
+    named = [f"'{part.shapes.shapes[i].name}' by {2e3 * size:+.3f} mm" for i, size in wrong]
+    more = [f"and {len(named) - _MOST_NAMED} more"] if len(named) > _MOST_NAMED else []
+    return (
+        f"the measured diameter differs from the described one, of {', '.join(named[:_MOST_NAMED] + more)}: correct"
+        " diameter_mm, give the sizes as unknown (`is_size_known`), or calibrate the sensor first"
+    )
+
+
+def mirrored(problem_of: Callable[[Observations], CalibrationProblem], measured: Observations) -> str:
+    """A question if the points determine the unknowns once their y has the other sign; else empty."""
+    flip = np.array([1.0, -1.0, 1.0])
+    direction = None if measured.direction is None else measured.direction * flip
+    turned = replace(measured, points_in_sensor=measured.points_in_sensor * flip, direction=direction)
+    agrees = "with the sign of y_mm changed the points agree with the artefact: is y mirrored?"
+    return agrees if _is_solved(problem_of, turned) else ""
+
+
+def opposite_table(problem_of: Callable[[Observations], CalibrationProblem], measured: Observations) -> str:
+    """A question if the points determine the unknowns once the table turns in the opposite direction; else empty."""
+    own = measured.readings
+    if not own.table.any():
+        return ""
+    sign = np.append(np.ones(own.q.shape[1]), -1.0)
+    turned = AxisReadings(own.axes * sign, own.rates * sign, own.accelerations * sign, own.flange)
+    agrees = (
+        "with the sign of table_deg changed the points agree with the artefact: is the angle of the table counted in"
+        " the opposite direction?"
+    )
+    return agrees if _is_solved(problem_of, replace(measured, readings=turned)) else ""
+
+
+def _is_solved(problem_of: Callable[[Observations], CalibrationProblem], measured: Observations) -> bool:
+    try:
+        solve(problem_of(measured))
+    except CalibrationError:
+        return False
+    return True
+
+
+def implausible(result: CalibrationResult) -> list[str]:
+    """Warnings of deviations that are larger than those of a cell that its description fits."""
+    found = []
+    for name, value in zip(result.names, result.values.tolist(), strict=True):
+        unit, scale = written_unit(name)
+        if abs(value / scale) < _IMPLAUSIBLE[unit]:
+            continue
+        is_mirrored = name == "tool.rz" and abs(abs(np.remainder(value, 2 * np.pi)) - np.pi) < _MIRRORED
+        question = (
+            "is y mirrored (the sign of y_mm), or the sensor mounted the other way round?"
+            if is_mirrored
+            else "does the description fit the cell, and are units, signs and order of the columns right?"
+        )
+        found.append(f"{name} = {value / scale:.4g} {unit} is implausibly large: {question}")
+    return found

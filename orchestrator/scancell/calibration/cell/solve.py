@@ -13,16 +13,46 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.calibration.cell.kinematics import LATENCY, UNIT, SensorPoses
-from scancell.calibration.cell.observability import determined_basis, require_determined
-from scancell.calibration.cell.problem import MOST_OBLIQUE, CalibrationProblem, CalibrationResult, points_on_platter
-from scancell.calibration.least_squares import NormalEquations, minimise
-from scancell.calibration.left_out import left_out
-from scancell.calibration.variance_components import Estimate, Moments, equal_shares, equations_at, estimate
+from scancell.calibration.cell.kinematics import LATENCY, TOOL, UNIT, AxisReadings, CellKinematics, SensorPoses
+from scancell.calibration.cell.problem import (
+    MOST_OBLIQUE,
+    CalibrationProblem,
+    CalibrationResult,
+    Direction,
+    Observations,
+    points_on_platter,
+)
+from scancell.calibration.least_squares import NormalEquations, minimise, undetermined, without
+from scancell.calibration.measured_table import left_out
+from scancell.calibration.variance_components import (
+    Estimate,
+    Moments,
+    equal_shares,
+    equations_at,
+    estimate,
+    normal_equations,
+)
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
 
 Array = NDArray[np.float64]
+
+_TRIALS = 200  # circles through three points of a profile
+_LEAST_CIRCLE_POINTS = 20  # on a circle
+_LEAST_CIRCLES = 4
+_NEAR = 30e-6  # m from a circle, at least; or five standard deviations of the points
+_LARGEST_CIRCLE = 1.01  # radius of a circle relative to that of the sphere
+_STEPS = 50
+_HOPELESS = 10e-3, 15  # m, steps: centres that are farther apart after so many do not come to agree
+_UNIT = 1e-3
+_DAMPING = 1e-4
+
+_SYMMETRY = 1e-9  # share of the largest information below which the artefact looks the same after a motion
+_LARGEST_CHANGE = 1.0  # share of the extent of the points
+_DOUBTFUL = 5.0  # times the stated sigma
+_LEAST_TURN = np.radians(10.0)  # of the sensor
+_LEAST_TABLE_TURN = np.radians(30.0)
+_LEAST_RATE = 1e-3  # rad/s
 
 _MOST_STEPS = 60
 _MOST_ASSIGNMENTS = 10
@@ -41,6 +71,280 @@ _ASSUMED = {
 }
 _SHARED = 7  # regressors of what the points of an exposure share
 _LEAST_POINTS = 5  # of an exposure, and per unknown
+
+
+@dataclass(frozen=True)
+class SphereStart:
+    """Deviations of the tool (SI), the centre (3,) of the sphere on the platter, m, and the exposures that agree.
+
+    `away` (n,) are the distances between the centres that the circles give and this one, m, and `rms` those of the
+    exposures that agree.
+    """
+
+    deviations: dict[str, float]
+    centre: Array
+    exposures: int
+    rms: float
+    away: Array
+
+
+def circle_in(points: Array, sigma: float, largest: float, rng: np.random.Generator) -> tuple[Array, float] | None:
+    """Centre (2,) and radius, m, of the circle in the plane on which most of points (n, 2) lie; None without one.
+
+    Circles through three random points are tried (RANSAC; Fischler & Bolles 1981), up to a radius `largest`, and the
+    best is fitted to its points by Kåsa's linear equations.
+    """
+    if len(points) < _LEAST_CIRCLE_POINTS:
+        return None
+    near = max(_NEAR, 5.0 * sigma)
+    three = points[rng.integers(len(points), size=(_TRIALS, 3))]
+    left = 2.0 * (three[:, 1:] - three[:, :1])
+    right = (three[:, 1:] ** 2).sum(-1) - (three[:, :1] ** 2).sum(-1)
+    determinant = left[:, 0, 0] * left[:, 1, 1] - left[:, 0, 1] * left[:, 1, 0]
+    usable = np.abs(determinant) > 1e-14
+    left, right, three = left[usable], right[usable], three[usable]
+    if not len(left):
+        return None
+    centres = np.linalg.solve(left, right[..., None])[..., 0]
+    radii = np.linalg.norm(three[:, 0] - centres, axis=1)
+    centres, radii = centres[radii < largest], radii[radii < largest]
+    if not len(radii):
+        return None
+    distance = np.abs(np.linalg.norm(points - centres[:, None], axis=2) - radii[:, None])
+    on_circle = distance[(distance < near).sum(1).argmax()] < near
+    if on_circle.sum() < _LEAST_CIRCLE_POINTS:
+        return None
+    chosen = points[on_circle]
+    middle = chosen.mean(0)
+    rows = np.column_stack([2.0 * (chosen - middle), np.ones(len(chosen))])
+    u, v, w = np.linalg.lstsq(rows, ((chosen - middle) ** 2).sum(1), rcond=None)[0]
+    return middle + np.array([u, v]), float(np.sqrt(max(w + u**2 + v**2, 0.0)))
+
+
+@dataclass(frozen=True)
+class Circles:
+    """Circles in the profiles of a sphere.
+
+    Attributes
+    ----------
+    frame
+        (n,) exposure of each.
+    centre
+        (n, 2) in the plane of the laser, m.
+    across
+        (n,) distance of the sphere's centre from that plane, m.
+    radius
+        (n,) of each, m.
+    """
+
+    frame: NDArray[np.intp]
+    centre: Array
+    across: Array
+    radius: Array
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    def of_sphere(self, radius: float) -> Circles:
+        """The same circles on a sphere of another radius, m."""
+        return replace(self, across=np.sqrt(np.maximum(radius**2 - self.radius**2, 0.0)))
+
+    def in_sensor(self, side: Array | float) -> Array:
+        """Centres (n, 3) of the sphere, on `side` 1 or -1 of the plane."""
+        return np.column_stack([side * self.across, self.centre])
+
+
+def circles_of(data: Observations, radius: float, largest: float = _LARGEST_CIRCLE, seed: int = 0) -> Circles:
+    """Circles in the profiles of a sphere of known radius, up to `largest` radii.
+
+    The plane of the laser cuts the sphere in a circle of radius r at a distance of ``sqrt(radius² - r²)`` from its
+    centre, on one side or the other.
+    """
+    rng = np.random.default_rng(seed)
+    frames, circles = [], []
+    for frame in np.unique(data.frame):
+        rows = data.frame == frame
+        points, sigma = data.points_in_sensor[rows][:, 1:], float(np.median(data.sigma[rows]))
+        found = circle_in(points, sigma, largest * radius, rng)
+        if found is not None:
+            frames.append(frame)
+            circles.append([*found[0], found[1]])
+    y, z, radii = np.array(circles).reshape(-1, 3).T
+    return Circles(np.array(frames, np.intp), np.column_stack([y, z]), np.zeros(len(radii)), radii).of_sphere(radius)
+
+
+def sphere_start(
+    kinematics: CellKinematics, readings: AxisReadings, circles: Circles, centre: Array
+) -> SphereStart | None:
+    """Deviations of the tool from the circles in profiles of a sphere; None with fewer than four.
+
+    The side of the sphere's centre is chosen anew in every step of the fit, by what agrees better. With flange poses,
+    the fit also starts from poses of the sensor that need no description of it: with the sphere's centre near the plane
+    of the laser, and on the same side of it in all profiles.
+
+    Parameters
+    ----------
+    readings
+        Of all exposures.
+    centre
+        (3,) about where the sphere is on the platter, m.
+    """
+    if len(circles) < _LEAST_CIRCLES:
+        return None
+    own = readings.rows(circles.frame)
+    found = _refined(kinematics, own, circles, dict.fromkeys(TOOL, 0.0), centre)
+    if readings.flange is not None:
+        starts = [_linear_start(kinematics, own, circles, is_one_sided) for is_one_sided in (False, True)]
+        others = [_refined(kinematics, own, circles, *start) for start in starts]
+        found = min(found, *others, key=lambda one: float(np.median(one.away)))
+    return found
+
+
+def _linear_start(
+    kinematics: CellKinematics, readings: AxisReadings, circles: Circles, is_one_sided: bool
+) -> tuple[dict[str, float], Array]:
+    """Deviations of the tool and centre of the sphere on the platter, without start values.
+
+    ``R_i (X p_i + x) + t_i = c`` is linear in the columns of the rotation X, in x and c. The column that multiplies the
+    unknown side is the cross product of the other two, by the solution before. At first it is left out, or, where the
+    centre `is_one_sided`, found with the others.
+    """
+    nominal = kinematics.flange_from_sensor
+    platter_from_flange = kinematics.poses(readings, {}).platter_from_sensor @ pose.inverse(nominal)
+    rotation, offset = platter_from_flange[:, :3, :3], platter_from_flange[:, :3, 3]
+    identity = np.broadcast_to(-np.eye(3), rotation.shape)
+    y, z = (rotation * circles.centre[:, i, None, None] for i in (0, 1))
+    design = np.concatenate([y, z, rotation, identity], -1)
+    across, weights = np.zeros_like(offset), np.ones(len(circles))
+    if is_one_sided:
+        x = rotation * circles.across[:, None, None]
+        whole = np.concatenate([x, design], -1).reshape(-1, 15)
+        across = x @ np.linalg.lstsq(whole, -offset.ravel(), rcond=None)[0][:3]
+    found, centre = np.eye(4), np.zeros(3)
+    for _ in range(_STEPS):
+        w = np.sqrt(weights)[:, None]
+        left, right = (w[..., None] * design).reshape(-1, 12), (-w * (offset + across)).ravel()
+        y_axis, z_axis, position, centre = np.linalg.lstsq(left, right, rcond=None)[0].reshape(4, 3)
+        u, _, vt = np.linalg.svd(np.column_stack([np.cross(y_axis, z_axis), y_axis, z_axis]))
+        axes = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+        found = pose.from_rotation(axes, position)
+        sensor_from_platter = pose.inverse(platter_from_flange @ found)
+        side = np.sign(pose.transform_each(sensor_from_platter, np.broadcast_to(centre, offset.shape))[:, 0])
+        across = rotation @ axes[:, 0] * (side * circles.across)[:, None]
+        away = pose.transform_each(platter_from_flange @ found, circles.in_sensor(side)) - centre
+        length = np.linalg.norm(away, axis=1)
+        weights = 1.0 / (1.0 + (length / (3.0 * max(float(np.median(length)), 1e-6))) ** 2)
+    deviation = pose.inverse(nominal) @ found
+    values = [*deviation[:3, 3], *pose.euler_xyz_from_rotation(deviation[:3, :3])]
+    return dict(zip(TOOL, map(float, values), strict=True)), centre
+
+
+def _refined(
+    kinematics: CellKinematics, readings: AxisReadings, circles: Circles, deviations: dict[str, float], centre: Array
+) -> SphereStart:
+    deviations = dict(deviations)
+    away = np.zeros((len(circles), 3))
+    for step in range(_STEPS):
+        poses = kinematics.poses(readings, deviations)
+        both = [pose.transform_each(poses.platter_from_sensor, circles.in_sensor(side)) for side in (1, -1)]
+        nearer = np.linalg.norm(both[0] - centre, axis=1) < np.linalg.norm(both[1] - centre, axis=1)
+        at = np.where(nearer[:, None], both[0], both[1])
+        away = at - centre
+        length = np.linalg.norm(away, axis=1)
+        scale = max(float(np.median(length)), 1e-6)
+        weights = 1.0 / (1.0 + (length / (3.0 * scale)) ** 2)
+        motion = [poses.deviations[name][:, :3] + np.cross(poses.deviations[name][:, 3:], at) for name in TOOL]
+        design = np.stack([*motion, *(np.broadcast_to(-axis, at.shape) for axis in np.eye(3))], -1) * _UNIT
+        information = np.einsum("n,nik,nil->kl", weights, design, design)
+        gradient = np.einsum("n,nik,ni->k", weights, design, away)
+        damped = information + _DAMPING * np.diag(np.diag(information))
+        x = -np.linalg.solve(damped, gradient)
+        for name, change in zip(TOOL, (_UNIT * x[:6]).tolist(), strict=True):
+            deviations[name] += change
+        centre = centre + _UNIT * x[6:]
+        if np.abs(x).max() < 1e-3 or (scale > _HOPELESS[0] and step > _HOPELESS[1]):
+            break
+    distance = np.linalg.norm(away, axis=1)
+    agree = distance < 5.0 * max(float(np.median(distance)), 1e-6)
+    rms = float(np.sqrt(np.mean(distance[agree] ** 2)))
+    return SphereStart(deviations, centre, int(agree.sum()), rms, distance)
+
+
+def determined_basis(moments: Moments, count: int) -> Array:
+    """Basis (unknowns, r) of all unknowns without motions of the artefact that change nothing (a sphere's rotations).
+
+    The first `count` unknowns, the deviations, are all in it.
+    """
+    unknowns = moments.design.shape[-1]
+    if unknowns == count:
+        return np.eye(unknowns)
+    design = moments.design[:, :, count:]
+    k = design.shape[1]
+    own = (design.swapaxes(1, 2) @ moments.second.sum(0)[:, :k, :k] @ design).sum(0)
+    values, vectors = np.linalg.eigh(own)
+    seen = vectors[:, values > _SYMMETRY * values[-1]]
+    basis = np.zeros((unknowns, count + seen.shape[1]))
+    basis[:count, :count] = np.eye(count)
+    basis[count:, count:] = seen
+    return basis
+
+
+def require_determined(problem: CalibrationProblem, moments: Moments, basis: Array, log_variances: Array) -> None:
+    """Raise `CalibrationError` where a direction is undetermined, with what is missing.
+
+    That is one without information, or along which the uncertainty moves the measured points by more than
+    `_LARGEST_CHANGE` of their extent: neither depends on frames, units or the number of points.
+    """
+    count, data = len(problem.free), problem.observations
+    information = normal_equations(moments.by_basis(basis), log_variances).information
+    points = points_on_platter(data, problem.kinematics.poses(data.readings, problem.start))
+    mean = np.zeros((len(data.readings), 6, 6))
+    np.add.at(mean, data.frame, _displacement(points))
+    motion = moments.design[:, :6, :count]
+    effect = np.einsum("nip,nij,njq->pq", motion, mean / len(points), motion)
+    extent = float(np.sqrt(points.var(0).sum()))
+    weak = [Direction(*one) for one in undetermined(without(information, count), effect, _LARGEST_CHANGE * extent)]
+    if weak:
+        named = "; ".join(one.text(problem.free) for one in weak)
+        scatter = float(np.exp(0.5 * log_variances[0]))
+        advice = _advice(problem)
+        if scatter > _DOUBTFUL:
+            advice = (
+                f"Their points scatter {scatter:.0f} times as much as their stated sigma: is the artefact the described"
+                " one, and near where the cell description puts it? Faces nearer to each other than the deviations"
+                " to be found are mistaken for one another"
+            )
+        raise CalibrationError(f"the exposures do not determine: {named}. {advice}")
+
+
+def _displacement(points: Array) -> Array:
+    """Squares of the displacements of points (m, 3) as quadratic forms (m, 6, 6) of a screw."""
+    turned = pose.skew(points)
+    jacobian = np.concatenate([np.broadcast_to(np.eye(3), turned.shape), -turned], -1)
+    return np.asarray(jacobian.swapaxes(1, 2) @ jacobian)
+
+
+def _advice(problem: CalibrationProblem) -> str:
+    """Measurements that the exposures lack."""
+    readings = problem.observations.readings
+    readings = readings.rows(np.unique(problem.observations.frame))
+    poses = problem.kinematics.poses(readings, problem.start).platter_from_sensor
+    turns = np.linalg.norm(pose.log_rotation(np.swapaxes(poses[:1, :3, :3], 1, 2) @ poses[:, :3, :3]), axis=1)
+    if turns.max() < _LEAST_TURN:
+        return (
+            f"The orientation of the sensor to the artefact differs by {np.degrees(turns.max()):.1f} deg at most: turn"
+            " the sensor about two axes, by 20 deg or more"
+        )
+    if LATENCY in problem.free and np.abs(readings.rates).max() < _LEAST_RATE:
+        return "Nothing moves: measure while the sensor passes the artefact in opposite directions"
+    if any(name.startswith(("table.", "platter.")) for name in problem.free):
+        if np.ptp(readings.table) < _LEAST_TABLE_TURN:
+            return "The table hardly turns: measure at three or more table angles, 90 deg apart or more"
+        return (
+            "Measure a sphere off the axis of the table, or an artefact with several spheres at different heights and"
+            " distances from the axis"
+        )
+    return "Free fewer deviations, or add exposures from other directions and distances"
 
 
 @dataclass(frozen=True)

@@ -10,20 +10,17 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.calibration.sensor import targets as sensor_targets
-from scancell.calibration.sensor.checkered import CheckeredBoard, start_from_corners
-from scancell.calibration.sensor.parameters import free_parameters
-from scancell.calibration.sensor.problem import Corners, SensorProblem, StripePeaks, TargetExposure
+from scancell.calibration.sensor.problem import Corners, SensorProblem, StripePeaks, TargetExposure, free_parameters
 from scancell.calibration.sensor.solve import SensorCalibration, solve
-from scancell.config.choices import SensorTarget
+from scancell.calibration.sensor.targets import CheckeredBoard, start_from_corners
+from scancell.config.description import SensorTarget, si_value
 from scancell.config.loading import as_built_sensor
 from scancell.config.sensor import SensorDescription, read_out
-from scancell.config.units import si_value
 from scancell.geometry import pose
 from scancell.geometry.shapes import ShapeGroup
 from scancell.nominal.cell import Body, Lamp
 from scancell.progress import NullProgress, Progress
-from scancell.scanning.exposures import build_scene
-from scancell.scanning.world import make_sensor
+from scancell.scanning.world import build_scene, make_sensor
 
 Array = NDArray[np.float64]
 

@@ -13,9 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.calibration.least_squares import NormalEquations, minimise, undetermined, without
-from scancell.calibration.sensor.equations import Block, Equations, Rows, State, normal_equations
-from scancell.calibration.sensor.parameters import RADIUS_OFFSET, SensorParameters
-from scancell.calibration.sensor.problem import SensorProblem
+from scancell.calibration.sensor.problem import (
+    RADIUS_OFFSET,
+    Block,
+    Equations,
+    Rows,
+    SensorParameters,
+    SensorProblem,
+    State,
+    normal_equations,
+)
 from scancell.config.sensor import SensorDescription
 from scancell.errors import CalibrationError
 from scancell.geometry import pose

@@ -3,36 +3,304 @@
 from __future__ import annotations
 
 import io
+import json
 import subprocess
 import tempfile
+import xml.etree.ElementTree as ET
 import zipfile
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from html import escape
 from pathlib import Path
+from string import Template
 from typing import IO, Any, Literal
 
 import fmpy
 
 from scancell.arguments import checked_fields
-from scancell.cell.fmu_package.bundle import (
-    Bundle,
-    dependencies_text,
-    license_files,
-    license_text,
-    read_bundle,
-    windows_dll,
-)
-from scancell.cell.fmu_package.pages import index_page
-from scancell.cell.fmu_package.reference import Reference, record_reference
-from scancell.cell.fmu_package.terminals import terminals_xml
+from scancell.cell.fmu_info import group_of, unit_of
+from scancell.cell.fmu_package.reference import FOLDER, INPUTS, OUTPUTS, Reference, record_reference
 from scancell.config.loading import assets_dir
 from scancell.errors import CellError
+
+_RUN_TIME = {
+    "GLIBC": "glibc (libc.so.6, libm.so.6)",
+    "GLIBCXX": "libstdc++.so.6",
+    "CXXABI": "libstdc++.so.6",
+    "GCC": "libgcc_s.so.1",
+}
+
+_TEMPLATE = Path(__file__).with_name("index.html")
+# Descriptions of the groups of variables, by the first part of their names; other groups have none.
+_GROUPS = {
+    "command": "Inputs: commands to the cell. All of them are discrete.",
+    "measured": "Measurements of encoders and drives, with their resolution, noise and latency.",
+    "truth": "True values of the simulated world, which a real cell does not know.",
+    "trigger": "The record of one exposure of the sensor: what was measured in its middle, and what was true.",
+    "controller": "State of the robot controller.",
+    "gripper": "The gripper.",
+    "conveyor": "The conveyor belts.",
+    "presence": "Presence sensors: whether something is in a sensitive volume.",
+    "distance": "Distance sensors: the length of a light ray.",
+    "collision": "Unintended contacts, and the smallest distance between bodies.",
+    "as_built": "Parameters: how the cell as built differs from its description. All zero: as described.",
+    "cell": "Parameters of the cell.",
+}
+_EVENTS = """<li>With event mode and early return, a step ends where the record of an exposure is ready; the clock
+<code>trigger.clock</code>, where this FMU describes it, ticks. With an intermediate update the outputs can be read at
+every cycle of the controller inside a step.</li>"""
+
+# The icon fills a square of 20 mm.
+_HALF_SIZE = "100"
+_SCALE_TO_MM = "0.1"
 
 FmiVersion = Literal[2, 3]
 _LINUX = {2: "linux64", 3: "x86_64-linux"}
 _WINDOWS = {2: "win64", 3: "x86_64-windows"}
 # Zip entries carry a fixed date, so that the same cell gives the same bytes.
 _EPOCH = (1980, 1, 1, 0, 0, 0)
+
+
+@dataclass(frozen=True)
+class Component:
+    """A bundled library, or code that is compiled in."""
+
+    file: str
+    source: str
+    license: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """Components, and the newest symbol version that they need of each run-time library."""
+
+    components: tuple[Component, ...]
+    needs: dict[str, str]
+    windows: bool  # whether a binary for Windows is among the components
+
+    @property
+    def machine(self) -> str:
+        """What loads the FMU."""
+        linux = f"64-bit x86 Linux with glibc {self.needs['GLIBC']} or later"
+        return f"{linux}, or 64-bit x86 Windows" if self.windows else linux
+
+    def dependencies(self) -> list[str]:
+        """System requirements, one per line."""
+        return [f"{_RUN_TIME[name]} with {name}_{version} or later" for name, version in sorted(self.needs.items())]
+
+
+def read_bundle(runtime: Path, binary: str = "RobotCell") -> Bundle:
+    """Read the lists that were written when the native part was built.
+
+    Parameters
+    ----------
+    runtime
+        Folder with the native part; `windows_dll` of it is optional.
+    binary
+        Whose components to list: the cell's with its libraries, or ``CellSequencer``.
+
+    Raises
+    ------
+    CellError
+        If a list is missing.
+    """
+    listing = _read(runtime / "bundle.json")
+    components = [Component(**entry) for entry in listing["components"]]
+    if binary != "RobotCell":
+        components = [replace(part, file=f"{binary}.so") for part in components if part.file == "RobotCell.so"]
+    dll = windows_dll(runtime, binary)
+    if dll is not None:
+        compiled_in = _read(dll.with_name("components.json"))[dll.name]
+        components += [Component(file=dll.name, **entry) for entry in compiled_in]
+    return Bundle(tuple(components), listing["needs"], dll is not None)
+
+
+def windows_dll(runtime: Path, binary: str) -> Path | None:
+    """The binary for Windows, which ``fmu/windows/build`` makes; None without it."""
+    dll = runtime / "windows" / f"{binary}.dll"
+    return dll if dll.is_file() else None
+
+
+def license_files(runtime: Path, bundle: Bundle) -> dict[str, bytes]:
+    """Licence texts of all components, by file name, in the order of the components."""
+    folders = {"so": runtime / "licenses", "dll": runtime / "windows" / "licenses"}
+    texts = {
+        part.text: folders["dll" if part.file.endswith(".dll") else "so"] / part.text for part in bundle.components
+    }
+    return {name: text.read_bytes() for name, text in texts.items()}
+
+
+def _read(file: Path) -> dict[str, Any]:
+    try:
+        listing: dict[str, Any] = json.loads(file.read_text())
+    except OSError as error:
+        raise CellError(f"cannot be read: {error.strerror}; run `make setup`", file=file) from error
+    return listing
+
+
+def license_text(bundle: Bundle) -> str:
+    """Entry point of the licence folder: which text applies to which file."""
+    lines = [
+        "Licences of everything in this FMU. Each line: file, where it comes from, licence, name of the text beside",
+        "this file. The FMU itself is scancell; the other libraries are bundled unchanged but for names and paths.",
+        "",
+    ]
+    lines += [f"{part.file}: {part.source}; {part.license}; {part.text}" for part in bundle.components]
+    return "\n".join([*lines, ""])
+
+
+def dependencies_text(bundle: Bundle) -> str:
+    """External dependencies of the FMU."""
+    lines = ["The binaries need a 64-bit x86 Linux that provides:", ""]
+    lines += [f"- {line}" for line in bundle.dependencies()]
+    if bundle.windows:
+        lines += ["", "or a 64-bit x86 Windows, of which they need KERNEL32.dll and msvcrt.dll."]
+    lines += ["", "Everything else lies beside the binary. The FMU opens no network connection."]
+    return "\n".join([*lines, ""])
+
+
+def index_page(description: Any, bundle: Bundle, reference: Reference) -> str:
+    """The page; it needs no network.
+
+    Parameters
+    ----------
+    description
+        Model description as FMPy reads it.
+    """
+    groups: dict[str, list[Any]] = {}
+    for variable in description.modelVariables:
+        groups.setdefault(group_of(variable.name), []).append(variable)
+    units = [
+        (escape(unit.name), escape(display.name), f"{display.factor:.10g}")
+        for unit in description.unitDefinitions
+        for display in unit.displayUnits
+    ]
+    messages = [(_code(category.name), escape(category.description)) for category in description.logCategories]
+    licenses = [
+        (_code(part.file), escape(part.source), escape(part.license), f'<a href="licenses/{text}">{text}</a>')
+        for part in bundle.components
+        for text in [escape(part.text)]
+    ]
+    return Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
+        name=escape(description.modelName),
+        description=escape(description.description),
+        facts=_facts(description, bundle),
+        events="" if description.fmiVersion.startswith("2") else _EVENTS,
+        dependencies="; ".join(map(escape, bundle.dependencies())),
+        inputs=f"{FOLDER}/{INPUTS}",
+        outputs=f"{FOLDER}/{OUTPUTS}",
+        step_ms=f"{reference.step_s * 1e3:g}",
+        rows=len(reference.outputs),
+        columns=len(reference.output_names),
+        links=" ".join(f'<a href="#{escape(name)}">{escape(name)}</a>' for name in groups),
+        variables="\n".join(_group(name, variables, description) for name, variables in groups.items()),
+        units=_table(["unit", "shown in", "factor"], units),
+        messages=_table(["category", "meaning"], messages),
+        licenses=_table(["file", "from", "licence", "text"], licenses),
+    )
+
+
+def _table(heads: Iterable[str], rows: Iterable[Iterable[str]], kind: str = "") -> str:
+    """`rows` hold HTML."""
+    cells = "".join(f"<th>{escape(text)}</th>" for text in heads)
+    head = f"<thead><tr>{cells}</tr></thead>" if cells else ""
+    lines = "\n".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rows)
+    return f'<table class="{kind}">{head}<tbody>\n{lines}\n</tbody></table>'
+
+
+def _code(text: str) -> str:
+    return f"<code>{escape(text)}</code>"
+
+
+def _facts(description: Any, bundle: Bundle) -> str:
+    step = float(description.defaultExperiment.stepSize)
+    rows = [
+        ("FMI version", f"{description.fmiVersion}, Co-Simulation"),
+        ("made by", description.generationTool),
+        ("token", description.guid),
+        ("licence", f"{description.license}; of bundled components: see the end"),
+        ("machine", bundle.machine),
+        ("variables", str(len(description.modelVariables))),
+        ("communication step", f"any; {step * 1e3:g} ms by default, the cycle of the controller"),
+    ]
+    return _table([], ((escape(a), escape(b)) for a, b in rows))
+
+
+def _group(name: str, variables: list[Any], description: Any) -> str:
+    depends = {u.variable.name: [d.name for d in u.dependencies or ()] for u in description.initialUnknowns or ()}
+    rows = []
+    for variable in variables:
+        unit, display = unit_of(variable)
+        bounds = f"{variable.min} … {variable.max}" if variable.min is not None else ""
+        size = "".join(f"[{dimension.start}]" for dimension in variable.dimensions)
+        on = depends.get(variable.name, [])
+        rows.append(
+            [
+                _code(variable.name),
+                escape(f"{variable.type}{size}"),
+                escape(f"{variable.variability or ''} {variable.causality}"),
+                escape(unit) + (f" ({escape(display)})" if display else ""),
+                escape(variable.start or ""),
+                escape(bounds),
+                escape(variable.description or "")
+                + (f"<br><small>at first depends on {escape(_short(on))}</small>" if on else ""),
+            ]
+        )
+    heads = ["name", "type", "kind", "unit (shown in)", "start", "range", "meaning"]
+    title = f'<h3 id="{escape(name)}">{escape(name)}</h3><p>{escape(_GROUPS.get(name, ""))}</p>'
+    return title + _table(heads, rows, "variables")
+
+
+def _short(names: list[str], most: int = 6) -> str:
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+@dataclass
+class _Terminal:
+    """Members by their last name; a name may be that of a member and of a terminal inside."""
+
+    members: dict[str, str] = field(default_factory=dict)
+    inside: dict[str, _Terminal] = field(default_factory=dict)
+
+    def add(self, path: list[str], name: str) -> None:
+        if len(path) == 1:
+            self.members[path[0]] = name
+        else:
+            self.inside.setdefault(path[0], _Terminal()).add(path[1:], name)
+
+    def write(self, parent: ET.Element) -> None:
+        """Members first, as the schema requires."""
+        for member, name in self.members.items():
+            attributes = {"variableName": name, "memberName": member, "variableKind": "signal"}
+            ET.SubElement(parent, "TerminalMemberVariable", attributes)
+        for name, terminal in self.inside.items():
+            terminal.write(ET.SubElement(parent, "Terminal", {"name": name, "matchingRule": "plug"}))
+
+
+def terminals_xml(variables: Iterable[Any]) -> bytes:
+    """`terminalsAndIcons.xml` of FMI 3.
+
+    The structured names give the tree: ``command.trigger.mode`` is the member ``mode`` of the terminal ``trigger``
+    in the terminal ``command``.
+
+    Parameters
+    ----------
+    variables
+        As FMPy reads them; those that are neither inputs nor outputs are left out.
+    """
+    root = ET.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
+    graphics = ET.SubElement(root, "GraphicalRepresentation")
+    corners = {"x1": f"-{_HALF_SIZE}", "y1": f"-{_HALF_SIZE}", "x2": _HALF_SIZE, "y2": _HALF_SIZE}
+    ET.SubElement(graphics, "CoordinateSystem", {**corners, "suggestedScalingFactorTo_mm": _SCALE_TO_MM})
+    ET.SubElement(graphics, "Icon", corners)
+    all_of_them = _Terminal()
+    for variable in variables:
+        if variable.causality in ("input", "output"):
+            all_of_them.add(variable.name.split("."), variable.name)
+    all_of_them.write(ET.SubElement(root, "Terminals"))
+    ET.indent(root)
+    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root) + b"\n"
 
 
 @checked_fields

@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike
 
 from scancell.errors import FitError
 from scancell.geometry.fits import starts
-from scancell.geometry.fits.adjustment import least_squares, minimum_zone
-from scancell.geometry.fits.elements import Array, Circle, CircleInPlane, Element
+from scancell.geometry.fits.elements import Array, Circle, CircleInPlane, Element, least_squares, minimum_zone
 
 Criterion = Literal["least squares", "minimum zone"]
 E = TypeVar("E", bound=Element)

@@ -6,8 +6,17 @@ from typing import TypeVar
 
 import numpy as np
 
-from scancell.geometry.fits.adjustment import least_squares
-from scancell.geometry.fits.elements import Array, Circle, Cone, Cylinder, Line, Plane, Sphere, frame_about
+from scancell.geometry.fits.elements import (
+    Array,
+    Circle,
+    Cone,
+    Cylinder,
+    Line,
+    Plane,
+    Sphere,
+    frame_about,
+    least_squares,
+)
 
 _MOST_POINTS = 500  # used to choose a start
 _DIRECTIONS = 60  # tried for cylinders and cones, spread over the half sphere

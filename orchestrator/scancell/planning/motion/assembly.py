@@ -7,13 +7,12 @@ from numpy.typing import NDArray
 
 from scancell.cell.program import BeltRun, Program, Segment, TriggerRule
 from scancell.errors import PlanningError
-from scancell.planning.model import PlanningCell, with_table
+from scancell.planning.model import PlanningCell, WorkLimitError, with_table
 from scancell.planning.motion import trajectory
 from scancell.planning.motion.connection import Connector
 from scancell.planning.options import ScanOptions
 from scancell.planning.path_map.path_planner import PlacedPath
 from scancell.planning.views.placement import Placed, PlacedPass, PlacedPose, PlacedSweep, sweep_run
-from scancell.planning.work import WorkLimitError
 
 Array = NDArray[np.float64]
 Parts = tuple[Program, NDArray[np.int64], Array]

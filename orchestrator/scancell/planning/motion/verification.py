@@ -8,13 +8,11 @@ import numpy as np
 
 from scancell.errors import PlanningError
 from scancell.nominal.cell import OCCUPIED
-from scancell.planning.model import PlanningCell
+from scancell.planning.model import CONFIGURATION, PlanningCell, describe
 from scancell.planning.motion import trajectory
 from scancell.planning.motion.timing import axis_name
 from scancell.planning.options import ScanOptions
 from scancell.planning.plan import Plan
-from scancell.planning.reasons import describe
-from scancell.planning.work import CONFIGURATION
 from scancell.proximity.judge import Judge
 from scancell.proximity.scene import arm_chain
 

@@ -14,10 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scancell.geometry import pose
-from scancell.planning.model import PlanningCell
+from scancell.planning.model import CELL, QUERY, PlanningCell, out_of_reach
 from scancell.planning.path_map import constraints
-from scancell.planning.reasons import out_of_reach
-from scancell.planning.work import CELL, QUERY
 from scancell.proximity.scene import Clash, ProximityScene
 
 Array = NDArray[np.float64]

@@ -9,22 +9,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.config.path import QualityDescription
-from scancell.config.units import si_value
+from scancell.config.description import si_value
+from scancell.config.scan import QualityDescription
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
-from scancell.planning.model import PlanningCell
+from scancell.planning.model import PATH_POSE, PlanningCell, describe
 from scancell.planning.motion import trajectory
 from scancell.planning.motion.timing import slowdown
 from scancell.planning.options import by_pair
 from scancell.planning.path_map import constraints
-from scancell.planning.path_map.blocked import why_blocked
 from scancell.planning.path_map.configuration_map import ConfigurationMap, QualityFactor, StaticConstraints
-from scancell.planning.path_map.ray_shooting import shoot
+from scancell.planning.path_map.ray_shooting import shoot, why_blocked
 from scancell.planning.path_map.table_motion import CostWeights, Lattice, TableMotion
-from scancell.planning.reasons import describe
 from scancell.planning.views.placement import LIMIT_FRACTION, PATH_ACCELERATION
-from scancell.planning.work import PATH_POSE
 from scancell.values import Value
 
 if TYPE_CHECKING:

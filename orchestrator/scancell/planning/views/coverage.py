@@ -15,27 +15,54 @@ chosen so far adds no more than the sum of what each would add alone (Leskovec e
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.config.sensor import SensorDescription
 from scancell.errors import PlanningError
-from scancell.planning.model import PlanningCell
+from scancell.geometry import pose
+from scancell.nominal.cell import NominalCell
+from scancell.planning.model import SIGHT, PlanningCell, Work, WorkLimitError
 from scancell.planning.motion import trajectory
 from scancell.planning.motion.connection import Connector
 from scancell.planning.options import CoverageOptions, ScanOptions
-from scancell.planning.views.legs import legs
 from scancell.planning.views.paths import sweeps, sweeps_beside_axis
 from scancell.planning.views.placement import PATH_ACCELERATION, Infeasible, Placed, Placer, sweep_run
-from scancell.planning.views.sight import GRAZING, OCCLUDED, OUT_OF_RANGE, SEEN, Judgements, Sight
-from scancell.planning.views.views import Pass, Surface, Sweep, exposure_counts
-from scancell.planning.work import WorkLimitError
+from scancell.planning.views.views import Pass, Surface, Sweep, View, exposure_counts
 from scancell.values import Value
+from scancell.visibility.measurable import MeasurableSurface, measurable_surface
+from scancell.visibility.surface_search import (
+    ANGLE_STEP,
+    INCIDENCE_LIMIT,
+    SensorField,
+    SensorOptics,
+    SurfaceSearch,
+    Tracer,
+    orientations,
+)
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
+
+Judgements = NDArray[np.int8]
+
+# Why a view does not measure a sample, in the order of the checks.
+OUT_OF_RANGE, GRAZING, OCCLUDED, SEEN = range(4)
+
+_MOST_SAMPLES = 6000  # of the measurable surface
+_LIFT = 2e-5  # m by which rays start above the surface
+_MIN_COSINE = float(np.cos(INCIDENCE_LIMIT))
+
+_TRIED = 1500  # poses of the sensor that are tried for each target
+_HALF_LENGTH = 0.15  # m: longest leg to either side of its target
+_GAP = 0.008  # m along a leg without unseen surface that ends it
+_LEG_MARGIN = 1.5e-3  # m
+_RANGES = (0.1, 0.35, 0.6)  # of the depth of field: where in the range targets are put
 
 _ELEVATIONS = tuple(np.radians((0.0, 15.0, 30.0, 45.0, 60.0, 75.0)))
 _TARGETS, _LEGS_EACH = 60, 8
@@ -46,6 +73,181 @@ _MOST_REFUSED = 60  # infeasible candidates in a row after which the others of a
 _TRANSIT = 0.8  # s, about the time from one view to the next
 _SEED = 0
 CHOICE_SHARE = 0.7  # of the limit of work, after which no further views are chosen
+
+
+class Sight:
+    """Determines which samples of the measurable surface of a part views measure.
+
+    Occluders are the part and all bodies that rest on the table; what stands beside the table, the arm and the housing
+    of the sensor are not, as in the geometric engine the housing is not.
+
+    Parameters
+    ----------
+    nominal
+        Cell with the part.
+    sensor
+        Its sensor.
+    measurable
+        Finds the measurable surface; asked for once.
+    threads
+        0: all cores. Results do not depend on it.
+    work
+        Counts the judgements.
+    most_samples
+        Number of measurable samples that are judged at most.
+    """
+
+    def __init__(
+        self,
+        nominal: NominalCell,
+        sensor: SensorDescription,
+        measurable: Callable[[NominalCell, SensorDescription], MeasurableSurface] = measurable_surface,
+        threads: int = 0,
+        work: Work | None = None,
+        most_samples: int = _MOST_SAMPLES,
+    ) -> None:
+        self._most_samples = most_samples
+        self._nominal, self._description, self._measurable = nominal, sensor, measurable
+        self._threads, self._work = threads, work or Work()
+
+    @cached_property
+    def surface(self) -> MeasurableSurface:
+        """The measurable surface."""
+        return self._measurable(self._nominal, self._description)
+
+    @cached_property
+    def search(self) -> SurfaceSearch:
+        """Search for poses that measure samples of the surface."""
+        field = SensorField.of(self._description)
+        return SurfaceSearch(self._nominal, field, len(self.surface.samples), self._threads)
+
+    @cached_property
+    def rows(self) -> Indices:
+        """(n,) those of the samples of the surface that are judged: measurable ones, evenly chosen."""
+        measurable = np.flatnonzero(self.surface.measurable)
+        return measurable[:: max(1, -(-len(measurable) // self._most_samples))]
+
+    @cached_property
+    def points(self) -> Array:
+        """(n, 3) judged samples in the frame of the table at angle 0, m, of equal area each."""
+        return pose.transform_points(self._nominal.table_from_part, self.search.samples[self.rows])
+
+    @cached_property
+    def normals(self) -> Array:
+        """(n, 3) their unit normals; of a mesh that is not closed either side counts."""
+        return np.asarray(self.search.normals[self.rows] @ self._nominal.table_from_part[:3, :3].T)
+
+    @cached_property
+    def optics(self) -> SensorOptics:
+        """Optics of the sensor."""
+        return SensorOptics.of(self._description)
+
+    @cached_property
+    def _tracer(self) -> Tracer:
+        return Tracer(self.search.obstacles, self._threads)
+
+    def judge(self, view: View) -> Judgements:
+        """(n,) result of each sample in the view: `SEEN`, or the last check that it passes at no crossing."""
+        best = np.full(len(self.points), OUT_OF_RANGE, np.int8)
+        for table_from_sensor in view.crossings(self.points):
+            rows = np.flatnonzero(np.isfinite(table_from_sensor[:, 0, 3]) & (best < SEEN))
+            best[rows] = np.maximum(best[rows], self.judge_at(table_from_sensor[rows], rows))
+        return best
+
+    def judge_at(self, table_from_sensor: Array, rows: Indices) -> Judgements:
+        """(k,) the same for the samples `rows` (k,), each from a pose (k, 4, 4) with the sample in the laser sheet."""
+        self._work.spend(SIGHT * len(rows))
+        points, normals = self.points[rows], self.normals[rows]
+        result = np.full(len(rows), OUT_OF_RANGE, np.int8)
+        in_view = self.optics.contains(pose.transform_each(pose.inverse(table_from_sensor), points))
+        optics = np.concatenate([[[0.0, 0.0, self.optics.source_z]], self.optics.cameras])
+        ends = np.einsum("nij,kj->nki", table_from_sensor[:, :3, :3], optics) + table_from_sensor[:, None, :3, 3]
+        rays = ends - points[:, None]
+        if not self._nominal.part.is_closed:
+            normals = np.where((rays[:, 0] * normals).sum(-1, keepdims=True) < 0, -normals, normals)
+        cosine = np.einsum("nki,ni->nk", rays, normals) / np.linalg.norm(rays, axis=-1)
+        facing = in_view & (cosine[:, :1] > _MIN_COSINE) & (cosine[:, 1:] > _MIN_COSINE)
+        result[in_view.any(1)] = GRAZING
+        result[facing.any(1)] = OCCLUDED
+        lit = np.flatnonzero(facing.any(1))
+        lifted = points + _LIFT * normals
+        lit = lit[~self._tracer.blocked(lifted[lit], ends[lit, 0])]
+        for camera in range(facing.shape[1]):
+            asked = lit[facing[lit, camera] & (result[lit] < SEEN)]
+            result[asked[~self._tracer.blocked(lifted[asked], ends[asked, 1 + camera])]] = SEEN
+        return result
+
+
+@dataclass(frozen=True)
+class Leg:
+    """A pass, and its result for each sample of the `Sight` (n,)."""
+
+    view: Pass
+    judged: Judgements
+
+
+def legs(sight: Sight, wanted: Indices, targets: int, legs_each: int, rng: np.random.Generator) -> list[Leg]:
+    """Passes over samples `wanted`, from poses that see randomly drawn targets among them.
+
+    The poses are drawn at random from the orientations of the grid of the measurable surface, in steps of 15 degrees;
+    for targets that none of them sees, the grid is searched. A pass extends to both sides of its target as long as it
+    sees wanted samples.
+
+    Parameters
+    ----------
+    targets
+        Number of samples that are drawn.
+    legs_each
+        Largest number of passes for each.
+    rng
+        Random numbers.
+    """
+    poses, hard = [], []
+    for target in rng.choice(wanted, min(targets, len(wanted)), replace=False):
+        tried = _poses_above(sight, target, rng)
+        good = np.flatnonzero(sight.judge_at(tried, np.full(len(tried), target)) == SEEN)
+        poses.append(tried[rng.choice(good, min(legs_each, len(good)), replace=False)])
+        if not len(good):
+            hard.append(target)
+    poses.append(sight.search.poses(sight.rows[hard], legs_each)[1])
+    made = (_leg(sight, at, wanted) for at in np.concatenate(poses))
+    return [leg for leg in made if leg is not None]
+
+
+def _poses_above(sight: Sight, target: int, rng: np.random.Generator) -> Array:
+    """Random poses (k, 4, 4), k <= `_TRIED`, that have the target on the sensor's Z axis, above the table."""
+    grid = orientations()
+    turns = pose.rotation_about(2, ANGLE_STEP * rng.integers(round(2 * np.pi / ANGLE_STEP), size=_TRIED))
+    rotation = turns @ grid[rng.integers(len(grid), size=_TRIED)]
+    near, far = sight.optics.sensor.range
+    distance = near + rng.choice(_RANGES, _TRIED) * (far - near)
+    origin = sight.points[target] - distance[:, None] * rotation[:, :, 2]
+    return np.asarray(pose.from_rotation(rotation, origin)[origin[:, 2] > 0])
+
+
+def _leg(sight: Sight, at: Array, wanted: Indices) -> Leg | None:
+    """The pass through a pose (4, 4) as long as it sees wanted samples."""
+    reach = _pass(at, -_HALF_LENGTH, _HALF_LENGTH)
+    judged = sight.judge(reach)
+    along = (sight.points - at[:3, 3]) @ at[:3, 0]
+    useful = np.sort(along[wanted[judged[wanted] == SEEN]])
+    if not len(useful):
+        return None
+    # The target itself lies at 0; the run of neighbours without a large gap around it.
+    gaps = np.flatnonzero(np.diff(useful) > _GAP)
+    low = useful[gaps[useful[gaps + 1] <= 0] + 1].max(initial=useful[0])
+    high = useful[gaps[useful[gaps] >= 0]].min(initial=useful[-1])
+    low, high = float(low) - _LEG_MARGIN, float(high) + _LEG_MARGIN
+    return Leg(_pass(at, low, high), np.where((along >= low) & (along <= high), judged, 0).astype(np.int8))
+
+
+def _pass(at: Array, low: float, high: float) -> Pass:
+    ends = [at @ pose.translation((x, 0.0, 0.0)) for x in (low, high)]
+    x, y, z = 1e3 * (ends[0][:3, 3] + ends[1][:3, 3]) / 2
+    elevation = float(np.degrees(np.arcsin(-at[2, 2].clip(-1, 1))))
+    return Pass(
+        f"leg at {elevation:.0f} deg, {1e3 * (high - low):.0f} mm, sensor at ({x:.0f}, {y:.0f}, {z:.0f}) mm", *ends
+    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)

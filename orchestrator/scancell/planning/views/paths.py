@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 
 from scancell.errors import PlanningError
 from scancell.geometry import pose
-from scancell.planning.model import SensorRange
+from scancell.planning.model import SensorRange, Work
 from scancell.planning.options import RasterOptions, SweepOptions
 from scancell.planning.views.views import MIN_COSINE, Pass, Surface, Sweep, crossing_angles, seen_by, sweep_pose
-from scancell.planning.work import Work
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

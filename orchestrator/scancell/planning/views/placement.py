@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.geometry import pose
-from scancell.planning.model import PlanningCell, with_table
+from scancell.planning.model import PlanningCell, describe, out_of_reach, with_table
 from scancell.planning.motion import trajectory
 from scancell.planning.motion.timing import slowdown
 from scancell.planning.path_map import constraints
-from scancell.planning.reasons import describe, out_of_reach
 from scancell.planning.views.views import Pass, Sweep
 from scancell.proximity.motion_check import MotionClash
 

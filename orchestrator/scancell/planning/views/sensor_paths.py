@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from scancell.config.description import PoseDescription
-from scancell.config.path import (
+from scancell.config.description import PoseDescription, si_value
+from scancell.config.scan import (
     ContourDescription,
     PathDescription,
     QualityDescription,
@@ -24,12 +24,11 @@ from scancell.config.path import (
     WeightsDescription,
 )
 from scancell.config.sensor import USUAL_STANDOFF_MM
-from scancell.config.units import si_value
 from scancell.errors import DescriptionError, PlanningError
 from scancell.files import require_file
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
-from scancell.nominal.poses import pose_matrix
+from scancell.nominal.gripper import pose_matrix
 from scancell.planning.options import Spacing
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ import numpy as np
 from scancell.errors import DescriptionError, MeshError
 from scancell.files import require_file
 from scancell.reconstruction.cloud import Cloud
-from scancell.reconstruction.cloud_files.record import MM, RECORD, UNITS, record_of, require_bounded
+from scancell.reconstruction.cloud_files.laz import MM, RECORD, UNITS, record_of, require_bounded
 
 _PCD_TYPES = {"f": "F", "i": "I", "u": "U"}
 _PCD_NAMES = {"nx": "normal_x", "ny": "normal_y", "nz": "normal_z"}

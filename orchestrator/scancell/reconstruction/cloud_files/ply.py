@@ -9,7 +9,7 @@ import numpy as np
 from scancell.errors import MeshError
 from scancell.files import atomic_write
 from scancell.reconstruction.cloud import Cloud
-from scancell.reconstruction.cloud_files.record import (
+from scancell.reconstruction.cloud_files.laz import (
     RECORD,
     UNITS,
     WITHOUT_SATURATED,

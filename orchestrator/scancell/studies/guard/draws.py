@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.config.units import si_value, to_si
-from scancell.guard.tool import Tool
+from scancell.config.description import si_value, to_si
+from scancell.guard.parts import Tool
 from scancell.nominal.cell import NominalCell
 from scancell.proximity.scene import ProximityScene
 from scancell.studies.guard.scenario import (

@@ -11,10 +11,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.cell.controller import GripperMode, JogFrame, Mode, Operation
+from scancell.cell.driver import GripperMode, JogFrame, Mode, Operation
 from scancell.cell.instance import CellInstance
-from scancell.cell.program import Program, Segment
-from scancell.cell.program_file import program_data
+from scancell.cell.program import Program, Segment, program_data
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
 

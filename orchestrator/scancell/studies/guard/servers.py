@@ -6,12 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from scancell.cell.controller import Mode, Operation
-from scancell.guard.channel import Arrival
+from scancell.cell.driver import Mode, Operation
 from scancell.guard.endpoints import CellEndpoint
 from scancell.guard.guard import Decision, Guard
 from scancell.guard.messages import CellState, GuardMessage
-from scancell.guard.transport import InProcess
+from scancell.guard.transport import Arrival, InProcess
 
 COMPUTE = 0.004  # s that an answer takes
 RIVALS = ("", "cell", "guard")  # beside the cell and its guard

@@ -10,18 +10,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scancell.cell.fmu_file import cell_json
+from scancell.cell.fmu_file import ReusableCell, cell_json
 from scancell.cell.instance import CellInstance
-from scancell.cell.reusable import ReusableCell
 from scancell.closing import Closing
-from scancell.config.channel import LinkDescription
+from scancell.config.frames import LinkDescription
 from scancell.geometry import pose
-from scancell.guard.guard import Decision, Guard
-from scancell.guard.guarded_cell import GuardedCell
-from scancell.guard.link import Link, faulty_link
+from scancell.guard.guard import Decision, Guard, GuardedCell, GuardSettings
 from scancell.guard.messages import CellState, GuardMessage
 from scancell.guard.parts import PartTracker
-from scancell.guard.settings import GuardSettings
+from scancell.guard.transport import Link, faulty_link
 from scancell.nominal.cell import fmu_frame
 from scancell.studies.guard.scenario import Begun, Operator, Scenario
 from scancell.studies.guard.servers import Servers

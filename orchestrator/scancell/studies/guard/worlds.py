@@ -16,18 +16,14 @@ from scancell.config.files import assets_dir
 from scancell.config.loading import load_setup
 from scancell.config.material import Material
 from scancell.geometry import pose
-from scancell.geometry.mesh import Mesh, box_mesh, joined
-from scancell.geometry.reduction import decimated
-from scancell.guard.guard import Guard
+from scancell.geometry.mesh import Mesh, box_mesh, decimated, joined
+from scancell.guard.guard import Guard, GuardSettings
 from scancell.guard.parts import movable_parts
-from scancell.guard.settings import GuardSettings
-from scancell.nominal.cell import Body, NominalCell, nominal_cell
-from scancell.nominal.gripper import gripper_from_finger
-from scancell.nominal.poses import pose_matrix
-from scancell.nominal.tools import flange_from_tool
+from scancell.nominal.cell import Body, NominalCell, flange_from_tool, nominal_cell
+from scancell.nominal.gripper import gripper_from_finger, pose_matrix
 from scancell.proximity.judge import Judge
 from scancell.proximity.scene import ProximityScene, arm_chain
-from scancell.scanning.guard import settings_of, touching, with_finger_travel
+from scancell.scanning.session import settings_of, touching, with_finger_travel
 
 Array = NDArray[np.float64]
 
