@@ -62,7 +62,7 @@ MAY_USE_TRUTH = {
 
 # Modules of the other packages that simulate a measurement, or compare what was found with the truth.
 COMPARE_WITH_TRUTH = {
-    *("calibration/report.py", "calibration/cell/report.py", "calibration/cell/request.py"),
+    *("calibration/report.py", "calibration/cell/report.py"),
     *("calibration/sensor/report.py", "calibration/sensor/simulated.py"),
 }
 # Objects that hold as-built values: `World.true`, `World.sensor_true`, `ScanSession.true`, `world_from_part_true`.

@@ -8,7 +8,7 @@ import tomllib
 from pathlib import Path
 from types import ModuleType
 
-from scancell.output.manifest import build_version, fingerprint, sources
+from scancell.output.run_folder import build_version, fingerprint, sources
 
 import scancell
 from scancell.studies.run_record import mixed_build_warnings
