@@ -29,7 +29,7 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import box_mesh, load_mesh
 from scancell.nominal.cell import Body, NominalCell, nominal_cell
 from scancell.planning.model import PlanningCell, SensorRange
-from scancell.planning.motion.verification import check_part
+from scancell.planning.motion.assembly import check_part
 from scancell.planning.path_map.path_planner import PathPlanner
 from scancell.planning.path_map.ray_shooting import best_motion, shoot
 from scancell.planning.path_map.table_motion import Lattice

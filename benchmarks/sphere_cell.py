@@ -16,7 +16,7 @@ from scancell.config.loading import load_setup
 from scancell.geometry import pose
 from scancell.geometry.shapes import Shape, Sphere
 from scancell.nominal.cell import arm_of
-from scancell.nominal.gripper import pose_matrix, tool_matrix
+from scancell.nominal.parts import pose_matrix, tool_matrix
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from typing import TypeVar
 import numpy as np
 
 from scancell.cell.driver import Mode, Operation
-from scancell.config.description import TransportProtocol
+from scancell.config.choices import TransportProtocol
 from scancell.errors import MessageError
 from scancell.guard.messages import CellState, GuardMessage
 from scancell.guard.server import serve_guard

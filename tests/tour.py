@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from scancell import Scanner
-from scancell.browser.server.quiet import quiet_server
+from scancell.browser.server.gate import quiet_server
 from scancell.browser.server.serve import Host, PartFile
 from scancell.browser.server.workspace import WorkspaceSettings
 from scancell.live.camera import CameraFrame

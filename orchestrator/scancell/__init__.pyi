@@ -32,11 +32,11 @@ from .programs.robot import mm as mm
 from .config.cell import CellDescription as CellDescription
 from .config.sensor import SensorDescription as SensorDescription
 from .config.scan import ScanDescription as ScanDescription
-from .config.estimated import EstimatedDescription as EstimatedDescription
+from .config.cell import EstimatedDescription as EstimatedDescription
 from .config.loading import Setup as Setup
 from .config.loading import load_setup as load_setup
-from .config.frames import ChannelDescription as ChannelDescription
-from .config.frames import LinkDescription as LinkDescription
+from .config.cell import ChannelDescription as ChannelDescription
+from .config.cell import LinkDescription as LinkDescription
 from .config.files import assets_dir as assets_dir
 from .calibration.cell.report import CalibrationRequest as CalibrationRequest
 from .calibration.sensor.report import SensorCalibrationRequest as SensorCalibrationRequest
@@ -52,7 +52,7 @@ from .planning.plan import Plan as Plan
 from .cell.recording import Recording as Recording
 from .cell.recording import read_recording as read_recording
 from .reconstruction.cloud import Cloud as Cloud
-from .scanning.single_exposure import Profile as Profile
+from .scanning.session import Profile as Profile
 from .scanning.sense import ExposureImages as ExposureImages
 
 # Results
@@ -61,7 +61,7 @@ from .results import ShotResult as ShotResult
 from .scanning.survey import SurveyResult as SurveyResult
 from .planning.setups import SetUps as SetUps
 from .evaluation.deviation import Deviation as Deviation
-from .evaluation.coverage import Coverage as Coverage
+from .evaluation.deviation import Coverage as Coverage
 from .evaluation.mesh_evaluation import MeshEvaluation as MeshEvaluation
 from .evaluation.artefact import ArtefactEvaluation as ArtefactEvaluation
 from .calibration.cell.report import CalibrationReport as CalibrationReport
@@ -117,7 +117,7 @@ from .live.commands import Reset as Reset
 from .live.commands import OpenGripper as OpenGripper
 from .live.commands import CloseGripper as CloseGripper
 from .live.commands import RunConveyor as RunConveyor
-from .live.control import JobStopped as JobStopped
+from .live.state import JobStopped as JobStopped
 from .live.scan import LiveScan as LiveScan
 from .live.plan import LivePlan as LivePlan
 from .live.camera import CameraFeed as CameraFeed

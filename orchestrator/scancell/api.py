@@ -27,7 +27,7 @@ from scancell.arguments import (
 from scancell.calibration.cell.report import CalibrationReport, CalibrationRequest
 from scancell.calibration.sensor.report import SensorCalibrationReport, SensorCalibrationRequest
 from scancell.config.cell import CellDescription
-from scancell.config.description import (
+from scancell.config.choices import (
     Align,
     CalibrationTarget,
     Engine,
@@ -41,8 +41,7 @@ from scancell.config.files import Assignments, assignments
 from scancell.config.loading import load_setup
 from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
-from scancell.errors import DescriptionError
-from scancell.extras import require
+from scancell.errors import DescriptionError, require
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import ShapeGroup
 from scancell.nominal.parts import load_artefact, load_part

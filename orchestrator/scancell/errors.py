@@ -8,6 +8,7 @@ from __future__ import annotations
 import pickle
 from collections.abc import Mapping, Sequence
 from copy import copy
+from importlib import import_module
 from os import PathLike
 from typing import Any, Self
 
@@ -328,3 +329,19 @@ def shown(value: Any) -> str:
     except Exception:  # of a foreign object
         text = type(value).__name__
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}… ({type(value).__name__})"
+
+
+def require(module: str, extra: str) -> Any:
+    """Import `module`, which ``pip install "scancell[extra]"`` provides.
+
+    Raises `MissingExtraError` if the package is not installed, with the command that installs it.
+    """
+    try:
+        return import_module(module)
+    except ModuleNotFoundError as error:
+        package = module.partition(".")[0]
+        if (error.name or "").partition(".")[0] != package:
+            raise  # the package is there; one of its own dependencies is missing
+        raise MissingExtraError(
+            f'{package} is not installed; install it with: pip install "scancell[{extra}]"'
+        ) from None

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TypedDict
 
 from scancell.arguments import Length, Seed
-from scancell.config.description import Engine, FlangeConvention
-from scancell.config.estimated import EstimatedDescription
+from scancell.config.cell import EstimatedDescription
+from scancell.config.choices import Engine, FlangeConvention
 from scancell.config.files import Assignments
 from scancell.config.sensor import SensorDescription
 from scancell.config.study import CloudFormat

@@ -12,17 +12,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.arguments import Count, checked_arguments, checked_fields
-from scancell.config.description import CloudFrame
-from scancell.evaluation.coverage import Coverage, coverage, profile_spacing
-from scancell.evaluation.deviation import Deviation, UnseenSurface, deviation_from_mesh, unseen_surface
+from scancell.config.choices import CloudFrame
+from scancell.evaluation.deviation import (
+    Coverage,
+    Deviation,
+    UnseenSurface,
+    coverage,
+    deviation_from_mesh,
+    profile_spacing,
+    unseen_surface,
+)
 from scancell.files import png_bytes
-from scancell.progress import NullProgress, Progress, ProgressCallback, as_progress
+from scancell.progress import NullProgress, Progress, ProgressCallback, Stopwatch, as_progress
 from scancell.scanning.scan import ScanData
-from scancell.scanning.single_exposure import Profile
+from scancell.scanning.session import Profile
 from scancell.scanning.world import World
-from scancell.stopwatch import Stopwatch
 from scancell.values import Result
-from scancell.visibility.measurable import (
+from scancell.visibility.surface_search import (
     COVERAGE_SAMPLES,
     MeasurableSurface,
     cache_folder,

@@ -20,10 +20,8 @@ from scancell.calibration.cell.report import (
 from scancell.calibration.cell.scan import CalibrationScan
 from scancell.calibration.sensor.report import SensorCalibrationReport, SensorCalibrationRequest, calibrate_described
 from scancell.cell.recording import Recording, read_recording
-from scancell.closing import Closing
-from scancell.config.cell import CellDescription
-from scancell.config.description import CalibrationTarget, Engine, FlangeConvention, SensorTarget
-from scancell.config.estimated import EstimatedDescription
+from scancell.config.cell import CellDescription, EstimatedDescription
+from scancell.config.choices import CalibrationTarget, Engine, FlangeConvention, SensorTarget
 from scancell.config.files import Assignments, assets_dir, assignments
 from scancell.config.loading import Setup, load_setup, require_sensor_words
 from scancell.config.scan import ScanDescription
@@ -37,16 +35,15 @@ from scancell.planning.options import scan_options
 from scancell.planning.path_map.configuration_map import QualityFactor
 from scancell.planning.plan import Plan
 from scancell.planning.setups import SetUpPlanner, SetUps
-from scancell.progress import Progress, ProgressCallback, as_progress
+from scancell.progress import Progress, ProgressCallback, Stopwatch, as_progress
 from scancell.results import ScanResult, ShotResult
 from scancell.scanning.pipeline import FmuRunner, PreScanHook, ScanPipeline
 from scancell.scanning.scan import Scan
 from scancell.scanning.sense import OnImages
-from scancell.scanning.session import ScanSession, guard_of
-from scancell.scanning.single_exposure import take_shot
+from scancell.scanning.session import ScanSession, guard_of, take_shot
 from scancell.scanning.survey import Survey, SurveyRegion, SurveyResult
 from scancell.scanning.world import World, make_sensor
-from scancell.stopwatch import Stopwatch
+from scancell.values import Closing
 
 
 class Scanner(Closing):

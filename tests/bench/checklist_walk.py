@@ -19,7 +19,7 @@ from playwright.sync_api import TimeoutError as PageTimeoutError
 
 from chromium import Watched, chromium
 from scancell import Scanner
-from scancell.browser.server.quiet import address
+from scancell.browser.server.gate import address
 from scancell.browser.server.workspace import WorkspaceSettings
 from scancell.config.loading import load_setup
 from tour import PART, choose, entry, fill, hosted, tab

@@ -8,7 +8,7 @@ import textwrap
 from pathlib import Path
 
 from scancell.exercises.catalogue import find_exercise
-from scancell.exercises.declaration import Exercise, Item, Question
+from scancell.exercises.measures import Exercise, Item, Question
 
 _WIDTH = 120
 _SECTION = re.compile(r"(<!-- exercise (\w+) -->\n).*?(?=<!-- end -->)", re.DOTALL)

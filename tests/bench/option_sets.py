@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from scancell import Scanner
-from scancell.config.description import CloudFrame
-from scancell.config.estimated import EstimatedDescription
+from scancell.config.cell import EstimatedDescription
+from scancell.config.choices import CloudFrame
 from scancell.config.files import assets_dir
 from scancell.config.loading import Setup, load_setup
 from scancell.config.sensor import SensorDescription

@@ -33,7 +33,7 @@ from benchmarks.planning_cases import (
     read_cases,
 )
 from scancell.config.cell import CellDescription
-from scancell.config.description import ScanMode
+from scancell.config.choices import ScanMode
 from scancell.config.loading import load_setup
 from scancell.config.scan import PathDescription, RasterDescription, ScanDescription, SweepDescription
 from scancell.config.sensor import SensorDescription

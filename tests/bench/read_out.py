@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from scancell.config.exposure_times import profile_time
 from scancell.config.loading import load_setup
+from scancell.config.sensor import profile_time
 from scancell.evaluation.plane_trial import PlaneTarget, measure_plane
 
 EXPOSURES = 20

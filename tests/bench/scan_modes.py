@@ -14,8 +14,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 
 import scancell
-from scancell.config.description import Engine
-from scancell.config.estimated import EstimatedDescription
+from scancell.config.cell import EstimatedDescription
+from scancell.config.choices import Engine
 from scancell.config.loading import assets_dir
 
 PICTURE = Path(__file__).parents[2] / "docs" / "pictures" / "scan_modes.png"

@@ -31,8 +31,8 @@ ROOT = Path(__file__).resolve().parents[2]
 COMMAND = """
 import sys, time
 from types import SimpleNamespace
-import scancell.stopwatch
-scancell.stopwatch.time = SimpleNamespace(perf_counter=time.process_time, monotonic=time.monotonic, sleep=time.sleep)
+import scancell.progress
+scancell.progress.time = SimpleNamespace(perf_counter=time.process_time, monotonic=time.monotonic, sleep=time.sleep)
 from scancell.cli import main
 main()
 """

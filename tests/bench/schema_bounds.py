@@ -36,13 +36,13 @@ import numpy as np
 from pydantic import Field, create_model
 
 import scancell
-from scancell.cell.as_built import expected_keys
-from scancell.cell.fmu_file import build_fmu, cell_json
+from scancell.cell.fmu_file import build_fmu, cell_json, expected_keys
 from scancell.cell.fmu_package.contents import FmuOptions
 from scancell.config.artefact import ArtefactDescription
-from scancell.config.description import Description, Engine, split_unit, validate
+from scancell.config.cell import LinkDescription
+from scancell.config.choices import Engine
+from scancell.config.description import Description, split_unit, validate
 from scancell.config.files import assets_dir, join_path, plain_data, read_description, toml_text
-from scancell.config.frames import LinkDescription
 from scancell.config.scan import PathDescription, ScanDescription
 from scancell.config.study import BatchDescription, StudyDescription
 from scancell.errors import ScancellError

@@ -22,7 +22,7 @@ from scancell.calibration.sensor import targets as sensor_targets
 from scancell.calibration.sensor.problem import SensorParameters, SensorProblem, TargetExposure, free_parameters
 from scancell.calibration.sensor.simulated import calibrate_from, measure, range_error
 from scancell.calibration.sensor.solve import SensorCalibration, solve
-from scancell.config.description import SensorTarget
+from scancell.config.choices import SensorTarget
 from scancell.config.loading import as_built_sensor
 from scancell.config.sensor import SensorDescription
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from scancell.config.description import Engine
+from scancell.config.choices import Engine
 from scancell.config.loading import assets_dir, load_setup
 from scancell.evaluation.plane_trial import PlaneReading, PlaneTarget, linearity, measure_plane
 

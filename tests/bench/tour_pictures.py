@@ -9,7 +9,7 @@ from typing import Any
 
 from chromium import Watched, chromium
 from scancell import Scanner
-from scancell.browser.server.quiet import address
+from scancell.browser.server.gate import address
 from scancell.browser.server.workspace import WorkspaceSettings
 from tour import PART, hosted, walk
 

@@ -24,7 +24,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from scancell import Scanner
-from scancell.browser.server.quiet import address
+from scancell.browser.server.gate import address
 from scancell.browser.server.serve import Host
 from scancell.browser.server.workspace import WorkspaceSettings
 from scancell.config.loading import load_setup

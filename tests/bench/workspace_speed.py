@@ -15,10 +15,10 @@ import numpy as np
 
 from scancell import Scanner
 from scancell.browser.scene.cloud import MOST_POINTS
-from scancell.browser.server.quiet import address, quiet_server
+from scancell.browser.server.gate import address, quiet_server
 from scancell.browser.server.serve import Host, PartFile
 from scancell.browser.server.workspace import Workspace, WorkspaceSettings
-from scancell.config.description import Engine
+from scancell.config.choices import Engine
 from scancell.config.loading import assets_dir, load_setup
 from scancell.geometry import pose
 from scancell.live.commands import Cancel

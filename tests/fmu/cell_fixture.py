@@ -21,7 +21,7 @@ from fmpy.fmi3 import FMU3Slave
 from numpy.typing import NDArray
 
 import scancell.cell
-from scancell.cell.arm_dynamics import mesh_json
+from scancell.cell.fmu_file import mesh_json
 
 Array = NDArray[np.float64]
 LIMITS_DEG = [(-170, 170), (-190, 45), (-29, 256), (-190, 190), (-120, 120), (-360, 360)]

@@ -20,7 +20,7 @@ from cell_fixture import (
 )
 from test_fmu_dynamic_arm import dynamic_cell
 
-from scancell.cell.arm_dynamics import mesh_json
+from scancell.cell.fmu_file import mesh_json
 
 MAX_TORQUE = 150.0
 TOOL_SIZE = (0.04, 0.04, 0.1)

@@ -10,7 +10,7 @@ from cell_fixture import CYCLE_US, Array, Build, CellFmu, box_part, cell_descrip
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from scancell.cell.arm_dynamics import mesh_json
+from scancell.cell.fmu_file import mesh_json
 
 GRAVITY = 9.80665
 CYCLE = CYCLE_US * 1e-6

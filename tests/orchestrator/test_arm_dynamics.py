@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from cells import GRIPPER, ball
 
-from scancell.cell.arm_dynamics import RigidBody
-from scancell.cell.fmu_file import cell_json, make_temporary_fmu
+from scancell.cell.fmu_file import RigidBody, cell_json, make_temporary_fmu
 from scancell.cell.instance import CellInstance
 from scancell.config.loading import load_setup
 from scancell.geometry import pose

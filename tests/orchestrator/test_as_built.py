@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from scancell.cell.as_built import expected_keys, parse_as_built
+from scancell.cell.fmu_file import expected_keys, parse_as_built
 from scancell.errors import DescriptionError
 
 UNITS = {"as_built.dh[3].theta": "rad", "as_built.tool.x": "m", "as_built.trigger.latency": "s", "as_built.gain": None}

@@ -43,7 +43,7 @@ from scancell.browser.scene.devices import (  # noqa: E402
     stripe_segments,
 )
 from scancell.browser.scene.scene import CellScene  # noqa: E402
-from scancell.browser.server.quiet import address, quiet_server  # noqa: E402
+from scancell.browser.server.gate import address, quiet_server  # noqa: E402
 
 DEVICES = (
     'cell.distance_sensor=[{ name = "height", pose = { x_mm = 370, y_mm = -400, z_mm = 300, rx_deg = 180 },'

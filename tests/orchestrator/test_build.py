@@ -8,9 +8,8 @@ import tomllib
 from pathlib import Path
 from types import ModuleType
 
-from scancell.output.run_folder import build_version, fingerprint, sources
-
 import scancell
+from scancell.output.run_folder import build_version, fingerprint, sources
 from scancell.studies.run_record import mixed_build_warnings
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -26,7 +26,7 @@ from scancell.calibration.cell.problem import Artefact, CalibrationProblem, Obse
 from scancell.calibration.cell.scan import design_poses, readings_of
 from scancell.calibration.cell.solve import circles_of, solve, sphere_start
 from scancell.cell.recording import TriggerRecords
-from scancell.config.estimated import EstimatedDescription
+from scancell.config.cell import EstimatedDescription
 from scancell.config.loading import load_setup
 from scancell.errors import CalibrationError
 from scancell.geometry import pose

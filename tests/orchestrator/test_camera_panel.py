@@ -25,7 +25,7 @@ from scancell.browser.panels.camera_panel import (  # noqa: E402
     side_by_side,
     with_stripe,
 )
-from scancell.browser.server.quiet import quiet_server  # noqa: E402
+from scancell.browser.server.gate import quiet_server  # noqa: E402
 
 POINTS = np.array([[0.0, 0.004, 0.101], [0.0, -0.002, 0.099], [0.0, 0.001, 0.1]])
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from fmu_cells import build
 
-from scancell.cell.as_built import parse_as_built
+from scancell.cell.fmu_file import parse_as_built
 from scancell.cell.fmu_info import describe_fmu
 from scancell.cell.instance import CellInstance
 from scancell.errors import CellError, DescriptionError

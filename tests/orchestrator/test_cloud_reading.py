@@ -12,7 +12,7 @@ import pytest
 
 from bench.file_mutants import CLOUDS, FORMATS, campaign
 from scancell.errors import DescriptionError
-from scancell.reconstruction.cloud_files.pcd import decompressed
+from scancell.reconstruction.cloud_files.formats import decompressed
 from scancell.reconstruction.cloud_files.read import read_cloud_file
 
 POINTS = np.round(np.random.default_rng(4).uniform(-80.0, 120.0, (37, 3)), 4)  # mm

@@ -13,10 +13,9 @@ import pytest
 from cells import GRIPPER
 
 from scancell.config.artefact import ArtefactDescription
-from scancell.config.cell import CellDescription
+from scancell.config.cell import CellDescription, LinkDescription
 from scancell.config.description import FileDescription, PoseDescription, si_value, split_unit, to_si
 from scancell.config.files import join_path
-from scancell.config.frames import LinkDescription
 from scancell.config.loading import assets_dir, load_resolved, load_setup, parse_assignment, split_path
 from scancell.config.robot import RobotDescription
 from scancell.config.scan import ScanDescription

@@ -9,11 +9,11 @@ from cells import mesh_of
 
 import scancell
 from scancell.config.loading import assets_dir
-from scancell.evaluation.coverage import coverage, profile_spacing
+from scancell.evaluation.deviation import coverage, profile_spacing
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, sample_surface
 from scancell.sensor import covered_samples
-from scancell.visibility.measurable import MeasurableSurface
+from scancell.visibility.surface_search import MeasurableSurface
 
 RADIUS = 0.025
 SPACING = 0.5e-3

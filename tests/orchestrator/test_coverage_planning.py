@@ -33,7 +33,7 @@ from scancell.planning.views.coverage import (
 )
 from scancell.planning.views.views import Pass, sample_part, sweep_pose
 from scancell.scanning.world import make_sensor
-from scancell.visibility.measurable import MeasurableSurface, measurable_surface
+from scancell.visibility.surface_search import MeasurableSurface, measurable_surface
 
 BLOCK = block(0.05, 0.04, 0.03)
 SAMPLES = 3000

@@ -12,7 +12,7 @@ from typing_extensions import TypeAliasType
 
 from scancell import errors
 from scancell.arguments import checked_value
-from scancell.cell.as_built import parse_as_built
+from scancell.cell.fmu_file import parse_as_built
 from scancell.config.files import assets_dir, read_toml
 from scancell.config.loading import as_built_sensor, load_setup, require_sensor_words
 from scancell.config.scan import ScanDescription

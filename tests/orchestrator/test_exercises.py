@@ -17,7 +17,7 @@ from scancell.config.loading import load_setup
 from scancell.errors import DescriptionError
 from scancell.exercises.attempt import Attempt, sheet_file, sheet_html, write_sheet
 from scancell.exercises.catalogue import EXERCISES, find_exercise
-from scancell.exercises.declaration import Question
+from scancell.exercises.measures import Question
 from scancell.live.cell import LiveCell
 from scancell.programs.live_program import LiveProgram, LiveProgramState
 from scancell.programs.taught import TaughtFile

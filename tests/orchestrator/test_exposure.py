@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scancell.config.exposure_times import exposure_span, exposure_windows, profile_time
 from scancell.config.loading import load_setup
+from scancell.config.sensor import exposure_span, exposure_windows, profile_time
 from scancell.errors import DescriptionError
 from scancell.planning.options import scan_options
 from scancell.reconstruction.reconstruct import ProfilePoints

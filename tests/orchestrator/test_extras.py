@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 import scancell
-from scancell.errors import MissingExtraError
-from scancell.extras import require
+from scancell.errors import MissingExtraError, require
 from scancell.reconstruction.cloud_files import parse_formats
 
 PROJECT = tomllib.loads((Path(__file__).resolve().parents[2] / "pyproject.toml").read_text())["project"]

@@ -25,7 +25,7 @@ from scancell.files import arrow_table, atomic_write, read_json
 from scancell.output.image_files import read_index
 from scancell.planning.views.sensor_paths import recorded_poses
 from scancell.programs.taught import TaughtFile
-from scancell.reconstruction.cloud_files.plain import read_npz
+from scancell.reconstruction.cloud_files.formats import read_npz
 from scancell.reconstruction.cloud_files.read import read_cloud_file
 from scancell.recorded.uncertainty import read_calibration
 

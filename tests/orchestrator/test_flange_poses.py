@@ -26,7 +26,7 @@ from benchmarks.sphere_cell import (
 from scancell.calibration.cell.kinematics import TOOL, AxisReadings
 from scancell.calibration.cell.report import CalibrationRequest
 from scancell.calibration.measured_table import write_measured_table
-from scancell.config.description import FlangeConvention
+from scancell.config.choices import FlangeConvention
 from scancell.config.files import assets_dir
 from scancell.errors import CalibrationError, DescriptionError
 from scancell.geometry import pose

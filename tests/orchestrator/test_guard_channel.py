@@ -11,7 +11,7 @@ import pytest
 from scipy.stats import kstest
 
 from guard_answers import JointLimitGuard, state_at
-from scancell.config.frames import ChannelDescription, LinkDescription
+from scancell.config.cell import ChannelDescription, LinkDescription
 from scancell.guard.endpoints import SUPERSEDED, Outcome
 from scancell.guard.transport import Arrival, Channel, InProcess, Link, faulty_link
 

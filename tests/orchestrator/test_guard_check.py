@@ -11,8 +11,7 @@ from guard_walls import behind_wall, boxes, distances, is_clear, near_home, squa
 from guard_motions import KINDS, NOISE, POLLS, Motion, random_motion, unit
 from scancell.guard.check import ManualCheck
 from scancell.guard.endpoints import Identifier
-from scancell.guard.free_path import JogLimits, NearPairs
-from scancell.guard.parts import Tool
+from scancell.guard.parts import JogLimits, NearPairs, Tool
 from scancell.guard.stopping import Hypothesis, MeasuredState, Path, WorstCase, stopping_motion
 from scancell.nominal.cell import NominalCell
 from scancell.proximity.scene import ProximityScene

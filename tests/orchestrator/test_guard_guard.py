@@ -16,9 +16,9 @@ from guard_motions import NOISE, POLL, cartesian
 from scancell.cell.driver import Mode, Operation
 from scancell.config.loading import load_setup
 from scancell.errors import DescriptionError, MessageError
-from scancell.guard.free_path import UnseenApproach, jog_limits
 from scancell.guard.guard import Decision, Guard, GuardSettings
 from scancell.guard.messages import CellState, GuardMessage
+from scancell.guard.parts import UnseenApproach, jog_limits
 from scancell.guard.stopping import braking_time, stopping_motion
 from scancell.nominal.cell import NominalCell
 

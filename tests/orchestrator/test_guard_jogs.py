@@ -12,9 +12,9 @@ from guard_walls import boxes, distances, square, straight
 from guard_motions import NOISE, POLL
 from scancell.cell.driver import Mode, Operation
 from scancell.config.loading import load_setup
-from scancell.guard.free_path import jog_limits
 from scancell.guard.guard import Guard, GuardSettings
 from scancell.guard.messages import CellState, GuardMessage
+from scancell.guard.parts import jog_limits
 from scancell.nominal.cell import NominalCell
 from scancell.proximity.scene import ProximityScene
 

@@ -11,9 +11,9 @@ from guard_motions import NOISE, POLL, unit
 from scancell.cell.driver import Mode, Operation
 from scancell.config.loading import load_setup
 from scancell.config.robot import DriveDescription
-from scancell.guard.free_path import NearPairs
 from scancell.guard.guard import Guard, GuardSettings
 from scancell.guard.messages import CellState
+from scancell.guard.parts import NearPairs
 from scancell.guard.stopping import braking_time
 from scancell.scanning.session import settings_of
 

@@ -13,7 +13,7 @@ from guard_walls import boxes, distances, square, straight
 
 from guard_motions import POLL, unit
 from scancell.guard.check import RATE_SLOPE, PathCheck
-from scancell.guard.free_path import FreePath, NearPairs
+from scancell.guard.parts import FreePath, NearPairs
 from scancell.nominal.cell import NominalCell
 from scancell.proximity.scene import ProximityScene, cell_scene
 

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from guard_answers import FAILS, HANGS, STOP_FROM, JointLimitGuard, guard_process, state_at, until
-from scancell.config.description import LOOPBACK
-from scancell.config.frames import LinkDescription
+from scancell.config.cell import LinkDescription
+from scancell.config.choices import LOOPBACK
 from scancell.errors import LinkError
 from scancell.guard.endpoints import FAILED, REJECTED, SUPERSEDED, Outcome
 from scancell.guard.messages import MAX_PACKET, CellState, GuardMessage, PlacedPart

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scancell.guard.free_path import JogLimits
+from scancell.guard.parts import JogLimits
 from scancell.guard.stopping import (
     Hypothesis,
     MeasuredState,

@@ -10,8 +10,7 @@ from guard_walls import distances, square
 from guard_motions import cell_of, unit
 from scancell.config.loading import load_setup
 from scancell.geometry.pose import transform_points
-from scancell.guard.free_path import UnseenApproach, jog_limits
-from scancell.guard.parts import Tool
+from scancell.guard.parts import Tool, UnseenApproach, jog_limits
 from scancell.nominal.cell import NominalCell
 from scancell.proximity.scene import ProximityScene
 

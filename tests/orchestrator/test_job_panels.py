@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from scancell.browser.panels.scans import ScanPanel, Scans
-from scancell.config.description import Engine
+from scancell.config.choices import Engine
 
 
 class Handle:

@@ -13,7 +13,7 @@ from scancell.errors import PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import box_mesh
 from scancell.planning.model import with_table
-from scancell.planning.motion import verification
+from scancell.planning.motion import assembly
 from scancell.planning.options import scan_options
 from scancell.planning.planner import plan
 from scancell.proximity.judge import Judge
@@ -73,5 +73,5 @@ def test_a_plan_that_collides_is_refused_by_the_judge() -> None:
     segment = next(s for s in made.program.segments if s.trigger.kind == "table_angle")
     bad = replace(made.program, segments=(replace(segment, axes=lowered(segment.axes)),))
     with pytest.raises(PlanningError, match=rf"python-fcl finds that \w+ hits \w+ in segment {segment.id}"):
-        verification.verified(cell, options, replace(made, program=bad))
-    assert verification.verified(cell, replace(options, verify=False), replace(made, program=bad)).program is bad
+        assembly.verified(cell, options, replace(made, program=bad))
+    assert assembly.verified(cell, replace(options, verify=False), replace(made, program=bad)).program is bad

@@ -30,7 +30,7 @@ from scancell.live.commands import (
     SetOperation,
 )
 from scancell.programs.robot import deg, location, mm
-from scancell.stopwatch import Pace
+from scancell.progress import Pace
 
 ABOVE = location(450 * mm, 0, 260 * mm, rx=180 * deg)
 HOLD_TIME = 0.3

@@ -17,8 +17,13 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh, joined
 from scancell.nominal.cell import Body, NominalCell, nominal_cell
 from scancell.progress import CallbackProgress
-from scancell.visibility.measurable import MeasurableSurface, cache_folder, measurable_surface
-from scancell.visibility.surface_search import POSITION_STEP, SensorField
+from scancell.visibility.surface_search import (
+    POSITION_STEP,
+    MeasurableSurface,
+    SensorField,
+    cache_folder,
+    measurable_surface,
+)
 
 SENSOR = load_setup().sensor
 BLOCK = block(0.06, 0.04, 0.02)

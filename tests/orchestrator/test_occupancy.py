@@ -12,7 +12,7 @@ from scancell.geometry.mesh import box_mesh
 from scancell.geometry.voxels import VoxelGrid
 from scancell.nominal.cell import nominal_cell
 from scancell.planning.model import PlanningCell
-from scancell.planning.occupancy import read_voxels, with_occupied_space, write_voxels
+from scancell.planning.space_map import read_voxels, with_occupied_space, write_voxels
 from scancell.reconstruction.cloud_files import FORMATS, write_cloud
 from scancell.reconstruction.cloud_files.read import read_cloud_file
 from scancell.scanner import Scanner

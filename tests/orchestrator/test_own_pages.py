@@ -12,7 +12,7 @@ from websockets.asyncio import server as websockets_server
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from scancell.browser.server.quiet import address, is_own_page, quiet_server
+from scancell.browser.server.gate import address, is_own_page, quiet_server
 from scancell.errors import LinkError
 
 

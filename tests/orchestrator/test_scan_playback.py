@@ -16,9 +16,9 @@ from scancell.browser.panels.operator_commands import can_jog, can_move, can_sta
 from scancell.browser.panels.scans import PLAYBACK, ScanPlayback, Scans
 from scancell.browser.panels.status import advice
 from scancell.browser.scene.scene import CellScene, LiveCloud
-from scancell.browser.server.quiet import quiet_server
+from scancell.browser.server.gate import quiet_server
 from scancell.cell.driver import Operation
-from scancell.config.description import Engine
+from scancell.config.choices import Engine
 from scancell.config.loading import assets_dir, load_setup
 from scancell.errors import CommandError
 from scancell.live.camera import CameraFeed, CameraFrame

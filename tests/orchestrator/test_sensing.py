@@ -7,10 +7,8 @@ import pytest
 import trimesh
 from cells import ball, block, cell_file, mesh_of
 
-from scancell.cell.arm_dynamics import read_mesh_json
-from scancell.cell.fmu_file import cell_json, make_temporary_fmu
+from scancell.cell.fmu_file import cell_json, make_temporary_fmu, read_mesh_json, sensing_json, simplified
 from scancell.cell.instance import CellInstance
-from scancell.cell.sensing import sensing_json, simplified
 from scancell.config.loading import load_setup
 from scancell.errors import CellError, DescriptionError
 from scancell.geometry.mesh import decimated, deviation

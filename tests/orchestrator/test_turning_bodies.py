@@ -13,14 +13,14 @@ from cells import CYCLE, RANGE, mesh_of
 from fcl_collisions import path_collisions
 from planned_motion import setpoints
 
-from scancell.cell.sensing import sensing_json
+from scancell.cell.fmu_file import sensing_json
 from scancell.config.loading import assets_dir, load_setup
 from scancell.errors import PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import Body, NominalCell, nominal_cell
 from scancell.planning.model import PlanningCell
-from scancell.planning.motion import verification
+from scancell.planning.motion import assembly
 from scancell.planning.motion.connection import Connector
 from scancell.planning.options import scan_options
 from scancell.planning.planner import plan
@@ -140,7 +140,7 @@ def test_judge_finds_the_part_in_the_hook_whatever_the_planner_compares(hook: st
     made, cell = plan(cell_with(), options), cell_with(hook)
     cell.__dict__["proximity"] = cell.proximity.without(set(map(frozenset, cell.proximity.pairs)))
     with pytest.raises(PlanningError, match=r"python-fcl finds that .*hook"):
-        verification.verified(cell, options, made)
+        assembly.verified(cell, options, made)
 
 
 def test_judge_compares_all_that_moves_but_what_touches_at_the_start(hook: str) -> None:

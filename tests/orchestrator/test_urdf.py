@@ -146,7 +146,7 @@ def test_torques_do_the_work_that_energy_gains() -> None:
         rate = np.arange(1.0, 8.0)
         return amplitude * np.sin(phase), amplitude * rate * np.cos(phase), -amplitude * rate**2 * np.sin(phase)
 
-    from scancell.cell.arm_dynamics import dynamics_json  # noqa: PLC0415
+    from scancell.cell.fmu_file import dynamics_json  # noqa: PLC0415
 
     def energy(t: float) -> float:
         """By finite differences of the links' poses, without DART."""

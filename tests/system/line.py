@@ -13,7 +13,7 @@ import numpy as np
 import scancell
 from scancell import sensor as sensor_rt
 from scancell.cell.recording import Recording
-from scancell.config.description import Engine
+from scancell.config.choices import Engine
 from scancell.config.loading import Setup, assets_dir, load_setup
 from scancell.evaluation.deviation import DeviationFigures, deviation_from_mesh
 from scancell.nominal.cell import NominalCell

@@ -9,8 +9,8 @@ import pytest
 
 import scancell
 from bench.exposure_modes import AUTOMATIC, MATERIALS, MULTIPLE, PART, REGIONS, by_region
-from scancell.config.exposure_times import profile_time
 from scancell.config.loading import assets_dir
+from scancell.config.sensor import profile_time
 from scancell.errors import SensorError
 from scancell.evaluation.ground_truth import TrueWorld
 

@@ -13,7 +13,7 @@ from commands import COMMAND, PATIENCE_S, environment, scancell_here
 from guard_answers import HANGS, until
 from scancell.cell.driver import Mode, Operation
 from scancell.config.cell import CellDescription
-from scancell.config.description import LOOPBACK
+from scancell.config.choices import LOOPBACK
 from scancell.guard.messages import CellState
 from scancell.guard.transport import Link, TcpTransport, UdpTransport
 from scancell.scanning.session import guard_of

@@ -23,7 +23,7 @@ from scancell.cell.driver import Mode, Operation
 from scancell.cell.fmu_file import cell_json, make_temporary_fmu
 from scancell.cell.instance import CellInstance
 from scancell.config.cell import CellDescription
-from scancell.config.description import LOOPBACK
+from scancell.config.choices import LOOPBACK
 from scancell.config.loading import assets_dir, load_setup
 from scancell.geometry.mesh import box_mesh
 from scancell.guard.guard import GuardedCell, GuardSettings

@@ -10,7 +10,7 @@ import pytest
 
 from bench.option_sets import check, differences, draw, same
 from scancell import Mesh, Scanner
-from scancell.config.estimated import EstimatedDescription
+from scancell.config.cell import EstimatedDescription
 from scancell.config.files import assets_dir
 from scancell.config.loading import load_setup
 from scancell.geometry import pose

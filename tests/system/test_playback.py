@@ -20,7 +20,7 @@ from scancell.views.recorded_run import open_run
 viser = pytest.importorskip("viser")
 
 from scancell.browser.panels.scans import Playback, serve_playback  # noqa: E402
-from scancell.browser.server.quiet import address, quiet_server  # noqa: E402
+from scancell.browser.server.gate import address, quiet_server  # noqa: E402
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ import pytest
 import scancell
 from scancell.cell.program import Program
 from scancell.cell.recording import write_recording
-from scancell.config.estimated import EstimatedDescription
+from scancell.config.cell import EstimatedDescription
 from scancell.errors import CancelledError, DescriptionError, EmptyScanError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh, load_mesh

@@ -16,8 +16,7 @@ from test_perturbations import geometry, smooth_points, surface_normals, thinned
 from scancell.errors import DescriptionError
 from scancell.evaluation.deviation import deviation_from_mesh
 from scancell.output.run_folder import build_version
-from scancell.progress import NullProgress
-from scancell.stopwatch import Stopwatch
+from scancell.progress import NullProgress, Stopwatch
 from scancell.studies import run_record
 from scancell.studies.engine import ExecutionTarget, Trial, close_workers
 from scancell.studies.report import write_report

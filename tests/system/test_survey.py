@@ -10,11 +10,11 @@ import trimesh
 from commands import scancell_here
 
 from scancell.cell.driver import Driver
-from scancell.config.exposure_times import exposure_span
 from scancell.config.loading import assets_dir, load_setup
+from scancell.config.sensor import exposure_span
 from scancell.errors import DescriptionError, PlanningError
-from scancell.planning.occupancy import read_voxels
 from scancell.planning.plan import Plan
+from scancell.planning.space_map import read_voxels
 from scancell.proximity.scene import cell_scene
 from scancell.scanner import Scanner
 from scancell.scanning.survey import SurveyResult

@@ -14,7 +14,7 @@ from commands import PARTS, scancell_here
 
 from remote_browser import RemoteBrowser
 from scancell import Scanner
-from scancell.browser.server.quiet import address
+from scancell.browser.server.gate import address
 from scancell.browser.server.serve import Host
 from scancell.browser.server.workspace import WorkspaceSettings
 from scancell.config.loading import load_setup

@@ -12,11 +12,10 @@ from line import ply_sha256, rows
 
 from scancell import sensor as sensor_rt
 from scancell.cell.recording import INTEGER_COLUMNS, Recording, RecordLayout
-from scancell.progress import NullProgress
+from scancell.progress import NullProgress, Stopwatch
 from scancell.scanning.scan import Scan
 from scancell.scanning.sense import SensedProfiles
 from scancell.scanning.world import World, build_scene, exposures_from_truth, visible_bodies
-from scancell.stopwatch import Stopwatch
 
 FEWER = "scan.max_profiles=60"
 # Deviations of each axis, of the rest of the cell and of each part of the sensor.

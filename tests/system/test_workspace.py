@@ -20,7 +20,7 @@ from bench.workspace_messages import run
 from chromium import Watched, chromium
 from contrast import contrast, rgb
 from scancell import Scanner
-from scancell.browser.server.quiet import address
+from scancell.browser.server.gate import address
 from scancell.browser.server.serve import Host
 from scancell.browser.server.workspace import Workspace, WorkspaceSettings
 from scancell.cell.driver import Operation

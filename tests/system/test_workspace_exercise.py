@@ -9,7 +9,7 @@ import pytest
 
 from chromium import Watched, chromium
 from scancell import Scanner
-from scancell.browser.server.quiet import address
+from scancell.browser.server.gate import address
 from scancell.browser.server.workspace import WorkspaceSettings
 from scancell.config.loading import load_setup
 from scancell.exercises.catalogue import find_exercise

@@ -29,8 +29,7 @@ from scancell.calibration.variance_components import (
 )
 from scancell.cell.recording import read_table
 from scancell.config.table_format import AxisDescription, Column, FormatDescription, head_of
-from scancell.errors import DescriptionError
-from scancell.extras import require
+from scancell.errors import DescriptionError, require
 from scancell.files import atomic_write, read_file, read_text, require_file
 from scancell.text_table import (
     MISSING,

@@ -17,12 +17,12 @@ from scancell.cell.recording import Recording
 from scancell.config.cell import CellDescription
 from scancell.config.description import PoseDescription
 from scancell.config.devices import ConveyorDescription, GripperDescription, PresenceSensorDescription
-from scancell.config.exposure_times import exposure_span
 from scancell.config.loading import Setup
+from scancell.config.sensor import exposure_span
 from scancell.errors import CellError, CommandError, DescriptionError
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell, flange_from_tool
-from scancell.nominal.gripper import pose_matrix
+from scancell.nominal.parts import pose_matrix
 
 Array = NDArray[np.float64]
 

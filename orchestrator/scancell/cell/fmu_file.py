@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 import tempfile
+from base64 import b64decode, b64encode
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 import scancell.cell
 from scancell.arguments import checked_arguments
-from scancell.cell.arm_dynamics import dynamics_json, mesh_json
-from scancell.cell.as_built import parse_as_built
 from scancell.cell.fmu_package.contents import (
     FmiVersion,
     FmuOptions,
@@ -26,23 +27,309 @@ from scancell.cell.fmu_package.contents import (
     write_unpacked,
 )
 from scancell.cell.instance import CellInstance
-from scancell.cell.sensing import sensing_json
-from scancell.closing import Closing
 from scancell.config.cell import CellDescription, PartDescription
-from scancell.config.description import si_value, to_si
-from scancell.config.devices import RESERVED_NAMES, ConveyorDescription, FurtherPartDescription, GripperDescription
+from scancell.config.description import si_value, split_unit, to_si
+from scancell.config.devices import (
+    RESERVED_NAMES,
+    CellSensorDescription,
+    ConveyorDescription,
+    FurtherPartDescription,
+    GripperDescription,
+)
+from scancell.config.loading import parse_assignment, sensor_words
+from scancell.config.robot import DriveDescription, InertiaDescription
 from scancell.errors import CellError, DescriptionError, OutputError, ScancellError
 from scancell.files import atomic_write
 from scancell.geometry import pose
-from scancell.geometry.mesh import Mesh, box_mesh, mass_properties
+from scancell.geometry.mesh import Mesh, box_mesh, decimated, deviation, load_mesh, mass_properties
 from scancell.nominal.cell import NominalCell, fmu_frame
-from scancell.nominal.gripper import pose_json, pose_matrix, start_width
+from scancell.nominal.parts import housing_mesh, pose_json, pose_matrix, start_width, tool_matrix
+from scancell.proximity.scene import cell_scene
+from scancell.values import Closing
 
 Array = NDArray[np.float64]
+
+# Keys of the cell's description that list sensors; the FMU reads each from a key in the plural.
+SENSOR_KEYS = tuple(
+    name
+    for name, field in CellDescription.model_fields.items()
+    if any(isinstance(item, type) and issubclass(item, CellSensorDescription) for item in get_args(field.annotation))
+)
+
+_SUFFIXES_OF_UNIT = {"m": ("_mm", "_um"), "rad": ("_deg", "_mrad"), "s": ("_ms",), "Hz": ("_hz",)}
+_PREFIX = "as_built."
 
 # Bodies that get contact shapes from their meshes; table, belts, parts and fingers have contact shapes of their own.
 _CELL_BODIES = RESERVED_NAMES - {"table", "part", "finger1", "finger2"}
 _FLOOR_SIZE = (200.0, 200.0, 1.0)  # m
+
+
+@dataclass(frozen=True)
+class RigidBody:
+    """Mass (kg), centre of mass (3,) in metres, and inertia (3, 3) about it, in kg m²; all in one frame."""
+
+    mass: float
+    centre_of_mass: Array
+    inertia: Array
+
+    def seen_from(self, frame_from_body: Array) -> RigidBody:
+        """The same body in another frame."""
+        rotation = frame_from_body[:3, :3]
+        centre = rotation @ self.centre_of_mass + frame_from_body[:3, 3]
+        return RigidBody(self.mass, centre, rotation @ self.inertia @ rotation.T)
+
+    def joined_with(self, other: RigidBody) -> RigidBody:
+        """Both as one rigid body; Huygens and Steiner's theorem moves the inertias to the common centre of mass."""
+        mass = self.mass + other.mass
+        centre = (self.mass * self.centre_of_mass + other.mass * other.centre_of_mass) / mass
+        return RigidBody(mass, centre, self._inertia_about(centre) + other._inertia_about(centre))
+
+    def _inertia_about(self, point: Array) -> Array:
+        arm = self.centre_of_mass - point
+        return np.asarray(self.inertia + self.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm)))
+
+    def json(self) -> dict[str, Any]:
+        """As the FMU reads it."""
+        return {
+            "mass": self.mass,
+            "centre_of_mass": self.centre_of_mass.tolist(),
+            "inertia": self.inertia.tolist(),
+        }
+
+
+def dynamics_json(cell: CellDescription) -> dict[str, Any]:
+    """Links and drives of a cell whose robot has dynamic drives; the last link carries sensor and gripper.
+
+    Raises
+    ------
+    MeshError
+        If a mesh that defines masses cannot be used.
+    """
+    robot = cell.robot
+    links = [_body(joint.inertia, _mesh(joint.mesh), robot.link_density_kg_m3) for joint in robot.joint]
+    for load in _loads(cell):
+        if links[-1] is not None:
+            links[-1] = links[-1].joined_with(load)
+    drives = [joint.drive for joint in robot.joint]
+    return {
+        "links": [link.json() for link in links if link is not None],
+        "drives": [to_si(drive.model_dump()) for drive in drives if isinstance(drive, DriveDescription)],
+    }
+
+
+def _loads(cell: CellDescription) -> list[RigidBody]:
+    """What is fixed to the flange, in its frame; the gripper's fingers are bodies of their own."""
+    density = cell.robot.link_density_kg_m3
+    sensor = _body(cell.tool.inertia, _mesh(cell.sensor_mesh), density)
+    loads = [] if sensor is None else [sensor.seen_from(tool_matrix(cell.tool))]
+    housing = None if cell.gripper is None else housing_mesh(cell.gripper)
+    if cell.gripper is not None and housing is not None:
+        loads.append(_of_mesh(housing, density).seen_from(pose_matrix(cell.gripper.pose)))
+    return loads
+
+
+def _mesh(path: str | None) -> Mesh | None:
+    return None if path is None else load_mesh(Path(path))
+
+
+def _body(inertia: InertiaDescription | None, mesh: Mesh | None, density: float) -> RigidBody | None:
+    """By its description, else by its mesh; None where neither is known."""
+    if inertia is not None:
+        si = to_si(inertia.model_dump())
+        xy, xz, yz = si["products"]
+        tensor = np.diag(si["inertia"]) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
+        return RigidBody(si["mass"], np.array(si["centre_of_mass"]), tensor)
+    return None if mesh is None else _of_mesh(mesh, density)
+
+
+def _of_mesh(mesh: Mesh, density: float) -> RigidBody:
+    properties = mass_properties(mesh, density)
+    return RigidBody(properties.mass, properties.centre_of_mass, properties.inertia)
+
+
+def mesh_json(vertices: ArrayLike, faces: ArrayLike) -> dict[str, str]:
+    """Vertices (n, 3), metres, as little-endian 64-bit floats, and faces (m, 3) as little-endian 32-bit integers."""
+    return {
+        "vertices": b64encode(np.ascontiguousarray(vertices, "<f8").tobytes()).decode(),
+        "faces": b64encode(np.ascontiguousarray(faces, "<i4").tobytes()).decode(),
+    }
+
+
+def read_mesh_json(mesh: Mapping[str, str]) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Vertices (n, 3) and faces (m, 3) that `mesh_json` wrote."""
+    vertices = np.frombuffer(b64decode(mesh["vertices"]), "<f8").reshape(-1, 3)
+    return vertices, np.frombuffer(b64decode(mesh["faces"]), "<i4").reshape(-1, 3)
+
+
+@dataclass(frozen=True)
+class Simplified:
+    """A body whose mesh was simplified for the FMU: triangles before and after, largest deviation in metres."""
+
+    body: str
+    faces: int
+    kept: int
+    deviation: float
+
+    def line(self) -> str:
+        """Text of one line."""
+        off = f"{self.deviation * 1e6:.1f} µm"
+        return f"{self.body}: {self.faces} triangles simplified to {self.kept}, off by at most {off}"
+
+
+def collision_meshes(cell: CellDescription, nominal: NominalCell) -> dict[str, Mesh]:
+    """Mesh of each body with no more triangles than the description allows.
+
+    Raises
+    ------
+    MeshError
+        If a mesh cannot be simplified.
+    """
+    return {body.name: decimated(body.mesh, cell.collision.max_faces) for body in nominal.bodies}
+
+
+def simplified(cell: CellDescription, nominal: NominalCell) -> list[Simplified]:
+    """Bodies whose meshes were simplified."""
+    light = collision_meshes(cell, nominal)
+    return [
+        Simplified(body.name, len(body.mesh.faces), len(light[body.name].faces), deviation(body.mesh, light[body.name]))
+        for body in nominal.bodies
+        if light[body.name] is not body.mesh
+    ]
+
+
+def sensing_json(cell: CellDescription, nominal: NominalCell, *, collision_outputs: bool = True) -> dict[str, Any]:
+    """The keys ``bodies``, ``collision`` and those of the sensors in the FMU's description.
+
+    `collision_outputs` False leaves these outputs out, even if the cell describes them.
+
+    Raises
+    ------
+    CellError
+        If a sensor's period does not fit the time step.
+    MeshError
+        If a mesh cannot be simplified.
+    """
+    collision_outputs = collision_outputs and cell.collision.outputs
+    sensors = {f"{key}s": [_sensor_json(cell, sensor) for sensor in getattr(cell, key)] for key in SENSOR_KEYS}
+    needed = collision_outputs or any(sensors.values())
+    meshes = collision_meshes(cell, nominal) if needed else {}
+    pairs = _watched(cell, nominal, meshes) if collision_outputs else ()
+    return {
+        "bodies": [
+            {
+                "name": body.name,
+                "frame": fmu_frame(body.moves_with),
+                "mesh": mesh_json(meshes[body.name].vertices, meshes[body.name].faces),
+            }
+            for body in nominal.bodies
+            if body.name in meshes
+        ],
+        **sensors,
+        "collision": {
+            "outputs": collision_outputs,
+            "stops_arm": collision_outputs and cell.collision.stops_arm,
+            "swept": cell.collision.swept,
+            "range": si_value(cell.collision, "range_mm"),
+            "pairs": [list(pair) for pair in pairs],
+        },
+    }
+
+
+def _watched(cell: CellDescription, nominal: NominalCell, meshes: dict[str, Mesh]) -> list[tuple[str, str]]:
+    """Pairs of bodies to monitor: all that move relative to each other, but those that are meant to touch.
+
+    These are fingers with parts, and the platter and belts with parts that a gripper or a belt puts there.
+    """
+    loose = _loose_frames(cell, nominal)
+    frame = {body.name: body.moves_with for body in nominal.bodies}
+    supports = {"table", *(belt.name for belt in cell.conveyor)}
+
+    def are_meant_to_touch(a: str, b: str) -> bool:
+        fingers_and_part = {frame[name].partition("[")[0] for name in (a, b)} == {"finger", "part"}
+        return fingers_and_part or any(
+            frame[part].startswith("part") and frame[part] in loose and other in supports
+            for part, other in ((a, b), (b, a))
+        )
+
+    return [pair for pair in cell_scene(nominal, meshes, loose).pairs if not are_meant_to_touch(*pair)]
+
+
+def _loose_frames(cell: CellDescription, nominal: NominalCell) -> set[str]:
+    """Frames that neither joints nor table move: fingers, and free parts that a gripper or a belt carries."""
+    has_gripper, frames = cell.gripper is not None, set[str]()
+    if has_gripper:
+        frames |= {"finger[1]", "finger[2]"}
+    if cell.part.fixture == "free" and (has_gripper or nominal.belt is not None):
+        frames.add("part")
+    for number, part in enumerate(nominal.further_parts, start=2):
+        if part.description.fixture == "free" and (has_gripper or part.carrier != "table"):
+            frames.add(f"part[{number}]")
+    return frames
+
+
+def _sensor_json(cell: CellDescription, sensor: CellSensorDescription) -> dict[str, Any]:
+    """The mount, and all other keys of a sensor in SI units."""
+    period_us = round(sensor.period_ms * 1e3)
+    if period_us <= 0 or period_us % cell.world.time_step_us or abs(sensor.period_ms * 1e3 - period_us) > 1e-6:
+        raise CellError(
+            file=sensor.name,
+            key="period_ms",
+            value=sensor.period_ms,
+            expected=f"a multiple of world.time_step_us ({cell.world.time_step_us})",
+        )
+    return {
+        "name": sensor.name,
+        "frame": sensor.moves_with,
+        "frame_from_sensor": pose_json(pose_matrix(sensor.pose)),
+        "period_us": period_us,
+        **to_si(sensor.model_dump(exclude=set(CellSensorDescription.model_fields))),
+    }
+
+
+def parse_as_built(words: Sequence[str], units: Mapping[str, str | None]) -> dict[str, float]:
+    """FMU parameters (SI) from ``key=value`` words. Words that begin with ``sensor.`` are none of the FMU's.
+
+    Parameters
+    ----------
+    units
+        Unit of every ``as_built.*`` parameter of the FMU, from its model description.
+
+    Raises
+    ------
+    DescriptionError
+        If a key is unknown, wears the wrong unit, or its value is not a finite number.
+    """
+    return dict(_parse(word, units) for word in words if word not in sensor_words(words))
+
+
+def _parse(word: str, units: Mapping[str, str | None]) -> tuple[str, float]:
+    key, value = parse_assignment(word)
+    name, scale = split_unit(key.removeprefix(_PREFIX))
+    variable = _PREFIX + name
+    if variable not in units:
+        known = ", ".join(sorted(expected_keys(units)))
+        raise DescriptionError(
+            f"unknown perturbation '{key}'; known: {known}, and keys of the sensor: sensor.*",
+            key="as_built",
+            value=word,
+        )
+    suffixes = _SUFFIXES_OF_UNIT.get(units[variable] or "", ("",))
+    if not any(suffix and key.endswith(suffix) for suffix in suffixes) and suffixes != ("",):
+        raise DescriptionError(
+            key="as_built", value=word, expected=f"a unit in the key: {' or '.join(name + s for s in suffixes)}"
+        )
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise DescriptionError(key="as_built", value=word, expected=f"a finite number, got {value!r}")
+    return variable, float(value) * scale
+
+
+def expected_keys(units: Mapping[str, str | None]) -> list[str]:
+    """Keys of all perturbations of the FMU, with units."""
+    return [
+        variable.removeprefix(_PREFIX) + _SUFFIXES_OF_UNIT.get(unit or "", ("",))[0]
+        for variable, unit in units.items()
+        if variable.startswith(_PREFIX)
+    ]
 
 
 def runtime_dir() -> Path:

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from scancell.arguments import checked_arguments
 from scancell.cell.recording import INTEGER_COLUMNS, Recording, RecordLayout
-from scancell.closing import Closing
 from scancell.errors import CellError, DescriptionError
+from scancell.values import Closing
 
 Array = NDArray[np.float64]
 

@@ -8,9 +8,18 @@ from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
-from scancell.cli.common import Outcome, command, show_progress
-from scancell.cli.options import AsBuiltOption, EngineOption, SeedOption, SensorOption, SetOption, ThreadsOption
-from scancell.config.description import CalibrationTarget, FlangeConvention, SensorTarget
+from scancell.cli.common import (
+    AsBuiltOption,
+    EngineOption,
+    Outcome,
+    SeedOption,
+    SensorOption,
+    SetOption,
+    ThreadsOption,
+    command,
+    show_progress,
+)
+from scancell.config.choices import CalibrationTarget, FlangeConvention, SensorTarget
 from scancell.errors import DescriptionError
 
 if TYPE_CHECKING:

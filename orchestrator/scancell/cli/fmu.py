@@ -8,8 +8,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from scancell.cli.common import Outcome, command
-from scancell.cli.options import SeedOption, SetOption, UnitOption
+from scancell.cli.common import Outcome, SeedOption, SetOption, UnitOption, command
 
 
 @command("fmu build")
@@ -42,9 +41,13 @@ def fmu_build(
     ] = False,
 ) -> Outcome:
     """Write the co-simulation FMUs of a cell: RobotCell2.fmu (FMI 2.0) and RobotCell3.fmu (FMI 3.0)."""
-    from scancell.cell.fmu_file import build_fmu, build_sequencer_fmu, cell_json  # noqa: PLC0415
+    from scancell.cell.fmu_file import (  # noqa: PLC0415
+        build_fmu,
+        build_sequencer_fmu,
+        cell_json,
+        simplified,
+    )
     from scancell.cell.fmu_package.contents import FmuOptions  # noqa: PLC0415
-    from scancell.cell.sensing import simplified  # noqa: PLC0415
     from scancell.config.loading import assets_dir, load_setup  # noqa: PLC0415
     from scancell.nominal.cell import nominal_cell, with_unknown_obstacles  # noqa: PLC0415
     from scancell.nominal.parts import load_part  # noqa: PLC0415

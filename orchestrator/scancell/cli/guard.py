@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from scancell.cli.common import EXIT_ERROR, Outcome, command
-from scancell.cli.options import ScanOption, TablePartOption, UnitOption, WorkersOption
-from scancell.config.description import LOOPBACK, TransportProtocol
+from scancell.cli.common import EXIT_ERROR, Outcome, ScanOption, TablePartOption, UnitOption, WorkersOption, command
+from scancell.config.choices import LOOPBACK, TransportProtocol
 
 if TYPE_CHECKING:
     from scancell.studies.guard.campaign import RunRow

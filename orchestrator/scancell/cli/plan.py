@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from scancell.cli.common import Outcome, command, show_progress
-from scancell.cli.options import PartArgument, PartOptions, PathOption, ScanOption
+from scancell.cli.common import Outcome, PartArgument, PartOptions, PathOption, ScanOption, command, show_progress
 
 if TYPE_CHECKING:
     from scancell.config.cell import CellDescription

@@ -7,18 +7,20 @@ from typing import Annotated
 
 import typer
 
-from scancell.cli.common import Outcome, command, show_progress
-from scancell.cli.options import (
+from scancell.cli.common import (
     CellOption,
     CloudUnitOption,
+    Outcome,
     OutOption,
     SeedOption,
     SensorOption,
     SetOption,
     ThreadsOption,
     UnitOption,
+    command,
+    show_progress,
 )
-from scancell.config.description import FlangeConvention, LatencyWord
+from scancell.config.choices import FlangeConvention, LatencyWord
 from scancell.errors import DescriptionError
 
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from scancell.cli.common import Outcome, command, show_progress
-from scancell.cli.options import (
+from scancell.cli.common import (
     CellOptions,
     CloudOptions,
+    Outcome,
     OutOption,
     PartArgument,
     PathOption,
@@ -19,8 +19,10 @@ from scancell.cli.options import (
     SetOption,
     SimulationOptions,
     ThreadsOption,
+    command,
+    show_progress,
 )
-from scancell.config.description import ScanMode
+from scancell.config.choices import ScanMode
 
 if TYPE_CHECKING:
     from scancell.results import ScanResult

@@ -10,17 +10,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from scancell.cli.common import KEY_VALUE, JsonOption, Outcome, command, show_progress
-from scancell.cli.options import (
+from scancell.cli.common import (
+    KEY_VALUE,
     AsBuiltOption,
     CellOption,
+    JsonOption,
+    Outcome,
     OutOption,
     ScanOption,
     SensorOption,
     SetOption,
     WorkersOption,
+    command,
+    show_progress,
 )
-from scancell.config.description import Engine
+from scancell.config.choices import Engine
 
 if TYPE_CHECKING:
     from scancell.studies.batch import Batch

@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from scancell.cli.common import Outcome, command
+from scancell.cli.common import CellOptions, NoGuardOption, Outcome, PathOption, ScanOption, TablePartOption, command
 from scancell.cli.interrupts import INTERRUPTS, leaves_when_interrupted
-from scancell.cli.options import CellOptions, NoGuardOption, PathOption, ScanOption, TablePartOption
-from scancell.config.description import LOOPBACK
+from scancell.config.choices import LOOPBACK
 from scancell.errors import DescriptionError, ProgramError
 
 if TYPE_CHECKING:
-    from scancell.exercises.declaration import Exercise
+    from scancell.exercises.measures import Exercise
     from scancell.programs.robot import Step
     from scancell.scanning.session import ScanSession
 
@@ -56,7 +55,7 @@ def workspace(
     """Open the running cell in a browser, or play a recorded run back, until Ctrl-C (docs/workspace.md)."""
     if exercise == "list":
         return _exercise_list()
-    from scancell.browser.server.quiet import is_loopback  # noqa: PLC0415
+    from scancell.browser.server.gate import is_loopback  # noqa: PLC0415
     from scancell.browser.server.serve import PartFile, serve_workspace  # noqa: PLC0415
     from scancell.browser.server.workspace import WorkspaceSettings  # noqa: PLC0415
     from scancell.scanner import Scanner  # noqa: PLC0415

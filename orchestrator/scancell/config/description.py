@@ -6,7 +6,7 @@ import difflib
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -282,25 +282,6 @@ def _descriptions_in(annotation: Any) -> list[type[Description]]:
     if isinstance(annotation, type) and issubclass(annotation, Description):
         return [annotation]
     return [found for argument in getattr(annotation, "__args__", ()) for found in _descriptions_in(argument)]
-
-
-Engine = Literal["ray-traced", "geometric"]
-CalibrationTarget = Literal["tool", "table", "latency", "all"]
-FlangeConvention = Literal[
-    "matrix", "wxyz", "xyzw", "xyz", "zyz", "xyzwpr", "zyx", "rotvec",
-    "xyx", "xzx", "xzy", "yxy", "yxz", "yzx", "yzy", "zxy", "zxz",
-]  # fmt: skip
-SensorTarget = Literal["ball", "step", "checkered"]
-ScanMode = Literal["dynamic", "stop-and-look"]
-LengthUnit = Literal["mm", "m", "inch"]
-OccupiedFrame = Literal["part", "table", "base", "world"]
-CloudFrame = Literal["part", "table", "base", "world", "belt"]
-Align = Literal["none", "best-fit", "datum"]
-Reconstruction = Literal["poisson", "ball-pivoting"]
-LatencyWord = Literal["estimate"]
-TransportProtocol = Literal["udp", "tcp"]
-
-LOOPBACK = "127.0.0.1"  # address on which servers listen by default
 
 
 def split_unit(key: str) -> tuple[str, float]:

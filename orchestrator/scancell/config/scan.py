@@ -6,6 +6,7 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
+from scancell.config.choices import LengthUnit, OccupiedFrame, ScanMode
 from scancell.config.description import (
     Angle,
     AngularSpeed,
@@ -14,10 +15,7 @@ from scancell.config.description import (
     FileDescription,
     Fraction,
     Length,
-    LengthUnit,
-    OccupiedFrame,
     PoseDescription,
-    ScanMode,
     Size,
     Speed,
 )

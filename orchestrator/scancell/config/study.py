@@ -10,16 +10,8 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from scancell.config.description import (
-    CalibrationTarget,
-    Coordinate,
-    Description,
-    Engine,
-    Fraction,
-    Number,
-    Size,
-    validate,
-)
+from scancell.config.choices import CalibrationTarget, Engine
+from scancell.config.description import Coordinate, Description, Fraction, Number, Size, validate
 from scancell.config.loading import override, read_toml
 from scancell.errors import DescriptionError
 

@@ -15,7 +15,7 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.config.description import Align
+from scancell.config.choices import Align
 from scancell.errors import DescriptionError, FitError
 from scancell.geometry import pose
 from scancell.geometry.fits import fit_plane

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.config.description import Align
+from scancell.config.choices import Align
 from scancell.errors import FitError
 from scancell.evaluation.alignment import (
     MOST_POINTS,

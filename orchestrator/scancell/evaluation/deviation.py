@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from scancell import sensor as sensor_rt
 from scancell.config.sensor import SensorDescription
-from scancell.evaluation.coverage import Coverage
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import PartSurface
@@ -19,10 +19,16 @@ from scancell.nominal.cell import NominalCell
 from scancell.planning.views.coverage import GRAZING, OCCLUDED, OUT_OF_RANGE, SEEN, Sight
 from scancell.reconstruction.cloud import Cloud
 from scancell.values import Value
-from scancell.visibility.measurable import MeasurableSurface
+from scancell.visibility.surface_search import MeasurableSurface
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+
+_TOLERANCE_SPACINGS = 1.5  # of the profiles; dense profiles need half of one
+_LARGEST_TOLERANCE = 1.5e-3  # m
+_LEAST_COSINE = 0.5  # between the normals of sample and point
+_MOST_PAIRS = 200  # of successive exposures of which the spacing is the median
+_HULL_POINTS = 2000
 
 _ROBUST_DEVIATIONS = 5.0  # as in the acceptance test
 _LEAST_THRESHOLD = 1e-7  # m: the rounding of exact distances has no outliers
@@ -40,6 +46,131 @@ _JUDGED = {OUT_OF_RANGE: NOT_CROSSED, GRAZING: ONLY_GRAZING, OCCLUDED: ONLY_OCCL
 _STANDING_HEIGHT = 1e-4  # m above the table up to which a face that looks down stands on it
 _DOWN = -0.9  # largest z component of the normal of such a face
 _EXPOSURES = 64  # judged at a time, which bounds the memory
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Coverage(Value):
+    """Coverage of one cloud.
+
+    Attributes
+    ----------
+    samples_in_part
+        (n, 3) surface samples, m; each represents the same share of the surface.
+    measurable
+        (n,) whether the sensor can measure the sample from any pose that the arm reaches.
+    covered
+        (n,) whether the cloud has a point there, measurable or not.
+    surface_area
+        Of the whole part, m².
+    tolerance
+        Largest distance between a sample and a point that covers it, m.
+
+    Examples
+    --------
+    >>> result = scancell.scan("part.stl", engine="geometric", settings={"scan.max_profiles": 40})
+    >>> 0 < result.coverage.surface_fraction < result.coverage.fraction < 1
+    True
+    """
+
+    samples_in_part: Array
+    measurable: Flags
+    covered: Flags
+    surface_area: float
+    tolerance: float
+
+    @property
+    def fraction(self) -> float:
+        """Covered share of the measurable surface, 0 … 1; NaN when nothing is measurable."""
+        count = int(self.measurable.sum())
+        return float((self.covered & self.measurable).sum() / count) if count else float("nan")
+
+    @property
+    def surface_fraction(self) -> float:
+        """Covered share of the whole surface, 0 … 1."""
+        return float(self.covered.mean())
+
+    @property
+    def measurable_fraction(self) -> float:
+        """Measurable share of the whole surface, 0 … 1."""
+        return float(self.measurable.mean())
+
+    @property
+    def measurable_area(self) -> float:
+        """Area of the measurable surface, m²."""
+        return self.surface_area * self.measurable_fraction
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain data for ``deviation.json``."""
+        fraction = self.fraction
+        return {
+            "definitions": {
+                "covered": "has a point of the cloud within tolerance_mm on the same side",
+                "measurable": "the sensor can measure it from some pose that the arm reaches, whatever the plan",
+                "fraction": "covered share of the measurable surface",
+                "surface_fraction": "covered share of the whole surface",
+                "measurable_fraction": "measurable share of the whole surface",
+            },
+            "fraction": None if np.isnan(fraction) else fraction,
+            "surface_fraction": self.surface_fraction,
+            "measurable_fraction": self.measurable_fraction,
+            "measurable_area_mm2": 1e6 * self.measurable_area,
+            "surface_area_mm2": 1e6 * self.surface_area,
+            "tolerance_mm": 1e3 * self.tolerance,
+            "samples": len(self.covered),
+        }
+
+
+def coverage(
+    points_in_part: Array,
+    surface: MeasurableSurface,
+    spacing: float,
+    normals: Array | None = None,
+    tolerance: float | None = None,
+) -> Coverage:
+    """Coverage of a cloud.
+
+    Parameters
+    ----------
+    points_in_part
+        (m, 3) m
+    spacing
+        Distance between neighbouring profiles on the part, m, see `profile_spacing`; it decides the tolerance.
+    normals
+        (m, 3) unit normals of the points, NaN where unknown; None: all unknown.
+    tolerance
+        Distance within which a point covers a sample, m; by default 1.5 spacings and at most 1.5 mm.
+    """
+    reach = min(_TOLERANCE_SPACINGS * spacing, _LARGEST_TOLERANCE) if tolerance is None else tolerance
+    covered = sensor_rt.covered_samples(surface.samples, surface.normals, points_in_part, normals, reach, _LEAST_COSINE)
+    return Coverage(surface.samples, surface.measurable, covered, surface.area, reach)
+
+
+def profile_spacing(points_in_part: Array, part_from_sensor: Array, segment: NDArray[np.int64]) -> float:
+    """Typical distance (m) by which the laser sheet moves over the part between neighbouring exposures.
+
+    Of each pair of neighbours the largest distance anywhere on the part counts, of the pairs the median.
+
+    Parameters
+    ----------
+    points_in_part
+        (k, 3) points spread over the part, such as the samples of its surface.
+    part_from_sensor
+        (n, 4, 4) sensor pose of each exposure.
+    segment
+        (n,) segment of the program; a segment with a single exposure counts with its neighbour in time.
+    """
+    count = len(part_from_sensor) - 1
+    if count < 1:
+        return 1e-3
+    rows = np.unique(np.linspace(0, count - 1, min(count, _MOST_PAIRS)).round().astype(np.int64))
+    points = points_in_part[:: max(1, len(points_in_part) // _HULL_POINTS)]
+    # Distance from the sheet X = 0 of the sensor: linear in the point.
+    sheet = pose.inverse(part_from_sensor)[:, 0]
+    step = sheet[rows + 1] - sheet[rows]
+    largest = np.abs(points @ step[:, :3].T + step[:, 3]).max(0)
+    same = segment[rows] == segment[rows + 1]
+    # The median ignores the jumps between the views of stop-and-look programs.
+    return float(np.median(largest[same] if same.any() else largest))
 
 
 @dataclass(frozen=True)

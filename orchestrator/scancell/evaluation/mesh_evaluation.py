@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.arguments import checked_arguments
-from scancell.config.description import Align
+from scancell.config.choices import Align
 from scancell.errors import FitError
 from scancell.evaluation.alignment import DatumPlane, best_fit_of_starts, check_request, datum_fit
 from scancell.evaluation.deviation import Deviation, DeviationFigures, figures_by_label

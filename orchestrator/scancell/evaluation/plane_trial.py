@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
-from scancell.config.description import Engine
+from scancell.config.choices import Engine
 from scancell.config.loading import as_built_sensor
 from scancell.config.material import PRESETS
 from scancell.config.sensor import SensorDescription

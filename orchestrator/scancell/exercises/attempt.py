@@ -13,7 +13,7 @@ from threading import RLock
 from scancell import __version__
 from scancell.cell.recording import Recording
 from scancell.errors import DescriptionError
-from scancell.exercises.declaration import Exercise, FinishedRun, Item, Question, Situation
+from scancell.exercises.measures import Exercise, FinishedRun, Item, Question, Situation
 from scancell.files import atomic_write
 from scancell.live.cell import LiveCell
 from scancell.live.state import ContactWatch

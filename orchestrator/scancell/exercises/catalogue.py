@@ -6,7 +6,7 @@ import math
 
 from scancell.errors import DescriptionError
 from scancell.exercises import measures
-from scancell.exercises.declaration import Check, Exercise, Question
+from scancell.exercises.measures import Check, Exercise, Question
 
 _ENDS = Check("The program runs to its end", measures.commands_of_run, "commands", least=2)
 _NO_CONTACT = Check("No bodies touch from the opening of the cell on", measures.contacts, "contacts", most=0)

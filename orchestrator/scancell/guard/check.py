@@ -13,8 +13,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from scancell.guard.free_path import STILL, FreePath, JogLimits, NearPairs, Section, ShownPath, UnseenApproach, almost
-from scancell.guard.parts import Tool
+from scancell.guard.parts import STILL, FreePath, JogLimits, NearPairs, Section, ShownPath, Tool, UnseenApproach, almost
 from scancell.guard.stopping import Hypothesis, Path, Predictor, Stop, WorstCase, braking_time, latest_stop
 from scancell.nominal.cell import NominalCell
 from scancell.proximity.motion_check import Budget, MotionBounds, MotionCheck, MotionClash

@@ -24,15 +24,14 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import reduced
 from scancell.guard.check import Contact, JogCheck, JogVerdict, ManualCheck, PathCheck, PathVerdict, Verdict
 from scancell.guard.endpoints import Identifier
-from scancell.guard.free_path import FreePath, NearPairs, jog_limits
 from scancell.guard.messages import MAX_TEXT, CellState, GuardMessage, PlacedPart, axes_digest
-from scancell.guard.parts import PartTracker
+from scancell.guard.parts import FreePath, NearPairs, PartTracker, jog_limits
 from scancell.guard.stopping import Hypothesis, MeasuredState, WorstCase
 from scancell.guard.transport import Link
 from scancell.nominal.cell import NominalCell
+from scancell.progress import Pace
 from scancell.proximity.motion_check import MotionCheck, MotionClash
 from scancell.proximity.scene import cell_scene
-from scancell.stopwatch import Pace
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from selectors import EVENT_READ, DefaultSelector
 from typing import Any, TypeVar
 
 from scancell.arguments import checked_arguments
-from scancell.config.description import LOOPBACK, TransportProtocol
+from scancell.config.choices import LOOPBACK, TransportProtocol
 from scancell.errors import LinkError, MessageError
 from scancell.guard.endpoints import FAILED, Answerer, GuardEndpoint
 from scancell.guard.messages import MAX_PACKET

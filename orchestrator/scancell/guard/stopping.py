@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scancell.geometry import pose
-from scancell.guard.free_path import JogLimits
-from scancell.guard.parts import Tool
+from scancell.guard.parts import JogLimits, Tool
 from scancell.nominal.cell import NominalCell
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Protocol, runtime_checkable
 import numpy as np
 
 from scancell.arguments import Within, checked_arguments
-from scancell.config.frames import ChannelDescription, LinkDescription
+from scancell.config.cell import ChannelDescription, LinkDescription
 from scancell.errors import LinkError, MessageError
 from scancell.guard.endpoints import Answerer, CellEndpoint, GuardEndpoint
 from scancell.guard.messages import MAX_PACKET, CellState, GuardMessage, packet_length

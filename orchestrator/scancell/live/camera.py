@@ -15,17 +15,16 @@ from numpy.typing import NDArray
 
 from scancell.arguments import checked_arguments, checked_value
 from scancell.cell.recording import Recording
-from scancell.closing import Closing
-from scancell.config.description import Engine
+from scancell.config.choices import Engine
 from scancell.config.files import Assignments, assignments
 from scancell.config.loading import require_sensor_words, sensor_words
 from scancell.errors import ScancellError
 from scancell.live.cell import LiveCell
 from scancell.scanning.scan import ScanData
 from scancell.scanning.sense import ExposureImages
-from scancell.scanning.session import ScanSession
-from scancell.scanning.single_exposure import Profile, measure_profile
+from scancell.scanning.session import Profile, ScanSession, measure_profile
 from scancell.scanning.world import ExposureControl, World
+from scancell.values import Closing
 
 Array = NDArray[np.float64]
 T = TypeVar("T", bound=np.generic)

@@ -12,11 +12,19 @@ from typing import Annotated, TypeVar
 from scancell.arguments import Count, Within, checked_arguments
 from scancell.errors import CommandError, DescriptionError
 from scancell.live.commands import Cancel, Command, SetMonitorSpeed
-from scancell.live.control import CLOSED, JobStopped, LiveControl, SubmittedJob, Work, interrupt, withdraw_interrupt
-from scancell.live.state import LiveState, StateReader
-from scancell.progress import NullProgress
+from scancell.live.state import (
+    CLOSED,
+    JobStopped,
+    LiveControl,
+    LiveState,
+    StateReader,
+    SubmittedJob,
+    Work,
+    interrupt,
+    withdraw_interrupt,
+)
+from scancell.progress import NullProgress, Pace
 from scancell.scanning.session import ScanSession
-from scancell.stopwatch import Pace
 
 T = TypeVar("T")
 

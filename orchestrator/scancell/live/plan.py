@@ -16,7 +16,7 @@ from scancell.arguments import Shape, Within, checked_arguments
 from scancell.cell.program import Program
 from scancell.errors import CommandError, DescriptionError
 from scancell.live.cell import LiveCell
-from scancell.live.control import process_goes_on, ready_to_move, while_stepping
+from scancell.live.state import process_goes_on, ready_to_move, while_stepping
 from scancell.planning.path_map.configuration_map import ConfigurationMap
 from scancell.planning.path_map.ray_shooting import why_forbidden
 from scancell.planning.plan import Plan

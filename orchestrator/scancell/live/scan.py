@@ -17,14 +17,14 @@ from scancell.arguments import Count, checked_arguments
 from scancell.cell.instance import RecordBatches
 from scancell.cell.program import Program
 from scancell.cell.recording import Recording
-from scancell.config.description import Engine
+from scancell.config.choices import Engine
 from scancell.errors import CancelledError, CommandError, EmptyScanError
 from scancell.evaluation.deviation import deviation_from_mesh
 from scancell.live.cell import LiveCell
-from scancell.live.control import CLOSED, JobStopped, ready_to_move, while_stepping
+from scancell.live.state import CLOSED, JobStopped, ready_to_move, while_stepping
 from scancell.nominal.plausibility import setup_warnings
 from scancell.planning.plan import Plan
-from scancell.progress import NullProgress, Progress
+from scancell.progress import NullProgress, Progress, Stopwatch
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.reconstruct import Dropped, ProfilePoints
 from scancell.results import ScanResult
@@ -32,7 +32,6 @@ from scancell.scanning.scan import SAMPLE_IMAGES, Scan
 from scancell.scanning.sense import ExposureImages, SensedProfiles, StoredColumns, sample_rows
 from scancell.scanning.session import ScanSession
 from scancell.scanning.world import ExposureControl
-from scancell.stopwatch import Stopwatch
 
 Stage = Literal["waiting", "planning", "approaching", "scanning", "sensing", "done", "stopped", "failed"]
 

@@ -23,16 +23,18 @@ from scancell.geometry.arm import Arm, HeldJoint
 from scancell.geometry.arm import Joint as ArmJoint
 from scancell.geometry.mesh import Mesh, box_mesh, is_stable_pose, load_mesh
 from scancell.geometry.tree import WORLD, Joint, Tree, z_along
-from scancell.nominal.gripper import (
+from scancell.nominal.parts import (
+    Patch,
     finger_mesh,
     gripper_from_finger,
     housing_mesh,
     lay_down,
+    load_part,
+    part_patches,
     pose_matrix,
     start_width,
     tool_matrix,
 )
-from scancell.nominal.parts import Patch, load_part, part_patches
 from scancell.values import Value
 
 Array = NDArray[np.float64]

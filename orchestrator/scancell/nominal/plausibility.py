@@ -11,10 +11,16 @@ from numpy.typing import NDArray
 
 from scancell.config.cell import TableDescription
 from scancell.config.description import si_value
-from scancell.config.exposure_times import profile_time
 from scancell.config.loading import Setup
 from scancell.config.robot import JointDescription, RobotDescription
-from scancell.config.sensor import CameraDescription, SensorDescription, principal_point_px, read_out, sensor_json
+from scancell.config.sensor import (
+    CameraDescription,
+    SensorDescription,
+    principal_point_px,
+    profile_time,
+    read_out,
+    sensor_json,
+)
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.geometry.arm import Arm, Joint

@@ -17,11 +17,11 @@ from scancell.evaluation.plane_trial import sheet_deviation
 from scancell.output.image_files import INDEX, ImageSet, holds_colours, laser_channel, read_images
 from scancell.output.run_folder import RunFolder, RunReport, run_into
 from scancell.output.tables import write_csv
+from scancell.progress import Stopwatch
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import write_ply
 from scancell.reconstruction.reconstruct import is_saturated, quality_of
 from scancell.scanning.world import make_sensor
-from scancell.stopwatch import Stopwatch
 
 _BATCH = 16  # frames in memory at a time
 _MM = 1e3

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.cell.recording import write_recording
-from scancell.config.description import CloudFrame
+from scancell.config.choices import CloudFrame
 from scancell.config.files import plain_data
-from scancell.evaluation.coverage import Coverage
-from scancell.evaluation.deviation import Deviation, UnseenSurface
+from scancell.evaluation.deviation import Coverage, Deviation, UnseenSurface
 from scancell.files import arrow_table
 from scancell.geometry.mesh import Mesh
 from scancell.output.deviation_report import DeviationReport, deviation_picture
@@ -23,11 +22,11 @@ from scancell.output.image_files import FrameFiles, draw_stripes
 from scancell.output.run_folder import RunFolder, build_version, command_words, manifest, resolved_toml
 from scancell.output.tables import write_profile_csv
 from scancell.planning.plan import plan_json
+from scancell.progress import Stopwatch
 from scancell.reconstruction.cloud_files import FORMATS, write_cloud
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.scan import ScanData
 from scancell.scanning.sense import ExposureImages
-from scancell.stopwatch import Stopwatch
 
 # Files that scans and reconstructions write into the folder of their run, each some of them.
 OPTIONAL_FILES = (

@@ -26,9 +26,9 @@ from scancell.config.files import file_entries, plain_data, toml_text
 from scancell.config.loading import Setup
 from scancell.errors import CellError, DescriptionError, OutputError
 from scancell.files import MANIFEST_VERSION, read_json
+from scancell.progress import Stopwatch
 from scancell.proximity import _native as proximity_native
 from scancell.sensor import _native as sensor_native
-from scancell.stopwatch import Stopwatch
 from scancell.values import Result
 
 _DIGITS = 12

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from scancell import sensor as sensor_rt
 from scancell.cell.recording import Recording
 from scancell.config.sensor import SensorDescription, sensor_json
-from scancell.errors import OutputError
+from scancell.errors import OutputError, require
 from scancell.evaluation.ground_truth import CloudTruth, Stripe, Surface, TrueWorld
-from scancell.extras import require
 from scancell.nominal.cell import Body, Lamp
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.scan import ScanData

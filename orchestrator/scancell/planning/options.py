@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.config.description import si_value, to_si
-from scancell.config.exposure_times import profile_time
 from scancell.config.scan import PairClearanceDescription, PairQualityDescription, PathDescription, ScanDescription
-from scancell.config.sensor import SensorDescription
+from scancell.config.sensor import SensorDescription, profile_time
 from scancell.errors import DescriptionError
 from scancell.nominal.cell import NominalCell
-from scancell.nominal.gripper import pose_matrix
+from scancell.nominal.parts import pose_matrix
 
 Array = NDArray[np.float64]
 _Pair = TypeVar("_Pair", PairClearanceDescription, PairQualityDescription)

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from scancell.errors import PlanningError
 from scancell.geometry.pose import inverse
 from scancell.planning.model import PlanningCell, WorkLimitError, join_reasons
-from scancell.planning.motion.assembly import Assembly
-from scancell.planning.motion.verification import check_part, verified
+from scancell.planning.motion.assembly import Assembly, check_part, verified
 from scancell.planning.options import BeltOptions, ScanOptions
 from scancell.planning.path_map.configuration_map import QualityFactor
 from scancell.planning.path_map.path_planner import PathPlanner, PlacedPath

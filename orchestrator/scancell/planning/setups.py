@@ -18,13 +18,13 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, RestingPose, box_mesh, resting_poses
 from scancell.nominal.cell import Body, NominalCell, nominal_cell
 from scancell.planning.model import PlanningCell, SensorRange, Work, WorkLimitError, join_reasons
-from scancell.planning.motion.verification import check_part
+from scancell.planning.motion.assembly import check_part
 from scancell.planning.options import CoverageOptions, ScanOptions
 from scancell.planning.views.coverage import CoveragePlanner, Sight
 from scancell.planning.views.views import sample_part
 from scancell.progress import Progress
 from scancell.values import Result, Value
-from scancell.visibility.measurable import MeasurableSurface, measurable_surface
+from scancell.visibility.surface_search import MeasurableSurface, measurable_surface
 
 Flags = NDArray[np.bool_]
 

@@ -12,13 +12,13 @@ from pathlib import Path
 from threading import RLock
 from typing import Literal
 
-from scancell.config.description import Engine
+from scancell.config.choices import Engine
 from scancell.errors import CommandError, ProgramError
 from scancell.evaluation.deviation import deviation_from_mesh
 from scancell.files import first_free, read_file
 from scancell.live.cell import LiveCell
-from scancell.live.control import JobStopped
 from scancell.live.scan import LiveChunk
+from scancell.live.state import JobStopped
 from scancell.programs.program import ProgramRun, run_program
 from scancell.programs.robot import Step
 from scancell.reconstruction.cloud import Cloud

@@ -18,11 +18,10 @@ from typing import Any
 from scancell.arguments import checked_arguments
 from scancell.cell.instance import MotionLog
 from scancell.cell.recording import Recording, write_recording
-from scancell.config.description import Engine
+from scancell.config.choices import Engine
 from scancell.errors import ProgramError, ScancellError
 from scancell.files import read_file
-from scancell.live.control import JobStopped
-from scancell.live.state import ContactWatch
+from scancell.live.state import ContactWatch, JobStopped
 from scancell.output.run_files import write_json
 from scancell.output.run_folder import RunFolder, command_words, manifest, resolved_toml
 from scancell.programs.robot import Robot, Step

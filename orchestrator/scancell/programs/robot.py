@@ -28,12 +28,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from scancell.arguments import Length, Share, checked_arguments
 from scancell.cell.driver import Tool, WorldFromTool
-from scancell.config.description import Engine
+from scancell.config.choices import Engine
 from scancell.geometry import pose
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import write_cloud
-from scancell.scanning.session import ScanSession
-from scancell.scanning.single_exposure import Profile
+from scancell.scanning.session import Profile, ScanSession
 
 Array = NDArray[np.float64]
 

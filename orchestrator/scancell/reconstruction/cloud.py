@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.arguments import Shape, checked_arguments, checked_fields
-from scancell.config.description import Reconstruction
-from scancell.errors import DescriptionError, FitError, MeshError
-from scancell.extras import require
+from scancell.config.choices import Reconstruction
+from scancell.errors import DescriptionError, FitError, MeshError, require
 from scancell.files import atomic_write
 from scancell.geometry.mesh import FORMATS, Mesh
 from scancell.values import Value

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from scancell.arguments import checked_arguments
+from scancell.calibration.cell.kinematics import AxisReadings
 from scancell.calibration.cell.scan import readings_of
 from scancell.cell.recording import integers, numbers, read_any_recording, read_table, refuse_value
 from scancell.config.loading import Setup, load_resolved
@@ -29,11 +30,14 @@ from scancell.output.run_folder import RunFolder, command_words, manifest
 from scancell.progress import Progress
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.recorded.measurements import Measurements, read_table_of
-from scancell.recorded.reconstruct import ReconstructedData, reconstruct_measurements
-from scancell.recorded.simulated import simulate
+from scancell.recorded.reconstruct import MeasuredCell, ReconstructedData, reconstruct_measurements
+from scancell.scanning.sense import expose
+from scancell.scanning.world import build_scene, make_sensor, still_exposures, visible_bodies
 from scancell.values import Result
 
 Array = NDArray[np.float64]
+
+_BATCH = 16  # exposures at a time
 
 SHARES = np.array([0.005, 0.025, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95, 0.975, 0.995])
 _ANGLES = np.arange(0.0, 91.0, 15.0)  # deg
@@ -45,6 +49,52 @@ _NEIGHBOURS = 2  # columns between points whose difference is noise
 _SAME_POSITION, _SAME_TURN = 50e-6, np.radians(0.01)  # of poses that repeat
 _LARGEST_MM, _LARGEST_DN, _LARGEST_S = 1e9, 1e9, 1e6  # values of a table of profiles
 _NORMAL = 1.4826  # standard deviation by the median of absolute values
+
+
+def simulate(
+    found: Measurements,
+    readings: AxisReadings,
+    measured: MeasuredCell,
+    setup: Setup,
+    seed: int,
+    threads: int,
+    progress: Progress,
+) -> Measurements:
+    """Simulate the described sensor at rest at the poses of measurements.
+
+    Without the arm, whose joints poses of the flange do not state, and without a gripper and further parts.
+
+    Raises `SensorError` if the sensor library reports an error.
+    """
+    sensor = make_sensor(setup.sensor, seed)
+    cell = measured.cell
+    count = len(readings)
+    frames = {
+        "world": np.broadcast_to(np.eye(4), (count, 4, 4)),
+        "table": measured.world_from("table", readings),
+        "part": measured.world_from("part", readings),
+        "sensor": measured.world_from("sensor", readings),
+    }
+    bodies = [body for body in visible_bodies(cell) if body.moves_with in frames]
+    scene = build_scene(bodies)
+    progress.stage("simulating", count, "exposures")
+    made: list[ProfilePoints] = []
+    covariance: list[NDArray[np.float64]] = []
+    for first in range(0, count, _BATCH):
+        rows = slice(first, min(first + _BATCH, count))
+        index = np.arange(first + 1, rows.stop + 1, dtype=np.int64)
+        placed = {name: poses[rows] for name, poses in frames.items()}
+        exposures = still_exposures(placed, bodies, index, np.array([sensor.exposure]))
+        sensed = expose(scene, sensor, sensor, exposures, index, "ray-traced", covariance=True, threads=threads)
+        points, frame = sensed.points, (sensed.points.frame + first).astype(np.int32)
+        # At rest all rows are seen from the same pose.
+        made.append(replace(points, frame=frame, time_offset=np.zeros_like(points.time_offset)))
+        assert sensed.covariance is not None
+        covariance.append(sensed.covariance)
+        progress.advance(rows.stop - first)
+    return replace(
+        found, readings=readings, profiles=ProfilePoints.concatenate(made), covariance=np.concatenate(covariance)
+    )
 
 
 @dataclass(frozen=True, eq=False)

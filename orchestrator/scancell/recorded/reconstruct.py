@@ -16,7 +16,7 @@ from scancell.calibration.cell.scan import kinematics_of, on_artefact
 from scancell.calibration.cell.solve import solve
 from scancell.calibration.pose_files import refuse_misread, refuse_wrong
 from scancell.cell.recording import TriggerRecords
-from scancell.config.description import LatencyWord
+from scancell.config.choices import LatencyWord
 from scancell.config.loading import Setup
 from scancell.errors import CalibrationError, DescriptionError, EmptyScanError
 from scancell.geometry import pose

@@ -15,13 +15,19 @@ from scancell.arguments import checked_arguments
 from scancell.calibration.board.views import TABLES
 from scancell.cell.recording import Recording, RecordLayout, write_recording
 from scancell.config.cell import CellDescription
-from scancell.config.description import FlangeConvention, LatencyWord
+from scancell.config.choices import FlangeConvention, LatencyWord
 from scancell.config.loading import Setup, load_setup
 from scancell.config.sensor import SensorDescription
 from scancell.config.table_format import read_format, recognised_format
 from scancell.errors import DescriptionError
-from scancell.evaluation.coverage import coverage, profile_spacing
-from scancell.evaluation.deviation import Deviation, UnseenSurface, deviation_from_mesh, unseen_surface
+from scancell.evaluation.deviation import (
+    Deviation,
+    UnseenSurface,
+    coverage,
+    deviation_from_mesh,
+    profile_spacing,
+    unseen_surface,
+)
 from scancell.files import arrow_table, png_bytes
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.parts import load_part
@@ -43,7 +49,7 @@ from scancell.recorded.reconstruct import (
 )
 from scancell.recorded.uncertainty import ValueCovariance, read_calibration, with_sensor_at
 from scancell.values import Result
-from scancell.visibility.measurable import unknown_surface
+from scancell.visibility.surface_search import unknown_surface
 
 Array = NDArray[np.float64]
 

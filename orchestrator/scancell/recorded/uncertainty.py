@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.calibration.sensor.problem import RADIUS_OFFSET, SensorParameters
-from scancell.config.cell import CellDescription
-from scancell.config.estimated import EstimatedDescription, EstimatedToolDescription
+from scancell.config.cell import CellDescription, EstimatedDescription, EstimatedToolDescription
 from scancell.config.robot import MAX_JOINTS
 from scancell.config.sensor import SensorDescription
 from scancell.errors import DescriptionError

@@ -26,26 +26,23 @@ from scancell.cell.instance import CellInstance
 from scancell.cell.program import Program
 from scancell.cell.recording import Recording, TriggerRecords
 from scancell.cell.session import CellSession
-from scancell.closing import Closing
 from scancell.config.description import si_value
-from scancell.config.exposure_times import exposure_span
 from scancell.config.files import file_entries, plain_data
 from scancell.config.loading import Setup
-from scancell.config.sensor import SensorDescription
+from scancell.config.sensor import SensorDescription, exposure_span
 from scancell.files import file_state
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import PartSurface
 from scancell.nominal.cell import NominalCell, nominal_cell, with_unknown_obstacles
 from scancell.planning.model import PlanningCell, SensorRange, Work
-from scancell.planning.motion.assembly import approach
+from scancell.planning.motion.assembly import approach, recheck
 from scancell.planning.motion.torques import TorqueLimits
-from scancell.planning.motion.verification import recheck
-from scancell.planning.occupancy import with_occupied_space
 from scancell.planning.options import pair_clearances, scan_options
 from scancell.planning.path_map.configuration_map import QualityFactor
 from scancell.planning.plan import Plan
 from scancell.planning.planner import plan
+from scancell.planning.space_map import with_occupied_space
 from scancell.planning.views.belt import with_passing_part
 from scancell.planning.views.coverage import Sight
 from scancell.progress import Progress
@@ -61,7 +58,8 @@ from scancell.reconstruction.reconstruct import (
     with_normals,
 )
 from scancell.scanning.world import World, build_scene, visible_bodies
-from scancell.visibility.measurable import MeasurableSurface, cache_folder, measurable_surface
+from scancell.values import Closing
+from scancell.visibility.surface_search import MeasurableSurface, cache_folder, measurable_surface
 
 FOLDER_PREFIX = "scancell-fmu-"
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from scancell.arguments import checked_arguments
 from scancell.cell.recording import Recording
-from scancell.config.description import CloudFrame, Engine
+from scancell.config.choices import CloudFrame, Engine
 from scancell.config.loading import Setup
 from scancell.config.sensor import ignored_by_geometric_engine
 from scancell.errors import DescriptionError, EmptyScanError
@@ -21,13 +21,12 @@ from scancell.geometry import pose
 from scancell.nominal.cell import Body, NominalCell
 from scancell.planning.path_map.configuration_map import QualityFactor
 from scancell.planning.plan import Plan
-from scancell.progress import Progress
+from scancell.progress import Progress, Stopwatch
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.reconstruct import Dropped, ProfilePoints, table_warnings, why_empty
 from scancell.scanning.pipeline import PreScanHook, ScanPipeline, envelope_of, measured_motion
 from scancell.scanning.sense import ExposureImages, OnImages, SensedProfiles, sample_rows
 from scancell.scanning.world import ExposureControl, World
-from scancell.stopwatch import Stopwatch
 from scancell.values import Value
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
-from scancell.config.description import Engine
+from scancell.config.choices import Engine
 from scancell.errors import OutputError, SensorError
 from scancell.reconstruction.reconstruct import ProfilePoints, is_saturated
 from scancell.values import Value

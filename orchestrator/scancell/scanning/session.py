@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,25 +16,29 @@ from scancell.cell.instance import CellInstance, RecordBatches
 from scancell.cell.recording import Recording
 from scancell.cell.session import CellSession
 from scancell.config.cell import CellDescription, TableDescription
-from scancell.config.description import Engine
-from scancell.config.exposure_times import exposure_span
+from scancell.config.choices import Engine
+from scancell.config.description import si_value
 from scancell.config.loading import load_setup
 from scancell.config.robot import JointDescription
 from scancell.config.scan import ScanDescription
+from scancell.config.sensor import exposure_span
+from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.guard.guard import Guard, GuardedCell, GuardSettings
 from scancell.guard.parts import PartTracker, movable_parts
 from scancell.guard.transport import InProcess, Link
 from scancell.nominal.cell import NominalCell, nominal_cell
-from scancell.nominal.gripper import finger_travel_mesh
-from scancell.nominal.parts import load_part
-from scancell.planning.occupancy import with_occupied_space
+from scancell.nominal.parts import finger_travel_mesh, load_part
+from scancell.planning.model import PlanningCell, SensorRange
+from scancell.planning.space_map import with_occupied_space
+from scancell.planning.views.placement import PlacedPose, Placer
 from scancell.progress import NullProgress, Progress
 from scancell.reconstruction.cloud import Cloud
-from scancell.scanning.pipeline import ScanPipeline
-from scancell.scanning.sense import SensedProfiles
-from scancell.scanning.single_exposure import Profile, measure_profile
+from scancell.reconstruction.reconstruct import ProfilePoints
+from scancell.scanning.pipeline import ScanPipeline, measured_motion
+from scancell.scanning.sense import ExposureImages, SensedProfiles
 from scancell.scanning.world import ExposureControl, World
+from scancell.values import Value
 
 Array = NDArray[np.float64]
 
@@ -45,6 +49,100 @@ SEEN = 0.1  # s, in which a guard surely gets a state and answers it
 
 _LEAST_NOISE = np.radians(0.005)
 _SIGMAS = 5.0  # of the largest error of an angle
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Profile(Value):
+    """The profile of one instant, or of one exposure from a given pose.
+
+    Attributes
+    ----------
+    profile
+        Points in the sensor frame with camera, column, sigma and intensity.
+    rows
+        (m,) image rows of the points, px.
+    points_in_base, points_in_part
+        (m, 3) the same points by measured joints and nominal or estimated geometry, or by the given pose, m.
+    images
+        Camera images, ray-traced engine only.
+
+    Examples
+    --------
+    >>> with scancell.Scanner() as scanner, scanner.session("part.stl") as session:
+    ...     profile = session.profile("geometric")
+    >>> profile.points_in_part.shape == profile.points_in_base.shape
+    True
+    """
+
+    profile: ProfilePoints
+    rows: Array
+    points_in_base: Array
+    points_in_part: Array
+    images: ExposureImages | None
+
+
+def measure_profile(
+    world: World,
+    recording: Recording,
+    engine: Engine,
+    threads: int,
+    control: ExposureControl | None = None,
+) -> Profile:
+    """The profile of a recording of one profile; `control` is that of `World.sense`.
+
+    Raises `SensorError` if the sensor library reports an error.
+    """
+    cell = world.estimated
+    measured = measured_motion(cell, recording)
+    part_from_sensor = cell.part_from_sensor(measured.axes[0])
+    sensed = world.expose(recording, engine, control=control, images=True, threads=threads)
+    base_from_world = pose.inverse(cell.arm.world_from_base)
+    return _profile(sensed, base_from_world @ cell.world_from_sensor(measured.q[0]), part_from_sensor)
+
+
+def take_shot(world: World, part_from_sensor: Array, engine: Engine, threads: int) -> tuple[Profile, tuple[str, ...]]:
+    """The exposure from a pose (4, 4), see `Scanner.shot`, and warnings.
+
+    Raises `SensorError` if the sensor library reports an error.
+    """
+    frames, warnings = _posture(world, part_from_sensor, threads)
+    index = np.array([1])
+    sensed = world.expose_at_rest(frames, index, world.windows, engine, images=True, threads=threads)
+    base_from_world = pose.inverse(world.nominal.arm.world_from_base)
+    shot = _profile(sensed, base_from_world @ frames["sensor"][0], part_from_sensor)
+    if not len(shot.points_in_part):
+        warnings = (*warnings, "the sensor sees nothing from this pose")
+    return shot, warnings
+
+
+def _profile(sensed: SensedProfiles, base_from_sensor: Array, part_from_sensor: Array) -> Profile:
+    """One profile that was sensed at poses (4, 4) of the sensor."""
+    assert sensed.row is not None
+    points = np.array(sensed.points.points_in_sensor, float)
+    in_base, in_part = (pose.transform_points(one, points) for one in (base_from_sensor, part_from_sensor))
+    return Profile(sensed.points, sensed.row, in_base, in_part, next(iter(sensed.images), None))
+
+
+def _posture(world: World, part_from_sensor: Array, threads: int) -> tuple[dict[str, Array], tuple[str, ...]]:
+    """Poses (1, 4, 4) of the frames with the arm where it holds the sensor at the pose; far away where it cannot."""
+    nominal = world.nominal
+    cell = PlanningCell(nominal, SensorRange.of(world.sensor), 1.0, threads=threads)
+    azimuth = si_value(world.setup.scan.sweep, "azimuth_deg")
+    placed = Placer(cell, azimuth, 0.0).poses(part_from_sensor[None])[0]
+    warnings: tuple[str, ...] = ()
+    if isinstance(placed, PlacedPose):
+        frames = nominal.frame_poses(placed.axes)
+    else:
+        frames = nominal.frame_poses(nominal.home)
+        away = pose.translation((0.0, 0.0, -900.0))
+        frames = {name: away @ value if _moves_with_arm(name) else value for name, value in frames.items()}
+        warnings = (f"the arm is left out: {placed.reason}",)
+    frames = {**frames, "sensor": frames["part"] @ part_from_sensor}
+    return {name: value[None] for name, value in frames.items()}, warnings
+
+
+def _moves_with_arm(frame: str) -> bool:
+    return frame.startswith(("link[", "finger[", "sensor"))
 
 
 class ScanSession(CellSession):

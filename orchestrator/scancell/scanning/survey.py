@@ -21,12 +21,10 @@ from scancell.geometry.mesh import Mesh, joined
 from scancell.geometry.voxels import MAX_VOXELS, VoxelGrid
 from scancell.nominal.cell import NominalCell
 from scancell.planning.model import PlanningCell, SensorRange, Work, WorkLimitError, with_table
-from scancell.planning.motion.assembly import Assembly
-from scancell.planning.motion.verification import check_part
-from scancell.planning.occupancy import occupied_bodies, write_voxels
+from scancell.planning.motion.assembly import Assembly, check_part
 from scancell.planning.options import scan_options
 from scancell.planning.plan import Plan
-from scancell.planning.space_map import Profiles, SpaceMap
+from scancell.planning.space_map import Profiles, SpaceMap, occupied_bodies, write_voxels
 from scancell.planning.views.placement import PlacedPose
 from scancell.progress import Progress
 from scancell.scanning.pipeline import ScanPipeline

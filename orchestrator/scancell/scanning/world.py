@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from scancell import sensor as sensor_rt
 from scancell.cell.fmu_file import cell_json
 from scancell.cell.recording import ExposureTruth, Recording
-from scancell.config.description import Engine, si_value
-from scancell.config.exposure_times import exposure_windows
+from scancell.config.choices import Engine
+from scancell.config.description import si_value
 from scancell.config.loading import Setup, as_built_sensor
 from scancell.config.material import Material
-from scancell.config.sensor import SensorDescription, read_out, sensor_json
+from scancell.config.sensor import SensorDescription, exposure_windows, read_out, sensor_json
 from scancell.errors import DescriptionError, SensorError
 from scancell.geometry.shapes import Box, Cone, Cylinder, PartSurface, PlacedShape, Plane, Ring, ShapeMesh, Sphere
 from scancell.nominal.cell import Body, Lamp, NominalCell, as_estimated, fmu_frame

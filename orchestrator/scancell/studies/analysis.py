@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.config.study import StudyDescription
-from scancell.extras import require
+from scancell.errors import require
 from scancell.studies.budget import Fit, ShapleyForms, Terms, shares_of, undetected_factors, variance_budget
 from scancell.studies.factors import Population, design, hashed, middles, morris_problem, population_of
 

@@ -19,9 +19,8 @@ from typing import Any
 from scancell.config.description import validate
 from scancell.config.loading import Setup, as_built_sensor
 from scancell.config.study import BatchDescription
-from scancell.errors import DescriptionError, OutputError
+from scancell.errors import DescriptionError, OutputError, require
 from scancell.evaluation.ground_truth import TrueWorld
-from scancell.extras import require
 from scancell.files import name_for_file, read_json
 from scancell.geometry import pose
 from scancell.geometry.mesh import FORMATS, box_mesh

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import block_diag
 from scipy.special import ndtr, ndtri
 
-from scancell.cell.as_built import parse_as_built
+from scancell.cell.fmu_file import parse_as_built
 from scancell.config.cell import CellDescription
 from scancell.config.description import Description, validate
 from scancell.config.loading import FILE_KEYS, Setup, as_built_sensor, load_setup, parse_assignment, split_path
@@ -37,8 +37,7 @@ from scancell.config.study import (
     VariationMode,
     VaryingScansDescription,
 )
-from scancell.errors import DescriptionError
-from scancell.extras import require
+from scancell.errors import DescriptionError, require
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.extras import require
+from scancell.errors import require
 from scancell.studies.analysis import Rows, independent_rows
 
 require("matplotlib", "studies")

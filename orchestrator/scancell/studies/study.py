@@ -27,16 +27,14 @@ from scancell.calibration.cell.report import CalibrationReport
 from scancell.config.description import to_si, validate
 from scancell.config.loading import Setup
 from scancell.config.study import FittedSphereDescription, StudyDescription, VaryingScansDescription, load_study
-from scancell.errors import DescriptionError, FitError, OutputError
-from scancell.extras import require
+from scancell.errors import DescriptionError, FitError, OutputError, require
 from scancell.files import read_json
 from scancell.geometry.fits import fit_sphere
 from scancell.nominal.parts import load_part
 from scancell.output.run_folder import build_version, named_files
-from scancell.progress import Progress
+from scancell.progress import Progress, Stopwatch
 from scancell.reconstruction.cloud import Cloud
 from scancell.results import ScanResult
-from scancell.stopwatch import Stopwatch
 from scancell.studies.engine import (
     Announce,
     ExecutionTarget,
@@ -64,7 +62,7 @@ from scancell.studies.run_record import (
     recorded_terms,
     write_record,
 )
-from scancell.visibility.measurable import MeasurableSurface, cache_folder, measurable_surface
+from scancell.visibility.surface_search import MeasurableSurface, cache_folder, measurable_surface
 
 ROWS = "rows.json"
 TIMINGS = "timings.json"

@@ -15,10 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from scancell.arguments import checked_arguments
-from scancell.closing import Closing
-from scancell.errors import OutputError
+from scancell.errors import OutputError, require
 from scancell.evaluation.deviation import deviation_from_mesh
-from scancell.extras import require
 from scancell.files import atomic_write
 from scancell.geometry import pose
 from scancell.live.camera import CameraFrame
@@ -27,6 +25,7 @@ from scancell.live.state import LiveState
 from scancell.nominal.cell import Body, NominalCell
 from scancell.output.web_page import displayed
 from scancell.progress import NullProgress, Progress
+from scancell.values import Closing
 from scancell.views.pictures import painted
 from scancell.views.recorded_run import RecordedRun
 

@@ -4,18 +4,26 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+import zipfile
+import zlib
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.config.sensor import SensorDescription, sensor_json
+from scancell.errors import OutputError
+from scancell.files import atomic_write
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, joined, sample_surface
 from scancell.nominal.cell import Body, NominalCell
-from scancell.progress import Progress
+from scancell.progress import NullProgress, Progress
+from scancell.values import Value
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -33,6 +41,8 @@ _SEED = 0
 _AZIMUTHS = round(2 * np.pi / ANGLE_STEP)
 _CHUNK = 1000  # samples between two reports of progress
 _MOST_TRIES = 100  # poses tried for a sample
+
+COVERAGE_SAMPLES = 20_000
 
 
 @dataclass(frozen=True)
@@ -143,7 +153,7 @@ class Tracer:
 
 
 class SurfaceSearch:
-    """Search for poses that measure samples of a part's surface, on the grid of `scancell.visibility.measurable`.
+    """Search for poses that measure samples of a part's surface, on the grid of `scancell.visibility.surface_search`.
 
     `samples` and `normals` (n, 3) are in the part frame. `obstacles` are the meshes of the part and of all that rests
     on the table, in the frame of the table at angle 0.
@@ -322,3 +332,109 @@ def _feed(sha: hashlib._Hash, *arrays: NDArray[np.generic]) -> None:
     for array in arrays:
         sha.update(f"{array.dtype.str}{array.shape}".encode())
         sha.update(np.ascontiguousarray(array).data)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MeasurableSurface(Value):
+    """Surface samples of a part and which of them the sensor could measure (see the module).
+
+    Attributes
+    ----------
+    samples, normals
+        (n, 3) in the part frame, m; each sample represents the same share of the surface. The unit normals look
+        outwards; they are NaN for a mesh that is not closed: what is measured from either side counts there.
+    measurable
+        (n,)
+    area
+        Area of the whole surface, m².
+    digest
+        SHA-256 of everything that decides the result.
+    """
+
+    samples: Array
+    normals: Array
+    measurable: Flags
+    area: float
+    digest: str
+
+    @property
+    def measurable_fraction(self) -> float:
+        """Measurable share of the whole surface, 0 … 1."""
+        return float(self.measurable.mean())
+
+    def thinned(self, count: int) -> MeasurableSurface:
+        """The same surface with at most `count` of the samples, evenly chosen."""
+        if count >= len(self.samples):
+            return self
+        rows = (np.arange(count) + 0.5) * len(self.samples) / count
+        chosen = rows.astype(np.int64)
+        return MeasurableSurface(
+            self.samples[chosen], self.normals[chosen], self.measurable[chosen], self.area, self.digest
+        )
+
+
+def cache_folder() -> Path:
+    """Folder of the cached results: ``$SCANCELL_CACHE``, or ``scancell/measurable`` in the user's cache folder."""
+    chosen = os.environ.get("SCANCELL_CACHE")
+    if chosen:
+        return Path(chosen)
+    user = os.environ.get("XDG_CACHE_HOME")
+    return (Path(user) if user else Path.home() / ".cache") / "scancell" / "measurable"
+
+
+def measurable_surface(
+    nominal: NominalCell,
+    sensor: SensorDescription,
+    samples: int = COVERAGE_SAMPLES,
+    progress: Progress | None = None,
+    cache: Path | None = None,
+    threads: int = 0,
+) -> MeasurableSurface:
+    """Find the measurable surface of the part in a cell, or read it from the cache.
+
+    Parameters
+    ----------
+    samples
+        Number of surface samples.
+    progress
+        Gets the stage ``measurable surface``, unless the result is cached.
+    cache
+        Folder of the cache, see `cache_folder`; None: nothing is read or kept.
+    threads
+        0: all cores. The result does not depend on it.
+    """
+    search = SurfaceSearch(nominal, SensorField.of(sensor), samples, threads)
+    digest = search.digest()
+    file = None if cache is None else cache / f"{digest}.npz"
+    measurable = None if file is None else _read(file, samples)
+    if measurable is None:
+        measurable = search.run(progress or NullProgress())
+        if file is not None:
+            _write(file, measurable)
+    normals = search.normals if nominal.part.is_closed else np.full_like(search.normals, np.nan)
+    return MeasurableSurface(search.samples, normals, measurable, float(nominal.part.areas.sum()), digest)
+
+
+def unknown_surface(
+    nominal: NominalCell, sensor: SensorDescription, samples: int = COVERAGE_SAMPLES, threads: int = 0
+) -> MeasurableSurface:
+    """The samples of `measurable_surface` where it is unknown which are measurable: none counts as such."""
+    search = SurfaceSearch(nominal, SensorField.of(sensor), samples, threads)
+    normals = search.normals if nominal.part.is_closed else np.full_like(search.normals, np.nan)
+    return MeasurableSurface(search.samples, normals, np.zeros(samples, bool), float(nominal.part.areas.sum()), "")
+
+
+def _read(file: Path, samples: int) -> Flags | None:
+    """Which samples are measurable (n,), from a cache file; None when it is missing, damaged or of another size."""
+    try:
+        with np.load(file, allow_pickle=False) as data:
+            measurable = data["measurable"]
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
+        return None
+    return measurable if measurable.shape == (samples,) and measurable.dtype == np.bool_ else None
+
+
+def _write(file: Path, measurable: Flags) -> None:
+    """Keep the result. Where the folder cannot be written, the next scan computes it again."""
+    with suppress(OutputError), atomic_write(file) as temporary:
+        np.savez_compressed(temporary, measurable=measurable)

@@ -11,9 +11,9 @@ import numpy as np
 from scancell.geometry.mesh import Mesh
 from scancell.guard.check import ManualCheck
 from scancell.guard.endpoints import Identifier, _Window
-from scancell.guard.free_path import FreePath, NearPairs
 from scancell.guard.guard import Decision, Guard
 from scancell.guard.messages import CellState, GuardMessage, decode
+from scancell.guard.parts import FreePath, NearPairs
 from scancell.guard.stopping import Hypothesis, Kind, Path
 from scancell.guard.transport import Link
 from scancell.nominal.cell import NominalCell

@@ -18,9 +18,7 @@ from numpy.typing import NDArray
 from bench.guard_search.limits import at_limits
 from bench.guard_search.mutations import Mutation
 from bench.guard_search.pair_moves import PairMoves
-from scancell.closing import Closing
-from scancell.config.cell import CellDescription
-from scancell.config.frames import ChannelDescription, LinkDescription
+from scancell.config.cell import CellDescription, ChannelDescription, LinkDescription
 from scancell.geometry.mesh import Mesh
 from scancell.guard.parts import Tool
 from scancell.nominal.cell import nominal_cell
@@ -28,6 +26,7 @@ from scancell.studies.guard.draws import Draws
 from scancell.studies.guard.scenario import JOGGED, Kind, Motion, Scenario
 from scancell.studies.guard.simulation import SAMPLES, MotionRecord, Network, Simulation
 from scancell.studies.guard.worlds import World
+from scancell.values import Closing
 
 Array = NDArray[np.float64]
 

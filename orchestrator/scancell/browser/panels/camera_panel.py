@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scancell.browser.panels.handles import Follower, run_once, set_changed, small_html
 from scancell.browser.scene.devices import field_corners
 from scancell.config.sensor import SensorDescription
-from scancell.extras import require
+from scancell.errors import require
 from scancell.live.camera import CameraFeed, CameraFrame
 
 _PLACE_PX, _WIDTH_PX, _PLOT_PX = 15, 530, 130

@@ -9,7 +9,7 @@ from typing import Any, get_args
 from scancell.browser.panels.handles import Debounce, Follower
 from scancell.browser.panels.operator_commands import OperatorCommands, can_move
 from scancell.cell.driver import Operation
-from scancell.config.description import Engine
+from scancell.config.choices import Engine
 from scancell.config.sensor import SensorDescription
 from scancell.live.camera import CameraFeed
 from scancell.live.commands import CloseGripper, OpenGripper, RunConveyor, SetMonitorSpeed, SetOperation

@@ -16,7 +16,7 @@ from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.browser.panels.scans import Scans
 from scancell.cell.driver import Operation
 from scancell.exercises.attempt import Attempt, Result, sheet_file, write_sheet
-from scancell.exercises.declaration import Question
+from scancell.exercises.measures import Question
 from scancell.live.camera import CameraFeed, CameraFrame
 from scancell.live.state import LiveState
 from scancell.programs.live_program import LiveProgram

@@ -27,8 +27,8 @@ from scancell.browser.panels.handles import (
 from scancell.browser.panels.operator_commands import OperatorCommands, can_end, can_move, can_start
 from scancell.browser.panels.view_panel import add_switch
 from scancell.browser.scene.scene import LIVE_COLOURS, CellScene, LiveCloud
-from scancell.browser.server.quiet import address, quiet_server
-from scancell.config.description import LOOPBACK, Engine
+from scancell.browser.server.gate import address, quiet_server
+from scancell.config.choices import LOOPBACK, Engine
 from scancell.errors import CommandError
 from scancell.files import first_free
 from scancell.geometry.mesh import Mesh
@@ -38,10 +38,10 @@ from scancell.live.commands import Cancel
 from scancell.live.scan import LiveChunk, LiveScan, LiveScanState
 from scancell.live.state import LiveState
 from scancell.nominal.cell import NominalCell
+from scancell.progress import Pace
 from scancell.reconstruction.cloud_files import write_cloud
 from scancell.results import ScanResult
 from scancell.scanning.session import ScanSession
-from scancell.stopwatch import Pace
 from scancell.views.motion import RunMotion, scan_motion
 from scancell.views.recorded_run import RecordedRun
 from scancell.views.renderer import ColourBy, coloured_by

@@ -14,7 +14,6 @@ from scancell.browser.panels.handles import WARNING, Follower, pressed, run_once
 from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.browser.panels.scans import Scans
 from scancell.cell.driver import Tool
-from scancell.closing import Closing
 from scancell.errors import CommandError, DescriptionError, OutputError, ScancellError
 from scancell.files import first_free, read_file
 from scancell.live.camera import CameraFeed
@@ -38,7 +37,8 @@ from scancell.programs.taught import (
     TaughtStep,
     read_program,
 )
-from scancell.stopwatch import Pace
+from scancell.progress import Pace
+from scancell.values import Closing
 from scancell.views.mcap_export import SessionRecorder
 
 _KINDS: dict[str, Command] = {

@@ -18,7 +18,7 @@ from scancell.config.devices import (
 )
 from scancell.config.sensor import SensorDescription
 from scancell.geometry import pose
-from scancell.nominal.gripper import pose_matrix
+from scancell.nominal.parts import pose_matrix
 
 if TYPE_CHECKING:
     import viser

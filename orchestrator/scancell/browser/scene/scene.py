@@ -14,7 +14,7 @@ from scancell.browser.scene.bodies import FORBIDDEN, PREVIEW, BodyNodes, Ghost, 
 from scancell.browser.scene.cloud import GrowingCloud, SceneOptions, Trace
 from scancell.browser.scene.devices import BeltMarks, DeviceView, SensorView
 from scancell.cell.driver import Mode
-from scancell.cell.sensing import collision_meshes
+from scancell.cell.fmu_file import collision_meshes
 from scancell.config.cell import CellDescription
 from scancell.config.sensor import SensorDescription
 from scancell.errors import DescriptionError

@@ -11,9 +11,9 @@ from threading import Event, Lock, RLock
 from typing import TYPE_CHECKING, Protocol
 
 from scancell.browser.panels.scans import Playback
-from scancell.browser.server.quiet import address, quiet_server
+from scancell.browser.server.gate import address, quiet_server
 from scancell.browser.server.workspace import Workspace, WorkspaceSettings
-from scancell.config.description import LOOPBACK
+from scancell.config.choices import LOOPBACK
 from scancell.errors import CommandError, ScancellError
 from scancell.scanning.session import ScanSession
 from scancell.views.recorded_run import open_archive

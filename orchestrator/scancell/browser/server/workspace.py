@@ -23,11 +23,11 @@ from scancell.browser.panels.teach_panel import Opener, SessionRecording
 from scancell.browser.panels.view_panel import add_view_options
 from scancell.browser.scene.scene import CellScene, LiveCloud
 from scancell.browser.server.gate import Operators
-from scancell.config.description import Engine
+from scancell.config.choices import Engine
 from scancell.config.sensor import SensorDescription
 from scancell.errors import CommandError, PlanningError
 from scancell.exercises.attempt import Attempt
-from scancell.exercises.declaration import Exercise
+from scancell.exercises.measures import Exercise
 from scancell.geometry import pose
 from scancell.live.camera import CameraFeed
 from scancell.live.cell import LiveCell
@@ -35,8 +35,8 @@ from scancell.live.plan import LivePlan
 from scancell.nominal.cell import NominalCell
 from scancell.programs.live_program import LiveProgram
 from scancell.programs.taught import TaughtFile
+from scancell.progress import Pace
 from scancell.scanning.session import ScanSession
-from scancell.stopwatch import Pace
 
 if TYPE_CHECKING:
     import viser

@@ -18,10 +18,9 @@ from scancell.calibration.cell.problem import CalibrationResult
 from scancell.calibration.cell.scan import Calibration, CalibrationOptions, CalibrationScan, single_sphere
 from scancell.calibration.measured_table import MeasuredTable, read_profiles
 from scancell.calibration.report import SavedCalibration, comparison_text
-from scancell.cell.as_built import parse_as_built
-from scancell.config.cell import CellDescription
-from scancell.config.description import CalibrationTarget, Engine
-from scancell.config.estimated import EstimatedDescription
+from scancell.cell.fmu_file import parse_as_built
+from scancell.config.cell import CellDescription, EstimatedDescription
+from scancell.config.choices import CalibrationTarget, Engine
 from scancell.config.loading import Setup
 from scancell.config.study import CalibrateDescription
 from scancell.config.table_format import read_format, recognised_format

@@ -37,15 +37,14 @@ from scancell.calibration.cell.problem import (
 from scancell.calibration.cell.solve import circles_of, moments_of, solve, sphere_start
 from scancell.calibration.variance_components import informations
 from scancell.cell.recording import TriggerRecords, slopes
-from scancell.config.description import Engine
+from scancell.config.choices import Engine
 from scancell.errors import CalibrationError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import ShapeMesh, Sphere
 from scancell.nominal.cell import NominalCell
 from scancell.planning.model import PlanningCell, SensorRange, Work, with_table
-from scancell.planning.motion.assembly import Assembly
-from scancell.planning.motion.verification import check_part, verified
+from scancell.planning.motion.assembly import Assembly, check_part, verified
 from scancell.planning.options import ScanOptions, scan_options
 from scancell.planning.plan import Plan
 from scancell.planning.views.placement import PlacedPass, PlacedPose, Placer

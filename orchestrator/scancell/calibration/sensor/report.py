@@ -17,7 +17,7 @@ from scancell.calibration.sensor.problem import FRAME, RADIUS_OFFSET, SensorPara
 from scancell.calibration.sensor.simulated import calibrate_from, measure, poses_known, range_error
 from scancell.calibration.sensor.solve import SensorCalibration
 from scancell.calibration.sensor.targets import MeasuredExposures, read_exposures, write_exposures
-from scancell.config.description import SensorTarget
+from scancell.config.choices import SensorTarget
 from scancell.config.loading import Setup, as_built_sensor, require_sensor_words
 from scancell.config.sensor import SensorDescription
 from scancell.errors import DescriptionError

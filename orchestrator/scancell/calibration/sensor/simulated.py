@@ -13,7 +13,8 @@ from scancell.calibration.sensor import targets as sensor_targets
 from scancell.calibration.sensor.problem import Corners, SensorProblem, StripePeaks, TargetExposure, free_parameters
 from scancell.calibration.sensor.solve import SensorCalibration, solve
 from scancell.calibration.sensor.targets import CheckeredBoard, start_from_corners
-from scancell.config.description import SensorTarget, si_value
+from scancell.config.choices import SensorTarget
+from scancell.config.description import si_value
 from scancell.config.loading import as_built_sensor
 from scancell.config.sensor import SensorDescription, read_out
 from scancell.geometry import pose

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from scancell.calibration.measured_table import MeasuredTable, write_measured_table
 from scancell.calibration.sensor.problem import PEAK_SPACING, Corners, SensorParameters, StripePeaks, TargetExposure
-from scancell.config.description import SensorTarget
+from scancell.config.choices import SensorTarget
 from scancell.config.material import PRESETS, Material
 from scancell.config.sensor import (
     CameraDescription,

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scancell.cell.arm_dynamics import dynamics_json
+from scancell.cell.fmu_file import dynamics_json
 from scancell.config.cell import CellDescription
 from scancell.errors import CellError
 from scancell.geometry import pose

@@ -34,14 +34,15 @@ from scancell.planning.views.paths import sweeps, sweeps_beside_axis
 from scancell.planning.views.placement import PATH_ACCELERATION, Infeasible, Placed, Placer, sweep_run
 from scancell.planning.views.views import Pass, Surface, Sweep, View, exposure_counts
 from scancell.values import Value
-from scancell.visibility.measurable import MeasurableSurface, measurable_surface
 from scancell.visibility.surface_search import (
     ANGLE_STEP,
     INCIDENCE_LIMIT,
+    MeasurableSurface,
     SensorField,
     SensorOptics,
     SurfaceSearch,
     Tracer,
+    measurable_surface,
     orientations,
 )
 

@@ -28,7 +28,7 @@ from scancell.errors import DescriptionError, PlanningError
 from scancell.files import require_file
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
-from scancell.nominal.gripper import pose_matrix
+from scancell.nominal.parts import pose_matrix
 from scancell.planning.options import Spacing
 
 Array = NDArray[np.float64]

@@ -26,7 +26,7 @@ from scancell.errors import DescriptionError
 from scancell.files import atomic_write
 from scancell.geometry import pose
 from scancell.reconstruction.cloud import Cloud
-from scancell.reconstruction.cloud_files.ply import read_ply, read_ply_comments, write_ply
+from scancell.reconstruction.cloud_files.formats import read_ply, read_ply_comments, write_ply
 
 # Writes a cloud with comments to a path; `write_cloud` makes the result atomic.
 _Write = Callable[[Path, Cloud, Sequence[str]], None]
@@ -69,9 +69,9 @@ def read_cloud(path: Path) -> Cloud:
 
     Raises `MeshError` if the file is missing or not a cloud of scancell.
     """
-    from scancell.reconstruction.cloud_files import plain  # noqa: PLC0415
+    from scancell.reconstruction.cloud_files import formats  # noqa: PLC0415
 
-    return plain.read_npz(path) if path.suffix.lower() == ".npz" else read_ply(path)
+    return formats.read_npz(path) if path.suffix.lower() == ".npz" else read_ply(path)
 
 
 def transformed_columns(cloud: Cloud, target_from_source: NDArray[np.float64]) -> Cloud:
@@ -109,6 +109,6 @@ def _writer(name: str) -> _Write:
             from scancell.reconstruction.cloud_files.laz import write_e57  # noqa: PLC0415
 
             return write_e57
-    from scancell.reconstruction.cloud_files import plain  # noqa: PLC0415
+    from scancell.reconstruction.cloud_files import formats  # noqa: PLC0415
 
-    return {"npz": plain.write_npz, "pcd": plain.write_pcd, "xyz": plain.write_xyz}[name]
+    return {"npz": formats.write_npz, "pcd": formats.write_pcd, "xyz": formats.write_xyz}[name]

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.errors import MeshError
-from scancell.extras import require
+from scancell.errors import MeshError, require
 from scancell.reconstruction.cloud import Cloud
 
 MM = 1e3

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.config.artefact import ArtefactDescription
-from scancell.config.description import Engine, ScanMode, validate
+from scancell.config.choices import Engine, ScanMode
+from scancell.config.description import validate
 from scancell.config.files import assets_dir, plain_data
 from scancell.config.loading import Setup
 from scancell.errors import EmptyScanError, FitError, PlanningError

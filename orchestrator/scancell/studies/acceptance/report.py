@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from scancell.config.description import Engine
+from scancell.config.choices import Engine
 from scancell.config.loading import Setup
 from scancell.config.study import load_study
-from scancell.errors import DescriptionError, FitError
+from scancell.errors import DescriptionError, FitError, require
 from scancell.evaluation.artefact import ArtefactEvaluation
-from scancell.extras import require
 from scancell.output.run_files import write_json
 from scancell.output.run_folder import RunFolder, command_words, manifest, versions
 from scancell.output.tables import columns_of, write_csv

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.closing import Closing
 from scancell.config.cell import CellDescription
 from scancell.geometry.mesh import Mesh
 from scancell.studies.guard.draws import Draw, Draws
@@ -22,6 +21,7 @@ from scancell.studies.guard.servers import RIVALS
 from scancell.studies.guard.simulation import MotionRecord, Network, Protection, Simulation
 from scancell.studies.guard.strata import DECADES, FAULTS, Stratum, random_network, stratum_of
 from scancell.studies.guard.worlds import World, world_of
+from scancell.values import Closing
 
 Array = NDArray[np.float64]
 

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from scancell.cell.fmu_file import ReusableCell, cell_json
 from scancell.cell.instance import CellInstance
-from scancell.closing import Closing
-from scancell.config.frames import LinkDescription
+from scancell.config.cell import LinkDescription
 from scancell.geometry import pose
 from scancell.guard.guard import Decision, Guard, GuardedCell, GuardSettings
 from scancell.guard.messages import CellState, GuardMessage
@@ -23,6 +22,7 @@ from scancell.nominal.cell import fmu_frame
 from scancell.studies.guard.scenario import Begun, Operator, Scenario
 from scancell.studies.guard.servers import Servers
 from scancell.studies.guard.worlds import World
+from scancell.values import Closing
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scancell.config.frames import ChannelDescription, LinkDescription
+from scancell.config.cell import ChannelDescription, LinkDescription
 from scancell.studies.guard.scenario import JOGGED, MOVED, Kind
 
 DECADES = ("0.1-1 %", "1-10 %", "10-100 %")  # of the full speed

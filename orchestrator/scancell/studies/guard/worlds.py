@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.cell.sensing import SENSOR_KEYS
+from scancell.cell.fmu_file import SENSOR_KEYS
 from scancell.config.cell import CellDescription
 from scancell.config.files import assets_dir
 from scancell.config.loading import load_setup
@@ -20,7 +20,7 @@ from scancell.geometry.mesh import Mesh, box_mesh, decimated, joined
 from scancell.guard.guard import Guard, GuardSettings
 from scancell.guard.parts import movable_parts
 from scancell.nominal.cell import Body, NominalCell, flange_from_tool, nominal_cell
-from scancell.nominal.gripper import gripper_from_finger, pose_matrix
+from scancell.nominal.parts import gripper_from_finger, pose_matrix
 from scancell.proximity.judge import Judge
 from scancell.proximity.scene import ProximityScene, arm_chain
 from scancell.scanning.session import settings_of, touching, with_finger_travel

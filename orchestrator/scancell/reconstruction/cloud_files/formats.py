@@ -1,23 +1,192 @@
-"""Reading of PCD files (Point Cloud Library) of all encodings."""
+"""Formats of point-cloud files of scancell's own and of PCL: NPZ, text, PLY and PCD."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.errors import DescriptionError
+from scancell.errors import DescriptionError, MeshError
+from scancell.files import atomic_write, require_file
+from scancell.reconstruction.cloud import Cloud
+from scancell.reconstruction.cloud_files.laz import (
+    MM,
+    RECORD,
+    UNITS,
+    WITHOUT_SATURATED,
+    cloud_of_record,
+    record_of,
+    require_bounded,
+)
 from scancell.text_table import decoded, lines_of, numbers_of_lines
 
 Array = NDArray[np.float64]
+
+_PCD_TYPES = {"f": "F", "i": "I", "u": "U"}
+_PCD_NAMES = {"nx": "normal_x", "ny": "normal_y", "nz": "normal_z"}
+_DECIMALS = {"x": "%.6f", "y": "%.6f", "z": "%.6f", "time": "%.9f"}
+
+
+_SAME = ("normals", "intensity", "quality", "camera", "column", "segment", "profile")
+
+_BLOCK = 1 << 16  # points written at a time, which bounds the memory
+_PLY_HEADER = 1 << 16  # bytes in which the header of a file ends
+_PLY_NAMES = {"<f8": "double", "<f4": "float", "|u1": "uchar", "<i4": "int"}
 
 _KEYS = {"VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA"}
 _SIZES = {"F": (4, 8), "I": (1, 2, 4, 8), "U": (1, 2, 4, 8)}
 _HEADER = 1 << 20  # bytes in which a header ends
 _MOST_POINTS = 2**31
 _MOST_COUNT = 1 << 20  # values of a field
+
+
+def write_npz(path: Path, cloud: Cloud, comments: Sequence[str]) -> None:
+    """Write a compressed archive: ``points_in_part_mm``, ``normals`` (n, 3), ``sigma_mm`` (n,), …, ``comments``."""
+    np.savez_compressed(
+        path,
+        points_in_part_mm=cloud.points_in_part * MM,
+        sigma_mm=cloud.sigma * MM,
+        time_s=cloud.time,
+        saturated=cloud.saturated,
+        comments=np.array([UNITS, *comments]),
+        **{name: getattr(cloud, name) for name in _SAME},
+    )
+
+
+def read_npz(path: Path) -> Cloud:
+    """The cloud of an archive of `write_npz`.
+
+    Raises `MeshError` if the file is missing or no such archive.
+    """
+    require_file(path, MeshError)
+    try:
+        with np.load(path) as archive:
+            cloud = Cloud(
+                points_in_part=archive["points_in_part_mm"] / MM,
+                sigma=archive["sigma_mm"] / MM,
+                time=archive["time_s"],
+                saturated=archive["saturated"] if "saturated" in archive else np.zeros(len(archive["time_s"]), bool),
+                **{name: archive[name] for name in _SAME},
+            )
+    except (
+        OSError,
+        ValueError,
+        KeyError,
+        TypeError,
+        AttributeError,
+        EOFError,
+        MemoryError,
+        BadZipFile,
+        DescriptionError,
+    ) as error:
+        raise MeshError(f"{path}: not a cloud of scancell: {error}") from None
+    return require_bounded(cloud, path)
+
+
+def write_pcd(path: Path, cloud: Cloud, comments: Sequence[str]) -> None:
+    """Write binary PCD 0.7; positions in single precision, because other programs accept no double x, y, z."""
+    record = record_of(cloud)
+    single = np.dtype([(name, "<f4" if name in "xyz" else RECORD[name].str) for name in RECORD.names or ()])
+    kinds = [single[name] for name in single.names or ()]
+    lines = [
+        "# .PCD v0.7 - Point Cloud Data file format",
+        *(f"# {' '.join(note.split())}" for note in (UNITS, *comments)),
+        "VERSION 0.7",
+        f"FIELDS {' '.join(_PCD_NAMES.get(name, name) for name in single.names or ())}",
+        f"SIZE {' '.join(str(kind.itemsize) for kind in kinds)}",
+        f"TYPE {' '.join(_PCD_TYPES[kind.kind] for kind in kinds)}",
+        f"COUNT {' '.join('1' for _ in kinds)}",
+        f"WIDTH {len(record)}",
+        "HEIGHT 1",
+        "VIEWPOINT 0 0 0 1 0 0 0",
+        f"POINTS {len(record)}",
+        "DATA binary",
+    ]
+    with path.open("wb") as stream:
+        stream.write(("\n".join(lines) + "\n").encode())
+        stream.write(record.astype(single).tobytes())  # `tofile` hides the cause of write errors
+
+
+def write_xyz(path: Path, cloud: Cloud, comments: Sequence[str]) -> None:
+    """Write text, one line per point; header lines with the names of the columns, the units and the comments."""
+    names = RECORD.names or ()
+    head = "\n".join([" ".join(names), UNITS, *(" ".join(note.split()) for note in comments)])
+    floats = {name: _DECIMALS.get(name, "%.7g") for name in names}
+    layout = [floats[name] if RECORD[name].kind == "f" else "%d" for name in names]
+    np.savetxt(path, record_of(cloud), layout, header=head, encoding="utf-8")
+
+
+def write_ply(path: str | Path, cloud: Cloud, comments: tuple[str, ...] = ()) -> None:
+    """Write a binary little-endian PLY file atomically; x, y, z and sigma in mm, time in s.
+
+    Raises `OutputError` if the file cannot be written.
+    """
+    with atomic_write(path) as temporary, temporary.open("wb") as stream:
+        stream.write(_header(len(cloud), comments))
+        for start in range(0, len(cloud), _BLOCK):
+            stream.write(record_of(cloud[start : start + _BLOCK]).tobytes())  # `tofile` hides the cause of write errors
+
+
+def read_ply(path: str | Path) -> Cloud:
+    """Read a cloud written by `write_ply`, also of a version without the property ``saturated``.
+
+    Raises `MeshError` if the file is missing, has other properties, or is truncated.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise MeshError("no such file", file=path)
+    with path.open("rb") as stream:
+        head = _read_ply_header(stream.read(_PLY_HEADER))
+        if head is None:
+            raise MeshError(file=path, expected="a binary point cloud written by scancell")
+        count, kind, known = head
+        stream.seek(known)
+        record = np.fromfile(stream, kind, count)
+    if len(record) < count:
+        raise MeshError(f"file is truncated: {len(record)} of {count} points", file=path)
+    return require_bounded(cloud_of_record(record), path)
+
+
+def read_ply_comments(path: str | Path) -> list[str]:
+    """Lines of text in the header of a PLY file.
+
+    Raises `MeshError` if the file is missing.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise MeshError("no such file", file=path)
+    with path.open("rb") as stream:
+        lines = stream.read(_PLY_HEADER).partition(b"end_header\n")[0].decode("utf-8", errors="replace").splitlines()
+    return [line.removeprefix("comment ") for line in lines if line.startswith("comment ")]
+
+
+def _properties(kind: np.dtype[np.void]) -> list[str]:
+    return [f"property {_PLY_NAMES[kind[name].str]} {name}" for name in kind.names or ()]
+
+
+def _header(count: int, comments: tuple[str, ...]) -> bytes:
+    notes = (f"units: {UNITS}", *comments)
+    lines = ["ply", "format binary_little_endian 1.0"]
+    lines += [f"comment {' '.join(note.split())}" for note in notes]
+    lines += [f"element vertex {count}", *_properties(RECORD), "end_header"]
+    return ("\n".join(lines) + "\n").encode("utf-8")
+
+
+def _read_ply_header(start: bytes) -> tuple[int, np.dtype[np.void], int] | None:
+    """Number of points, type of their records and byte offset of the first one; None for another kind of PLY."""
+    head, mark, _ = start.partition(b"end_header\n")
+    lines = head.decode("utf-8", errors="replace").splitlines()
+    properties = [line for line in lines if line.startswith("property")]
+    elements = [line.split() for line in lines if line.startswith("element")]
+    kinds = [kind for kind in (RECORD, WITHOUT_SATURATED) if properties == _properties(kind)]
+    ours = mark and lines[:2] == ["ply", "format binary_little_endian 1.0"] and kinds
+    if not ours or len(elements) != 1 or not elements[0][-1].isdecimal():
+        return None
+    return int(elements[0][-1]), kinds[0], len(head) + len(mark)
 
 
 @dataclass(frozen=True)
