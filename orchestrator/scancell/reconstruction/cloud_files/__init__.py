@@ -106,7 +106,7 @@ def _writer(name: str) -> _Write:
 
             return write_laz
         case "e57":
-            from scancell.reconstruction.cloud_files.laz import write_e57  # noqa: PLC0415
+            from scancell.reconstruction.cloud_files.e57 import write_e57  # noqa: PLC0415
 
             return write_e57
     from scancell.reconstruction.cloud_files import formats  # noqa: PLC0415

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scancell.errors import DescriptionError, MeshError
 from scancell.files import atomic_write, require_file
 from scancell.reconstruction.cloud import Cloud
-from scancell.reconstruction.cloud_files.laz import (
+from scancell.reconstruction.cloud_files.record import (
     MM,
     RECORD,
     UNITS,
