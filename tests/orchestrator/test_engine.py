@@ -145,7 +145,7 @@ def test_full_disk_ends_the_run_and_keeps_earlier_results(tmp_path, monkeypatch)
 
 
 def test_missing_scheduler_is_named(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("scancell.studies.engine._CONNECT_S", 1)
+    monkeypatch.setattr("scancell.studies.dask_cluster._CONNECT_S", 1)
     with pytest.raises(WorkersError, match=r"tcp://127.0.0.1:1"):
         run_tasks(make_job(tmp_path), make_tasks(2), ExecutionTarget(scheduler="tcp://127.0.0.1:1"), NullProgress())
 
@@ -154,6 +154,6 @@ def test_workers_that_do_not_start_are_reported(tmp_path, monkeypatch) -> None:
     def fails(**_: object) -> None:
         raise RuntimeError("Nanny failed to start.")
 
-    monkeypatch.setattr("scancell.studies.engine.LocalCluster", fails)
+    monkeypatch.setattr("scancell.studies.dask_cluster.LocalCluster", fails)
     with pytest.raises(WorkersError, match="do not start"):
         run_tasks(make_job(tmp_path), make_tasks(1), ExecutionTarget(workers=1), NullProgress())

@@ -36,7 +36,7 @@ def test_missing_dependency_of_an_installed_package_is_not_blamed_on_the_extra(t
 
 def test_format_without_its_package_is_refused_before_any_scan(monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "pye57", None)
-    monkeypatch.delitem(sys.modules, "scancell.reconstruction.cloud_files.laz", raising=False)
+    monkeypatch.delitem(sys.modules, "scancell.reconstruction.cloud_files.e57", raising=False)
     with pytest.raises(MissingExtraError, match=r"pye57 .*scancell\[formats\]"):
         parse_formats("ply,e57", "--format")
 
