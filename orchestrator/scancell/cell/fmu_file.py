@@ -262,7 +262,7 @@ def _loose_frames(cell: CellDescription, nominal: NominalCell) -> set[str]:
     if cell.part.fixture == "free" and (has_gripper or nominal.belt is not None):
         frames.add("part")
     for number, part in enumerate(nominal.further_parts, start=2):
-        if part.description.fixture == "free" and (has_gripper or part.carrier != "table"):
+        if part.description.fixture == "free" and (has_gripper or part.description.stands_on != "table"):
             frames.add(f"part[{number}]")
     return frames
 

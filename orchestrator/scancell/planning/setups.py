@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from scancell.config.cell import CellDescription, PartDescription
 from scancell.config.devices import FurtherPartDescription
+from scancell.config.scan import CoverageDescription
 from scancell.config.sensor import SensorDescription
 from scancell.errors import PlanningError
 from scancell.geometry import pose
@@ -19,7 +20,7 @@ from scancell.geometry.mesh import Mesh, RestingPose, box_mesh, resting_poses
 from scancell.nominal.cell import Body, NominalCell, nominal_cell
 from scancell.planning.model import PlanningCell, SensorRange, Work, WorkLimitError, join_reasons
 from scancell.planning.motion.assembly import check_part
-from scancell.planning.options import CoverageOptions, ScanOptions
+from scancell.planning.options import ScanOptions
 from scancell.planning.views.coverage import CoveragePlanner, Sight
 from scancell.planning.views.views import sample_part
 from scancell.progress import Progress
@@ -32,7 +33,6 @@ _SAMPLES = 2500
 _MOST_RESTS = 10  # resting poses that are examined, the hardest to tip over first
 _HEIGHTS_MM = (0.0, 30.0, 60.0, 90.0)
 _OFFSETS = (0.0, 0.35)  # of the part's radius, along x of the table
-_MOST_VIEWS, _MOST_TIME = 100, 600.0  # of a set-up; s
 _WORTH = 0.005  # share of the surface that a riser or an offset must add
 _FOOT = 2e-4  # m: height over the lowest point up to which the part is supported
 
@@ -176,7 +176,6 @@ class SetUpPlanner:
     ) -> None:
         self._cell, self._sensor, self._range, self._options = cell, sensor, sensor_range, options
         self._threads, self._work = threads, work or Work()
-        self._coverage = CoverageOptions(1.0, _MOST_VIEWS, _MOST_TIME)
 
     def propose(self, part: Mesh, share: float, progress: Progress) -> SetUps:
         """Set-ups that scan `share` of the surface that is measurable in any stable resting pose.
@@ -185,7 +184,9 @@ class SetUpPlanner:
         none.
         """
         # More in each set-up than is asked of both together.
-        self._coverage = replace(self._coverage, share=(1 + share) / 2)
+        coverage = CoverageDescription(share=(1 + share) / 2)
+        scan = self._options.scan.model_copy(update={"coverage": coverage})
+        self._options = replace(self._options, scan=scan)
         all_rests = resting_poses(part)
         if not all_rests:
             raise PlanningError('has no stable resting pose; clamp it (part.fixture = "clamped")', file=part.source)
@@ -292,9 +293,8 @@ class SetUpPlanner:
         """(n,) samples that feasible views see, and their time (s)."""
         cell = self._planning_cell(nominal)
         sight = Sight(nominal, self._sensor, lambda *_: found, self._threads, self._work)
-        options = replace(self._options, coverage=self._coverage)
         part = sample_part(nominal.part, nominal.table_from_part)
-        planner = CoveragePlanner(cell, sight, options)
+        planner = CoveragePlanner(cell, sight, self._options)
         report = planner.select(part)
         scanned = np.zeros(len(found.samples), bool)
         scanned[sight.rows[planner.covered]] = True
