@@ -158,7 +158,7 @@ class NominalCell(Value):
     home
         Joint angles (joints,) of the home position, rad.
     table_radius
-        Of the platter, m.
+        Radius of the platter, m.
     table_max_speed, table_max_acceleration, table_max_jerk
         Limits of the table, rad/s, rad/s², rad/s³.
     part
@@ -177,9 +177,9 @@ class NominalCell(Value):
     user_frames
         User frames by name, as fixed joints.
     eccentricity
-        Of the platter (x, y), m, in an estimated cell.
+        Eccentricity of the platter (x, y), m, in an estimated cell.
     wobble
-        Of the table's axis (rx_cos, rx_sin, ry_cos, ry_sin), rad, in an estimated cell.
+        Wobble of the table's axis (rx_cos, rx_sin, ry_cos, ry_sin), rad, in an estimated cell.
     trigger_latency
         Time by which exposures are later than the angles that are latched for them, s, in an estimated cell.
     belt

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from scancell.config.description import si_value
+from scancell.config.loading import with_standoffs
 from scancell.config.scan import PairClearanceDescription, PairQualityDescription, ScanDescription, SweepDescription
 from scancell.config.sensor import SensorDescription, profile_time
 from scancell.errors import DescriptionError
@@ -55,7 +56,8 @@ class ScanOptions:
 def scan_options(scan: ScanDescription, sensor: SensorDescription) -> ScanOptions:
     """Options of a validated description; `sensor` sets stand-offs by its range and spacings by its `profile_time`."""
     period = profile_time(sensor)
-    sweep, raster, standoff_mm = scan.sweep, scan.raster, sensor.range.standoff_mm
+    scan = with_standoffs(scan, sensor)
+    sweep, raster = scan.sweep, scan.raster
     is_least_angle, is_least_pitch = sweep.angle_step_deg == "sensor", raster.pitch_mm == "sensor"
     spacing = Spacing(
         si_value(sweep, "speed_deg_s") * period if is_least_angle else si_value(sweep, "angle_step_deg"),
@@ -64,16 +66,10 @@ def scan_options(scan: ScanDescription, sensor: SensorDescription) -> ScanOption
         is_least_pitch,
     )
     paths = [
-        path.model_copy(
-            update={
-                "pitch_mm": path.speed_mm_s * period if path.pitch_mm == "sensor" else path.pitch_mm,
-                "standoff_mm": standoff_mm(path.standoff_mm),
-            }
-        )
+        path.model_copy(update={"pitch_mm": path.speed_mm_s * period}) if path.pitch_mm == "sensor" else path
         for path in scan.path
     ]
-    sweep = sweep.model_copy(update={"standoff_mm": standoff_mm(sweep.standoff_mm)})
-    return ScanOptions(scan.model_copy(update={"sweep": sweep, "path": tuple(paths)}), spacing)
+    return ScanOptions(scan.model_copy(update={"path": tuple(paths)}), spacing)
 
 
 def pair_clearances(scan: ScanDescription, nominal: NominalCell) -> dict[frozenset[str], float]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -156,9 +155,9 @@ class SetUpPlanner:
     cell
         Description of the cell; its part's pose and fixture are replaced.
     sensor, sensor_range
-        Of the sensor.
+        Description and measuring range of the sensor.
     options
-        Of the scan; coverage options are replaced.
+        Options of the scan; coverage options are replaced.
     threads
         0: all cores.
     work
@@ -226,7 +225,9 @@ class SetUpPlanner:
         """
         progress.stage("placements", len(_HEIGHTS_MM) * len(_OFFSETS), "placements")
         found = []
-        for placed in self._placements(part, rest):
+        radius = float(np.linalg.norm(np.ptp((part.vertices @ rest.rotation.T)[:, :2], axis=0)) / 2)
+        for height, offset in product(_HEIGHTS_MM, _OFFSETS):
+            placed = self._placed(rest, height, 1e3 * offset * radius)
             try:
                 nominal = self._nominal(part, placed)
             except WorkLimitError:
@@ -253,15 +254,14 @@ class SetUpPlanner:
     def _set_up(
         self, rest: RestingPose, placed: PartDescription, nominal: NominalCell, found: MeasurableSurface
     ) -> tuple[SetUp, Flags]:
-        scanned, time = self._scanned(nominal, found)
+        """A set-up, and (n,) which samples feasible views see in it."""
+        sight = Sight(nominal, self._sensor, lambda *_: found, self._threads, self._work)
+        planner = CoveragePlanner(self._planning_cell(nominal), sight, self._options)
+        report = planner.select(sample_part(nominal.part, nominal.table_from_part))
+        scanned = np.zeros(len(found.samples), bool)
+        scanned[sight.rows[planner.covered]] = True
         share, riser = float(scanned.mean()), riser_for(nominal)
-        return SetUp(placed, riser, rest.tip_angle, found.measurable_fraction, share, time), scanned
-
-    def _placements(self, part: Mesh, rest: RestingPose) -> Iterator[PartDescription]:
-        radius = float(np.linalg.norm(np.ptp((part.vertices @ rest.rotation.T)[:, :2], axis=0)) / 2)
-        for height in _HEIGHTS_MM:
-            for offset in _OFFSETS:
-                yield self._placed(rest, height, 1e3 * offset * radius)
+        return SetUp(placed, riser, rest.tip_angle, found.measurable_fraction, share, report.time), scanned
 
     def _placed(self, rest: RestingPose, height_mm: float, x_mm: float) -> PartDescription:
         angles = np.degrees(pose.euler_xyz_from_rotation(rest.rotation)).round(6)
@@ -288,17 +288,6 @@ class SetUpPlanner:
 
     def _measurable(self, nominal: NominalCell) -> MeasurableSurface:
         return measurable_surface(nominal, self._sensor, _SAMPLES, self._work, threads=self._threads)
-
-    def _scanned(self, nominal: NominalCell, found: MeasurableSurface) -> tuple[Flags, float]:
-        """(n,) samples that feasible views see, and their time (s)."""
-        cell = self._planning_cell(nominal)
-        sight = Sight(nominal, self._sensor, lambda *_: found, self._threads, self._work)
-        part = sample_part(nominal.part, nominal.table_from_part)
-        planner = CoveragePlanner(cell, sight, self._options)
-        report = planner.select(part)
-        scanned = np.zeros(len(found.samples), bool)
-        scanned[sight.rows[planner.covered]] = True
-        return scanned, report.time
 
 
 def _best_pair(seen: list[Flags]) -> tuple[int, int]:

@@ -265,7 +265,7 @@ class CoverageReport(Value):
     views, candidates
         Number of chosen views and of candidates.
     time
-        Of the chosen views, s, with an estimate of the motions in between.
+        Duration of the chosen views, s, with an estimate of the motions in between.
     least_time
         No choice of the candidates sees the same share in less, s.
     greedy_factor
@@ -340,7 +340,15 @@ class CoveragePlanner:
         Raises `PlanningError` if there are too few exposures.
         """
         report = self.select(part)
-        return self._thinned(max_profiles), report
+        views = [self._pool.views[i] for i in self._chosen]
+        counts = exposure_counts(views, self._options.spacing, max_profiles)
+        result = []
+        for number, view, count in zip(self._chosen, views, counts, strict=True):
+            placed = self._chosen[number] if count == self._count(view) else self._place(view, count)
+            if isinstance(placed, Infeasible):
+                raise PlanningError(f"{placed.reason}, with {count} exposures")
+            result.append((placed, count))
+        return result, report
 
     def select(self, part: Surface) -> CoverageReport:
         """Choose views of the part, which lies on the table; `covered` (n,) are the samples of `Sight` that they see.
@@ -358,7 +366,9 @@ class CoveragePlanner:
             wanted = ~self.covered if is_enough or not self._pool.has_legs else ~self._possible()
             before = int(self._possible().sum() + self.covered.sum())
             self._cell.work.doing = self._reached("judging passes")
-            self._add_legs(np.flatnonzero(wanted), rng)
+            if self._raster.enabled and wanted.any():
+                for leg in legs(self._sight, np.flatnonzero(wanted), _TARGETS, _LEGS_EACH, rng):
+                    self._add(leg.view, leg.judged)
             if self._possible().mean() >= self._wish.share:
                 self._extend()
             fruitless = fruitless + 1 if self._possible().sum() + self.covered.sum() == before else 0
@@ -379,27 +389,10 @@ class CoveragePlanner:
             for view in (*sweeps(part, range_, self._options, _ELEVATIONS), *beside):
                 self._add(view, self._sight.judge(view))
 
-    def _add_legs(self, wanted: Indices, rng: np.random.Generator) -> None:
-        if self._raster.enabled and len(wanted):
-            for leg in legs(self._sight, wanted, _TARGETS, _LEGS_EACH, rng):
-                self._add(leg.view, leg.judged)
-
     def _possible(self) -> Flags:
         """(n,) samples that some candidate sees that is not known to be infeasible."""
         feasible = [seen for seen, reason in zip(self._pool.seen, self._pool.obstacle, strict=True) if not reason]
         return np.asarray(np.any(feasible, axis=0)) if feasible else np.zeros(len(self.covered), bool)
-
-    def _thinned(self, max_profiles: int) -> list[tuple[Placed, int]]:
-        """The chosen views with at most `max_profiles` exposures."""
-        views = [self._pool.views[i] for i in self._chosen]
-        counts = exposure_counts(views, self._options.spacing, max_profiles)
-        result = []
-        for number, view, count in zip(self._chosen, views, counts, strict=True):
-            placed = self._chosen[number] if count == self._count(view) else self._place(view, count)
-            if isinstance(placed, Infeasible):
-                raise PlanningError(f"{placed.reason}, with {count} exposures")
-            result.append((placed, count))
-        return result
 
     def _drop_redundant(self) -> None:
         """Drop views without which the share is seen as well, those that take longest first."""
@@ -434,16 +427,14 @@ class CoveragePlanner:
         return exposure_counts([view], self._options.spacing, sys.maxsize)[0]
 
     def _is_done(self) -> bool:
+        # The rest of the work is for the motions between views.
+        is_work_spent = self._cell.work.spent > CHOICE_SHARE * self._cell.work.limit
         return bool(
             self.covered.mean() >= self._wish.share
             or len(self._chosen) >= self._wish.max_views
             or self._spent() >= self._wish.max_time_s
-            or (self._chosen and self._is_spent())
+            or (self._chosen and is_work_spent)
         )
-
-    def _is_spent(self) -> bool:
-        """Whether the choice has used its share of the work; the rest is for the motions between views."""
-        return self._cell.work.spent > CHOICE_SHARE * self._cell.work.limit
 
     def _spent(self) -> float:
         return float(sum(self._pool.time[i] for i in self._chosen))
