@@ -353,7 +353,7 @@ def run_cell(
     All views may be lost, so that all are tried.
     """
     kind, name, clearance, setup, cell = make_cell(seed)
-    options = replace(scan_options(setup.scan, setup.sensor), max_profiles=profiles, max_lost_share=1.0)
+    options = scan_options(setup.scan.replace(max_profiles=profiles, max_lost_share=1.0), setup.sensor)
     refusals, gaps = Refusals(), cell.work._progress
     assert isinstance(gaps, Gaps)
     made, reason = None, ""

@@ -8,20 +8,19 @@ import numpy as np
 import pytest
 from cells import GRIPPER, ball
 
-from scancell.cell.fmu_file import RigidBody, cell_json, make_temporary_fmu
+from scancell.cell.fmu_file import cell_json, make_temporary_fmu
 from scancell.cell.instance import CellInstance
 from scancell.config.loading import load_setup
 from scancell.geometry import pose
-from scancell.geometry.mesh import box_mesh, load_mesh, mass_properties
+from scancell.geometry.mesh import MassProperties, box_mesh, load_mesh, mass_properties
 from scancell.nominal.cell import nominal_cell
 
 DYNAMIC = ['cell.robot.drive="dynamic"']
 DENSITY = 2000.0
 
 
-def box(x: float, y: float, z: float) -> RigidBody:
-    properties = mass_properties(box_mesh((x, y, z)), DENSITY)
-    return RigidBody(properties.mass, properties.centre_of_mass, properties.inertia)
+def box(x: float, y: float, z: float) -> MassProperties:
+    return mass_properties(box_mesh((x, y, z)), DENSITY)
 
 
 def test_combined_inertia_of_two_halves() -> None:

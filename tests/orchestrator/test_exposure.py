@@ -69,7 +69,7 @@ def test_spacing_by_the_sensor_is_the_way_from_profile_to_profile(words) -> None
     period, options = profile_time(setup.sensor), scan_options(setup.scan, setup.sensor)
     assert options.spacing.angle == pytest.approx(np.radians(setup.scan.sweep.speed_deg_s) * period)
     assert options.spacing.pitch == pytest.approx(1e-3 * setup.scan.raster.speed_mm_s * period)
-    assert options.paths[0].pitch_mm == pytest.approx(30.0 * period)
+    assert options.scan.path[0].pitch_mm == pytest.approx(30.0 * period)
     assert options.spacing.is_least_angle
     assert options.spacing.is_least_pitch
     default = load_setup()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from scancell.browser.panels.handles import report_errors
-from scancell.browser.server.gate import Gate
+from scancell.browser.server.messages import Gate
 from scancell.errors import CommandError
 
 INPUTS = {

@@ -60,12 +60,11 @@ class Gui:
 def operator() -> Any:
     """Every browser may operate the cell."""
 
-    def unchanged(act: Callable[[], None]) -> Callable[[], None]:
-        return act
+    def connect(handle: Handle, act: Callable[[], None], *_: object, **__: object) -> Handle:
+        handle.on_click(act)
+        return handle
 
-    return SimpleNamespace(
-        callback=unchanged, operator_callback=unchanged, submit=lambda _: None, add_inputs=lambda *_, **__: None
-    )
+    return SimpleNamespace(connect=connect, submit=lambda _: None, add_inputs=lambda *_, **__: None)
 
 
 @pytest.mark.parametrize("engine", ["geometric", "ray-traced"])

@@ -58,6 +58,10 @@ class Operator:
     def add_inputs(self, _handles: list[Any], _condition: Any) -> None:
         """All may be used."""
 
+    def connect(self, handle: Handle, act: Callable[[], None], _condition: Any) -> Handle:
+        handle.on_click(act)
+        return handle
+
     def callback(self, act: Callable[[], None]) -> Callable[[], None]:
         return act
 

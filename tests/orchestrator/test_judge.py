@@ -74,4 +74,9 @@ def test_a_plan_that_collides_is_refused_by_the_judge() -> None:
     bad = replace(made.program, segments=(replace(segment, axes=lowered(segment.axes)),))
     with pytest.raises(PlanningError, match=rf"python-fcl finds that \w+ hits \w+ in segment {segment.id}"):
         assembly.verified(cell, options, replace(made, program=bad))
-    assert assembly.verified(cell, replace(options, verify=False), replace(made, program=bad)).program is bad
+    assert (
+        assembly.verified(
+            cell, scan_options(setup.scan.replace(verify=False), setup.sensor), replace(made, program=bad)
+        ).program
+        is bad
+    )

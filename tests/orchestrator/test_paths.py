@@ -5,10 +5,12 @@ import pytest
 import trimesh
 from cells import RANGE, ball, block, mesh_of
 
+from scancell.config.scan import ScanDescription
+from scancell.config.sensor import SensorDescription
 from scancell.errors import PlanningError
 from scancell.geometry import pose
 from scancell.planning.model import SensorRange, Work
-from scancell.planning.options import RasterOptions, Spacing, SweepOptions
+from scancell.planning.options import Spacing, scan_options
 from scancell.planning.views import paths
 from scancell.planning.views.sensor_paths import SensorPath
 from scancell.planning.views.views import (
@@ -22,8 +24,8 @@ from scancell.planning.views.views import (
     sweep_pose,
 )
 
-SWEEP = SweepOptions(tuple(np.radians((30.0, 60.0))), np.radians(105), 0.08, 0.03, np.radians(1), 0.7)
-RASTER = RasterOptions(0.08, 0.0005, 0.004, 0.05)
+OPTIONS = scan_options(ScanDescription(sweep={"standoff_mm": 80.0}), SensorDescription.default())
+ELEVATIONS = tuple(np.radians((30.0, 60.0)))
 
 
 def on_table(mesh, x=0.0):
@@ -99,8 +101,8 @@ def test_tiles_cover_span(low, high, half, step):
     ids=["ball", "ball off the axis", "small ball far off", "tall cylinder", "disc", "cone", "speck"],
 )
 def test_views_cover_convex_parts(part):
-    seen = seen_by([*paths.sweeps(part, RANGE, SWEEP), *paths.passes(part, RANGE, RASTER)], RANGE, part)
-    seen |= seen_by(paths.side_sweeps(part, RANGE, SWEEP, seen, Work()), RANGE, part)
+    seen = seen_by([*paths.sweeps(part, RANGE, OPTIONS, ELEVATIONS), *paths.passes(part, RANGE, OPTIONS)], RANGE, part)
+    seen |= seen_by(paths.side_sweeps(part, RANGE, OPTIONS, ELEVATIONS, seen, Work()), RANGE, part)
     # Samples with less than 65 degrees of incidence from some azimuth at 30 degrees of elevation, or from above.
     horizontal = np.hypot(part.normals[:, 0], part.normals[:, 1])
     best = horizontal * np.cos(np.radians(30)) + part.normals[:, 2] * np.sin(np.radians(30))
@@ -113,8 +115,8 @@ def test_side_sweeps_cover_radial_walls():
     part = on_table(mesh_of(trimesh.boolean.union(wings, engine="manifold")))
     walls = (np.abs(part.normals[:, 2]) < 0.1) & (np.hypot(part.points[:, 0], part.points[:, 1]) > 0.03)
     walls &= np.hypot(part.points[:, 0], part.points[:, 1]) < 0.0495
-    main = seen_by(paths.sweeps(part, RANGE, SWEEP), RANGE, part)
-    beside = paths.side_sweeps(part, RANGE, SWEEP, main, Work())
+    main = seen_by(paths.sweeps(part, RANGE, OPTIONS, ELEVATIONS), RANGE, part)
+    beside = paths.side_sweeps(part, RANGE, OPTIONS, ELEVATIONS, main, Work())
     assert main[walls].mean() < 0.1
     assert (main | seen_by(beside, RANGE, part))[walls].mean() > 0.9
     assert {np.sign(view.target[1]) for view in beside} == {1.0, -1.0}
@@ -167,7 +169,7 @@ def test_passes_cover_upward_surfaces_at_all_levels():
     lower = trimesh.creation.box((0.16, 0.1, 0.01), pose.translation((0, 0, 0.005)))
     upper = trimesh.creation.box((0.03, 0.03, 0.12), pose.translation((-0.04, 0, 0.07)))
     part = on_table(mesh_of(trimesh.util.concatenate([lower, upper])))
-    views = paths.passes(part, RANGE, RASTER)
+    views = paths.passes(part, RANGE, OPTIONS)
     up = part.normals[:, 2] > 0.99
     assert len({round(view.start[2, 3], 6) for view in views}) == 2
     assert seen_by(views, RANGE, part)[up].all()
@@ -175,11 +177,11 @@ def test_passes_cover_upward_surfaces_at_all_levels():
 
 def test_passes_follow_long_side_in_alternating_directions():
     part = on_table(block(0.09, 0.03, 0.02))
-    views = paths.passes(part, RANGE, RASTER)
+    views = paths.passes(part, RANGE, OPTIONS)
     assert len(views) == 1
     assert np.allclose(views[0].start[1:3, 3], views[0].end[1:3, 3])
     assert views[0].length == pytest.approx(0.092, abs=5e-4)
-    many = paths.passes(on_table(block(0.09, 0.09, 0.02)), RANGE, RASTER)
+    many = paths.passes(on_table(block(0.09, 0.09, 0.02)), RANGE, OPTIONS)
     travel = [np.sign(view.end[0, 3] - view.start[0, 3]) for view in many]
     assert (np.diff(travel) != 0).all()
 
@@ -188,7 +190,7 @@ def test_passes_follow_long_side_in_alternating_directions():
 @pytest.mark.parametrize("pitch", [0.00037, 0.001])
 def test_least_spacing_is_kept_by_the_nearest_number_of_exposures(angle, pitch):
     part = on_table(block(0.04, 0.06, 0.1))
-    turns, lines = paths.sweeps(part, RANGE, SWEEP), paths.passes(part, RANGE, RASTER)
+    turns, lines = paths.sweeps(part, RANGE, OPTIONS, ELEVATIONS), paths.passes(part, RANGE, OPTIONS)
     counts = exposure_counts([*turns, *lines], Spacing(angle, pitch, True, True), 1_000_000)
     for count in counts[: len(turns)]:
         assert count * angle <= 2 * np.pi + 1e-9 < (count + 1) * angle + 1e-6
@@ -198,7 +200,7 @@ def test_least_spacing_is_kept_by_the_nearest_number_of_exposures(angle, pitch):
 
 def test_budget_thins_all_views_uniformly():
     part = on_table(ball())
-    views = [*paths.sweeps(part, RANGE, SWEEP), *paths.passes(part, RANGE, RASTER)]
+    views = [*paths.sweeps(part, RANGE, OPTIONS, ELEVATIONS), *paths.passes(part, RANGE, OPTIONS)]
     free = exposure_counts(views, Spacing(np.radians(1), 0.0005), 100_000)
     assert free[0] == 360
     assert free[-1] == int(np.ceil(views[-1].length / 0.0005 + 1))

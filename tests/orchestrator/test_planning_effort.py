@@ -50,10 +50,11 @@ def test_passes_that_collide_need_no_inverse_kinematics_along_them() -> None:
     work, setup = Work(), load_setup()
     cell = _cell("offset_wrist", work)
     options = scan_options(setup.scan, setup.sensor)
-    assert options.raster is not None
     part = sample_part(cell.nominal.part, cell.nominal.table_from_part)
-    views = paths.passes(part, cell.range, options.raster)[:1]
-    (found,) = Placer(cell, options.azimuth, options.clearance).passes(views, [40], options.raster.speed, None)
+    views = paths.passes(part, cell.range, options)[:1]
+    (found,) = Placer(cell, options.azimuth, options.clearance).passes(
+        views, [40], 1e-3 * setup.scan.raster.speed_mm_s, None
+    )
     assert isinstance(found, Infeasible) and "plate" in found.reason
     assert work.spent < 0.5
 
@@ -62,23 +63,23 @@ def test_passes_that_collide_need_no_inverse_kinematics_along_them() -> None:
 def test_choice_of_side_sweeps_can_be_cancelled(calls: int) -> None:
     work, setup = Work(progress=_CancelAfter(calls)), load_setup()
     options, cell = scan_options(setup.scan, setup.sensor), _cell("default", Work())
-    assert options.sweep is not None
+    elevations = np.radians(setup.scan.sweep.elevations_deg).tolist()
     part = sample_part(cell.nominal.part, cell.nominal.table_from_part)
-    seen = seen_by(paths.sweeps(part, cell.range, options.sweep), cell.range, part)
+    seen = seen_by(paths.sweeps(part, cell.range, options, elevations), cell.range, part)
     with pytest.raises(CancelledError):
-        paths.side_sweeps(part, cell.range, options.sweep, seen, work)
+        paths.side_sweeps(part, cell.range, options, elevations, seen, work)
     assert np.isfinite(work.spent)
 
 
 def test_sweeps_are_placed_at_azimuths_far_from_the_preferred_one() -> None:
     """A hook beside the preferred azimuth is in the way of the first 24 choices: three azimuths of eight branches."""
     _, _, _, setup, cell = make_cell(21)
-    options = replace(scan_options(setup.scan, setup.sensor), max_profiles=120)
+    options = scan_options(setup.scan.replace(max_profiles=120), setup.sensor)
     assert not [text for text in plan(cell, options).warnings if "sweep at 60 deg" in text]
 
 
 def test_passes_are_placed_where_the_first_choices_collide() -> None:
     """A beam is in the way of the arm in the branches of the first 24 choices."""
     _, _, _, setup, cell = make_cell(33)
-    options = replace(scan_options(setup.scan, setup.sensor), max_profiles=120, max_lost_share=1.0)
+    options = scan_options(setup.scan.replace(max_profiles=120, max_lost_share=1.0), setup.sensor)
     assert not [text for text in plan(cell, options).warnings if "pass at y = 27 mm" in text]

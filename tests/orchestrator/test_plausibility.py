@@ -179,6 +179,6 @@ def test_sensor_paths_faster_than_the_sensor_give_a_warning(pitch: float, count:
 def test_default_standoff_is_in_the_nearer_half_of_the_measuring_range(sensor: Path) -> None:
     setup = load_setup(sensor=sensor)
     near, far = setup.sensor.range.near_mm, setup.sensor.range.far_mm
-    standoff = 1e3 * scan_options(setup.scan, setup.sensor).sweep.standoff  # type: ignore[union-attr]
+    standoff = 1e3 * scan_options(setup.scan, setup.sensor).standoff
     assert near < standoff <= (near + far) / 2
     assert not [text for text in setup_warnings(setup) if "standoff" in text]

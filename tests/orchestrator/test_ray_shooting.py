@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from scancell.config.scan import WeightsDescription
 from scancell.planning.motion.trajectory import Limits, limit_fractions
 from scancell.planning.path_map import ray_shooting
 from scancell.planning.path_map.configuration_map import ConfigurationMap
-from scancell.planning.path_map.table_motion import CostWeights, Lattice, TableMotion
+from scancell.planning.path_map.table_motion import Lattice, TableMotion
 
 SAMPLES, PERIOD = 2, 0.1
 MAX_RATE, MAX_ACCELERATION = 1.0, 2.0
@@ -32,7 +33,7 @@ class KnownMap(ConfigurationMap):
 
 
 def lattice(given: NDArray[np.float64], rate: float = np.inf) -> Lattice:
-    return Lattice(KnownMap(given, rate), SAMPLES, PERIOD, MAX_RATE, MAX_ACCELERATION, CostWeights(0.1, 0.1))
+    return Lattice(KnownMap(given, rate), SAMPLES, PERIOD, MAX_RATE, MAX_ACCELERATION, WeightsDescription())
 
 
 def check(motion: TableMotion, on: Lattice) -> None:

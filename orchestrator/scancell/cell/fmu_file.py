@@ -1,4 +1,4 @@
-"""Packs the native robot cell and a cell description into an FMU."""
+"""The FMU of a cell: its description in SI units, perturbations of the cell as built, and the file itself."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 import math
 import shutil
 import tempfile
-from base64 import b64decode, b64encode
+from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -32,7 +32,6 @@ from scancell.config.description import si_value, split_unit, to_si
 from scancell.config.devices import (
     RESERVED_NAMES,
     CellSensorDescription,
-    ConveyorDescription,
     FurtherPartDescription,
     GripperDescription,
 )
@@ -41,7 +40,7 @@ from scancell.config.robot import DriveDescription, InertiaDescription
 from scancell.errors import CellError, DescriptionError, OutputError, ScancellError
 from scancell.files import atomic_write
 from scancell.geometry import pose
-from scancell.geometry.mesh import Mesh, box_mesh, decimated, deviation, load_mesh, mass_properties
+from scancell.geometry.mesh import MassProperties, Mesh, box_mesh, decimated, deviation, load_mesh, mass_properties
 from scancell.nominal.cell import NominalCell, fmu_frame
 from scancell.nominal.parts import housing_mesh, pose_json, pose_matrix, start_width, tool_matrix
 from scancell.proximity.scene import cell_scene
@@ -64,39 +63,6 @@ _CELL_BODIES = RESERVED_NAMES - {"table", "part", "finger1", "finger2"}
 _FLOOR_SIZE = (200.0, 200.0, 1.0)  # m
 
 
-@dataclass(frozen=True)
-class RigidBody:
-    """Mass (kg), centre of mass (3,) in metres, and inertia (3, 3) about it, in kg m²; all in one frame."""
-
-    mass: float
-    centre_of_mass: Array
-    inertia: Array
-
-    def seen_from(self, frame_from_body: Array) -> RigidBody:
-        """The same body in another frame."""
-        rotation = frame_from_body[:3, :3]
-        centre = rotation @ self.centre_of_mass + frame_from_body[:3, 3]
-        return RigidBody(self.mass, centre, rotation @ self.inertia @ rotation.T)
-
-    def joined_with(self, other: RigidBody) -> RigidBody:
-        """Both as one rigid body; Huygens and Steiner's theorem moves the inertias to the common centre of mass."""
-        mass = self.mass + other.mass
-        centre = (self.mass * self.centre_of_mass + other.mass * other.centre_of_mass) / mass
-        return RigidBody(mass, centre, self._inertia_about(centre) + other._inertia_about(centre))
-
-    def _inertia_about(self, point: Array) -> Array:
-        arm = self.centre_of_mass - point
-        return np.asarray(self.inertia + self.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm)))
-
-    def json(self) -> dict[str, Any]:
-        """As the FMU reads it."""
-        return {
-            "mass": self.mass,
-            "centre_of_mass": self.centre_of_mass.tolist(),
-            "inertia": self.inertia.tolist(),
-        }
-
-
 def dynamics_json(cell: CellDescription) -> dict[str, Any]:
     """Links and drives of a cell whose robot has dynamic drives; the last link carries sensor and gripper.
 
@@ -112,19 +78,19 @@ def dynamics_json(cell: CellDescription) -> dict[str, Any]:
             links[-1] = links[-1].joined_with(load)
     drives = [joint.drive for joint in robot.joint]
     return {
-        "links": [link.json() for link in links if link is not None],
+        "links": [_inertial_json(link) for link in links if link is not None],
         "drives": [to_si(drive.model_dump()) for drive in drives if isinstance(drive, DriveDescription)],
     }
 
 
-def _loads(cell: CellDescription) -> list[RigidBody]:
+def _loads(cell: CellDescription) -> list[MassProperties]:
     """What is fixed to the flange, in its frame; the gripper's fingers are bodies of their own."""
     density = cell.robot.link_density_kg_m3
     sensor = _body(cell.tool.inertia, _mesh(cell.sensor_mesh), density)
     loads = [] if sensor is None else [sensor.seen_from(tool_matrix(cell.tool))]
     housing = None if cell.gripper is None else housing_mesh(cell.gripper)
     if cell.gripper is not None and housing is not None:
-        loads.append(_of_mesh(housing, density).seen_from(pose_matrix(cell.gripper.pose)))
+        loads.append(mass_properties(housing, density).seen_from(pose_matrix(cell.gripper.pose)))
     return loads
 
 
@@ -132,19 +98,18 @@ def _mesh(path: str | None) -> Mesh | None:
     return None if path is None else load_mesh(Path(path))
 
 
-def _body(inertia: InertiaDescription | None, mesh: Mesh | None, density: float) -> RigidBody | None:
+def _body(inertia: InertiaDescription | None, mesh: Mesh | None, density: float) -> MassProperties | None:
     """By its description, else by its mesh; None where neither is known."""
     if inertia is not None:
         si = to_si(inertia.model_dump())
         xy, xz, yz = si["products"]
         tensor = np.diag(si["inertia"]) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
-        return RigidBody(si["mass"], np.array(si["centre_of_mass"]), tensor)
-    return None if mesh is None else _of_mesh(mesh, density)
+        return MassProperties(si["mass"], np.array(si["centre_of_mass"]), tensor)
+    return None if mesh is None else mass_properties(mesh, density)
 
 
-def _of_mesh(mesh: Mesh, density: float) -> RigidBody:
-    properties = mass_properties(mesh, density)
-    return RigidBody(properties.mass, properties.centre_of_mass, properties.inertia)
+def _inertial_json(body: MassProperties) -> dict[str, Any]:
+    return {"mass": body.mass, "centre_of_mass": body.centre_of_mass.tolist(), "inertia": body.inertia.tolist()}
 
 
 def mesh_json(vertices: ArrayLike, faces: ArrayLike) -> dict[str, str]:
@@ -153,12 +118,6 @@ def mesh_json(vertices: ArrayLike, faces: ArrayLike) -> dict[str, str]:
         "vertices": b64encode(np.ascontiguousarray(vertices, "<f8").tobytes()).decode(),
         "faces": b64encode(np.ascontiguousarray(faces, "<i4").tobytes()).decode(),
     }
-
-
-def read_mesh_json(mesh: Mapping[str, str]) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Vertices (n, 3) and faces (m, 3) that `mesh_json` wrote."""
-    vertices = np.frombuffer(b64decode(mesh["vertices"]), "<f8").reshape(-1, 3)
-    return vertices, np.frombuffer(b64decode(mesh["faces"]), "<i4").reshape(-1, 3)
 
 
 @dataclass(frozen=True)
@@ -262,7 +221,7 @@ def _loose_frames(cell: CellDescription, nominal: NominalCell) -> set[str]:
     if cell.part.fixture == "free" and (has_gripper or nominal.belt is not None):
         frames.add("part")
     for number, part in enumerate(nominal.further_parts, start=2):
-        if part.description.fixture == "free" and (has_gripper or part.carrier != "table"):
+        if part.description.fixture == "free" and (has_gripper or part.description.stands_on != "table"):
             frames.add(f"part[{number}]")
     return frames
 
@@ -361,7 +320,7 @@ def cell_json(
         Its geometry with the part (`nominal_cell`). Only its bodies are in the FMU: obstacles with ``known = false``
         have to be added (`ScanSession.true`).
     seed
-        Of the noise of encoders and sensors.
+        Random seed of the noise of encoders and sensors.
     collision_outputs
         False leaves out the outputs of collisions and clearances even where the cell describes them: nothing in a scan
         reads them, and their meshes and distance queries cost most of a run.
@@ -397,7 +356,13 @@ def cell_json(
         },
         "tool": {"flange_from_sensor": pose_json(nominal.flange_from_sensor)},
         "table": {"world_from_table": pose_json(nominal.world_from_table), "start": 0.0, **table},
-        "conveyors": [_conveyor_json(conveyor) for conveyor in cell.conveyor],
+        "conveyors": [
+            {
+                "world_from_belt": pose_json(pose_matrix(belt.pose)),
+                **to_si(belt.model_dump(exclude={"pose", "reflectance", "material"})),
+            }
+            for belt in cell.conveyor
+        ],
         "parts": _parts_json(cell, nominal),
         "gripper": None if cell.gripper is None else _gripper_json(cell.gripper),
         "contact": _contact_json(cell, nominal),
@@ -413,7 +378,6 @@ def _contacts_occur(cell: CellDescription) -> bool:
 
 def _parts_json(cell: CellDescription, nominal: NominalCell) -> list[dict[str, Any]]:
     """The scanned part first."""
-    further = [(part.description, part.mesh) for part in nominal.further_parts]
     hulls = _contacts_occur(cell)
     arrival = cell.part.arrival
     support_from_part = nominal.table_from_part if arrival is None else pose_matrix(arrival.pose)
@@ -422,11 +386,11 @@ def _parts_json(cell: CellDescription, nominal: NominalCell) -> list[dict[str, A
         {**scanned, **_part_json(cell.part, nominal.part, support_from_part, hull=hulls)},
         *(
             {
-                "name": described.name,
-                "stands_on": described.stands_on,
-                **_part_json(described, mesh, pose_matrix(described.pose), hull=hulls),
+                "name": part.description.name,
+                "stands_on": part.description.stands_on,
+                **_part_json(part.description, part.mesh, pose_matrix(part.description.pose), hull=hulls),
             }
-            for described, mesh in further
+            for part in nominal.further_parts
         ),
     ]
 
@@ -439,23 +403,9 @@ def _part_json(
         "support_from_part": pose_json(support_from_part),
         "friction": part.friction,
         "soft": None if part.soft is None else to_si(part.soft.model_dump()),
-        "inertial": _inertial_json(mesh, part.density_kg_m3) if part.fixture == "free" else None,
+        "inertial": _inertial_json(mass_properties(mesh, part.density_kg_m3)) if part.fixture == "free" else None,
         "hull": mesh_json(mesh.hull.vertices, mesh.hull.faces) if hull else None,
     }
-
-
-def _inertial_json(mesh: Mesh, density: float) -> dict[str, Any]:
-    properties = mass_properties(mesh, density)
-    return {
-        "mass": properties.mass,
-        "centre_of_mass": properties.centre_of_mass.tolist(),
-        "inertia": properties.inertia.tolist(),
-    }
-
-
-def _conveyor_json(conveyor: ConveyorDescription) -> dict[str, Any]:
-    si = to_si(conveyor.model_dump(exclude={"pose", "reflectance", "material"}))
-    return {"world_from_belt": pose_json(pose_matrix(conveyor.pose)), **si}
 
 
 def _gripper_json(gripper: GripperDescription) -> dict[str, Any]:
@@ -518,11 +468,11 @@ def build_fmu(
     Parameters
     ----------
     description
-        Of the cell, as `cell_json` makes it.
+        Description of the cell, as `cell_json` makes it.
     path
         File of the FMU.
     version
-        Of FMI: 2 or 3.
+        Version of FMI: 2 or 3.
     options
         Variants of the model description (`FmuOptions`); None: none of them.
 
@@ -552,11 +502,11 @@ def build_sequencer_fmu(description: Mapping[str, Any], path: Path, version: Fmi
     Parameters
     ----------
     description
-        Of the cell, as `cell_json` makes it.
+        Description of the cell, as `cell_json` makes it.
     path
         File of the FMU.
     version
-        Of FMI: 2 or 3.
+        Version of FMI: 2 or 3.
 
     Raises
     ------
@@ -580,11 +530,11 @@ def make_temporary_fmu(description: Mapping[str, Any], folder: str | Path, versi
     Parameters
     ----------
     description
-        Of the cell, as `cell_json` makes it.
+        Description of the cell, as `cell_json` makes it.
     folder
         New folder of the FMU.
     version
-        Of FMI: 2 or 3.
+        Version of FMI: 2 or 3.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""One instance of the robot cell FMU, by variable name, for FMI 2 and FMI 3."""
+"""One instance of the robot cell FMU, by variable name, for FMI 2 and FMI 3; records and logs of its run."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from fmpy import fmi2
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 from fmpy.fmi3 import FMU3Slave
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from scancell.arguments import checked_arguments
 from scancell.cell.recording import INTEGER_COLUMNS, Recording, RecordLayout
@@ -117,7 +117,9 @@ class CellInstance(Closing):
             if not self.folder.is_dir():
                 self.folder = self._unpack(self.folder, folder)
             self._load(self.folder)
-            self._initialise(cell_file, parameters(self.units()) if parameters else {})
+            values = parameters(self.units()) if parameters else {}
+            self._instantiate()
+            self._enter(cell_file, values)
         except BaseException as error:  # an interrupt, too, must leave no unpacked files
             self._remove_unpacked()
             if isinstance(error, DescriptionError) or not isinstance(error, Exception):
@@ -150,14 +152,20 @@ class CellInstance(Closing):
             instanceName="cell",
         )
 
+    def _instantiate(self) -> None:
+        if self._is_fmi2:
+            callbacks = fmi2CallbackFunctions()
+            callbacks.logger = fmi2CallbackLoggerTYPE(self._log)
+            callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
+            callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
+            self._fmu.instantiate(callbacks=callbacks)
+        else:
+            self._fmu.instantiate(logMessage=self._log)
+
     def axis_names(self, prefix: str) -> list[str]:
         """Names of the variables of all axes after a `prefix` such as ``measured.``: joints, then table."""
         joints = sum(name.startswith("measured.q[") for name in self._variables)
         return [*(f"{prefix}q[{i}]" for i in range(1, joints + 1)), f"{prefix}table"]
-
-    def _initialise(self, cell_file: Path | None, parameters: Mapping[str, float]) -> None:
-        self._fmu.instantiate(**self._callbacks())
-        self._enter(cell_file, parameters)
 
     def reset(self, cell_file: Path | None = None, parameters: Mapping[str, float] | None = None) -> None:
         """Reset to time 0 without loading the FMU again.
@@ -185,7 +193,12 @@ class CellInstance(Closing):
         if cell_file is not None:
             reference = [self._variables["cell.file"].valueReference]
             self._fmu.setString(reference, [str(cell_file)])
-        self._set_parameters(parameters)
+        for name, value in parameters.items():
+            number, variable = self._reference(name), self._variables[name]
+            setter = self._fmu.setReal if self._is_fmi2 else self._fmu.setFloat64
+            if variable.type.startswith("Int"):
+                setter = self._fmu.setInteger if self._is_fmi2 else self._fmu.setInt32
+            setter([number], [value])
         if self._is_fmi2:
             self._fmu.setupExperiment(startTime=0.0)
             self._fmu.enterInitializationMode()
@@ -193,20 +206,9 @@ class CellInstance(Closing):
             self._fmu.enterInitializationMode(startTime=0.0)
         self._fmu.exitInitializationMode()
 
-    def _callbacks(self) -> dict[str, Any]:
-        if self._is_fmi2:
-            callbacks = fmi2CallbackFunctions()
-            callbacks.logger = fmi2CallbackLoggerTYPE(self._log_fmi2)
-            callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
-            callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
-            return {"callbacks": callbacks}
-        return {"logMessage": self._log_fmi3}
-
-    def _log_fmi2(self, _environment: Any, _name: Any, status: int, _category: Any, message: bytes) -> None:
-        if status > _STATUS_WARNING:
-            self._messages.append(message.decode(errors="replace"))
-
-    def _log_fmi3(self, _environment: Any, status: int, _category: Any, message: bytes) -> None:
+    def _log(self, *values: Any) -> None:
+        """Keep an error that the FMU logs; status, category and message follow what FMI 2 and 3 state differently."""
+        status, _category, message = values[-3:]
         if status > _STATUS_WARNING:
             self._messages.append(message.decode(errors="replace"))
 
@@ -216,14 +218,6 @@ class CellInstance(Closing):
         reason = ("; ".join(self._messages) or str(error)).replace(f"{own}: ", "")
         self._messages.clear()
         return f"{what}: {reason}"
-
-    def _set_parameters(self, parameters: Mapping[str, float]) -> None:
-        for name, value in parameters.items():
-            reference, variable = self._reference(name), self._variables[name]
-            setter = self._fmu.setReal if self._is_fmi2 else self._fmu.setFloat64
-            if variable.type.startswith("Int"):
-                setter = self._fmu.setInteger if self._is_fmi2 else self._fmu.setInt32
-            setter([reference], [value])
 
     def units(self) -> dict[str, str | None]:
         """Unit of every ``as_built.*`` parameter by name; None where it has none."""
@@ -279,7 +273,7 @@ class CellInstance(Closing):
         CellError
             If one of the variables is not real.
         """
-        self._call(self._get_reals, group)
+        self._call(self._transfer, "Get", group)
         return group.values
 
     def set(self, group: RealGroup, values: NDArray[np.float64]) -> None:
@@ -291,7 +285,7 @@ class CellInstance(Closing):
             If one of them is no input, or a value is not finite.
         """
         group.values[:] = values
-        self._call(self._set_reals, group)
+        self._call(self._transfer, "Set", group)
 
     def get_integer(self, name: str) -> int:
         """Value of the integer or enumeration variable `name`; `CellError` if there is none."""
@@ -374,19 +368,13 @@ class CellInstance(Closing):
         for listener in self._listeners:
             listener()
 
-    def _get_reals(self, group: RealGroup) -> None:
+    def _transfer(self, verb: str, group: RealGroup) -> None:
+        """Get or set all values of a group by one call of the FMU."""
+        fmu, values = self._fmu, (group.references, c_size_t(group.count), group.pointer)
         if self._is_fmi2:
-            self._fmu.fmi2GetReal(self._fmu.component, group.references, c_size_t(group.count), group.pointer)
+            getattr(fmu, f"fmi2{verb}Real")(fmu.component, *values)
         else:
-            count, size = c_size_t(group.count), c_size_t(group.values.size)
-            self._fmu.fmi3GetFloat64(self._fmu.component, group.references, count, group.pointer, size)
-
-    def _set_reals(self, group: RealGroup) -> None:
-        if self._is_fmi2:
-            self._fmu.fmi2SetReal(self._fmu.component, group.references, c_size_t(group.count), group.pointer)
-        else:
-            count, size = c_size_t(group.count), c_size_t(group.values.size)
-            self._fmu.fmi3SetFloat64(self._fmu.component, group.references, count, group.pointer, size)
+            getattr(fmu, f"fmi3{verb}Float64")(fmu.component, *values, c_size_t(group.values.size))
 
     def _call(self, function: Any, *arguments: Any) -> Any:
         if self._is_closed:  # the FMU would read memory that is free
@@ -427,19 +415,21 @@ def snapshot(cell: CellInstance, exposure: float, number: int = 0) -> Recording:
     """
     present = _present_columns(cell)
     values = cell.get(cell.real_group([name.removeprefix(_RECORD) for name in present]))
-    columns: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {
-        name: np.array([index], np.int64)
-        for name, index in zip(INTEGER_COLUMNS, (_FIRST_INDEX + number, 0), strict=True)
-    }
-    columns |= {"trigger.time": np.array([cell.time_us * 1e-6]), "trigger.exposure": np.array([exposure])}
-    columns |= {name: np.array([value]) for name, value in zip(present, values, strict=True)}
-    return Recording(columns)
+    row = [cell.time_us * 1e-6, exposure, *values]
+    return _recording([(_FIRST_INDEX + number, 0)], [*_OF_EXPOSURE, *present], [row])
 
 
 def _present_columns(cell: CellInstance) -> list[str]:
     """Columns of a recording that the cell also states for the present instant, without ``trigger.``."""
     layout = RecordLayout.of(cell.names)
     return [name for name in (*layout.measured, *layout.truth) if name not in _OF_EXPOSURE]
+
+
+def _recording(numbers: Sequence[tuple[int, int]], names: Sequence[str], rows: ArrayLike) -> Recording:
+    """Recording of rows of numbers (`INTEGER_COLUMNS`) and of values of the columns `names`."""
+    integers = np.array(numbers, np.int64).reshape(-1, len(INTEGER_COLUMNS))
+    reals = np.array(rows, float).reshape(-1, len(names))
+    return Recording(dict(zip(INTEGER_COLUMNS, integers.T, strict=True)) | dict(zip(names, reals.T, strict=True)))
 
 
 class MotionLog:
@@ -470,13 +460,9 @@ class MotionLog:
     @property
     def recording(self) -> Recording:
         """All poses as a recording whose rows are no exposures: these are 0 s long."""
-        count, values = len(self._rows), np.array(self._rows)
-        columns: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {
-            name: values[:, i] for i, name in enumerate(self._columns)
-        }
-        columns |= {"trigger.time": 1e-6 * np.array(self._times_us), "trigger.exposure": np.zeros(count)}
-        columns |= zip(INTEGER_COLUMNS, (np.arange(1, count + 1), np.zeros(count, np.int64)), strict=True)
-        return Recording(columns)
+        numbers = [(number, 0) for number in range(1, len(self._rows) + 1)]
+        rows = np.column_stack([1e-6 * np.array(self._times_us), np.zeros(len(numbers)), self._rows])
+        return _recording(numbers, [*_OF_EXPOSURE, *self._columns], rows)
 
 
 @dataclass(frozen=True)
@@ -537,7 +523,7 @@ class RecordCollector:
         """Pass on the records of an incomplete batch, such as those before a stop."""
         if self._batches is not None and len(self) > self._passed_on:
             first, self._passed_on = self._passed_on, len(self)
-            self._batches.receive(self._recording(first))
+            self._batches.receive(_recording(self._numbers[first:], self._columns, self._records[first:]))
 
     def finish(self) -> Recording:
         """Step until no record is queued or pending; returns all records.
@@ -553,16 +539,7 @@ class RecordCollector:
                 raise CellError("trigger records are missing at the end of the program")
             self.step_to(self._cell.time_us + self._cycle_us)
         self.pass_on()
-        return self._recording()
-
-    def _recording(self, first: int = 0) -> Recording:
-        values = np.array(self._records[first:], float).reshape(-1, len(self._columns))
-        numbers = np.array(self._numbers[first:], np.int64).reshape(-1, len(INTEGER_COLUMNS))
-        columns: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {
-            name: numbers[:, i] for i, name in enumerate(INTEGER_COLUMNS)
-        }
-        columns.update({name: values[:, i] for i, name in enumerate(self._columns)})
-        return Recording(columns)
+        return _recording(self._numbers, self._columns, self._records)
 
 
 class SignalLog:

@@ -1,4 +1,4 @@
-"""Description of the robot cell: tool, rotary table, part, simulation steps."""
+"""Description of the robot cell: tool, rotary table, part, further axes, network, time steps, estimated deviations."""
 
 from __future__ import annotations
 
@@ -27,6 +27,7 @@ from scancell.config.description import (
     validate,
 )
 from scancell.config.devices import (
+    RESERVED_NAMES,
     ArrivalDescription,
     CollisionDescription,
     ConveyorDescription,
@@ -43,7 +44,6 @@ from scancell.config.devices import (
     PartReflectance,
     PartSprings,
     PresenceSensorDescription,
-    check_devices,
     check_soft,
 )
 from scancell.config.material import ContactDescription, MaterialDescription
@@ -158,14 +158,15 @@ class EstimatedDescription(Description):
         """From SI values by the names of as-built parameters, as `deviations` returns them."""
         left = dict(deviations)
 
-        def group(model: type[Description], prefix: str) -> dict[str, float]:
+        def group(model: Any, prefix: str) -> dict[str, float]:
             taken = {}
             for key in model.model_fields:
                 name, scale = split_unit(key)
                 taken[key] = round(left.pop(f"{prefix}.{name}", 0.0) / scale, _DIGITS)
             return taken
 
-        groups: dict[str, Any] = {name: group(model, name) for name, model in _GROUPS.items()}
+        models = {name: field.annotation for name, field in cls.model_fields.items() if name != "dh"}
+        groups: dict[str, Any] = {name: group(model, name) for name, model in models.items()}
         rows = [group(EstimatedJointDescription, f"dh[{number}]") for number in range(1, joints + 1)]
         groups["dh"] = rows if any(any(row.values()) for row in rows) else []
         if left:
@@ -178,14 +179,6 @@ class EstimatedDescription(Description):
         rows = plain.pop("dh")
         groups = {**plain, **{f"dh[{number}]": row for number, row in enumerate(rows, 1)}}
         return {f"{group}.{key}": value for group, values in groups.items() for key, value in values.items()}
-
-
-_GROUPS: dict[str, type[Description]] = {
-    "tool": EstimatedToolDescription,
-    "table": EstimatedTableDescription,
-    "platter": EstimatedPlatterDescription,
-    "trigger": EstimatedTriggerDescription,
-}
 
 
 class TcpDescription(Description):
@@ -233,41 +226,6 @@ class FurtherSensorDescription(Description):
     pose: PoseDescription = Field(
         default=PoseDescription(), description="pose of the sensor in the frame of its carrier"
     )
-
-
-def check_carriers(axes: tuple[AxisDescription, ...], others: Mapping[str, str], joints: int) -> None:
-    """Raise `ValueError` for an axis whose name is taken, and for a carrier that does not exist or carries itself.
-
-    `others` are the carriers of what is not an axis, by their keys; ``robot.moves_with`` carries the links.
-    """
-    links = [f"link[{i}]" for i in range(1, joints + 1)]
-    carriers = {"table": "world", **dict.fromkeys(links, others["robot.moves_with"])}
-    for number, axis in enumerate(axes, 1):
-        if axis.name in {*carriers, *RESERVED_FRAMES, *_COLUMNS} or re.fullmatch(r"qd{0,2}[0-9]+", axis.name):
-            raise ValueError(f"axis[{number}].name = '{axis.name}': expected a name of no other frame or column")
-        carriers[axis.name] = axis.moves_with
-    keys = {f"axis[{i}].moves_with": axis.moves_with for i, axis in enumerate(axes, 1)} | dict(others)
-    for key, carrier in keys.items():
-        if carrier != "world" and carrier not in carriers:
-            raise ValueError(f"{key} = '{carrier}': expected world, {', '.join(carriers)}")
-        above = carrier
-        for _ in carriers:
-            above = carriers.get(above, "world")
-        if above != "world":
-            raise ValueError(f"{key} = '{carrier}': expected what does not move with itself")
-
-
-def check_names(tcps: tuple[TcpDescription, ...], frames: tuple[FrameDescription, ...]) -> None:
-    """Raise `ValueError` for the name of a tool or user frame that another one, or one of the cell, has."""
-    tools = [(f"tcp[{i}].name", tcp.name) for i, tcp in enumerate(tcps, 1)]
-    places = [(f"frame[{i}].name", frame.name) for i, frame in enumerate(frames, 1)]
-    for named, reserved, kind in ((tools, RESERVED_TOOLS, "tool"), (places, RESERVED_FRAMES, "frame")):
-        seen = set(reserved)
-        for key, name in named:
-            if name in seen:
-                taken = ", ".join(sorted(seen))
-                raise ValueError(f"{key} = '{name}': expected a name that no other {kind} has; taken: {taken}")
-            seen.add(name)
 
 
 class ChannelDescription(Description):
@@ -544,18 +502,55 @@ class CellDescription(FileDescription):
 
     @model_validator(mode="after")
     def _devices_fit(self) -> Self:
-        check_devices(self.part.arrival, self.further_part, self.conveyor, self.obstacle)
+        seen = set(RESERVED_NAMES)
+        devices = (self.further_part, self.conveyor, self.obstacle)
+        for name in [device.name for group in devices for device in group]:
+            if name in seen:
+                raise ValueError(f"the name '{name}' is taken; names of parts, conveyors and obstacles must be unique")
+            seen.add(name)
+        standing = {f"part '{part.name}'": part.stands_on for part in self.further_part}
+        if self.part.arrival is not None:
+            standing["part.arrival"] = self.part.arrival.stands_on
+        conveyors = [f"conveyor[{number}]" for number in range(1, len(self.conveyor) + 1)]
+        for key, support in standing.items():
+            if support.startswith("conveyor") and support not in conveyors:
+                raise ValueError(f"{key}: stands_on = '{support}', but there are {len(conveyors)} conveyors")
         return self
 
     @model_validator(mode="after")
     def _names_are_unique(self) -> Self:
-        check_names(self.tcp, self.frame)
+        for key, kind, names, reserved in (
+            ("tcp", "tool", [tcp.name for tcp in self.tcp], RESERVED_TOOLS),
+            ("frame", "frame", [frame.name for frame in self.frame], RESERVED_FRAMES),
+        ):
+            for number, name in enumerate(names):
+                taken = {*reserved, *names[:number]}
+                if name in taken:
+                    raise ValueError(
+                        f"{key}[{number + 1}].name = '{name}': expected a name that no other {kind} has;"
+                        f" taken: {', '.join(sorted(taken))}"
+                    )
         return self
 
     @model_validator(mode="after")
     def _carriers_exist(self) -> Self:
-        others = {f"further_sensor[{i}].moves_with": one.moves_with for i, one in enumerate(self.further_sensor, 1)}
-        check_carriers(self.axis, {"robot.moves_with": self.robot.moves_with, **others}, len(self.robot.joint))
+        links = [f"link[{i}]" for i in range(1, len(self.robot.joint) + 1)]
+        carriers = {"table": "world", **dict.fromkeys(links, self.robot.moves_with)}
+        for number, axis in enumerate(self.axis, 1):
+            if axis.name in {*carriers, *RESERVED_FRAMES, *_COLUMNS} or re.fullmatch(r"qd{0,2}[0-9]+", axis.name):
+                raise ValueError(f"axis[{number}].name = '{axis.name}': expected a name of no other frame or column")
+            carriers[axis.name] = axis.moves_with
+        keys = {f"axis[{i}].moves_with": axis.moves_with for i, axis in enumerate(self.axis, 1)}
+        keys["robot.moves_with"] = self.robot.moves_with
+        keys |= {f"further_sensor[{i}].moves_with": one.moves_with for i, one in enumerate(self.further_sensor, 1)}
+        for key, carrier in keys.items():
+            if carrier != "world" and carrier not in carriers:
+                raise ValueError(f"{key} = '{carrier}': expected world, {', '.join(carriers)}")
+            above = carrier
+            for _ in carriers:
+                above = carriers.get(above, "world")
+            if above != "world":
+                raise ValueError(f"{key} = '{carrier}': expected what does not move with itself")
         return self
 
     @model_validator(mode="after")

@@ -1,4 +1,4 @@
-"""Descriptions of further parts, rigid or soft, of conveyors and obstacles, and of where the scanned part arrives."""
+"""Descriptions of the devices of a cell: further parts, obstacles, conveyors, gripper, sensors, lamps."""
 
 from __future__ import annotations
 
@@ -24,15 +24,6 @@ from scancell.config.material import MaterialDescription
 
 NAME_PATTERN = r"^[A-Za-z][A-Za-z0-9_ -]*$"
 Name = Annotated[str, StringConstraints(min_length=1, pattern=NAME_PATTERN)]
-
-DeviceFrame = Annotated[str, Field(pattern=r"^(world|sensor|table|link\[[1-8]\]|part\[[1-9][0-9]*\]|finger\[[12]\])$")]
-FramedPose = Field(
-    default=PoseDescription(), description="frame_from_sensor: pose of the sensor in the frame that it moves with"
-)
-MovesWith = Field(default="world", description="frame that the sensor moves with")
-Period = Annotated[float, Field(ge=0.001, le=1000.0)]
-
-LampFrame = Annotated[str, Field(pattern=r"^(world|sensor|table|part|link\[[1-8]\])$")]
 
 
 class SoftDescription(Description):
@@ -203,28 +194,6 @@ def _conveyor(stands_on: str) -> int | None:
     return int(stands_on[9:-1]) if stands_on.startswith("conveyor") else None
 
 
-def check_devices(
-    arrival: ArrivalDescription | None,
-    parts: tuple[FurtherPartDescription, ...],
-    conveyors: tuple[ConveyorDescription, ...],
-    obstacles: tuple[ObstacleDescription, ...],
-) -> None:
-    """Raise `ValueError` for a name that is used twice, or a part on a conveyor that does not exist."""
-    seen = set(RESERVED_NAMES)
-    names = [*(x.name for x in parts), *(x.name for x in conveyors), *(x.name for x in obstacles)]
-    for name in names:
-        if name in seen:
-            raise ValueError(f"the name '{name}' is taken; names of parts, conveyors and obstacles must be unique")
-        seen.add(name)
-    standing: list[tuple[str, ArrivalDescription | FurtherPartDescription]]
-    standing = [(f"part '{part.name}'", part) for part in parts]
-    if arrival is not None:
-        standing.append(("part.arrival", arrival))
-    for who, part in standing:
-        if part.conveyor is not None and part.conveyor > len(conveyors):
-            raise ValueError(f"{who}: stands_on = '{part.stands_on}', but there are {len(conveyors)} conveyors")
-
-
 class GripperDescription(Description):
     """Two fingers that slide on the flange, beside the sensor or instead of it.
 
@@ -282,9 +251,17 @@ class CellSensorDescription(Description):
     """What all sensors have in common. The FMU reads the further keys of a sensor in SI units, by the same names."""
 
     name: str = Field(description="name of the sensor")
-    moves_with: DeviceFrame = MovesWith
-    pose: PoseDescription = FramedPose
-    period_ms: Period = Field(default=1.0, description="time between two readings, ms")
+    moves_with: str = Field(
+        default="world",
+        pattern=r"^(world|sensor|table|link\[[1-8]\]|part\[[1-9][0-9]*\]|finger\[[12]\])$",
+        description="frame that the sensor moves with",
+    )
+    pose: PoseDescription = Field(
+        default=PoseDescription(), description="frame_from_sensor: pose of the sensor in the frame that it moves with"
+    )
+    period_ms: Annotated[float, Field(ge=0.001, le=1000.0)] = Field(
+        default=1.0, description="time between two readings, ms"
+    )
 
 
 class PresenceSensorDescription(CellSensorDescription):
@@ -354,7 +331,11 @@ class LightDescription(Description):
     """A lamp: a point radiates uniformly in all directions, an area like a Lambertian surface along +z of its pose."""
 
     kind: Literal["point", "rectangle", "disc"] = Field(description="shape of the lamp")
-    frame: LampFrame = Field(default="world", description="frame that the lamp moves with")
+    frame: str = Field(
+        default="world",
+        pattern=r"^(world|sensor|table|part|link\[[1-8]\])$",
+        description="frame that the lamp moves with",
+    )
     pose: PoseDescription = Field(default=PoseDescription(), description="frame_from_lamp: pose in that frame")
     power_mw: Annotated[float, Field(ge=0.0, le=1e9)] = Field(
         description="radiant power over the whole spectrum and all directions, mW"

@@ -42,6 +42,7 @@ __all__ = [
     "sensor_words",
     "split_path",
     "with_path",
+    "with_standoffs",
 ]
 
 _MODELS: tuple[type[FileDescription], ...] = (CellDescription, SensorDescription, ScanDescription)
@@ -116,14 +117,15 @@ def load_setup(
         own = [Origin(word.path[1:], word.source) for word in words if word.path[0] == model.kind]
         sections[model.kind] = checked(model, data, source, [*origins, *own])
     setup = Setup(**sections)  # type: ignore[arg-type]
-    return Setup(setup.cell, setup.sensor, _with_standoffs(setup.scan, setup.sensor))
+    return Setup(setup.cell, setup.sensor, with_standoffs(setup.scan, setup.sensor))
 
 
-def _with_standoffs(scan: ScanDescription, sensor: SensorDescription) -> ScanDescription:
+def with_standoffs(scan: ScanDescription, sensor: SensorDescription) -> ScanDescription:
     """The description with the stand-offs of its sensor in numbers, as runs and studies keep them."""
     of = sensor.range.standoff_mm
     paths = tuple(path.model_copy(update={"standoff_mm": of(path.standoff_mm)}) for path in scan.path)
-    return scan.replace({"sweep.standoff_mm": of(scan.sweep.standoff_mm), "path": paths})
+    sweep = scan.sweep.model_copy(update={"standoff_mm": of(scan.sweep.standoff_mm)})
+    return scan.model_copy(update={"sweep": sweep, "path": paths})
 
 
 def with_path(setup: Setup, path: PathDescription | str | Path | None) -> Setup:
@@ -135,7 +137,7 @@ def with_path(setup: Setup, path: PathDescription | str | Path | None) -> Setup:
         return setup
     described = path if isinstance(path, PathDescription) else PathDescription.from_toml(path)
     only = {"sweep.enabled": False, "raster.enabled": False, "pose": (), "path": (described,)}
-    return Setup(setup.cell, setup.sensor, _with_standoffs(setup.scan.replace(only), setup.sensor))
+    return Setup(setup.cell, setup.sensor, with_standoffs(setup.scan.replace(only), setup.sensor))
 
 
 def load_resolved(path: str | Path) -> tuple[Setup, dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""Materials: named presets, and single values that override them."""
+"""Materials by presets and single values, and the contact of bodies."""
 
 from __future__ import annotations
 

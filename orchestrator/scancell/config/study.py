@@ -1,4 +1,4 @@
-"""Description of a study: the trials of a part and the figures to evaluate."""
+"""Descriptions of studies and batches: the factors that vary, the design of the trials, and the figures to evaluate."""
 
 from __future__ import annotations
 

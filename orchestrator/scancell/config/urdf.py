@@ -10,6 +10,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
+from functools import reduce
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from scancell.errors import DescriptionError
 from scancell.files import atomic_write, read_file
 from scancell.geometry import pose
 from scancell.geometry.arm import Chain, dh_from_axes
+from scancell.geometry.mesh import MassProperties
 from scancell.geometry.mesh_files import FORMATS, read_mesh, write_stl
 
 Array = NDArray[np.float64]
@@ -53,11 +55,11 @@ class UrdfJoint:
 class UrdfBody:
     """Links that are fixed to each other, in the frame of the root link with every joint at 0 (m, kg).
 
-    `vertices` and `faces` of each visual mesh; mass, centre of mass (3,) and inertia (3, 3) about it of each link.
+    `vertices` and `faces` of each visual mesh; mass properties of each link.
     """
 
     meshes: list[tuple[Array, NDArray[np.int64]]] = field(default_factory=list)
-    masses: list[tuple[float, Array, Array]] = field(default_factory=list)
+    masses: list[MassProperties] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -270,8 +272,8 @@ class _Reader:
                 self._warnings.append(f"{key}: its mesh is {size:.4g} m large: is it in mm, without a scale of 0.001?")
             body.meshes.append((pose.transform_points(root_from_link @ self._origin(key, shape), vertices), faces))
 
-    def _mass(self, key: str, inertial: ET.Element, root_from_link: Array) -> list[tuple[float, Array, Array]]:
-        """Mass, centre of mass and inertia of a link; nothing of one without mass."""
+    def _mass(self, key: str, inertial: ET.Element, root_from_link: Array) -> list[MassProperties]:
+        """Mass properties of a link; none of one without mass."""
         frame, tensor = root_from_link @ self._origin(key, inertial), inertial.find("inertia")
         mass = float(self._numbers(key, inertial.find("mass"), "value", "0", 1)[0])
         names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -290,7 +292,7 @@ class _Reader:
             self._warnings.append(
                 f"{key}: no body has the principal moments of inertia {low:.4g}, {middle:.4g} and {high:.4g} kg m²"
             )
-        return [(mass, frame[:3, 3], frame[:3, :3] @ inertia @ frame[:3, :3].T)]
+        return [MassProperties(mass, np.zeros(3), inertia).seen_from(frame)]
 
     @staticmethod
     def _file_of(owner: ET.Element) -> str:
@@ -467,29 +469,19 @@ def _bodies(urdf: UrdfArm, chain: Chain) -> list[UrdfBody]:
     moved = []
     for body, root_from_link in zip(urdf.bodies, chain.link_poses(np.zeros(len(urdf.joints))), strict=True):
         link_from_root = pose.inverse(root_from_link)
-        turn = link_from_root[:3, :3]
         meshes = [(pose.transform_points(link_from_root, vertices), faces) for vertices, faces in body.meshes]
-        masses = [
-            (mass, turn @ centre + link_from_root[:3, 3], turn @ inertia @ turn.T)
-            for mass, centre, inertia in body.masses
-        ]
-        moved.append(UrdfBody(meshes, masses))
+        moved.append(UrdfBody(meshes, [mass.seen_from(link_from_root) for mass in body.masses]))
     return moved
 
 
 def _inertia_data(body: UrdfBody) -> dict[str, Any]:
-    """Mass, centre of mass and inertia about it of all links of a body, by Huygens and Steiner's theorem."""
-    mass = sum(part[0] for part in body.masses)
-    centre = np.sum([part[0] * part[1] for part in body.masses], axis=0) / mass
-    total = np.zeros((3, 3))
-    for own, place, inertia in body.masses:
-        lever = place - centre
-        total += inertia + own * (lever @ lever * np.eye(3) - np.outer(lever, lever))
+    """Mass, centre of mass and inertia about it of all links of a body together."""
+    whole = reduce(MassProperties.joined_with, body.masses)
     return {
-        "mass_kg": mass,
-        "centre_of_mass_mm": _rounded(1e3 * centre),
-        "inertia_kg_m2": _rounded(np.diag(total)),
-        "products_kg_m2": _rounded([total[0, 1], total[0, 2], total[1, 2]]),
+        "mass_kg": whole.mass,
+        "centre_of_mass_mm": _rounded(1e3 * whole.centre_of_mass),
+        "inertia_kg_m2": _rounded(np.diag(whole.inertia)),
+        "products_kg_m2": _rounded(whole.inertia[[0, 0, 1], [1, 2, 2]]),
     }
 
 

@@ -228,11 +228,27 @@ def clustered(mesh: Mesh, grid: float) -> Mesh:
 
 @dataclass(frozen=True)
 class MassProperties:
-    """Mass (kg), centre of mass (3,) and inertia (3, 3) about it, in the mesh's own axes."""
+    """Mass (kg), centre of mass (3,), m, and inertia (3, 3) about it, kg m², of a rigid body, all in one frame."""
 
     mass: float
     centre_of_mass: Array
     inertia: Array
+
+    def seen_from(self, frame_from_body: Array) -> MassProperties:
+        """The same body in another frame."""
+        rotation = frame_from_body[:3, :3]
+        centre = rotation @ self.centre_of_mass + frame_from_body[:3, 3]
+        return MassProperties(self.mass, centre, rotation @ self.inertia @ rotation.T)
+
+    def joined_with(self, other: MassProperties) -> MassProperties:
+        """Both as one rigid body; Huygens and Steiner's theorem moves the inertias to the common centre of mass."""
+        mass = self.mass + other.mass
+        centre = (self.mass * self.centre_of_mass + other.mass * other.centre_of_mass) / mass
+        return MassProperties(mass, centre, self._inertia_about(centre) + other._inertia_about(centre))
+
+    def _inertia_about(self, point: Array) -> Array:
+        arm = self.centre_of_mass - point
+        return np.asarray(self.inertia + self.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm)))
 
 
 def load_mesh(path: str | Path, unit: str = "mm") -> Mesh:

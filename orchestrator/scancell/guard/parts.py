@@ -142,8 +142,8 @@ class PartTracker:
 
     def _start(self, cell: CellDescription, number: int) -> _Place:
         if number > 1:
-            further = self._nominal.further_parts[number - 2]
-            return _Place(further.carrier, further.carrier_from_part)
+            further = cell.further_part[number - 2]
+            return _Place(further.stands_on, pose_matrix(further.pose))
         arrival = cell.part.arrival
         if arrival is None:
             return _Place(TABLE, self._nominal.table_from_part)

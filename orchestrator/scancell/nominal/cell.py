@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from scancell.arguments import checked_arguments
 from scancell.config.cell import CellDescription, PartDescription, TableDescription
-from scancell.config.description import si_value, to_si
-from scancell.config.devices import FurtherPartDescription, GripperDescription, LightDescription
+from scancell.config.description import PoseDescription, si_value, to_si
+from scancell.config.devices import ConveyorDescription, FurtherPartDescription, LightDescription
 from scancell.config.material import Material, MaterialDescription
 from scancell.config.robot import RobotDescription
 from scancell.errors import CellError, CommandError, DescriptionError
@@ -115,15 +115,10 @@ class Lamp:
 
 @dataclass(frozen=True)
 class FurtherPart:
-    """A part beside the one that is scanned.
-
-    `carrier` is ``table``, ``world`` or ``conveyor[1]`` …, and `carrier_from_part` (4, 4) where the part starts.
-    """
+    """A part beside the one that is scanned, and its mesh, m."""
 
     description: FurtherPartDescription
     mesh: Mesh
-    carrier: str
-    carrier_from_part: Array
 
 
 @dataclass(frozen=True)
@@ -132,24 +127,16 @@ class Belt:
 
     Attributes
     ----------
-    conveyor, name
-        Number of the conveyor, from 1, and its name.
+    conveyor, description
+        Number of the conveyor, from 1, and its description.
     world_from_belt, belt_from_part
         Poses (4, 4) of the belt's frame and of the part on it, both at travel 0.
-    length, width
-        Of the belt, m.
-    max_speed, max_acceleration
-        Limits of the belt, m/s and m/s².
     """
 
     conveyor: int
-    name: str
+    description: ConveyorDescription
     world_from_belt: Array
     belt_from_part: Array
-    length: float
-    width: float
-    max_speed: float
-    max_acceleration: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -171,7 +158,7 @@ class NominalCell(Value):
     home
         Joint angles (joints,) of the home position, rad.
     table_radius
-        Of the platter, m.
+        Radius of the platter, m.
     table_max_speed, table_max_acceleration, table_max_jerk
         Limits of the table, rad/s, rad/s², rad/s³.
     part
@@ -190,9 +177,9 @@ class NominalCell(Value):
     user_frames
         User frames by name, as fixed joints.
     eccentricity
-        Of the platter (x, y), m, in an estimated cell.
+        Eccentricity of the platter (x, y), m, in an estimated cell.
     wobble
-        Of the table's axis (rx_cos, rx_sin, ry_cos, ry_sin), rad, in an estimated cell.
+        Wobble of the table's axis (rx_cos, rx_sin, ry_cos, ry_sin), rad, in an estimated cell.
     trigger_latency
         Time by which exposures are later than the angles that are latched for them, s, in an estimated cell.
     belt
@@ -285,7 +272,8 @@ class NominalCell(Value):
             joints.append(Joint(name, WORLD, "prismatic", name, 0.0, world_from_belt @ along, along.T))
         joints.append(Joint("part", self.support, parent_from_joint=self.support_from_part))
         for number, further in enumerate(self.further_parts, 2):
-            joints.append(Joint(f"part[{number}]", further.carrier, parent_from_joint=further.carrier_from_part))
+            placed = further.description
+            joints.append(Joint(f"part[{number}]", placed.stands_on, parent_from_joint=pose_matrix(placed.pose)))
         fingers = () if self.flange_from_finger is None else self.flange_from_finger
         for number, flange_from_finger in enumerate(fingers, 1):
             joints.append(Joint(f"finger[{number}]", flange, parent_from_joint=flange_from_finger))
@@ -387,7 +375,7 @@ def nominal_cell(cell: CellDescription, part: Mesh | None) -> NominalCell:
     table_from_part = lay_down(part, cell.part)
     if cell.part.fixture == "free" and not is_empty:
         _refuse_unstable(part, table_from_part, cell.part)
-    further = tuple(_further_part(part_) for part_ in cell.further_part)
+    further = tuple(FurtherPart(part_, load_part(part_.mesh, part_.unit)) for part_ in cell.further_part)
     table_max_speed, table_max_acceleration = table_limits(cell, part, table_from_part)
     nominal = NominalCell(
         arm=arm_of(robot),
@@ -407,7 +395,9 @@ def nominal_cell(cell: CellDescription, part: Mesh | None) -> NominalCell:
             *_gripper_bodies(cell),
             *_obstacles(cell, known=True),
         ),
-        flange_from_finger=None if cell.gripper is None else _flange_from_finger(cell.gripper),
+        flange_from_finger=None
+        if cell.gripper is None
+        else pose_matrix(cell.gripper.pose) @ gripper_from_finger(start_width(cell.gripper)),
         flange_from_tcp={tcp.name: pose_matrix(tcp.flange_from_tcp) for tcp in cell.tcp},
         user_frames={
             frame.name: Joint(frame.name, frame.moves_with, parent_from_joint=pose_matrix(frame.pose))
@@ -440,7 +430,8 @@ def with_unknown_obstacles(nominal: NominalCell, cell: CellDescription) -> Nomin
 
 def arm_of(robot: RobotDescription) -> Arm:
     """Kinematics of a described arm; joints that are held without values are held at their home angles."""
-    joints = [ArmJoint(**_joint_fields(joint.model_dump())) for joint in robot.joint]
+    names = [item.name for item in fields(ArmJoint)]
+    joints = [ArmJoint(**{name: si[name] for name in names}) for si in to_si([j.model_dump() for j in robot.joint])]
     held = [
         HeldJoint(one.joint - 1, tuple(np.radians(one.values_deg or (robot.home_deg[one.joint - 1],)).tolist()))
         for one in robot.held
@@ -460,23 +451,12 @@ def _further_joints(cell: CellDescription) -> tuple[Joint, ...]:
     return (*axes, *sensors)
 
 
-def _further_part(description: FurtherPartDescription) -> FurtherPart:
-    mesh = load_part(description.mesh, description.unit)
-    return FurtherPart(description, mesh, description.stands_on, pose_matrix(description.pose))
-
-
 def _belt(cell: CellDescription) -> Belt | None:
     arrival = cell.part.arrival
     if arrival is None or arrival.conveyor is None:
         return None
     conveyor = cell.conveyor[arrival.conveyor - 1]
-    return Belt(
-        arrival.conveyor,
-        conveyor.name,
-        pose_matrix(conveyor.pose),
-        pose_matrix(arrival.pose),
-        *(si_value(conveyor, key) for key in ("length_mm", "width_mm", "max_speed_mm_s", "max_acceleration_mm_s2")),
-    )
+    return Belt(arrival.conveyor, conveyor, pose_matrix(conveyor.pose), pose_matrix(arrival.pose))
 
 
 def _device_bodies(cell: CellDescription, further: tuple[FurtherPart, ...]) -> tuple[Body, ...]:
@@ -518,10 +498,6 @@ def _obstacles(cell: CellDescription, *, known: bool) -> tuple[Body, ...]:
     )
 
 
-def _flange_from_finger(gripper: GripperDescription) -> Array:
-    return np.asarray(pose_matrix(gripper.pose) @ gripper_from_finger(start_width(gripper)))
-
-
 def _gripper_bodies(cell: CellDescription) -> tuple[Body, ...]:
     gripper = cell.gripper
     if gripper is None:
@@ -544,34 +520,26 @@ def _refuse_unstable(part: Mesh, table_from_part: Array, description: PartDescri
         raise CellError(f"is not stable in this pose; {hint}", file=part.source)
 
 
-def _joint_fields(joint: dict[str, float]) -> dict[str, float]:
-    si = to_si(joint)
-    names = ("a", "d", "alpha", "beta", "theta", "min", "max", "max_speed", "max_acceleration", "max_jerk")
-    return {name: si[name] for name in names}
-
-
 def _bodies(cell: CellDescription, part: Mesh) -> tuple[Body, ...]:
     table = cell.table
     robot_material = _material(cell.robot_material, cell.robot_reflectance)
     table_material = _material(table.material, table.reflectance)
     meshes = [
-        ("base", cell.robot.moves_with, _mesh(cell.robot.base_mesh), robot_material),
+        ("base", cell.robot.moves_with, _mesh(cell.robot.base_mesh, cell.robot.base), robot_material),
         *((f"link{i}", f"link[{i}]", _mesh(joint.mesh), robot_material) for i, joint in enumerate(cell.robot.joint, 1)),
         ("sensor", "sensor", _mesh(cell.sensor_mesh), robot_material),
         ("table", "table", _mesh(table.platter_mesh) or _cylinder(table), table_material),
-        ("table_base", "world", _mesh(table.base_mesh), table_material),
+        ("table_base", "world", _mesh(table.base_mesh, table.pose), table_material),
     ]
-    bodies = [
-        Body(name, frame, _placed(mesh, name, cell), material)
-        for name, frame, mesh, material in meshes
-        if mesh is not None
-    ]
+    bodies = [Body(name, frame, mesh, material) for name, frame, mesh, material in meshes if mesh is not None]
     material = _material(cell.part.material, cell.part.reflectance)
     return (*bodies, Body("part", "part", part, material, part_patches(part, cell.part)))
 
 
-def _mesh(path: str | None) -> Mesh | None:
-    return None if path is None else load_mesh(Path(path))
+def _mesh(path: str | None, world_from_mesh: PoseDescription | None = None) -> Mesh | None:
+    """Mesh of a file; that of a standing body is drawn in the frame in which it stands, and moved to the world."""
+    mesh = None if path is None else load_mesh(Path(path))
+    return mesh if mesh is None or world_from_mesh is None else mesh.transformed(pose_matrix(world_from_mesh))
 
 
 def _cylinder(table: TableDescription) -> Mesh:
@@ -596,14 +564,6 @@ def _lamp(name: str, light: LightDescription) -> Lamp:
 
 def _material(description: MaterialDescription | None, reflectance: float) -> Material:
     return Material(reflectance) if description is None else description.resolved()
-
-
-def _placed(mesh: Mesh, name: str, cell: CellDescription) -> Mesh:
-    """Meshes of standing bodies are drawn in the frame they stand in; move them to the world."""
-    frames = {"base": cell.robot.base, "table_base": cell.table.pose}
-    if name not in frames:
-        return mesh
-    return mesh.transformed(pose_matrix(frames[name]))
 
 
 def as_estimated(nominal: NominalCell, cell: CellDescription) -> NominalCell:

@@ -1,4 +1,4 @@
-"""Parts from their files: a mesh, or the description of an artefact of exact shape."""
+"""Meshes and poses from descriptions: parts and artefacts, their patches and placement, gripper and tool."""
 
 from __future__ import annotations
 
@@ -138,7 +138,8 @@ def load_part(path: str | Path, unit: str = "mm") -> Mesh:
     path
         An STL, OBJ or PLY file, or an artefact (TOML).
     unit
-        Of the coordinates in a mesh file: ``mm``, ``m`` or ``inch``. The keys of an artefact have units of their own.
+        Unit of the coordinates in a mesh file: ``mm``, ``m`` or ``inch``. The keys of an artefact have units of their
+        own.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Planning model: the nominal cell with the sensor's measuring range and clearance queries."""
+"""Planning model: the nominal cell with the sensor's measuring range, clearance queries, and the limit of the work."""
 
 from __future__ import annotations
 

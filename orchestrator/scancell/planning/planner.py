@@ -7,11 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.config.description import si_value
+from scancell.config.scan import BeltDescription, ScanDescription
 from scancell.errors import PlanningError
 from scancell.geometry.pose import inverse
+from scancell.nominal.parts import pose_matrix
 from scancell.planning.model import PlanningCell, WorkLimitError, join_reasons
 from scancell.planning.motion.assembly import Assembly, check_part, verified
-from scancell.planning.options import BeltOptions, ScanOptions
+from scancell.planning.options import ScanOptions
 from scancell.planning.path_map.configuration_map import QualityFactor
 from scancell.planning.path_map.path_planner import PathPlanner, PlacedPath
 from scancell.planning.plan import Plan
@@ -24,7 +27,6 @@ from scancell.planning.views.views import Surface, Sweep, exposure_counts, sampl
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Largest fraction of the surface seen by all views that infeasible views may lose.
 # Replacements of an infeasible sweep: changes of elevation (rad) and of distance (m).
 _ALTERNATIVES = ((0.0, 0.015), (0.0, 0.03), *((np.radians(k), 0.0) for k in (15, 30, 45)))
 
@@ -36,8 +38,8 @@ def default_views(
 
     The warnings name views that were omitted or replaced. What is seen (n,) ignores occlusion.
 
-    Raises `PlanningError` if infeasible views lose more of the surface than `ScanOptions.max_lost_share`, or there are
-    too few exposures.
+    Raises `PlanningError` if infeasible views lose more of the surface than `scan.max_lost_share`, or there are too few
+    exposures.
 
     Parameters
     ----------
@@ -46,30 +48,31 @@ def default_views(
     is_needed
         Whether it is an error if no view sees the part.
     """
-    turns = paths.sweeps(part, cell.range, options.sweep) if options.sweep else []
-    lines = paths.passes(part, cell.range, options.raster) if options.raster else []
+    scan, elevations = options.scan, np.radians(options.scan.sweep.elevations_deg).tolist()
+    turns = paths.sweeps(part, cell.range, options, elevations) if scan.sweep.enabled else []
+    lines = paths.passes(part, cell.range, options) if scan.raster.enabled else []
     if is_needed and not (turns or lines):
         raise PlanningError("no view sees the part: no surface faces the sensor")
     cell.work.spend(0.0)
-    if options.sweep:
+    if scan.sweep.enabled:
         seen = seen_by([*turns, *lines], cell.range, part)
-        turns += paths.side_sweeps(part, cell.range, options.sweep, seen, cell.work)
+        turns += paths.side_sweeps(part, cell.range, options, elevations, seen, cell.work)
     warnings: list[str] = []
     sweeps = _reach_sweeps(placer, turns, warnings)
     counts = exposure_counts([*(s.view for s in sweeps), *lines], options.spacing, max_profiles)
     placed: list[tuple[Placed, int]] = [*zip(sweeps, counts, strict=False)]
-    if options.raster:
-        branch = sweeps[0].branch if sweeps and cell.nominal.arm.has_named_branches else None
-        left = counts[len(sweeps) :]
-        for item, count in zip(placer.passes(lines, left, options.raster.speed, branch), left, strict=True):
-            if isinstance(item, Infeasible):
-                warnings.append(f"omitted: {item.reason}")
-            else:
-                placed.append((item, count))
-                warnings += [item.note] if item.note else []
+    branch = sweeps[0].branch if sweeps and cell.nominal.arm.has_named_branches else None
+    left = counts[len(sweeps) :]
+    found = placer.passes(lines, left, si_value(scan.raster, "speed_mm_s"), branch)
+    for item, count in zip(found, left, strict=True):
+        if isinstance(item, Infeasible):
+            warnings.append(f"omitted: {item.reason}")
+        else:
+            placed.append((item, count))
+            warnings += [item.note] if item.note else []
     wanted = seen_by([*turns, *lines], cell.range, part)
     seen = seen_by([item.view for item, _ in placed], cell.range, part)
-    _check_loss(wanted, seen, options.max_lost_share, warnings)
+    _check_loss(wanted, seen, scan.max_lost_share, warnings)
     return placed, seen, warnings
 
 
@@ -118,17 +121,17 @@ def plan(
     check_part(cell)
     placer = Placer(cell, options.azimuth, options.clearance)
     assembly = Assembly(cell, options)
-    if options.belt is not None:
-        warnings = _plan_belt(cell, options, options.belt, placer, assembly)
+    if options.scan.belt is not None:
+        warnings = _plan_belt(cell, options.scan, options.scan.belt, placer, assembly)
         return verified(cell, options, Plan(*assembly.finish(), None, tuple(warnings), reduced=_reductions(cell)))
-    if len(options.poses):
-        _plan_poses(cell, options, placer, assembly)
+    if options.scan.pose:
+        _plan_poses(cell, options.scan, placer, assembly)
         return verified(cell, options, Plan(*assembly.finish(), None, (), reduced=_reductions(cell)))
     along = _place_paths(cell, options, quality_factors)
-    left = options.max_profiles - sum(len(item.exposures) for item in along)
+    left = options.scan.max_profiles - sum(len(item.exposures) for item in along)
     part, report = sample_part(cell.nominal.part, cell.nominal.table_from_part), None
     warnings = []
-    if options.coverage:
+    if options.scan.coverage.enabled:
         assert sight is not None
         views, report = CoveragePlanner(cell, sight, options).choose(part, left)
         if cell.work.spent > CHOICE_SHARE * cell.work.limit:
@@ -163,16 +166,17 @@ def _reductions(cell: PlanningCell) -> tuple[str, ...]:
     return tuple(one.line(name) for name, one in found if one.original_faces > len(one.mesh.faces))
 
 
-def _plan_poses(cell: PlanningCell, options: ScanOptions, placer: Placer, assembly: Assembly) -> None:
-    if len(options.poses) > options.max_profiles:
+def _plan_poses(cell: PlanningCell, scan: ScanDescription, placer: Placer, assembly: Assembly) -> None:
+    poses = np.array([pose_matrix(pose) for pose in scan.pose])
+    if len(poses) > scan.max_profiles:
         raise PlanningError(
-            f"{len(options.poses)} poses are given",
+            f"{len(poses)} poses are given",
             key="scan.max_profiles",
-            value=options.max_profiles,
-            expected=f"at least {len(options.poses)}",
+            value=scan.max_profiles,
+            expected=f"at least {len(poses)}",
         )
-    cell.work.doing = f"placing {len(options.poses)} poses"
-    found = placer.poses(options.poses)
+    cell.work.doing = f"placing {len(poses)} poses"
+    found = placer.poses(poses)
     reasons = [item.reason for item in found if isinstance(item, Infeasible)]
     if reasons:
         raise PlanningError(join_reasons("infeasible poses", reasons))
@@ -182,17 +186,17 @@ def _plan_poses(cell: PlanningCell, options: ScanOptions, placer: Placer, assemb
 
 
 def _plan_belt(
-    cell: PlanningCell, options: ScanOptions, belt: BeltOptions, placer: Placer, assembly: Assembly
+    cell: PlanningCell, scan: ScanDescription, belt: BeltDescription, placer: Placer, assembly: Assembly
 ) -> list[str]:
     """Add the scan on the belt; returns warnings."""
     nominal = cell.nominal
     run = belt_run(nominal, belt, cell.cycle)
-    world_from_sensor = nominal.required_belt().world_from_belt @ belt.belt_from_sensor
+    world_from_sensor = nominal.required_belt().world_from_belt @ pose_matrix(belt.pose)
     cell.work.doing = "placing the sensor over the belt"
     placed = placer.still("the pose over the belt", inverse(nominal.world_from_table) @ world_from_sensor)
     if isinstance(placed, Infeasible):
         raise PlanningError(placed.reason, key="scan.belt.pose")
-    pitch, count, warnings = spacing_and_count(run, belt, options.max_profiles)
+    pitch, count, warnings = spacing_and_count(run, belt, scan.max_profiles)
     assembly.add_belt(placed, run, pitch, count)
     return [*warnings, *range_warnings(nominal, belt, cell.range)]
 
@@ -201,20 +205,19 @@ def _place_paths(
     cell: PlanningCell, options: ScanOptions, quality_factors: Sequence[QualityFactor]
 ) -> list[PlacedPath]:
     """Motions for the sensor paths of the description; `PlanningError` with all reasons where one has none."""
-    if not options.paths:
+    scan, nominal = options.scan, cell.nominal
+    if not scan.path:
         return []
     # SciPy's splines take a while to import.
     from scancell.planning.views.sensor_paths import sensor_paths  # noqa: PLC0415
 
-    found = [
-        path for item in options.paths for path in sensor_paths(item, cell.nominal.part, cell.nominal.table_from_part)
-    ]
+    found = [path for item in scan.path for path in sensor_paths(item, nominal.part, nominal.table_from_part)]
     needed = sum(path.count for path in found)
-    if needed > options.max_profiles:
+    if needed > scan.max_profiles:
         raise PlanningError(
             f"the paths need {needed} exposures",
             key="scan.max_profiles",
-            value=options.max_profiles,
+            value=scan.max_profiles,
             expected="a larger pitch_mm of the paths or a larger scan.max_profiles",
         )
     planner = PathPlanner(cell, options.clearance, quality_factors)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from scancell.config.cell import CellDescription, PartDescription
 from scancell.config.devices import FurtherPartDescription
+from scancell.config.scan import CoverageDescription
 from scancell.config.sensor import SensorDescription
 from scancell.errors import PlanningError
 from scancell.geometry import pose
@@ -19,7 +19,7 @@ from scancell.geometry.mesh import Mesh, RestingPose, box_mesh, resting_poses
 from scancell.nominal.cell import Body, NominalCell, nominal_cell
 from scancell.planning.model import PlanningCell, SensorRange, Work, WorkLimitError, join_reasons
 from scancell.planning.motion.assembly import check_part
-from scancell.planning.options import CoverageOptions, ScanOptions
+from scancell.planning.options import ScanOptions
 from scancell.planning.views.coverage import CoveragePlanner, Sight
 from scancell.planning.views.views import sample_part
 from scancell.progress import Progress
@@ -32,7 +32,6 @@ _SAMPLES = 2500
 _MOST_RESTS = 10  # resting poses that are examined, the hardest to tip over first
 _HEIGHTS_MM = (0.0, 30.0, 60.0, 90.0)
 _OFFSETS = (0.0, 0.35)  # of the part's radius, along x of the table
-_MOST_VIEWS, _MOST_TIME = 100, 600.0  # of a set-up; s
 _WORTH = 0.005  # share of the surface that a riser or an offset must add
 _FOOT = 2e-4  # m: height over the lowest point up to which the part is supported
 
@@ -156,9 +155,9 @@ class SetUpPlanner:
     cell
         Description of the cell; its part's pose and fixture are replaced.
     sensor, sensor_range
-        Of the sensor.
+        Description and measuring range of the sensor.
     options
-        Of the scan; coverage options are replaced.
+        Options of the scan; coverage options are replaced.
     threads
         0: all cores.
     work
@@ -176,7 +175,6 @@ class SetUpPlanner:
     ) -> None:
         self._cell, self._sensor, self._range, self._options = cell, sensor, sensor_range, options
         self._threads, self._work = threads, work or Work()
-        self._coverage = CoverageOptions(1.0, _MOST_VIEWS, _MOST_TIME)
 
     def propose(self, part: Mesh, share: float, progress: Progress) -> SetUps:
         """Set-ups that scan `share` of the surface that is measurable in any stable resting pose.
@@ -185,7 +183,9 @@ class SetUpPlanner:
         none.
         """
         # More in each set-up than is asked of both together.
-        self._coverage = replace(self._coverage, share=(1 + share) / 2)
+        coverage = CoverageDescription(share=(1 + share) / 2)
+        scan = self._options.scan.model_copy(update={"coverage": coverage})
+        self._options = replace(self._options, scan=scan)
         all_rests = resting_poses(part)
         if not all_rests:
             raise PlanningError('has no stable resting pose; clamp it (part.fixture = "clamped")', file=part.source)
@@ -225,7 +225,9 @@ class SetUpPlanner:
         """
         progress.stage("placements", len(_HEIGHTS_MM) * len(_OFFSETS), "placements")
         found = []
-        for placed in self._placements(part, rest):
+        radius = float(np.linalg.norm(np.ptp((part.vertices @ rest.rotation.T)[:, :2], axis=0)) / 2)
+        for height, offset in product(_HEIGHTS_MM, _OFFSETS):
+            placed = self._placed(rest, height, 1e3 * offset * radius)
             try:
                 nominal = self._nominal(part, placed)
             except WorkLimitError:
@@ -252,15 +254,14 @@ class SetUpPlanner:
     def _set_up(
         self, rest: RestingPose, placed: PartDescription, nominal: NominalCell, found: MeasurableSurface
     ) -> tuple[SetUp, Flags]:
-        scanned, time = self._scanned(nominal, found)
+        """A set-up, and (n,) which samples feasible views see in it."""
+        sight = Sight(nominal, self._sensor, lambda *_: found, self._threads, self._work)
+        planner = CoveragePlanner(self._planning_cell(nominal), sight, self._options)
+        report = planner.select(sample_part(nominal.part, nominal.table_from_part))
+        scanned = np.zeros(len(found.samples), bool)
+        scanned[sight.rows[planner.covered]] = True
         share, riser = float(scanned.mean()), riser_for(nominal)
-        return SetUp(placed, riser, rest.tip_angle, found.measurable_fraction, share, time), scanned
-
-    def _placements(self, part: Mesh, rest: RestingPose) -> Iterator[PartDescription]:
-        radius = float(np.linalg.norm(np.ptp((part.vertices @ rest.rotation.T)[:, :2], axis=0)) / 2)
-        for height in _HEIGHTS_MM:
-            for offset in _OFFSETS:
-                yield self._placed(rest, height, 1e3 * offset * radius)
+        return SetUp(placed, riser, rest.tip_angle, found.measurable_fraction, share, report.time), scanned
 
     def _placed(self, rest: RestingPose, height_mm: float, x_mm: float) -> PartDescription:
         angles = np.degrees(pose.euler_xyz_from_rotation(rest.rotation)).round(6)
@@ -287,18 +288,6 @@ class SetUpPlanner:
 
     def _measurable(self, nominal: NominalCell) -> MeasurableSurface:
         return measurable_surface(nominal, self._sensor, _SAMPLES, self._work, threads=self._threads)
-
-    def _scanned(self, nominal: NominalCell, found: MeasurableSurface) -> tuple[Flags, float]:
-        """(n,) samples that feasible views see, and their time (s)."""
-        cell = self._planning_cell(nominal)
-        sight = Sight(nominal, self._sensor, lambda *_: found, self._threads, self._work)
-        options = replace(self._options, coverage=self._coverage)
-        part = sample_part(nominal.part, nominal.table_from_part)
-        planner = CoveragePlanner(cell, sight, options)
-        report = planner.select(part)
-        scanned = np.zeros(len(found.samples), bool)
-        scanned[sight.rows[planner.covered]] = True
-        return scanned, report.time
 
 
 def _best_pair(seen: list[Flags]) -> tuple[int, int]:

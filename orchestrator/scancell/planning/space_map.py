@@ -71,7 +71,7 @@ class SpaceMap:
     Parameters
     ----------
     radius, height
-        Of the cylinder that stands on the plane of the table's top, m.
+        Dimensions of the cylinder that stands on the plane of the table's top, m.
     spacing
         Edge of the voxels, m.
     known

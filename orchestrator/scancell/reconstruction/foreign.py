@@ -87,7 +87,7 @@ def neighbours_of(nominal: NominalCell) -> Neighbours:
     """
     frames, tree = nominal.frame_poses(nominal.home), nominal.tree
     support_from_world, (axis,) = pose.inverse(nominal.world_from(nominal.support)), tree.axes_of(nominal.support)
-    support = "table" if nominal.support == "table" else nominal.required_belt().name
+    support = "table" if nominal.support == "table" else nominal.required_belt().description.name
     bodies = tuple(
         Neighbour(
             body.name,

@@ -220,12 +220,12 @@ class ScanPipeline(Closing):
         work = Work(setup.scan.max_planning_work, progress)
         cell = replace(self._planning_cell(world), work=work)
         is_dynamic, options = setup.cell.robot.drive == "dynamic", scan_options(setup.scan, setup.sensor)
-        if options.belt is not None:
-            cell = replace(cell, nominal=with_passing_part(cell.nominal, options.belt, cell.cycle))
+        if setup.scan.belt is not None:
+            cell = replace(cell, nominal=with_passing_part(cell.nominal, setup.scan.belt, cell.cycle))
         nominal = cell.nominal
         sight = Sight(nominal, setup.sensor, partial(self._measurable, work), self.threads, work)
         # Only what this plan depends on: a study of other values plans once.
-        described = [setup.scan.model_dump_json(), options.spacing, [path.pitch_mm for path in options.paths]]
+        described = [setup.scan.model_dump_json(), options.spacing, [path.pitch_mm for path in options.scan.path]]
         described += [setup.sensor.model_dump_json()] if setup.scan.coverage.enabled else []
         described += [setup.cell.model_dump_json()] if is_dynamic else []
         key = _digest([_without_optics(nominal), cell.range, cell.cycle, *described])
@@ -334,7 +334,8 @@ def envelope_of(nominal: NominalCell, setup: Setup) -> Envelope:
     placed = pose.transform_points(support_from_part, corners)[:, :2]
     outline = np.stack([placed.min(0), placed.max(0)])
     if nominal.support != "table":
-        return Envelope(lowest, _ENVELOPE_HEIGHT, np.inf, footprint, outline, nominal.required_belt().width / 2)
+        half_width = si_value(nominal.required_belt().description, "width_mm") / 2
+        return Envelope(lowest, _ENVELOPE_HEIGHT, np.inf, footprint, outline, half_width)
     return Envelope(lowest, _ENVELOPE_HEIGHT, nominal.table_radius, footprint, outline)
 
 

@@ -267,7 +267,8 @@ class Survey:
         )
         check_part(cell)
         choices = self._free_joints(cell, poses)
-        options = replace(scan_options(setup.scan, setup.sensor), dynamic=False)
+        options = scan_options(setup.scan, setup.sensor)
+        options = replace(options, scan=options.scan.model_copy(update={"mode": "stop-and-look"}))
         assembly, left_out, at = Assembly(cell, options), 0, nominal.home
         for joints in choices:
             reached = self._add(assembly, joints, at)

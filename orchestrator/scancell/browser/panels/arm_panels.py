@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from html import escape
 from typing import Any
 
@@ -44,11 +45,11 @@ class JointPanel:
         ]
         self._last = shown
         self._speed = gui.add_slider("speed, %", 1, 100, 1, 30)
-        home = gui.add_button("Move to home position")
+        home = operator.nominal.home
+        operator.connect(gui.add_button("Move to home position"), lambda: self._move(home, None), can_move)
         for slider in self._sliders:
             slider.on_update(operator.callback(self._debounce.change))
-        home.on_click(operator.callback(self._move_home))
-        operator.add_inputs([*self._sliders, self._speed, home], can_move)
+        operator.add_inputs([*self._sliders, self._speed], can_move)
 
     def show(self, state: LiveState) -> None:
         """Show a state, and move to the values of released sliders."""
@@ -74,9 +75,6 @@ class JointPanel:
             table -= 360.0 * round(table / 360.0)
         return [round(value, 1) for value in (*joints.tolist(), float(table))]
 
-    def _move_home(self) -> None:
-        self._move(self._operator.nominal.home, None)
-
     def _move(self, joints: Any, table_angle: float | None) -> None:
         inside = np.clip(joints, *self._operator.nominal.arm.limits)  # a slider rounds beyond a limit
         self._operator.submit(MoveJoints(inside, table_angle, self._speed.value / 100))
@@ -91,8 +89,8 @@ class JogPanel:
     def __init__(self, gui: Any, operator: OperatorCommands, state: LiveState) -> None:
         self._operator = operator
         joints = [f"joint {i}" for i in range(1, len(state.joints) + 1)]
-        self._sensor_axes = _SENSOR_AXES if len(joints) >= len(_SENSOR_AXES) else ()
-        self._axes = (*joints, "table", *(f"tool {axis}" for axis in self._sensor_axes))
+        sensor_axes = _SENSOR_AXES if len(joints) >= len(_SENSOR_AXES) else ()
+        self._axes = (*joints, "table", *(f"tool {axis}" for axis in sensor_axes))
         self._first_sensor_axis = len(joints) + 1
         self._axis = gui.add_dropdown("axis", self._axes)
         self._tool = gui.add_dropdown("tool", tool_names(operator.nominal))
@@ -101,33 +99,25 @@ class JogPanel:
         minus = gui.add_button("Hold to jog -", icon="minus", hint="or hold the key J")
         plus = gui.add_button("Hold to jog +", icon="plus", hint="or hold the key K")
         for button, sign in ((minus, -1), (plus, 1)):
-            button.on_hold(operator.callback(self._jog(sign)), callback_hz=_RATE)
+            button.on_hold(operator.callback(partial(self._jog, sign)), callback_hz=_RATE)
         for key, name in zip("123456789", self._axes, strict=False):
-            gui.add_command(f"Choose {name}", hotkey=key).on_trigger(operator.callback(self._choose(name)))
+            choose = operator.callback(partial(setattr, self._axis, "value", name))
+            gui.add_command(f"Choose {name}", hotkey=key).on_trigger(choose)
         operator.add_inputs([self._axis, self._tool, self._frame, self._deflection])
         operator.add_inputs([minus, plus], can_jog)
 
     def show(self, state: LiveState) -> None:
         """Do nothing: no input depends on the state."""
 
-    def _choose(self, name: str) -> Any:
-        def choose() -> None:
-            self._axis.value = name
-
-        return choose
-
-    def _jog(self, sign: int) -> Any:
-        def jog() -> None:
-            number = self._axes.index(self._axis.value)
-            share = sign * self._deflection.value / 100
-            if number < self._first_sensor_axis:
-                self._operator.submit(JogJoints(share * np.eye(self._first_sensor_axis)[number]))
-            else:
-                deflections = share * np.eye(len(_SENSOR_AXES))[number - self._first_sensor_axis]
-                frame = _FRAMES.get(self._frame.value, self._frame.value)
-                self._operator.submit(JogSensor(deflections, frame, self._tool.value))
-
-        return jog
+    def _jog(self, sign: int) -> None:
+        number = self._axes.index(self._axis.value)
+        share = sign * self._deflection.value / 100
+        if number < self._first_sensor_axis:
+            self._operator.submit(JogJoints(share * np.eye(self._first_sensor_axis)[number]))
+        else:
+            deflections = share * np.eye(len(_SENSOR_AXES))[number - self._first_sensor_axis]
+            frame = _FRAMES.get(self._frame.value, self._frame.value)
+            self._operator.submit(JogSensor(deflections, frame, self._tool.value))
 
 
 class PosePanel:
@@ -135,28 +125,24 @@ class PosePanel:
 
     def __init__(self, gui: Any, scene: Any, operator: OperatorCommands, state: LiveState) -> None:
         self._operator, self._state = operator, state
-        self._tool = gui.add_dropdown("tool", tool_names(operator.nominal))
-        self._relative_to = gui.add_dropdown("relative to", (*frame_names(operator.nominal), _TOOL))
-        self._position = gui.add_vector3("x, y, z, mm", (0.0, 0.0, 0.0), step=0.1)
-        self._angles = gui.add_vector3("XYZ' angles, deg", (0.0, 0.0, 0.0), step=0.01)
-        self._configuration = gui.add_dropdown("configuration", (_NEAREST, *operator.nominal.arm.branch_names))
+        nominal, connect = operator.nominal, operator.connect
+        self._tool = connect(gui.add_dropdown("tool", tool_names(nominal)), self._read)
+        self._relative_to = connect(gui.add_dropdown("relative to", (*frame_names(nominal), _TOOL)), self._read)
+        self._position = connect(gui.add_vector3("x, y, z, mm", (0.0, 0.0, 0.0), step=0.1), self._judge_typed)
+        self._angles = connect(gui.add_vector3("XYZ' angles, deg", (0.0, 0.0, 0.0), step=0.01), self._judge_typed)
+        configurations = (_NEAREST, *nominal.arm.branch_names)
+        self._configuration = connect(gui.add_dropdown("configuration", configurations), self._judge_typed)
         self._straight = gui.add_checkbox("on a straight line", False)
         self._speed = gui.add_slider("speed, %", 1, 100, 1, 30)
-        move, here = gui.add_button("Move to this pose"), gui.add_button("Read the present pose")
+        connect(gui.add_button("Move to this pose"), lambda: self._move(self._typed_pose()), can_move)
+        connect(gui.add_button("Read the present pose"), self._read)
         self._dragged = gui.add_checkbox("drag the tool in the scene", False)
         self._verdict = gui.add_html("")
         self._gizmo = scene.add_transform_controls("/gizmo", scale=0.25, depth_test=False, visible=False)
         self._is_held = False
-        move.on_click(operator.callback(lambda: self._move(self._typed_pose())))
-        here.on_click(operator.callback(self._read))
-        for handle in (self._tool, self._relative_to):
-            handle.on_update(operator.callback(self._read))
-        for handle in (self._position, self._angles, self._configuration):
-            handle.on_update(operator.callback(lambda: self._judge(self._typed_pose())))
         self._gizmo.on_update(lambda event: operator.callback(lambda: self._drag(event.phase))(event))
-        inputs = (self._tool, self._relative_to, self._position, self._angles, self._configuration, self._straight)
-        operator.add_inputs([*inputs, self._speed, here])
-        operator.add_inputs([move, self._dragged], can_move)
+        operator.add_inputs([self._straight, self._speed])
+        operator.add_inputs([self._dragged], can_move)
         self._read()
 
     def show(self, state: LiveState) -> None:
@@ -199,6 +185,9 @@ class PosePanel:
     def _joints(self, target: Array) -> Array:
         wanted = self._configuration.value
         return self._operator.joints_for(target, self._tool.value, None if wanted == _NEAREST else wanted)
+
+    def _judge_typed(self) -> None:
+        self._judge(self._typed_pose())
 
     def _judge(self, target: Array) -> bool:
         """Show whether a pose can be reached."""

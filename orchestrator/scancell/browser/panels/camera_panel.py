@@ -1,4 +1,4 @@
-"""Camera images and the profile, in a docked panel of one browser."""
+"""Camera images and the profile in docked panels of one browser, and one image enlarged."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ class EnlargedImage:
     Parameters
     ----------
     gui
-        Of viser.
+        Inputs of viser.
     names
-        Of the cameras.
+        Names of the cameras.
     drawn
         Makes the picture (height, width, 3) of the image of a camera, by its number.
     """
@@ -118,9 +118,9 @@ class CameraPanel:
     Parameters
     ----------
     gui
-        Of viser.
+        Inputs of viser.
     feed
-        Of the cameras; frames are made while its switch, which all browsers share, is on.
+        Feed of the cameras; frames are made while its switch, which all browsers share, is on.
     sensor
         Nominal description.
     beside

@@ -1,4 +1,4 @@
-"""Operation, monitor speed, gripper and conveyors."""
+"""Operation, monitor speed, gripper and conveyors; and perturbations of the true sensor."""
 
 from __future__ import annotations
 
@@ -24,41 +24,35 @@ class CellPanel:
 
     def __init__(self, gui: Any, operator: OperatorCommands, state: LiveState) -> None:
         self._operator = operator
-        self._operation = gui.add_dropdown("operation", tuple(_OPERATIONS))
-        self._shown_operation = Follower(self._operation)
-        self._monitor = gui.add_slider("monitor speed, %", 0, 100, 1, 100)
-        self._shown_monitor = Follower(self._monitor)
-        self._operation.on_update(operator.callback(self._set_operation))
-        self._monitor.on_update(operator.callback(lambda: operator.submit(SetMonitorSpeed(self._monitor.value / 100))))
-        operator.add_inputs([self._operation], can_move)
-        operator.add_inputs([self._monitor])
+        self._operation = Follower(gui.add_dropdown("operation", tuple(_OPERATIONS)))
+        self._monitor = Follower(gui.add_slider("monitor speed, %", 0, 100, 1, 100))
+        operator.connect(
+            self._operation.handle, lambda: operator.submit(SetOperation(_OPERATIONS[self._operation.value])), can_move
+        )
+        operator.connect(self._monitor.handle, lambda: operator.submit(SetMonitorSpeed(self._monitor.value / 100)))
         if state.gripper_width is not None:
             self._add_gripper(gui, state.gripper_width)
         for number, (speed, _) in enumerate(state.conveyors, start=1):
             slider = gui.add_slider(
                 f"conveyor {number}, mm/s", -_MOST_SPEED_MM, _MOST_SPEED_MM, 1.0, round(1e3 * speed)
             )
-            slider.on_update(operator.callback(partial(self._run_conveyor, number, slider)))
-            operator.add_inputs([slider], can_move)
+            operator.connect(slider, partial(self._run_conveyor, number, slider), can_move)
         self.show(state)
 
     def show(self, state: LiveState) -> None:
         """Show the operation and the monitor speed that were chosen."""
         name = next(name for name, value in _OPERATIONS.items() if value is state.operation)
-        self._shown_operation.show(name)
-        self._shown_monitor.show(round(100 * state.monitor_speed))
-
-    def _set_operation(self) -> None:
-        self._operator.submit(SetOperation(_OPERATIONS[self._operation.value]))
+        self._operation.show(name)
+        self._monitor.show(round(100 * state.monitor_speed))
 
     def _add_gripper(self, gui: Any, width: float) -> None:
-        self._width = gui.add_number("gripper width, mm", round(1e3 * width, 1), min=0.0, max=_MOST_WIDTH_MM, step=1.0)
-        self._force = gui.add_number("gripper force, N", 20.0, min=0.0, max=_MOST_FORCE, step=1.0)
+        operator = self._operator
+        field = gui.add_number("gripper width, mm", round(1e3 * width, 1), min=0.0, max=_MOST_WIDTH_MM, step=1.0)
+        force = gui.add_number("gripper force, N", 20.0, min=0.0, max=_MOST_FORCE, step=1.0)
+        operator.add_inputs([field, force])
         opened, closed = gui.add_button("Open the gripper"), gui.add_button("Close the gripper")
-        opened.on_click(self._operator.callback(lambda: self._operator.submit(OpenGripper(1e-3 * self._width.value))))
-        closed.on_click(self._operator.callback(lambda: self._operator.submit(CloseGripper(self._force.value))))
-        self._operator.add_inputs([self._width, self._force])
-        self._operator.add_inputs([opened, closed], can_move)
+        operator.connect(opened, lambda: operator.submit(OpenGripper(1e-3 * field.value)), can_move)
+        operator.connect(closed, lambda: operator.submit(CloseGripper(force.value)), can_move)
 
     def _run_conveyor(self, conveyor: int, slider: Any) -> None:
         self._operator.submit(RunConveyor(conveyor, 1e-3 * slider.value))
@@ -110,20 +104,17 @@ class SensorPanel:
     def __init__(self, gui: Any, operator: OperatorCommands, feed: CameraFeed, sensor: SensorDescription) -> None:
         self._operator, self._feed, self._debounce = operator, feed, Debounce(delay=0.1)
         in_force = dict(word.split("=", 1) for word in feed.as_built)
-        self._engine = gui.add_dropdown("engine", get_args(Engine), initial_value=feed.engine)
+        engine = gui.add_dropdown("engine", get_args(Engine), initial_value=feed.engine)
+        operator.connect(engine, lambda: setattr(feed, "engine", engine.value))
         self._sliders = []
         for one in perturbations(sensor):
             value = float(in_force.pop(one.key, one.nominal))
             slider = gui.add_slider(one.label, one.low, one.high, one.step, min(max(value, one.low), one.high))
-            slider.on_update(operator.callback(self._debounce.change))
-            self._sliders.append((one, slider))
+            self._sliders.append((one, operator.connect(slider, self._debounce.change)))
         others = " ".join(f"{key}={value}" for key, value in in_force.items())
-        self._others = gui.add_text("others", others, hint="KEY=VALUE KEY=VALUE, as for --as-built")
-        self._others.on_update(operator.callback(self._debounce.change))
-        nominal = gui.add_button("All nominal")
-        self._engine.on_update(operator.operator_callback(self._change_engine))
-        nominal.on_click(operator.operator_callback(self._restore))
-        operator.add_inputs([self._engine, *(slider for _, slider in self._sliders), self._others, nominal])
+        field = gui.add_text("others", others, hint="KEY=VALUE KEY=VALUE, as for --as-built")
+        self._others = operator.connect(field, self._debounce.change)
+        operator.connect(gui.add_button("All nominal"), self._restore)
 
     def show(self, state: LiveState) -> None:
         """Perturb the sensor when the sliders are released."""
@@ -133,9 +124,6 @@ class SensorPanel:
     def _words(self) -> list[str]:
         changed = [(one.key, slider.value) for one, slider in self._sliders if abs(slider.value - one.nominal) > 1e-9]
         return [*(f"{key}={value:g}" for key, value in changed), *self._others.value.split()]
-
-    def _change_engine(self) -> None:
-        self._feed.engine = self._engine.value
 
     def _restore(self) -> None:
         for one, slider in self._sliders:

@@ -80,8 +80,7 @@ class ClientView:
         self._take = gui.add_button("Take control", hint="another browser controls the cell", visible=False, order=-5)
         self._take.on_click(operator.callback(operator.take_control))
         reset = gui.add_button("Reset after a stop", hint="release the stop; nothing moves", order=-6)
-        reset.on_click(operator.callback(lambda: operator.submit(Reset())))
-        operator.add_inputs([reset], is_stopped)
+        operator.connect(reset, lambda: operator.submit(Reset()), is_stopped)
         tabs = gui.add_tab_group(order=0)
         self._panels: list[Panel] = []
         if (attempt := shared.attempt) is not None:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from html import escape
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scancell.browser.scene.scene import ColourBar
 from scancell.errors import ScancellError
@@ -58,15 +57,6 @@ def set_changed(handle: Any, name: str, value: Any) -> None:
         setattr(handle, name, value)
 
 
-def pressed(group: Any, acts: Mapping[str, Callable[[], object]]) -> Callable[[], None]:
-    """Function that calls the act of the button of a group that was pressed."""
-
-    def act() -> None:
-        acts[group.value]()
-
-    return act
-
-
 class Follower:
     """An input that shows a value of the cell.
 
@@ -74,14 +64,19 @@ class Follower:
     """
 
     def __init__(self, handle: Any) -> None:
-        self._handle = handle
+        self.handle = handle
         self._shown: object = None
+
+    @property
+    def value(self) -> Any:
+        """Value of the input, as the user may have changed it."""
+        return self.handle.value
 
     def show(self, value: object) -> None:
         """Show the value, if it has changed."""
         if value != self._shown:
             self._shown = value
-            set_changed(self._handle, "value", value)
+            set_changed(self.handle, "value", value)
 
 
 def small_html(lines: Iterable[str]) -> str:
@@ -126,7 +121,7 @@ class Rate:
     Parameters
     ----------
     span
-        Of wall time for the mean, s.
+        Wall time over which the mean is taken, s.
     clock
         s.
     """
@@ -163,11 +158,11 @@ def colour_bar_html(bar: ColourBar) -> str:
     """The number of points in every interval between the limits, above the colour of the interval, as HTML."""
     counts = bar.counts / max(1, bar.counts.max())
     n = len(counts)
-    shown = bar.colours[np.rint(np.linspace(0, len(bar.colours) - 1, n)).astype(int)]
+    shown = np.rint(bar.colours[np.rint(np.linspace(0, len(bar.colours) - 1, n)).astype(int)]).astype(int).tolist()
     columns = "".join(
         f'<rect x="{i}" y="{(1 - share) * _HEIGHT:.1f}" width="1.02" height="{share * _HEIGHT:.1f}" fill="#495057"/>'
-        f'<rect x="{i}" y="{_HEIGHT}" width="1.02" height="{_BAR}" fill="{_hex(colour)}"/>'
-        for i, (share, colour) in enumerate(zip(counts.tolist(), shown, strict=True))
+        f'<rect x="{i}" y="{_HEIGHT}" width="1.02" height="{_BAR}" fill="rgb({red},{green},{blue})"/>'
+        for i, (share, (red, green, blue)) in enumerate(zip(counts.tolist(), shown, strict=True))
     )
     low, high = bar.limits
     return (
@@ -176,10 +171,6 @@ def colour_bar_html(bar: ColourBar) -> str:
         f'<div style="display:flex;justify-content:space-between"><span>{low:.3g}</span>'
         f"<span>{escape(bar.title)}</span><span>{high:.3g}</span></div></div>"
     )
-
-
-def _hex(colour: NDArray[np.float64]) -> str:
-    return "#" + "".join(f"{round(float(value)):02x}" for value in colour)
 
 
 def show_message(client: viser.ClientHandle, text: str) -> None:

@@ -1,9 +1,10 @@
-"""Help of the workspace: texts of the tabs, keys, and the steps of the tour, which tick themselves off."""
+"""Help of the workspace: texts of the tabs, keys, the tour and the exercise, whose steps tick themselves off."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -88,9 +89,9 @@ class HelpPanel:
     Parameters
     ----------
     gui
-        Of the server.
+        Inputs of the server.
     feed, scans, taught, program
-        Of the workspace.
+        Objects of the workspace.
     start
         State in which the tour begins.
     over_part
@@ -167,7 +168,7 @@ class TourCard:
     Parameters
     ----------
     gui
-        Of the browser.
+        Inputs of the browser.
     """
 
     def __init__(self, gui: Any) -> None:
@@ -220,21 +221,19 @@ class ExercisePanel:
         self._list = gui.add_html("")
         self._figures: dict[Question, Follower] = {}
         for question in (item for item in exercise.items if isinstance(item, Question)):
-            self._add_figure(gui, question)
+            field = gui.add_number(question.label, 0.0, step=0.001)
+            operator.connect(field, partial(self._answer, question))
+            self._figures[question] = Follower(field)
         self._student = gui.add_text("your name", "", hint="may be empty")
         self._file = gui.add_text("file", f"exercise_{exercise.number}.html", hint="in the folder of --out")
         self._picture = gui.add_checkbox("with a picture of the scene", False, hint=_SLOW)
-        save = gui.add_button("Save result")
+        operator.add_inputs([self._student, self._file, self._picture])
+        operator.connect(gui.add_button("Save result"), self._save)
         again = gui.add_button("Start again", hint="opens the cell anew, with the part at its first place")
-        save.on_click(operator.operator_callback(self._save))
-        again.on_click(operator.operator_callback(start_again))
-        operator.add_inputs([self._student, self._file, self._picture, save, again])
+        operator.connect(again, start_again)
 
-    def _add_figure(self, gui: Any, question: Question) -> None:
-        field = gui.add_number(question.label, 0.0, step=0.001)
-        self._figures[question] = Follower(field)
-        field.on_update(self._operator.operator_callback(lambda: self._attempt.answer(question, field.value)))
-        self._operator.add_inputs([field])
+    def _answer(self, question: Question) -> None:
+        self._attempt.answer(question, self._figures[question].value)
 
     def show(self, _state: LiveState) -> None:
         """Show what has been reached."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from threading import Lock
 from time import monotonic
 from typing import TYPE_CHECKING, Any
@@ -78,7 +78,7 @@ class OperatorCommands:
     Parameters
     ----------
     client
-        Of viser.
+        Client of viser.
     operators
         Selects the browser that controls the cell.
     live, session
@@ -195,6 +195,27 @@ class OperatorCommands:
     def add_inputs(self, handles: Iterable[Any], condition: Condition = always, by_all: bool = False) -> None:
         """Add inputs with the condition for their use; `by_all`: every browser may use them, not the operator alone."""
         self._inputs += [(handle, handle.hint, condition, by_all) for handle in handles]
+
+    def connect(
+        self,
+        handle: Any,
+        act: Callable[[], object],
+        condition: Condition = always,
+        by_all: bool = False,
+    ) -> Any:
+        """Add an input, see `add_inputs`, which calls `act` when the user presses or changes it; returns the input."""
+        self.add_inputs([handle], condition, by_all)
+        event = next(event for event in ("on_click", "on_upload", "on_update") if hasattr(handle, event))
+        getattr(handle, event)(self.callback(act) if by_all else self.operator_callback(act))
+        return handle
+
+    def connect_group(self, group: Any, acts: Mapping[str, Callable[[], object]]) -> None:
+        """Call the act of the button of a group that the operator presses."""
+
+        def act() -> None:
+            acts[group.value]()
+
+        group.on_click(self.operator_callback(act))
 
     def enable_inputs(self, state: LiveState) -> None:
         """Enable the inputs that can work now; the hint of a disabled one states the reason."""

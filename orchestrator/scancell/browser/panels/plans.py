@@ -66,7 +66,7 @@ class Plans:
     share, angle
         Selected cell of that map: share of the time along the path, 0 to 1, and angle of the table, rad.
     time
-        Of the program, s.
+        Time of the program, s.
     """
 
     def __init__(
@@ -299,47 +299,32 @@ class PlanPanel:
     """Makes the plan, shows its poses as a ghost, and moves the robot to them."""
 
     def __init__(self, gui: Any, operator: OperatorCommands, plans: Plans) -> None:
-        self._operator, self._plans = operator, plans
+        self._plans = plans
         self._shown: Plan | None = None
         self._drawn: tuple[object, ...] = ()
         self._followers: dict[str, Follower] = {}
-        self._make = gui.add_button("Plan the scan")
+        connect, number = operator.connect, self._number
+        connect(gui.add_button("Plan the scan"), plans.start, lambda _: plans.hindrance)
         self._text = gui.add_html("")
-        self._path = gui.add_dropdown("sensor path", ("-",), visible=False)
-        self._branch = gui.add_dropdown("arm configuration", ("-",), visible=False)
+        path = gui.add_dropdown("sensor path", ("-",), visible=False)
+        self._path = connect(path, lambda: plans.choose_map(number(path)))
+        branch = gui.add_dropdown("arm configuration", ("-",), visible=False)
+        self._branch = connect(branch, lambda: plans.choose_map(number(path), number(branch)))
         self._map = gui.add_html("", visible=False)
-        self._along = gui.add_slider(ALONG, 0.0, 100.0, 0.1, 0.0, visible=False)
-        self._angle = gui.add_slider(ANGLE, 0.0, 360.0, 0.1, 0.0, visible=False)
+        self._along = connect(gui.add_slider(ALONG, 0.0, 100.0, 0.1, 0.0, visible=False), self._pick)
+        self._angle = connect(gui.add_slider(ANGLE, 0.0, 360.0, 0.1, 0.0, visible=False), self._pick)
         self._segments = gui.add_html("", visible=False)
-        self._segment = gui.add_dropdown("start of segment", ("-",), visible=False)
-        self._time = gui.add_slider("time of the plan, s", 0.0, 1.0, _STEP, 0.0, visible=False)
-        self._play = gui.add_button("Play the plan", icon="player-play", visible=False)
-        self._go = gui.add_button("Go there", icon="route", hint="on a path without collision", visible=False)
-        self._end = gui.add_button("End the motion", visible=False)
-        self._hide = gui.add_button("Hide the ghost", visible=False)
+        segment = gui.add_dropdown("start of segment", ("-",), visible=False)
+        self._segment = connect(segment, self._choose_segment)
+        time = gui.add_slider("time of the plan, s", 0.0, 1.0, _STEP, 0.0, visible=False)
+        self._time = connect(time, lambda: plans.go_to_time(time.value))
+        self._play = connect(gui.add_button("Play the plan", icon="player-play", visible=False), plans.play_or_pause)
+        go = gui.add_button("Go there", icon="route", hint="on a path without collision", visible=False)
+        connect(go, plans.move_robot, lambda state: plans.unselected or can_move(state))
+        end = connect(gui.add_button("End the motion", visible=False), lambda: operator.submit(Cancel()), can_end)
+        hide = connect(gui.add_button("Hide the ghost", visible=False), plans.hide)
         self._of_map = [self._path, self._branch, self._along, self._angle]
-        self._of_plan = [self._segment, self._time, self._play, self._go, self._end, self._hide]
-        self._connect()
-
-    def _connect(self) -> None:
-        operator, plans = self._operator, self._plans
-        operator.add_inputs([*self._of_map, self._segment, self._time, self._play, self._hide])
-        operator.add_inputs([self._make], lambda _: plans.hindrance)
-        operator.add_inputs([self._go], lambda state: plans.unselected or can_move(state))
-        operator.add_inputs([self._end], can_end)
-        self._make.on_click(operator.operator_callback(plans.start))
-        self._path.on_update(operator.operator_callback(lambda: plans.choose_map(self._number(self._path))))
-        self._branch.on_update(
-            operator.operator_callback(lambda: plans.choose_map(self._number(self._path), self._number(self._branch)))
-        )
-        for handle in (self._along, self._angle):
-            handle.on_update(operator.operator_callback(self._pick))
-        self._segment.on_update(operator.operator_callback(self._choose_segment))
-        self._time.on_update(operator.operator_callback(lambda: plans.go_to_time(self._time.value)))
-        self._play.on_click(operator.operator_callback(plans.play_or_pause))
-        self._go.on_click(operator.operator_callback(plans.move_robot))
-        self._end.on_click(operator.operator_callback(lambda: operator.submit(Cancel())))
-        self._hide.on_click(operator.operator_callback(plans.hide))
+        self._of_plan = [self._segment, self._time, self._play, go, end, hide]
 
     def show(self, state: LiveState) -> None:
         """Show the plan and the selected pose."""
@@ -360,8 +345,7 @@ class PlanPanel:
     def _open(self, plan: Plan, duration: float) -> None:
         """Adapt the inputs to another plan."""
         self._shown, self._drawn = plan, ()
-        inputs = (self._path, self._branch, self._along, self._angle, self._segment, self._time)
-        self._followers = {handle.label: Follower(handle) for handle in inputs}
+        self._followers = {handle.label: Follower(handle) for handle in (*self._of_map, self._segment, self._time)}
         self._segment.options = _numbered(item.name for item in plan.program.segments)
         self._time.max = float(np.ceil(duration / _STEP) * _STEP)
         if plan.paths:

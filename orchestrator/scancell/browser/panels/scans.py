@@ -126,7 +126,7 @@ class Scans:
 
     @property
     def result(self) -> ScanResult:
-        """Of the scan that is kept.
+        """The scan that is kept.
 
         Raises
         ------
@@ -269,7 +269,7 @@ class ScanPlayback:
     Attributes
     ----------
     time
-        Of the scan, that is shown, s.
+        Time of the scan that is shown, s.
     """
 
     def __init__(
@@ -300,7 +300,7 @@ class ScanPlayback:
 
     @property
     def duration(self) -> float:
-        """Of the scan that is played back, s; 0 without one."""
+        """Duration of the scan that is played back, s; 0 without one."""
         played = self._played
         return 0.0 if played is None else played.motion.duration
 
@@ -380,38 +380,34 @@ class ScanPanel:
 
     def __init__(self, gui: Any, operator: OperatorCommands, scans: Scans, playback: ScanPlayback) -> None:
         self._operator, self._scans, self._playback = operator, scans, playback
+        connect, cloud = operator.connect, scans.cloud
         self._engine = gui.add_dropdown("engine", get_args(Engine), initial_value=scans.engine)
-        start, cancel = gui.add_button("Scan the part"), gui.add_button("End the scan")
+        operator.add_inputs([self._engine])
+        connect(
+            gui.add_button("Scan the part"),
+            lambda: scans.start(self._engine.value),
+            lambda state: scans.hindrance or can_move(state),
+        )
+        connect(gui.add_button("End the scan"), lambda: operator.submit(Cancel()), can_end)
         self._progress = gui.add_progress_bar(0.0)
         self._text = gui.add_html("")
-        self._colour = gui.add_dropdown("colours show", LIVE_COLOURS)
-        self._shown_colour = Follower(self._colour)
+        self._colour = Follower(gui.add_dropdown("colours show", LIVE_COLOURS))
+        connect(self._colour.handle, lambda: cloud.colour_by(self._colour.value))
         self._bar = gui.add_html("")
-        self._limits = gui.add_vector2("limits of the colours", (0.0, 1.0), visible=False)
-        self._shown_limits = Follower(self._limits)
-        self._automatic = gui.add_button("Automatic limits", visible=False)
+        self._limits = Follower(gui.add_vector2("limits of the colours", (0.0, 1.0), visible=False))
+        connect(self._limits.handle, lambda: cloud.limit(*self._limits.value))
+        self._automatic = connect(gui.add_button("Automatic limits", visible=False), cloud.limit)
         save, download = gui.add_button("Save the run folder"), gui.add_button("Download the cloud (PLY)")
-        self._play = gui.add_button("Play the scan back", icon="player-play")
-        self._time = gui.add_slider("time of the scan, s", 0.0, 1.0, _STEP, 0.0, visible=False)
-        self._shown_time = Follower(self._time)
-        self._leave = gui.add_button("Back to the running cell", visible=False)
-        start.on_click(operator.operator_callback(lambda: scans.start(self._engine.value)))
-        cancel.on_click(operator.callback(lambda: operator.submit(Cancel())))
-        self._colour.on_update(operator.callback(lambda: scans.cloud.colour_by(self._colour.value)))
-        self._limits.on_update(operator.callback(lambda: scans.cloud.limit(*self._limits.value)))
-        self._automatic.on_click(operator.callback(scans.cloud.limit))
-        save.on_click(operator.operator_callback(lambda: operator.show_message(f"saved: {scans.save()}")))
-        download.on_click(operator.callback(self._download))
-        self._play.on_click(operator.operator_callback(playback.play_or_pause))
-        self._time.on_update(operator.operator_callback(lambda: playback.go_to(self._time.value)))
-        self._leave.on_click(operator.operator_callback(playback.leave))
-        operator.add_inputs([self._time, self._leave])
-        operator.add_inputs([self._play], lambda state: "" if playback.is_on else scans.lack or can_start(state))
-        operator.add_inputs([self._engine, self._colour, self._limits, self._automatic])
-        operator.add_inputs([start], lambda state: scans.hindrance or can_move(state))
-        operator.add_inputs([cancel], can_end)
-        operator.add_inputs([save], lambda _: scans.lack)
-        operator.add_inputs([download], lambda _: scans.lack, by_all=True)
+        connect(save, lambda: operator.show_message(f"saved: {scans.save()}"), lambda _: scans.lack)
+        connect(download, self._download, lambda _: scans.lack, by_all=True)
+        self._play = connect(
+            gui.add_button("Play the scan back", icon="player-play"),
+            playback.play_or_pause,
+            lambda state: "" if playback.is_on else scans.lack or can_start(state),
+        )
+        self._time = Follower(gui.add_slider("time of the scan, s", 0.0, 1.0, _STEP, 0.0, visible=False))
+        connect(self._time.handle, lambda: playback.go_to(self._time.value))
+        self._leave = connect(gui.add_button("Back to the running cell", visible=False), playback.leave)
 
     def show(self, state: LiveState) -> None:
         """Show the progress of the scan."""
@@ -449,20 +445,20 @@ class ScanPanel:
     def _show_playback(self) -> None:
         playback = self._playback
         set_changed(self._play, "label", "Pause" if playback.plays else "Play the scan back")
-        for handle in (self._time, self._leave):
+        for handle in (self._time.handle, self._leave):
             set_changed(handle, "visible", playback.is_on)
         if playback.is_on:
-            set_changed(self._time, "max", max(_STEP, float(np.ceil(playback.duration / _STEP) * _STEP)))
-            self._shown_time.show(round(playback.time, 2))
+            set_changed(self._time.handle, "max", max(_STEP, float(np.ceil(playback.duration / _STEP) * _STEP)))
+            self._time.show(round(playback.time, 2))
 
     def _show_colours(self) -> None:
-        self._shown_colour.show(self._scans.cloud.colour)
+        self._colour.show(self._scans.cloud.colour)
         bar = self._scans.cloud.bar
         set_changed(self._bar, "content", "" if bar is None else colour_bar_html(bar))
-        for handle in (self._limits, self._automatic):
+        for handle in (self._limits.handle, self._automatic):
             set_changed(handle, "visible", bar is not None)
         if bar is not None:
-            self._shown_limits.show(tuple(round(value, 3) for value in bar.limits))
+            self._limits.show(tuple(round(value, 3) for value in bar.limits))
 
     def _download(self) -> None:
         cloud = self._scans.result.cloud
@@ -478,7 +474,7 @@ class Playback:
     Parameters
     ----------
     server
-        Of viser.
+        Server of viser.
     run
         To be shown.
     colour

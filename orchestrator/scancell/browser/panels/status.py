@@ -44,7 +44,7 @@ class Status:
     Parameters
     ----------
     gui
-        Of the server.
+        Inputs of the server.
     stop
         Called by the button and the Escape key of every browser.
     clock

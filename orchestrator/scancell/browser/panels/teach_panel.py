@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from scancell.browser.panels.handles import WARNING, Follower, pressed, run_once, set_changed, small_html
+from scancell.browser.panels.handles import WARNING, Follower, run_once, set_changed, small_html
 from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.browser.panels.scans import Scans
 from scancell.cell.driver import Tool
@@ -84,37 +84,34 @@ class TeachPanel:
         kinds = [kind for kind in _KINDS if "gripper" in tools or "gripper" not in kind]
         self._list = gui.add_html("")
         self._step = gui.add_dropdown("step", (_NONE,))
-        selected = gui.add_button_group("this step", ("Move to", "Up", "Down", "Copy", "Delete"))
-        change = gui.add_button_group("change its", ("Pose", "Name", "Speed", "Number"), hint="to the inputs below")
-        self._kind = gui.add_dropdown("kind", kinds)
-        self._tool = gui.add_dropdown("tool", tools, visible=len(tools) > 1)
-        self._name = gui.add_text("name", "", hint="empty: the next of p1, p2, ...")
-        self._speed = gui.add_slider("step speed, %", 1, 100, 1, 30)
-        self._number = gui.add_number("number", 0.0, step=0.1, visible=False)
-        add = gui.add_button("Add after this step", hint="the present pose")
-        upload = gui.add_upload_button("Open a taught program", mime_type=".py")
-        download, new = gui.add_button("Download the program"), gui.add_button("Begin a new program")
-        self._upload = upload
-        acts: dict[str, Callable[[], object]] = {
+        selected = {
             "Move to": self._move_to,
             "Up": lambda: self._move(-1),
             "Down": lambda: self._move(1),
             "Copy": lambda: self._edit(lambda program, at: program.with_copy(at), 1),
             "Delete": lambda: self._edit(lambda program, at: program.without(at), -1),
+        }
+        operator.connect_group(gui.add_button_group("this step", tuple(selected)), selected)
+        changes = {
             "Pose": self._set_pose,
             "Name": lambda: self._edit(lambda program, at: program.renamed(program.step(at).point, self._name.value)),
             "Speed": lambda: self._edit(lambda program, at: program.with_speed(at, self._speed.value / 100)),
             "Number": self._set_number,
         }
-        for group in (selected, change):
-            group.on_click(operator.operator_callback(pressed(group, acts)))
-        self._kind.on_update(operator.callback(self._show_number))
-        add.on_click(operator.operator_callback(self._add))
-        upload.on_upload(operator.operator_callback(self._open))
+        group = gui.add_button_group("change its", tuple(changes), hint="to the inputs below")
+        operator.connect_group(group, changes)
+        self._kind = operator.connect(gui.add_dropdown("kind", kinds), self._show_number)
+        self._tool = gui.add_dropdown("tool", tools, visible=len(tools) > 1)
+        self._name = gui.add_text("name", "", hint="empty: the next of p1, p2, ...")
+        self._speed = gui.add_slider("step speed, %", 1, 100, 1, 30)
+        self._number = gui.add_number("number", 0.0, step=0.1, visible=False)
+        operator.add_inputs([self._step, self._tool, self._name, self._speed, self._number])
+        operator.connect(gui.add_button("Add after this step", hint="the present pose"), self._add)
+        upload = gui.add_upload_button("Open a taught program", mime_type=".py")
+        self._upload = operator.connect(upload, self._open)
+        download = gui.add_button("Download the program")
         download.on_click(operator.callback(lambda: operator.send_file("taught.py", taught.text.encode())))
-        new.on_click(operator.operator_callback(self._begin_new))
-        inputs = [self._step, self._kind, self._tool, self._name, self._speed, self._number]
-        operator.add_inputs([*inputs, add, upload, new])
+        operator.connect(gui.add_button("Begin a new program"), self._begin_new)
         self._show()
         self._select(len(self._step.options) - 1)
 
@@ -303,13 +300,12 @@ class ProgramPanel:
         self._program, self._taught = program, taught
         self._files = {} if file is None else {file.name: file}
         self._choice = gui.add_dropdown("program", (*self._files, _TAUGHT))
-        start = gui.add_button("Run the program", hint="or continue it after a pause")
-        more = gui.add_button_group("while it runs", ("Pause", "Step", "End"), hint="Step: one command, also the first")
-        self._source, self._text = gui.add_html(""), gui.add_html("")
-        start.on_click(operator.operator_callback(self._run))
+        operator.add_inputs([self._choice])
+        operator.connect(gui.add_button("Run the program", hint="or continue it after a pause"), self._run)
         acts = {"Pause": program.pause, "Step": self._step, "End": lambda: operator.submit(Cancel())}
-        more.on_click(operator.operator_callback(pressed(more, acts)))
-        operator.add_inputs([self._choice, start])
+        more = gui.add_button_group("while it runs", tuple(acts), hint="Step: one command, also the first")
+        operator.connect_group(more, acts)
+        self._source, self._text = gui.add_html(""), gui.add_html("")
 
     def show(self, state: LiveState) -> None:
         """Show the program and its run."""
@@ -487,27 +483,26 @@ class FilePanel:
     def __init__(
         self, gui: Any, operator: OperatorCommands, opener: Opener, recording: SessionRecording, scans: Scans
     ) -> None:
-        self._operator, self._opener, self._recording, self._scans = operator, opener, recording, scans
+        self._opener, self._recording, self._scans = opener, recording, scans
         self._lost = gui.add_html("")
         self._unit = gui.add_dropdown("unit of the mesh", _UNITS)
-        self._upload = gui.add_upload_button("Open a part (STL, OBJ, PLY, TOML)", mime_type=",".join(PART_FORMATS))
-        self._run = gui.add_upload_button("Open a run (zip of a run folder)", mime_type=".zip,application/zip")
-        self._record = gui.add_checkbox("Record (MCAP)", recording.is_on)
-        self._shown_record = Follower(self._record)
+        operator.add_inputs([self._unit])
+        part = gui.add_upload_button("Open a part (STL, OBJ, PLY, TOML)", mime_type=",".join(PART_FORMATS))
+        self._upload = operator.connect(part, self._open)
+        run = gui.add_upload_button("Open a run (zip of a run folder)", mime_type=".zip,application/zip")
+        operator.connect(run, lambda: opener.open_run(_checked_name(run.value), run.value.content))
+        self._record = Follower(gui.add_checkbox("Record (MCAP)", recording.is_on))
+        operator.connect(self._record.handle, self._switch_recording)
         self._text = gui.add_html("")
         picture = gui.add_button("Download a picture")
-        self._upload.on_upload(operator.operator_callback(self._open))
-        self._run.on_upload(operator.operator_callback(self._open_run))
-        self._record.on_update(operator.operator_callback(self._switch_recording))
-        picture.on_click(operator.callback(self._take_picture))
-        operator.add_inputs([self._unit, self._upload, self._run, self._record])
+        picture.on_click(operator.callback(lambda: operator.send_file("scancell.png", operator.picture())))
 
     def show(self, state: LiveState) -> None:
         """Show the state and the file of the recording, and what another part or run discards."""
         lost = self._scans.unsaved and f"Another part or run discards {self._scans.unsaved}."
         set_changed(self._lost, "content", small_html([f'<b style="color:{WARNING}">{lost}</b>' if lost else ""]))
         recording = self._recording
-        self._shown_record.show(recording.is_on)
+        self._record.show(recording.is_on)
         text = recording.error
         if not text and recording.path is not None:
             text = f"{'recording' if recording.is_on else 'recorded'}: {recording.path}"
@@ -516,18 +511,11 @@ class FilePanel:
     def _switch_recording(self) -> None:
         if self._recording.is_on:
             self._recording.stop()
-        else:
-            self._start_recording()
-
-    def _start_recording(self) -> None:
+            return
         try:
             self._recording.start()
         finally:
-            set_changed(self._record, "value", self._recording.is_on)
-
-    def _open_run(self) -> None:
-        file = self._run.value
-        self._opener.open_run(_checked_name(file), file.content)
+            set_changed(self._record.handle, "value", self._recording.is_on)
 
     def _open(self) -> None:
         file = self._upload.value
@@ -535,9 +523,6 @@ class FilePanel:
         if Path(name).suffix.lower() not in PART_FORMATS:
             raise DescriptionError(f"{name}: expected the file of a part, {', '.join(PART_FORMATS)}")
         self._opener.open_part(name, file.content, self._unit.value)
-
-    def _take_picture(self) -> None:
-        self._operator.send_file("scancell.png", self._operator.picture())
 
 
 def _checked_name(file: Any) -> str:

@@ -1,4 +1,4 @@
-"""Viewpoints of one browser."""
+"""Viewpoints of one browser, and switches of what the scene shows."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class ViewPanel:
     Parameters
     ----------
     gui, camera
-        Of one browser.
+        Inputs and camera of one browser.
     """
 
     def __init__(self, gui: Any, camera: Any, operator: OperatorCommands, scene: CellScene) -> None:
@@ -57,12 +57,10 @@ class ViewPanel:
             moved, self._followed = now - self._followed, now
             if moved.any():
                 self._camera.position = np.asarray(self._camera.position) + moved  # and what it looks at
-        elif abs(self._present_aspect() / self._aspect - 1) > _RESIZED and self._is_untouched:
+            return
+        is_resized = abs(self._present_aspect() / self._aspect - 1) > _RESIZED
+        if is_resized and np.abs(np.asarray(self._camera.position) - self._fitted).max() < _STILL:
             self._fit(self._view)
-
-    @property
-    def _is_untouched(self) -> bool:
-        return bool(np.abs(np.asarray(self._camera.position) - self._fitted).max() < _STILL)
 
     def _present_aspect(self) -> float:
         width, height = self._camera.image_width, self._camera.image_height

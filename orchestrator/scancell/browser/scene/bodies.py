@@ -1,4 +1,4 @@
-"""Frames and bodies of a cell as nodes of a scene: poses are sent for frames that moved."""
+"""Bodies of a cell in a scene: their meshes and colours, frames, ghosts at targets, and pairs that are close."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ class BodyNodes:
     Parameters
     ----------
     scene
-        Of viser.
+        Scene of viser.
     cell
         Bodies and frames.
     drawn, collision_meshes
@@ -175,7 +175,8 @@ class BodyNodes:
     ) -> None:
         self._scene, self._cell, self._collision_meshes = scene, cell, collision_meshes
         self.names = tuple(cell.frame_poses())
-        self._frames = MovedNodes({name: self._add_frame(name) for name in self.names})
+        look = {"show_axes": False, "axes_length": _AXES, "axes_radius": _AXES / 30, "origin_radius": _AXES / 16}
+        self._frames = MovedNodes({name: scene.add_frame(f"/frames/{name}", **look) for name in self.names})
         self._labels = [
             scene.add_label(f"/frames/{name}/name", name, position=tip, visible=False, font_screen_scale=0.8)
             for name, tip in zip(self.names, cycle(1.1 * _AXES * np.eye(3)))
@@ -188,11 +189,6 @@ class BodyNodes:
             for body in cell.bodies
         }
         self._wires: list[Any] = []
-
-    def _add_frame(self, name: str) -> Any:
-        return self._scene.add_frame(
-            f"/frames/{name}", show_axes=False, axes_length=_AXES, axes_radius=_AXES / 30, origin_radius=_AXES / 16
-        )
 
     def move(self, frames: Mapping[str, Array]) -> None:
         """Put frames at poses ``world_from_frame`` (4, 4)."""
@@ -248,7 +244,7 @@ class Ghost:
     Parameters
     ----------
     scene
-        Of viser.
+        Scene of viser.
     cell
         Bodies and frames.
     drawn
@@ -343,7 +339,7 @@ class PairView:
     Parameters
     ----------
     scene
-        Of viser.
+        Scene of viser.
     bodies
         To be painted.
     collision_meshes
@@ -391,18 +387,16 @@ class PairView:
         self._painted = wanted
 
     def _draw(self, poses: Array, reach: float) -> None:
-        ends = self._scene_of(self._drawn).closest_points(poses[None], reach, threads=1)[1][0, 0]
+        names = self._drawn
+        if names not in self._pairs:
+            self._pairs[names] = ProximityScene({name: self._meshes[name] for name in names}, [(names[0], names[1])])
+        ends = self._pairs[names].closest_points(poses[None], reach, threads=1)[1][0, 0]
         found = bool(np.isfinite(ends).all())
         self._line.visible = self._label.visible = found
         if found:
             self._line.points = ends[None]
             self._label.text = f"{1e3 * np.linalg.norm(ends[1] - ends[0]):.1f} mm"
             self._label.position = ends.mean(0)
-
-    def _scene_of(self, names: tuple[str, ...]) -> ProximityScene:
-        if names not in self._pairs:
-            self._pairs[names] = ProximityScene({name: self._meshes[name] for name in names}, [(names[0], names[1])])
-        return self._pairs[names]
 
     def _hide(self) -> None:
         self._drawn = ()

@@ -1,4 +1,4 @@
-"""Marks of conveyors, and presence sensors, distance sensors and light curtains with their readings."""
+"""Marks of conveyors, readings of presence and distance sensors and light curtains, range and laser of the sensor."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class BeltMarks:
     Parameters
     ----------
     scene
-        Of viser.
+        Scene of viser.
     belt
         Its description.
 
@@ -74,7 +74,7 @@ class DeviceView:
     Parameters
     ----------
     scene
-        Of viser; the frames that devices move with are nodes of it.
+        Scene of viser; the frames that devices move with are nodes of it.
     cell
         Description of the devices.
     """
@@ -172,19 +172,23 @@ class SensorView:
     Parameters
     ----------
     scene
-        Of viser; the frame of the sensor is a node of it.
+        Scene of viser; the frame of the sensor is a node of it.
     sensor
         Range and laser.
     """
 
     def __init__(self, scene: viser.SceneApi, sensor: SensorDescription) -> None:
         self._shown, self._laser = True, True
+        corners = field_corners(sensor)
+        outline = np.stack([corners, np.roll(corners, -1, 0)], 1)
         self._range = scene.add_line_segments(
-            "/frames/sensor/field_of_view", _outline(sensor), _RANGE, thickness=2.0, thickness_units="screen"
+            "/frames/sensor/field_of_view", outline, _RANGE, thickness=2.0, thickness_units="screen"
         )
+        source = np.array([[0.0, 0.0, si_value(sensor.laser, "source_z_mm")]])
         self._sheet = scene.add_mesh_simple(
             "/frames/sensor/laser",
-            *_fan(sensor),
+            np.asarray(np.concatenate([source, corners[2:]]), np.float32),
+            np.array([[0, 1, 2]], np.uint32),
             color=_LASER,
             opacity=0.18,
             side="double",
@@ -226,14 +230,3 @@ def field_corners(sensor: SensorDescription) -> Array:
     z = 1e-3 * np.array([sensor.range.near_mm, sensor.range.near_mm, sensor.range.far_mm, sensor.range.far_mm])
     y = slope * (z - 1e-3 * sensor.laser.source_z_mm) * np.array([-1, 1, 1, -1])
     return np.stack([np.zeros(4), y, z], 1)
-
-
-def _outline(sensor: SensorDescription) -> Array:
-    corners = field_corners(sensor)
-    return np.stack([corners, np.roll(corners, -1, 0)], 1)
-
-
-def _fan(sensor: SensorDescription) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-    source = np.array([[0.0, 0.0, 1e-3 * sensor.laser.source_z_mm]])
-    corners = np.concatenate([source, field_corners(sensor)[2:]])
-    return np.asarray(corners, np.float32), np.array([[0, 1, 2]], np.uint32)

@@ -1,17 +1,17 @@
-"""The cell in browsers: moving bodies, fields of view and readings of sensors, and a growing cloud."""
+"""The cell in browsers: its viewpoints, moving bodies, readings of sensors, switches, and the cloud of a scan."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from threading import RLock
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scancell.browser.scene.bodies import FORBIDDEN, PREVIEW, BodyNodes, Ghost, PairView, drawn_mesh
-from scancell.browser.scene.cloud import GrowingCloud, SceneOptions, Trace
+from scancell.browser.scene.cloud import GrowingCloud, Trace
 from scancell.browser.scene.devices import BeltMarks, DeviceView, SensorView
 from scancell.cell.driver import Mode
 from scancell.cell.fmu_file import collision_meshes
@@ -50,8 +50,6 @@ _GRID = 0.1  # m between lines on the floor
 LiveColour = Literal["deviation", "intensity", "quality", "camera"]
 LIVE_COLOURS: tuple[LiveColour, ...] = get_args(LiveColour)
 
-Colours = NDArray[np.uint8]
-
 _CAMERAS = np.array([(220, 120, 40), (40, 120, 210), (60, 160, 80), (160, 70, 170)], np.uint8)
 _INTERVALS = 48  # of the histogram
 _SIZE = 1.2  # of a point, in mean distances between points
@@ -73,7 +71,7 @@ def viewpoint(view: ViewName, bodies: Iterable[Body], frames: Mapping[str, Array
     Parameters
     ----------
     bodies, frames
-        Of the cell; poses ``world_from_frame`` (4, 4) by the names of the frames.
+        Bodies and frames of the cell; poses ``world_from_frame`` (4, 4) by the names of the frames.
     aspect
         Width of the picture over its height.
     """
@@ -99,6 +97,46 @@ def placed(bodies: Iterable[Body], frames: Mapping[str, Array]) -> Array:
     )
 
 
+class SceneOptions:
+    """Switches of a scene; each may be set at any time from any thread.
+
+    Attributes
+    ----------
+    frames
+        Axes of all frames, with their names.
+    collision_meshes
+        The meshes of which the cell computes collisions and distances, as wire frames.
+    field_of_view
+        Outline of the sensor's measuring range, and the laser's sheet while the laser is on.
+    ghost
+        The arm and the table where the motion in force leads.
+    trace
+        Line along which the sensor's origin went.
+    distances
+        Line between the nearest bodies, with its length.
+    devices
+        Presence sensors, distance sensors and light curtains.
+    """
+
+    frames: bool = False
+    collision_meshes: bool = False
+    field_of_view: bool = True
+    ghost: bool = True
+    trace: bool = True
+    distances: bool = True
+    devices: bool = True
+    _changed: Callable[[], None]
+
+    def __init__(self, changed: Callable[[], None]) -> None:
+        object.__setattr__(self, "_changed", changed)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if not isinstance(getattr(SceneOptions, name, None), bool):
+            raise AttributeError(f"a scene has no option {name}")
+        object.__setattr__(self, name, bool(value))
+        self._changed()
+
+
 class CellScene:
     """Shows a cell on a server; all its browsers see the same.
 
@@ -107,13 +145,13 @@ class CellScene:
     Parameters
     ----------
     server
-        Of viser.
+        Server of viser.
     cell
         Bodies and frames, including obstacles that are unknown to planning.
     sensor
         Its measuring range and laser.
     description
-        Of the devices, and how meshes are simplified for collisions.
+        Description of the devices, and how meshes are simplified for collisions.
 
     Attributes
     ----------
@@ -137,7 +175,10 @@ class CellScene:
         self._state: LiveState | None = None
         scene = server.scene
         scene.set_up_direction("+z")
-        _light(scene)
+        # Light of a bright hall, and a sun that casts shadows.
+        scene.configure_default_lights(False)
+        scene.configure_environment_map("studio", environment_intensity=_HALL)
+        scene.add_light_directional("/sun", intensity=_SUN, cast_shadow=True, position=tuple(5 * SUN))
         meshes = collision_meshes(description, cell)
         drawn = {body.name: drawn_mesh(body) for body in cell.bodies}
         self._bodies = BodyNodes(scene, cell, drawn, meshes)
@@ -318,13 +359,6 @@ class CellScene:
         )
 
 
-def _light(scene: viser.SceneApi) -> None:
-    """Light of a bright hall, and a sun that casts shadows."""
-    scene.configure_default_lights(False)
-    scene.configure_environment_map("studio", environment_intensity=_HALL)
-    scene.add_light_directional("/sun", intensity=_SUN, cast_shadow=True, position=tuple(5 * SUN))
-
-
 @dataclass(frozen=True, eq=False)
 class ColourBar:
     """Meaning of the colours of a cloud.
@@ -458,21 +492,17 @@ class LiveCloud:
     def _scale(self) -> NDArray[np.float64]:
         return colour_scale("deviation" if self._colour == "deviation" else "intensity")
 
-    def _colours(self, chunk: LiveChunk) -> Colours:
+    def _colours(self, chunk: LiveChunk) -> Image:
         """Colours (n, 3) of a chunk, whose values are counted."""
         if self._colour == "camera":
             return _CAMERAS[np.asarray(chunk.camera) % len(_CAMERAS)]
         scale = self._scale()
         low, high = self._limits[self._colour]
-        share = np.nan_to_num(np.clip((_values(chunk, self._colour) - low) / (high - low), 0.0, 1.0))
+        values = 1e6 * chunk.deviation if self._colour == "deviation" else getattr(chunk, self._colour)
+        share = np.nan_to_num(np.clip((np.asarray(values, float) - low) / (high - low), 0.0, 1.0))
         interval = np.minimum((share * _INTERVALS).astype(np.int64), _INTERVALS - 1)
         self._counts += np.bincount(interval, minlength=_INTERVALS)
         return np.asarray(scale[(share * (len(scale) - 1)).astype(np.int64)], np.uint8)
-
-
-def _values(chunk: LiveChunk, colour: LiveColour) -> NDArray[np.float64]:
-    values = {"deviation": 1e6 * chunk.deviation, "intensity": chunk.intensity, "quality": chunk.quality}
-    return np.asarray(values[colour], float)
 
 
 def _limits(chunk: LiveChunk) -> dict[LiveColour, tuple[float, float]]:

@@ -63,11 +63,11 @@ class Host:
     Parameters
     ----------
     server
-        Of viser.
+        Server of viser.
     open_session
         Starts the cell with a part, or an empty table.
     settings
-        Of the workspace.
+        Settings of the workspace.
     """
 
     def __init__(self, server: viser.ViserServer, open_session: OpenSession, settings: WorkspaceSettings) -> None:
@@ -228,7 +228,7 @@ def serve_workspace(
     port
         To listen on; the next free port is used if it is in use.
     settings
-        Of the workspace.
+        Settings of the workspace.
     started
         Receives the address to open.
 

@@ -73,7 +73,7 @@ class Workspace:
     Parameters
     ----------
     server
-        Of viser.
+        Server of viser.
     session
         A running cell that nothing else steps.
     part
@@ -94,7 +94,7 @@ class Workspace:
     scans, playback
         Scans of the part, and the last one played back.
     feed
-        Of the cameras.
+        Frames of the cameras.
     """
 
     def __init__(

@@ -38,6 +38,7 @@ from scancell.calibration.cell.solve import circles_of, moments_of, solve, spher
 from scancell.calibration.variance_components import informations
 from scancell.cell.recording import TriggerRecords, slopes
 from scancell.config.choices import Engine
+from scancell.config.description import si_value
 from scancell.errors import CalibrationError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
@@ -151,8 +152,7 @@ def passes(cell: PlanningCell, count: int, rng: np.random.Generator, options: Sc
 
     Raises `CalibrationError` if fewer are feasible.
     """
-    assert options.raster is not None
-    speed, pitch = options.raster.speed, options.raster.pitch
+    speed, pitch = si_value(options.scan.raster, "speed_mm_s"), options.spacing.pitch
     placer = Placer(cell, options.azimuth, options.clearance)
     placed: list[PlacedPass] = []
     for _ in range(_PASS_TRIES):
@@ -186,7 +186,7 @@ def plan_views(cell: PlanningCell, options: ScanOptions, still: Array, moving: S
     Raises `PlanningError` if no collision-free path is found.
     """
     check_part(cell)
-    options = replace(options, dynamic=True)
+    options = replace(options, scan=options.scan.model_copy(update={"mode": "dynamic"}))
     assembly = Assembly(cell, options)
     left = [PlacedPose(f"pose {number}", axes) for number, axes in enumerate(still, 1)]
     skipped: list[str] = []

@@ -1,4 +1,4 @@
-"""The files of an FMU, by their path in the archive."""
+"""The files of an FMU by their path in the archive: binaries, model description, documentation, licences, terminals."""
 
 from __future__ import annotations
 
@@ -120,15 +120,6 @@ def windows_dll(runtime: Path, binary: str) -> Path | None:
     """The binary for Windows, which ``fmu/windows/build`` makes; None without it."""
     dll = runtime / "windows" / f"{binary}.dll"
     return dll if dll.is_file() else None
-
-
-def license_files(runtime: Path, bundle: Bundle) -> dict[str, bytes]:
-    """Licence texts of all components, by file name, in the order of the components."""
-    folders = {"so": runtime / "licenses", "dll": runtime / "windows" / "licenses"}
-    texts = {
-        part.text: folders["dll" if part.file.endswith(".dll") else "so"] / part.text for part in bundle.components
-    }
-    return {name: text.read_bytes() for name, text in texts.items()}
 
 
 def _read(file: Path) -> dict[str, Any]:
@@ -410,8 +401,12 @@ def _optional_binary(runtime: Path, binary: str, version: FmiVersion) -> dict[st
 
 
 def _licenses(runtime: Path, bundle: Bundle) -> dict[str, bytes]:
-    texts = license_files(runtime, bundle)
-    return {f"documentation/licenses/{name}": text for name, text in texts.items()}
+    """Licence texts of all components, by their path in the archive, in the order of the components."""
+    texts = {}
+    for part in bundle.components:
+        folder = runtime / "windows" / "licenses" if part.file.endswith(".dll") else runtime / "licenses"
+        texts[f"documentation/licenses/{part.text}"] = (folder / part.text).read_bytes()
+    return texts
 
 
 def write_unpacked(folder: Path, runtime: Path, cell: str, version: FmiVersion, options: FmuOptions) -> None:

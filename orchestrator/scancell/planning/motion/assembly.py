@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.cell.program import BeltRun, Program, Segment, TriggerRule
+from scancell.config.description import si_value
 from scancell.errors import PlanningError
 from scancell.nominal.cell import OCCUPIED
 from scancell.planning.model import CONFIGURATION, PlanningCell, WorkLimitError, describe, with_table
@@ -59,7 +60,7 @@ class Assembly:
 
     def __init__(self, cell: PlanningCell, options: ScanOptions) -> None:
         self._cell = cell
-        self._options = options
+        self._scan, self._is_dynamic = options.scan, options.scan.mode == "dynamic"
         self._connector = Connector(cell, options.clearance)
         self._at = cell.start
         self._segments: list[Segment] = []
@@ -112,11 +113,10 @@ class Assembly:
         first = 2 * np.pi * np.round(self._at[-1] / (2 * np.pi))
         angles = first + step * np.arange(count)
         points = with_table(placed.q, angles)
-        if not self._options.dynamic:
+        if not self._is_dynamic:
             self._expose_at_rest(points, placed.view.name, are_free=True)
             return
-        assert self._options.sweep is not None
-        run = sweep_run(self._cell, count, self._options.sweep.speed)
+        run = sweep_run(self._cell, count, si_value(self._scan.sweep, "speed_deg_s"))
         table = first + run.at(trajectory.cycle_times(run.duration, self._cell.cycle))
         self._run(with_table(placed.q, table), run, TriggerRule("table_angle", step), points, placed.view.name)
 
@@ -124,7 +124,7 @@ class Assembly:
         """Append a motion of the sensor: at constant speed in dynamic mode, exposure by exposure otherwise."""
         turns = self._turns(placed.axes[0])
         points, view = placed.exposures + turns, placed.view
-        if not self._options.dynamic:
+        if not self._is_dynamic:
             self._expose_at_rest(points, view.name)
             return
         rule = TriggerRule("path_distance", view.length / (len(points) - 1))
@@ -158,16 +158,14 @@ class Assembly:
             (m, axes) joints and table angle of each exposure, rad.
         """
         self._go(np.append(self._cell.nominal.home, self._at[-1]), "home")
-        program = Program(tuple(self._segments), 0.0 if self._all_moving() else self._options.settle)
+        is_moving = all(segment.trigger.kind != "request" for segment in self._segments)
+        program = Program(tuple(self._segments), 0.0 if is_moving else si_value(self._scan, "settle_ms"))
         ids = np.array([number for number, _ in self._exposures], np.int64)
         return program, ids, np.concatenate([points for _, points in self._exposures])
 
     def time_to(self, start: Array) -> float:
         """Time (s) of the direct motion from the present set-point to joints and a table angle (axes,), rad."""
         return len(self._connector.move(self._at, start + self._nearest_turns(start))) * self._cell.cycle
-
-    def _all_moving(self) -> bool:
-        return all(segment.trigger.kind != "request" for segment in self._segments)
 
     def _nearest_turns(self, goal: Array) -> Array:
         """Full turns (axes,), rad, of the table alone that bring `goal` (axes,) nearest."""
@@ -297,7 +295,7 @@ def verified(cell: PlanningCell, options: ScanOptions, made: Plan) -> Plan:
     PlanningError
         Otherwise: a defect of scancell, whose own distances proved the motion free.
     """
-    if not options.verify:
+    if not options.scan.verify:
         return made
     segments = made.program.segments
     poses = cell.nominal.body_poses(np.concatenate([segment.axes[::2] for segment in segments]))

@@ -95,7 +95,7 @@ class Run:
     Attributes
     ----------
     speed
-        Of path units (m or rad) per s during the exposures.
+        Speed in path units (m or rad) per s during the exposures.
     rest, ramp, cruise
         Durations, s: at rest before and after the run, of either ramp, of constant speed.
     lead
@@ -113,7 +113,7 @@ class Run:
 
     @property
     def duration(self) -> float:
-        """Of the run with both rests, s."""
+        """Duration of the run with both rests, s."""
         return 2 * (self.rest + self.ramp) + self.cruise
 
     @property

@@ -20,7 +20,7 @@ from scancell.planning.options import by_pair
 from scancell.planning.path_map import constraints
 from scancell.planning.path_map.configuration_map import ConfigurationMap, QualityFactor, StaticConstraints
 from scancell.planning.path_map.ray_shooting import shoot, why_blocked
-from scancell.planning.path_map.table_motion import CostWeights, Lattice, TableMotion
+from scancell.planning.path_map.table_motion import Lattice, TableMotion
 from scancell.planning.views.placement import LIMIT_FRACTION, PATH_ACCELERATION
 from scancell.values import Value
 
@@ -54,7 +54,7 @@ class PlacedPath(Value):
     exposures
         (m, axes) joints and table angle of each exposure, rad.
     branch_names
-        Of all arm branches.
+        Names of all arm branches.
     lattice, motion
         The lattice on the configuration map where the motion was found, and the motion.
     note
@@ -133,7 +133,11 @@ class PathPlanner:
         reason = ""
         for lattice in self._lattices(path, timing):
             motion = shoot(lattice)
-            placed = self._blocked(lattice) if motion is None else self._followed(path, timing, lattice, motion)
+            if motion is None:
+                branch = self._cell.nominal.arm.branch_names[lattice.map.branch]
+                reason = reason or f"no motion in branch {branch}: {why_blocked(lattice)}"
+                continue
+            placed = self._followed(path, timing, lattice, motion)
             if isinstance(placed, PlacedPath):
                 return placed
             reason = reason or placed
@@ -144,11 +148,13 @@ class PathPlanner:
         return self._lattices(path, self._timing(path, path.speed))
 
     def _lattices(self, path: SensorPath, timing: _Timing) -> Iterator[Lattice]:
-        weights = CostWeights(path.weights.table_speed, path.weights.table_acceleration)
-        static = self._static(path.quality)
+        static, nominal = self._static(path.quality), self._cell.nominal
         for branch in self._branches(timing):
             map_ = ConfigurationMap(self._cell, timing.columns, timing.period, branch, _ROWS, static)
-            yield self._lattice(map_, timing, weights)
+            speed, acceleration = nominal.table_max_speed, nominal.table_max_acceleration
+            yield Lattice(
+                map_, _SAMPLES, timing.period, LIMIT_FRACTION * speed, LIMIT_FRACTION * acceleration, path.weights
+            )
 
     def _static(self, quality: QualityDescription) -> StaticConstraints:
         joints, powers = len(self._cell.nominal.arm.joints), quality.joint_range_power
@@ -178,17 +184,6 @@ class PathPlanner:
         columns = steps * _SAMPLES + 1
         at = run.at(np.linspace(0.0, run.duration, columns))
         return _Timing(run, count, run.duration / (columns - 1), path.at(at))
-
-    def _lattice(self, map_: ConfigurationMap, timing: _Timing, weights: CostWeights) -> Lattice:
-        nominal = self._cell.nominal
-        return Lattice(
-            map_,
-            _SAMPLES,
-            timing.period,
-            LIMIT_FRACTION * nominal.table_max_speed,
-            LIMIT_FRACTION * nominal.table_max_acceleration,
-            weights,
-        )
 
     def _branches(self, timing: _Timing) -> list[int]:
         """Branches that reach every probed column at some table angle, those with the best joint range first."""
@@ -233,10 +228,6 @@ class PathPlanner:
         names = nominal.arm.branch_names
         note = f"{path.name}: {needed}" if needed.factor > 1 else ""
         return PlacedPath(path, slow, slow_positions, setpoints, exposures, names, lattice, motion, note)
-
-    def _blocked(self, lattice: Lattice) -> str:
-        name = self._cell.nominal.arm.branch_names[lattice.map.branch]
-        return f"no motion in branch {name}: {why_blocked(lattice)}"
 
     def _obstacle(self, timing: _Timing) -> str:
         columns = timing.columns[np.linspace(0, len(timing.columns) - 1, _PROBES).astype(int)]

@@ -136,7 +136,7 @@ class _Guide:
         farthest = int(np.ceil(2 * lattice.rates / spacing))
         turns = np.arange(-farthest, farthest + 1)
         # 2 lattice angles in a step are one quantum of speed.
-        of_speed = lattice.weights.speed * np.minimum(np.abs(turns) * spacing / (2 * lattice.rates), 1.0) ** 2
+        of_speed = lattice.weights.table_speed * np.minimum(np.abs(turns) * spacing / (2 * lattice.rates), 1.0) ** 2
         to_go = np.zeros((lattice.steps + 1, COARSE_ROWS))
         for step in reversed(range(lattice.steps)):
             onward = to_go[step + 1] + cost[step + 1]

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scancell.config.scan import WeightsDescription
 from scancell.planning.path_map.configuration_map import ConfigurationMap
 
 Array = NDArray[np.float64]
@@ -18,20 +19,6 @@ Indices = NDArray[np.int64]
 
 _LEVELS = 4  # quanta of the largest acceleration
 _LEAST_SPEEDS = 10  # quanta of the largest speed, at least
-
-
-@dataclass(frozen=True)
-class CostWeights:
-    """Weights of the cost of a motion per unit of time, see `Lattice.cost`.
-
-    Attributes
-    ----------
-    speed, acceleration
-        k_ω and k_a, of the squares of table speed and acceleration over their limits.
-    """
-
-    speed: float
-    acceleration: float
 
 
 @dataclass(frozen=True)
@@ -71,7 +58,7 @@ class Lattice:
     max_rate, max_acceleration
         Limits of the table, rad/s, rad/s².
     weights
-        Weights of the cost.
+        Weights of the cost of a motion, see `cost`.
 
     Attributes
     ----------
@@ -94,7 +81,7 @@ class Lattice:
         period: float,
         max_rate: float,
         max_acceleration: float,
-        weights: CostWeights,
+        weights: WeightsDescription,
     ) -> None:
         self.map, self.samples, self.weights = configurations, samples, weights
         self.steps, rest = divmod(configurations.columns - 1, samples)
@@ -157,9 +144,9 @@ class Lattice:
         allowed = (self.map.lowest_rate[column, row] <= speed) & (speed <= self.map.highest_rate[column, row])
         with np.errstate(divide="ignore"):
             of_cells = np.where(allowed, 1.0 / quality - 1.0, np.inf)
-        of_speed = self.weights.speed * ((speed / self._max_rate) ** 2).mean(-1)
+        of_speed = self.weights.table_speed * ((speed / self._max_rate) ** 2).mean(-1)
         fraction = np.asarray(acceleration, float) * (self._quantum / self._max_acceleration)
-        return np.asarray(of_cells.mean(-1) + of_speed + self.weights.acceleration * fraction**2)
+        return np.asarray(of_cells.mean(-1) + of_speed + self.weights.table_acceleration * fraction**2)
 
     def angle_at(self, motion: TableMotion, time: ArrayLike, window: float) -> Array:
         """Table angles (...,), rad, not wrapped, at times (...,) from the start, s, averaged over a `window`, s.

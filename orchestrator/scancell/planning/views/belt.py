@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.cell.program import BeltRun
+from scancell.config.description import si_value
+from scancell.config.scan import BeltDescription
 from scancell.errors import PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import box_mesh
 from scancell.nominal.cell import NominalCell
+from scancell.nominal.parts import pose_matrix
 from scancell.planning.model import SensorRange
-from scancell.planning.options import BeltOptions
 
 Array = NDArray[np.float64]
 
@@ -44,18 +46,19 @@ def _vertices(nominal: NominalCell) -> Array:
     return pose.transform_points(nominal.required_belt().belt_from_part, used)
 
 
-def belt_run(nominal: NominalCell, options: BeltOptions, cycle: float) -> BeltRun:
+def belt_run(nominal: NominalCell, scan: BeltDescription, cycle: float) -> BeltRun:
     """Travel of the belt that brings the whole part through the laser sheet; `cycle` is the controller's, s.
 
     Raises `PlanningError` if the belt cannot run so fast, or the part is beyond the sensor or leaves the belt.
     """
-    belt, speed = nominal.required_belt(), options.speed
-    if abs(speed) > belt.max_speed:
+    belt, speed = nominal.required_belt(), si_value(scan, "speed_mm_s")
+    highest, length = si_value(belt.description, "max_speed_mm_s"), si_value(belt.description, "length_mm")
+    if abs(speed) > highest:
         raise PlanningError(
-            key="scan.belt.speed_mm_s", value=1e3 * speed, expected=f"at most {1e3 * belt.max_speed:g}, its conveyor's"
+            key="scan.belt.speed_mm_s", value=1e3 * speed, expected=f"at most {1e3 * highest:g}, its conveyor's"
         )
     direction = np.copysign(1.0, speed)
-    travel = direction * crossings(nominal, options.belt_from_sensor)
+    travel = direction * crossings(nominal, pose_matrix(scan.pose))
     if travel.min() <= 0.0:
         raise PlanningError(
             f"the part starts {-1e3 * travel.min():.1f} mm beyond the laser sheet",
@@ -64,11 +67,11 @@ def belt_run(nominal: NominalCell, options: BeltOptions, cycle: float) -> BeltRu
         )
     last = travel.max() + _MARGIN
     x = pose.transform_points(belt.belt_from_part, nominal.part.vertices)[:, 0]
-    reached = (x.min() + x.max()) / 2 + direction * (last + _stopping(nominal, options, cycle, last))
-    if abs(reached) > belt.length / 2:
+    reached = (x.min() + x.max()) / 2 + direction * (last + _stopping(nominal, scan, cycle, last))
+    if abs(reached) > length / 2:
         raise PlanningError(
             f"the part leaves the belt: its centre stops {1e3 * abs(reached):.1f} mm from the middle, its end is at"
-            f" {5e2 * belt.length:g} mm",
+            f" {5e2 * length:g} mm",
             key="scan.belt.pose",
             expected="a sensor nearer to the start of the part, or a lower speed_mm_s",
         )
@@ -77,19 +80,20 @@ def belt_run(nominal: NominalCell, options: BeltOptions, cycle: float) -> BeltRu
     return BeltRun(belt.conveyor, speed, direction * first, direction * last)
 
 
-def _stopping(nominal: NominalCell, options: BeltOptions, cycle: float, last: float) -> float:
+def _stopping(nominal: NominalCell, scan: BeltDescription, cycle: float, last: float) -> float:
     """Travel until the belt is at rest, m, after the last exposure at a travel of `last`, m."""
-    acceleration = nominal.required_belt().max_acceleration
-    speed = min(abs(options.speed), np.sqrt(2 * acceleration * last))  # reached there from rest
-    return float(2 * cycle * abs(options.speed) + speed**2 / (2 * acceleration))
+    acceleration = si_value(nominal.required_belt().description, "max_acceleration_mm_s2")
+    speed = abs(si_value(scan, "speed_mm_s"))
+    reached = min(speed, np.sqrt(2 * acceleration * last))  # from rest
+    return float(2 * cycle * speed + reached**2 / (2 * acceleration))
 
 
-def with_passing_part(nominal: NominalCell, options: BeltOptions, cycle: float) -> NominalCell:
+def with_passing_part(nominal: NominalCell, scan: BeltDescription, cycle: float) -> NominalCell:
     """The cell for planning: in place of the part, the box that it sweeps on the belt until it is at rest again."""
-    belt, run = nominal.required_belt(), belt_run(nominal, options, cycle)
+    belt, run = nominal.required_belt(), belt_run(nominal, scan, cycle)
     points = pose.transform_points(belt.belt_from_part, nominal.part.vertices)
     ends = np.array(
-        [0.0, run.trigger_to + np.copysign(_stopping(nominal, options, cycle, abs(run.trigger_to)), run.speed)]
+        [0.0, run.trigger_to + np.copysign(_stopping(nominal, scan, cycle, abs(run.trigger_to)), run.speed)]
     )
     low, high = points.min(0), points.max(0)
     low[0] += ends.min()
@@ -104,24 +108,25 @@ def with_passing_part(nominal: NominalCell, options: BeltOptions, cycle: float) 
     return replace(nominal, bodies=tuple(bodies))
 
 
-def spacing_and_count(run: BeltRun, options: BeltOptions, max_profiles: int) -> tuple[float, int, list[str]]:
+def spacing_and_count(run: BeltRun, scan: BeltDescription, max_profiles: int) -> tuple[float, int, list[str]]:
     """Travel between exposures (m) and their number, at most `max_profiles`, with a warning if it is larger."""
     length = abs(run.trigger_to - run.trigger_from)
-    pitch = max(options.pitch, length / max(1, max_profiles - 1))
+    requested = si_value(scan, "pitch_mm")
+    pitch = max(requested, length / max(1, max_profiles - 1))
     warnings = []
-    if pitch > options.pitch:
+    if pitch > requested:
         warnings.append(
-            f"scan.belt.pitch_mm is increased from {1e3 * options.pitch:g} to {1e3 * pitch:.3f} to stay within "
+            f"scan.belt.pitch_mm is increased from {1e3 * requested:g} to {1e3 * pitch:.3f} to stay within "
             f"scan.max_profiles = {max_profiles}"
         )
     return pitch, int(length / pitch) + 1, warnings
 
 
-def range_warnings(nominal: NominalCell, options: BeltOptions, range_: SensorRange) -> list[str]:
+def range_warnings(nominal: NominalCell, scan: BeltDescription, range_: SensorRange) -> list[str]:
     """Warning about the share of the part that passes outside the measuring range."""
-    points = _vertices(nominal)
-    points[:, 0] += crossings(nominal, options.belt_from_sensor)
-    _, y, z = pose.transform_points(pose.inverse(options.belt_from_sensor), points).T
+    points, belt_from_sensor = _vertices(nominal), pose_matrix(scan.pose)
+    points[:, 0] += crossings(nominal, belt_from_sensor)
+    _, y, z = pose.transform_points(pose.inverse(belt_from_sensor), points).T
     outside = ~range_.contains(y, z)
     if not outside.any():
         return []

@@ -16,12 +16,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.config.description import si_value
 from scancell.config.sensor import SensorDescription
 from scancell.errors import PlanningError
 from scancell.geometry import pose
@@ -29,7 +30,7 @@ from scancell.nominal.cell import NominalCell
 from scancell.planning.model import SIGHT, PlanningCell, Work, WorkLimitError
 from scancell.planning.motion import trajectory
 from scancell.planning.motion.connection import Connector
-from scancell.planning.options import CoverageOptions, ScanOptions
+from scancell.planning.options import ScanOptions
 from scancell.planning.views.paths import sweeps, sweeps_beside_axis
 from scancell.planning.views.placement import PATH_ACCELERATION, Infeasible, Placed, Placer, sweep_run
 from scancell.planning.views.views import Pass, Surface, Sweep, View, exposure_counts
@@ -264,7 +265,7 @@ class CoverageReport(Value):
     views, candidates
         Number of chosen views and of candidates.
     time
-        Of the chosen views, s, with an estimate of the motions in between.
+        Duration of the chosen views, s, with an estimate of the motions in between.
     least_time
         No choice of the candidates sees the same share in less, s.
     greedy_factor
@@ -319,13 +320,12 @@ class CoveragePlanner:
     sight
         Judges what views see.
     options
-        Of the scan; `sweep` and `raster` say which kinds of views are allowed, their speeds and spacing.
+        Options of the scan; `sweep` and `raster` state which kinds of views are allowed, and their speeds.
     """
 
     def __init__(self, cell: PlanningCell, sight: Sight, options: ScanOptions) -> None:
-        assert options.coverage is not None
         self._cell, self._sight, self._options = cell, sight, options
-        self._wish: CoverageOptions = options.coverage
+        self._wish, self._sweep, self._raster = options.scan.coverage, options.scan.sweep, options.scan.raster
         self._connector = Connector(cell, options.clearance)
         self._placer = Placer(cell, options.azimuth, options.clearance)
         self._best = np.full(len(sight.points), OUT_OF_RANGE, np.int8)
@@ -340,7 +340,15 @@ class CoveragePlanner:
         Raises `PlanningError` if there are too few exposures.
         """
         report = self.select(part)
-        return self._thinned(max_profiles), report
+        views = [self._pool.views[i] for i in self._chosen]
+        counts = exposure_counts(views, self._options.spacing, max_profiles)
+        result = []
+        for number, view, count in zip(self._chosen, views, counts, strict=True):
+            placed = self._chosen[number] if count == self._count(view) else self._place(view, count)
+            if isinstance(placed, Infeasible):
+                raise PlanningError(f"{placed.reason}, with {count} exposures")
+            result.append((placed, count))
+        return result, report
 
     def select(self, part: Surface) -> CoverageReport:
         """Choose views of the part, which lies on the table; `covered` (n,) are the samples of `Sight` that they see.
@@ -352,13 +360,15 @@ class CoveragePlanner:
         self._cell.work.doing = self._reached("judging sweeps")
         self._add_sweeps(part)
         fruitless, rng = 0, np.random.default_rng(_SEED)
-        for _ in range(_ROUNDS if self._options.raster else 1):
+        for _ in range(_ROUNDS if self._raster.enabled else 1):
             # Greedy choice is better from candidates that together see enough.
             is_enough = self._possible().mean() >= self._wish.share
             wanted = ~self.covered if is_enough or not self._pool.has_legs else ~self._possible()
             before = int(self._possible().sum() + self.covered.sum())
             self._cell.work.doing = self._reached("judging passes")
-            self._add_legs(np.flatnonzero(wanted), rng)
+            if self._raster.enabled and wanted.any():
+                for leg in legs(self._sight, np.flatnonzero(wanted), _TARGETS, _LEGS_EACH, rng):
+                    self._add(leg.view, leg.judged)
             if self._possible().mean() >= self._wish.share:
                 self._extend()
             fruitless = fruitless + 1 if self._possible().sum() + self.covered.sum() == before else 0
@@ -373,34 +383,16 @@ class CoveragePlanner:
         return self._report()
 
     def _add_sweeps(self, part: Surface) -> None:
-        if self._options.sweep:
-            wide = replace(self._options.sweep, elevations=_ELEVATIONS)
-            nothing = np.zeros(len(part.points), bool)
-            beside = sweeps_beside_axis(part, self._cell.range, wide, nothing, self._cell.work)
-            for view in (*sweeps(part, self._cell.range, wide), *beside):
+        if self._sweep.enabled:
+            range_, nothing = self._cell.range, np.zeros(len(part.points), bool)
+            beside = sweeps_beside_axis(part, range_, self._options, _ELEVATIONS, nothing, self._cell.work)
+            for view in (*sweeps(part, range_, self._options, _ELEVATIONS), *beside):
                 self._add(view, self._sight.judge(view))
-
-    def _add_legs(self, wanted: Indices, rng: np.random.Generator) -> None:
-        if self._options.raster and len(wanted):
-            for leg in legs(self._sight, wanted, _TARGETS, _LEGS_EACH, rng):
-                self._add(leg.view, leg.judged)
 
     def _possible(self) -> Flags:
         """(n,) samples that some candidate sees that is not known to be infeasible."""
         feasible = [seen for seen, reason in zip(self._pool.seen, self._pool.obstacle, strict=True) if not reason]
         return np.asarray(np.any(feasible, axis=0)) if feasible else np.zeros(len(self.covered), bool)
-
-    def _thinned(self, max_profiles: int) -> list[tuple[Placed, int]]:
-        """The chosen views with at most `max_profiles` exposures."""
-        views = [self._pool.views[i] for i in self._chosen]
-        counts = exposure_counts(views, self._options.spacing, max_profiles)
-        result = []
-        for number, view, count in zip(self._chosen, views, counts, strict=True):
-            placed = self._chosen[number] if count == self._count(view) else self._place(view, count)
-            if isinstance(placed, Infeasible):
-                raise PlanningError(f"{placed.reason}, with {count} exposures")
-            result.append((placed, count))
-        return result
 
     def _drop_redundant(self) -> None:
         """Drop views without which the share is seen as well, those that take longest first."""
@@ -423,31 +415,26 @@ class CoveragePlanner:
             self._pool.add(view, judged, self._time(view))
 
     def _time(self, view: Sweep | Pass) -> float:
-        sweep, raster = self._options.sweep, self._options.raster
         count = self._count(view)
         if isinstance(view, Sweep):
-            assert sweep is not None
-            run = sweep_run(self._cell, count, sweep.speed)
+            run = sweep_run(self._cell, count, si_value(self._sweep, "speed_deg_s"))
         else:
-            assert raster is not None
-            step = view.length / (count - 1)
-            run = trajectory.run(count, step, raster.speed, PATH_ACCELERATION, self._cell.cycle)
+            step, speed = view.length / (count - 1), si_value(self._raster, "speed_mm_s")
+            run = trajectory.run(count, step, speed, PATH_ACCELERATION, self._cell.cycle)
         return _TRANSIT + run.duration
 
     def _count(self, view: Sweep | Pass) -> int:
         return exposure_counts([view], self._options.spacing, sys.maxsize)[0]
 
     def _is_done(self) -> bool:
+        # The rest of the work is for the motions between views.
+        is_work_spent = self._cell.work.spent > CHOICE_SHARE * self._cell.work.limit
         return bool(
             self.covered.mean() >= self._wish.share
             or len(self._chosen) >= self._wish.max_views
-            or self._spent() >= self._wish.max_time
-            or (self._chosen and self._is_spent())
+            or self._spent() >= self._wish.max_time_s
+            or (self._chosen and is_work_spent)
         )
-
-    def _is_spent(self) -> bool:
-        """Whether the choice has used its share of the work; the rest is for the motions between views."""
-        return self._cell.work.spent > CHOICE_SHARE * self._cell.work.limit
 
     def _spent(self) -> float:
         return float(sum(self._pool.time[i] for i in self._chosen))
@@ -457,7 +444,7 @@ class CoveragePlanner:
         time, refused = np.array(self._pool.time), 0
         while self._pool.views and not self._is_done() and refused < _MOST_REFUSED:
             gain = self._pool.gains(self.covered)
-            gain[time > self._wish.max_time - self._spent()] = 0
+            gain[time > self._wish.max_time_s - self._spent()] = 0
             # More than what is missing has no value.
             missing = int(np.ceil(self._wish.share * len(self.covered) - self.covered.sum()))
             best = int(np.argmax(np.minimum(gain, missing) / time))
@@ -481,8 +468,7 @@ class CoveragePlanner:
         if isinstance(view, Sweep):
             (placed,) = self._placer.sweeps([view])
         else:
-            assert self._options.raster is not None
-            (placed,) = self._placer.passes([view], [count], self._options.raster.speed, self._branch)
+            (placed,) = self._placer.passes([view], [count], si_value(self._raster, "speed_mm_s"), self._branch)
         if isinstance(placed, Infeasible):
             return placed
         (start, end), home = placed.ends, self._cell.nominal.home

@@ -6,15 +6,17 @@ azimuth and the joints of the arm.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.config.description import si_value
 from scancell.errors import PlanningError
 from scancell.geometry import pose
 from scancell.planning.model import SensorRange, Work
-from scancell.planning.options import RasterOptions, SweepOptions
+from scancell.planning.options import ScanOptions
 from scancell.planning.views.views import MIN_COSINE, Pass, Surface, Sweep, crossing_angles, seen_by, sweep_pose
 
 Array = NDArray[np.float64]
@@ -29,21 +31,26 @@ _MAX_SIDE_SWEEPS = 4
 _MIN_SWEEP_GAIN = 0.01  # fraction of the surface that a side sweep must add
 
 
-def sweeps(part: Surface, sensor_range: SensorRange, options: SweepOptions) -> list[Sweep]:
-    """Sweeps through the table's axis that cover the surface facing the sensor at each elevation."""
+def sweeps(part: Surface, sensor_range: SensorRange, options: ScanOptions, elevations: Sequence[float]) -> list[Sweep]:
+    """Sweeps through the table's axis that cover the surface facing the sensor at each elevation, rad."""
     nothing = np.zeros(len(part.points), bool)
-    return [view for e in options.elevations for view in _sweeps_at(part, sensor_range, options, e, 0.0, nothing)]
+    return [view for e in elevations for view in _sweeps_at(part, sensor_range, options, e, 0.0, nothing)]
 
 
 def side_sweeps(
-    part: Surface, sensor_range: SensorRange, options: SweepOptions, seen: Flags, work: Work
+    part: Surface,
+    sensor_range: SensorRange,
+    options: ScanOptions,
+    elevations: Sequence[float],
+    seen: Flags,
+    work: Work,
 ) -> list[Sweep]:
     """Sweeps with the laser sheet offset from the axis, for samples not yet `seen` (n,), such as radial walls.
 
     A sheet through the axis meets radial walls at grazing incidence. Greedy choice by added surface, at most
     `_MAX_SIDE_SWEEPS`, until the best candidate adds less than `_MIN_SWEEP_GAIN`. `work` may cancel at each candidate.
     """
-    candidates = sweeps_beside_axis(part, sensor_range, options, seen, work)
+    candidates = sweeps_beside_axis(part, sensor_range, options, elevations, seen, work)
     sees = np.zeros((len(candidates), len(seen)), bool)
     for i, view in enumerate(candidates):
         work.spend(0.0)
@@ -60,20 +67,25 @@ def side_sweeps(
 
 
 def sweeps_beside_axis(
-    part: Surface, sensor_range: SensorRange, options: SweepOptions, seen: Flags, work: Work
+    part: Surface,
+    sensor_range: SensorRange,
+    options: ScanOptions,
+    elevations: Sequence[float],
+    seen: Flags,
+    work: Work,
 ) -> list[Sweep]:
     """Sweeps with the laser sheet at several offsets from the axis, for samples not yet `seen` (n,)."""
     views: list[Sweep] = []
     radius = float(np.hypot(part.extremes[:, 0], part.extremes[:, 1]).max())
     offsets = [sign * share * radius for share in _SIDE_OFFSETS for sign in (1, -1)]
-    for elevation, offset in product(options.elevations, offsets):
+    for elevation, offset in product(elevations, offsets):
         work.spend(0.0)
         views += _sweeps_at(part, sensor_range, options, elevation, offset, seen)
     return views
 
 
 def _sweeps_at(
-    part: Surface, sensor_range: SensorRange, options: SweepOptions, elevation: float, offset: float, done: Flags
+    part: Surface, sensor_range: SensorRange, options: ScanOptions, elevation: float, offset: float, done: Flags
 ) -> list[Sweep]:
     """Sweeps at one elevation with the sheet at y = `offset`, for samples that are not `done` (n,)."""
     up, depth, facing = _in_sheet(part, elevation, offset)
@@ -86,7 +98,9 @@ def _sweeps_at(
     half = _half_line(sensor_range, options.standoff)
     views: list[Sweep] = []
     covered = ~wanted
-    for centre in tile(float(up[wanted].min()), float(up[wanted].max()), half, options.height_step):
+    for centre in tile(
+        float(up[wanted].min()), float(up[wanted].max()), half, si_value(options.scan.sweep, "height_step_mm")
+    ):
         own = np.abs(up - centre) <= half
         near = float(solid_depth[np.abs(solid_up - centre) <= half].min(initial=np.inf))
         for _ in range(_MAX_LEVELS):
@@ -164,13 +178,13 @@ def _half_line(sensor_range: SensorRange, standoff: float) -> float:
     return half
 
 
-def passes(part: Surface, sensor_range: SensorRange, options: RasterOptions) -> list[Pass]:
+def passes(part: Surface, sensor_range: SensorRange, options: ScanOptions) -> list[Pass]:
     """Passes over the surface that faces up, in the direction of shortest total travel (15 degree steps)."""
     up = part.normals[:, 2] > MIN_COSINE
     if not up.any():
         return []
     half = _half_line(sensor_range, options.standoff)
-    step = max(2 * half - options.overlap, half)
+    step = max(2 * half - si_value(options.scan.raster, "overlap_mm"), half)
 
     def travel(direction: float) -> float:
         span = np.ptp(part.turned(-direction).points[up], axis=0)
@@ -187,7 +201,7 @@ def passes(part: Surface, sensor_range: SensorRange, options: RasterOptions) -> 
     return [Pass(name, *((a, b) if i % 2 == 0 else (b, a))) for i, (name, a, b) in enumerate(ends)]
 
 
-def _passes_along(turned: Surface, sensor_range: SensorRange, options: RasterOptions, centre: float) -> list[Pass]:
+def _passes_along(turned: Surface, sensor_range: SensorRange, options: ScanOptions, centre: float) -> list[Pass]:
     """Passes over one strip along x, one per depth level."""
     half = _half_line(sensor_range, options.standoff)
     strip = (turned.normals[:, 2] > MIN_COSINE) & (np.abs(turned.points[:, 1] - centre) <= half)

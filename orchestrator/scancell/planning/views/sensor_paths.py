@@ -163,7 +163,7 @@ class SensorPath:
     poses
         (n, 4, 4) ``table_from_sensor`` with the table at angle 0, m, n >= 2.
     speed
-        Of the sensor's origin relative to the part, m/s.
+        Speed of the sensor's origin relative to the part, m/s.
     pitch
         Distance of the sensor's origin between exposures, m.
     weights, quality
