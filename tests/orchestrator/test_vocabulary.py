@@ -13,6 +13,7 @@ from scancell.live import commands
 from scancell.live.cell import LiveCell
 from scancell.live.state import LiveState
 from scancell.programs.robot import Robot
+from scancell.programs.taught import COMMANDS as TAUGHT
 from scancell.scanning.session import ScanSession
 
 FACES = (ScanSession, Robot, LiveCell)
@@ -58,6 +59,13 @@ def test_shared_name_has_same_leading_parameters(first: type, second: type, name
 def test_every_command_of_a_program_is_a_command_of_the_session() -> None:
     own = {"approach", "depart", "move_home", "save", "set_speed", "set_tool", "wait_for_presence"}
     assert {*public(Robot)} - {*public(ScanSession)} == own
+
+
+def test_taught_commands_are_those_of_robot_programs() -> None:
+    for name, arguments in TAUGHT.items():
+        names = [each.name for each in parameters(public(Robot)[name])]
+        assert not arguments.value or names[-1] == arguments.value
+        assert len(names) == (arguments.point is not None) + (arguments.value != "")
 
 
 @pytest.mark.parametrize("name", COMMANDS)
