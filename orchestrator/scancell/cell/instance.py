@@ -117,7 +117,8 @@ class CellInstance(Closing):
             if not self.folder.is_dir():
                 self.folder = self._unpack(self.folder, folder)
             self._load(self.folder)
-            self._initialise(cell_file, parameters(self.units()) if parameters else {})
+            self._fmu.instantiate(**self._callbacks())
+            self._enter(cell_file, parameters(self.units()) if parameters else {})
         except BaseException as error:  # an interrupt, too, must leave no unpacked files
             self._remove_unpacked()
             if isinstance(error, DescriptionError) or not isinstance(error, Exception):
@@ -154,10 +155,6 @@ class CellInstance(Closing):
         """Names of the variables of all axes after a `prefix` such as ``measured.``: joints, then table."""
         joints = sum(name.startswith("measured.q[") for name in self._variables)
         return [*(f"{prefix}q[{i}]" for i in range(1, joints + 1)), f"{prefix}table"]
-
-    def _initialise(self, cell_file: Path | None, parameters: Mapping[str, float]) -> None:
-        self._fmu.instantiate(**self._callbacks())
-        self._enter(cell_file, parameters)
 
     def reset(self, cell_file: Path | None = None, parameters: Mapping[str, float] | None = None) -> None:
         """Reset to time 0 without loading the FMU again.
@@ -196,17 +193,15 @@ class CellInstance(Closing):
     def _callbacks(self) -> dict[str, Any]:
         if self._is_fmi2:
             callbacks = fmi2CallbackFunctions()
-            callbacks.logger = fmi2CallbackLoggerTYPE(self._log_fmi2)
+            callbacks.logger = fmi2CallbackLoggerTYPE(self._log)
             callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
             callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
             return {"callbacks": callbacks}
-        return {"logMessage": self._log_fmi3}
+        return {"logMessage": self._log}
 
-    def _log_fmi2(self, _environment: Any, _name: Any, status: int, _category: Any, message: bytes) -> None:
-        if status > _STATUS_WARNING:
-            self._messages.append(message.decode(errors="replace"))
-
-    def _log_fmi3(self, _environment: Any, status: int, _category: Any, message: bytes) -> None:
+    def _log(self, *arguments: Any) -> None:
+        """Keep the message of an error, which FMI 2 and FMI 3 pass after its status and category."""
+        status, _, message = arguments[-3:]
         if status > _STATUS_WARNING:
             self._messages.append(message.decode(errors="replace"))
 

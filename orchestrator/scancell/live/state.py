@@ -33,8 +33,6 @@ _STATES = ("at rest", "moving", "braking", "emergency stop")
 _NEAREST = ("truth.clearance.body_a", "truth.clearance.body_b")
 _COLLISION = ("truth.collision.pairs", "truth.collision.body_a", "truth.collision.body_b")
 
-_OUTPUTS = ("truth.collision.pairs", "truth.collision.body_a", "truth.collision.body_b")
-
 _SEEN_US = round(SEEN * 1e6)
 
 T = TypeVar("T")
@@ -252,7 +250,7 @@ class ContactWatch:
         self.end = cell.on_step(self._look)
 
     def _look(self) -> None:
-        pairs, first, second = self._cell.get_integers(_OUTPUTS)
+        pairs, first, second = self._cell.get_integers(_COLLISION)
         if pairs == 0:
             return
         pair = f"{self._bodies[first - 1]} - {self._bodies[second - 1]}"

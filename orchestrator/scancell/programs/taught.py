@@ -189,14 +189,19 @@ class TaughtProgram:
         object.__setattr__(self, "points", {name: point for name, point in self.points.items() if name in used})
 
     def _check_point(self, step: TaughtStep) -> None:
-        kind, point = COMMANDS[step.command].point, self.points.get(step.point)
+        kind, name = COMMANDS[step.command].point, step.point
         if kind is None:
             return
-        _check_name(step.point)
+        if not _NAME.fullmatch(name) or keyword.iskeyword(name) or name in RESERVED:
+            expected = "a Python name: a letter, then letters, digits and _, at most 40"
+            raise DescriptionError(key="name", value=name[:60], expected=expected)
+        point = self.points.get(name)
         if not isinstance(point, kind):
             expected = "joint angles" if kind is JointPoint else "a location"
-            raise DescriptionError(f"{step.command}: the point {step.point} is not there or no {expected}")
-        _check_coordinates(step.point, point)
+            raise DescriptionError(f"{step.command}: the point {name} is not there or no {expected}")
+        numbers = point.joints if isinstance(point, JointPoint) else point.position + point.angles
+        if point == JointPoint(()) or not all(_is_within(number, _COORDINATES) for number in numbers):
+            raise DescriptionError(key=name, value=point, expected=f"finite numbers{_COORDINATES}, m and rad")
 
     def step(self, index: int) -> TaughtStep:
         """Step number `index`.
@@ -288,18 +293,6 @@ class TaughtProgram:
 
     def _changed(self, steps: tuple[TaughtStep, ...], points: Mapping[str, Point] | None = None) -> TaughtProgram:
         return TaughtProgram({**self.points, **(points or {})}, steps)
-
-
-def _check_name(name: str) -> None:
-    if not _NAME.fullmatch(name) or keyword.iskeyword(name) or name in RESERVED:
-        expected = "a Python name: a letter, then letters, digits and _, at most 40"
-        raise DescriptionError(key="name", value=name[:60], expected=expected)
-
-
-def _check_coordinates(name: str, point: Point) -> None:
-    numbers: Iterable[float] = point.joints if isinstance(point, JointPoint) else point.position + point.angles
-    if point == JointPoint(()) or not all(_is_within(number, _COORDINATES) for number in numbers):
-        raise DescriptionError(key=name, value=point, expected=f"finite numbers{_COORDINATES}, m and rad")
 
 
 def _is_within(value: float, bounds: Within) -> bool:

@@ -134,15 +134,11 @@ def _posture(world: World, part_from_sensor: Array, threads: int) -> tuple[dict[
         frames = nominal.frame_poses(placed.axes)
     else:
         frames = nominal.frame_poses(nominal.home)
-        away = pose.translation((0.0, 0.0, -900.0))
-        frames = {name: away @ value if _moves_with_arm(name) else value for name, value in frames.items()}
+        away, moving = pose.translation((0.0, 0.0, -900.0)), ("link[", "finger[", "sensor")
+        frames = {name: away @ value if name.startswith(moving) else value for name, value in frames.items()}
         warnings = (f"the arm is left out: {placed.reason}",)
     frames = {**frames, "sensor": frames["part"] @ part_from_sensor}
     return {name: value[None] for name, value in frames.items()}, warnings
-
-
-def _moves_with_arm(frame: str) -> bool:
-    return frame.startswith(("link[", "finger[", "sensor"))
 
 
 class ScanSession(CellSession):
