@@ -384,7 +384,7 @@ class CellSession:
         joints
             Angles (joints,), rad.
         table_angle
-            Of the table (not wrapped), rad; None: it rests.
+            Angle of the table (not wrapped), rad; None: it rests.
         speed
             Share (above 0, at most 1) of the full speed of the slowest axis.
         timeout
@@ -450,16 +450,16 @@ class CellSession:
         exposure
             Duration of each, s.
         speed, timeout
-            As of `move_line`.
+            Speed and longest duration of `move_line`.
         batches
-            As of `run_program`.
+            Receiver of the records, see `run_program`.
 
         Raises
         ------
         CommandError
-            As of `move_line`.
+            If the motion fails as in `move_line`.
         DescriptionError
-            As of `move_line`, and if `spacing` or `exposure` is not a positive number.
+            If the pose or the speed is invalid, or `spacing` or `exposure` is not a positive number.
         """
         collector = RecordCollector(self._cell, self._cycle_us, exposure, batches)
         self._set_real("command.trigger.distance", spacing)
@@ -508,7 +508,7 @@ class CellSession:
         Raises
         ------
         CommandError
-            As of `jog_joints`, and if the arm has fewer than six joints.
+            If the jog fails as in `jog_joints`, or the arm has fewer than six joints.
         DescriptionError
             If there are not six deflections, one is out of its range, or there is no such frame or tool.
         """
@@ -523,7 +523,7 @@ class CellSession:
         Parameters
         ----------
         program
-            Of a plan (``Plan.program``).
+            Program of a plan (``Plan.program``).
         exposure
             Duration of the exposures, s.
         batches

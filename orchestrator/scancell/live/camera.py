@@ -48,7 +48,7 @@ class CameraFrame:
     images
         (cameras, height, width) of 8 bits; None with the geometric engine, which makes none.
     stripes
-        Of each camera the image positions (k, 2) of its points, column and row, px.
+        Image positions (k, 2) of the points of each camera, column and row, px.
     points_in_sensor, points_in_base
         (n, 3) the profile by the nominal sensor, and by measured joints and nominal geometry, m.
     intensity, camera
@@ -180,7 +180,7 @@ class CameraFeed(Closing):
         Parameters
         ----------
         row
-            Of the recording, from 0.
+            Index in the recording, from 0.
         """
         setting = None if self._replayed is None else self._replayed[0]
         if setting is None or setting.world is not scan.world or setting.engine != scan.engine:

@@ -155,7 +155,7 @@ class LiveCell:
         Returns
         -------
         Future
-            Of what `job` returns.
+            Future of the result of `job`.
         """
         submitted = SubmittedJob(name, job)
         with self._lock:

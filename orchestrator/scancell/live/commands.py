@@ -80,7 +80,9 @@ def _command(name: str, kind: CommandKind, start: Callable[Concatenate[CellSessi
         bound.apply_defaults()
         return Command(name, kind, start.__name__, bound.arguments)
 
-    make.__doc__ = f"Command `CellSession.{start.__name__}` for a live cell. See the example of `LiveCell`."
+    make.__doc__ = (
+        f"Make the command of a live cell that calls `CellSession.{start.__name__}`. See the example of `LiveCell`."
+    )
     vars(make)["__signature__"] = signature
     return checked_arguments(make)
 

@@ -48,9 +48,9 @@ class MapPose:
     Attributes
     ----------
     share
-        Of the time along the path, 0 to 1.
+        Share of the time along the path, 0 to 1.
     angle
-        Of the table, rad, from 0 to 2 pi.
+        Angle of the table, rad, from 0 to 2 pi.
     quality
         0 to 1; 0 where the pose is forbidden.
     reason

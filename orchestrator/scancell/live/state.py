@@ -57,7 +57,7 @@ class LiveState:
     world_from_body_at_destination
         Nominal pose (4, 4) of each body there.
     controller, mode, operation
-        Of the controller; `controller` in words.
+        State, mode and operation of the controller; the state in words.
     moving
         Whether an axis moves.
     refusal
@@ -69,7 +69,7 @@ class LiveState:
     progress
         Share of the motion that is done, 0 to 1.
     monitor_speed, monitor_speed_in_force
-        Of the operator, 0 to 1, and what a guard allows of it.
+        Monitor speed of the operator, 0 to 1, and the one that a guard allows.
     pendant_text, pendant_beep, guard_text
         Texts of the pendant and of the guard.
     presence
@@ -388,7 +388,7 @@ class JobStopped(BaseException):
     Parameters
     ----------
     why
-        What ended it.
+        Reason for the end.
 
     Examples
     --------

@@ -26,7 +26,7 @@ from scancell.programs.robot import deg, mm
 
 Array = NDArray[np.float64]
 
-Command = Literal["move_joints", "move_line", "scan_line", "turn_table", "open_gripper", "close_gripper", "wait"]
+CommandName = Literal["move_joints", "move_line", "scan_line", "turn_table", "open_gripper", "close_gripper", "wait"]
 
 MAX_STEPS = 1000
 RESERVED = frozenset({"Robot", "deg", "location", "mm", "main", "robot"})  # names in the text of a program
@@ -112,7 +112,7 @@ class Arguments:
         return _UNITS.get(self.unit, 1.0)
 
 
-COMMANDS: dict[Command, Arguments] = {
+COMMANDS: dict[CommandName, Arguments] = {
     "move_joints": Arguments("joints", JointPoint, "table_angle", Within(-1e4, 1e4), "deg", moves=True),
     "move_line": Arguments("line", PosePoint, moves=True),
     "scan_line": Arguments("scan line", PosePoint, "spacing", Within(1e-5, 1.0), "mm", 0.5, moves=True),
@@ -146,7 +146,7 @@ class TaughtStep:
         If the value or the speed is out of its range, or the command has none.
     """
 
-    command: Command
+    command: CommandName
     point: str = ""
     value: float | None = None
     speed: float = 1.0
@@ -426,7 +426,7 @@ class _Reader:
             case _:
                 raise self._error(call)
 
-    def _step(self, command: Command, call: ast.Call) -> TaughtStep:
+    def _step(self, command: CommandName, call: ast.Call) -> TaughtStep:
         arguments, numbers = COMMANDS[command], list(call.args)
         point, value = "", None
         if arguments.point is not None:
@@ -480,7 +480,7 @@ class TaughtFile:
     Attributes
     ----------
     path
-        Of the file; without it the program is empty.
+        Path of the file; without it the program is empty.
     """
 
     def __init__(self, path: Path) -> None:
@@ -533,7 +533,7 @@ class TaughtFile:
         Raises
         ------
         ScancellError
-            As of `program` and of the change; if the file cannot be written.
+            If the program cannot be read or changed, or the file cannot be written.
         """
         with self._lock:
             self.write(change(self.program))

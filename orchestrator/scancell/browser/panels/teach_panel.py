@@ -28,7 +28,7 @@ from scancell.programs.robot import deg
 from scancell.programs.taught import (
     COMMANDS,
     MAX_BYTES,
-    Command,
+    CommandName,
     JointPoint,
     Point,
     PosePoint,
@@ -64,7 +64,7 @@ class TeachPanel:
     def __init__(self, gui: Any, operator: OperatorCommands, taught: TaughtFile) -> None:
         self._operator, self._taught = operator, taught
         self._lock = RLock()  # `show` and the callbacks of inputs run in several threads
-        self._offered: Command | None = None  # whose number `_number` is
+        self._offered: CommandName | None = None  # whose number `_number` is
         tools = tool_names(operator.nominal)
         kinds = [kind for kind in _KINDS if "gripper" in tools or "gripper" not in kind]
         self._list = gui.add_html("")
