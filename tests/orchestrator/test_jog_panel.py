@@ -12,10 +12,9 @@ import pytest
 from scancell.browser.panels.arm_panels import JogPanel
 from scancell.cell.driver import JogFrame
 from scancell.config.loading import load_setup
-from scancell.live.commands import JogJoints, JogSensor
+from scancell.live.commands import Command
 from scancell.nominal.cell import nominal_cell
 
-Jog = JogJoints | JogSensor
 SENSOR_AXES = ("tool along x", "tool along y", "tool along z", "tool about x", "tool about y", "tool about z")
 
 
@@ -25,7 +24,7 @@ class Page:
     def __init__(self, joints: int = 6) -> None:
         self.inputs: dict[str, SimpleNamespace] = {}
         self.held: dict[str, Callable[[], None]] = {}
-        self.submitted: list[Jog] = []
+        self.submitted: list[Command] = []
         gui: Any = SimpleNamespace(
             add_dropdown=lambda name, options: self._add(name, options[0], options),
             add_slider=lambda name, _least, _most, _step, value: self._add(name, value),
@@ -47,7 +46,7 @@ class Page:
         self.inputs[name] = SimpleNamespace(value=value, options=options)
         return self.inputs[name]
 
-    def jog(self, axis: str, sign: str, percent: float) -> Jog:
+    def jog(self, axis: str, sign: str, percent: float) -> Command:
         """What a held button submits."""
         self.inputs["axis"].value, self.inputs["deflection, %"].value = axis, percent
         self.held[f"Hold to jog {sign}"]()
@@ -60,12 +59,12 @@ def test_each_axis_is_jogged_alone_by_its_share(sign: str, percent: int) -> None
     page, share = Page(), float(f"{sign}{percent / 100}")
     for number, axis in enumerate((*(f"joint {i}" for i in range(1, 7)), "table")):
         jog = page.jog(axis, sign, percent)
-        assert isinstance(jog, JogJoints)
-        np.testing.assert_allclose(jog.deflections, share * np.eye(7)[number])
+        assert jog.name == "jog_joints"
+        np.testing.assert_allclose(jog.arguments["deflections"], share * np.eye(7)[number])
     for number, axis in enumerate(SENSOR_AXES):
         jog = page.jog(axis, sign, percent)
-        assert isinstance(jog, JogSensor)
-        np.testing.assert_allclose(jog.deflections, share * np.eye(6)[number])
+        assert jog.name == "jog_sensor"
+        np.testing.assert_allclose(jog.arguments["deflections"], share * np.eye(6)[number])
 
 
 @pytest.mark.parametrize(("name", "frame"), [("world", JogFrame.WORLD), ("tool", JogFrame.SENSOR), ("table", "table")])
@@ -74,8 +73,8 @@ def test_tool_is_jogged_along_the_chosen_axes(name: str, frame: JogFrame | str) 
     assert name in page.inputs["x, y, z of"].options
     page.inputs["x, y, z of"].value = name
     jog = page.jog("tool along z", "-", 50)
-    assert isinstance(jog, JogSensor)
-    assert (jog.frame, jog.tool) == (frame, "sensor")
+    assert jog.name == "jog_sensor"
+    assert (jog.arguments["frame"], jog.arguments["tool"]) == (frame, "sensor")
 
 
 def test_arm_of_few_joints_has_no_jogs_of_the_tool() -> None:

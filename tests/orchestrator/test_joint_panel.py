@@ -11,7 +11,7 @@ import pytest
 
 from scancell.browser.panels import arm_panels
 from scancell.browser.panels.handles import Debounce
-from scancell.live.commands import MoveJoints
+from scancell.live.commands import Command
 
 HOME = np.radians([10.0, 20.0])
 
@@ -50,7 +50,7 @@ class Operator:
     """Keeps what is submitted."""
 
     def __init__(self) -> None:
-        self.submitted: list[MoveJoints] = []
+        self.submitted: list[Command] = []
         arm = SimpleNamespace(limits=np.radians([[-180.0] * 2, [180.0] * 2]))
         self.nominal = SimpleNamespace(arm=arm, home=HOME)
         self.submit = self.submitted.append
@@ -86,7 +86,7 @@ def test_value_is_kept_if_the_display_updates_before_the_callback(rig: Any) -> N
     slider.call_back()
     rig.now.time = 1.0
     rig.panel.show(state(HOME))
-    np.testing.assert_allclose(np.degrees(rig.operator.submitted[0].joints), [35.0, 20.0])
+    np.testing.assert_allclose(np.degrees(rig.operator.submitted[0].arguments["joints"]), [35.0, 20.0])
 
 
 def test_sliders_follow_the_robot_and_return_after_a_refused_motion(rig: Any) -> None:
@@ -111,6 +111,6 @@ def test_whole_turns_of_the_table_stay_when_a_joint_is_moved(rig: Any) -> None:
         rig.gui.sliders[slider].call_back()
         rig.now.time += 1.0
         rig.panel.show(turned)
-        asked = rig.operator.submitted[-1].table_angle
+        asked = rig.operator.submitted[-1].arguments["table_angle"]
         assert asked is None if expected is None else asked == pytest.approx(np.radians(expected))
         rig.panel.show(turned)

@@ -3,28 +3,28 @@
 from __future__ import annotations
 
 import inspect
-from dataclasses import fields, is_dataclass
+import re
+from dataclasses import fields
 from itertools import combinations
 
 import pytest
 
+from scancell.live import commands
 from scancell.live.cell import LiveCell
-from scancell.live.commands import Cancel, Command
 from scancell.live.state import LiveState
 from scancell.programs.robot import Robot
+from scancell.programs.taught import COMMANDS as TAUGHT
 from scancell.scanning.session import ScanSession
 
 FACES = (ScanSession, Robot, LiveCell)
 
 
-def concrete(command: type) -> set[type]:
-    """The commands below a class."""
-    own = set() if inspect.isabstract(command) or not is_dataclass(command) else {command}
-    return own.union(*map(concrete, command.__subclasses__()))
-
-
 # Without `Cancel`, which cancels jobs; a session has none.
-COMMANDS = sorted(concrete(Command) - {Cancel}, key=lambda command: command.__name__)
+COMMANDS = {
+    name: make
+    for name, make in vars(commands).items()
+    if inspect.isfunction(make) and name[0].isupper() and make is not commands.Cancel
+}
 
 
 def public(owner: type) -> dict[str, object]:
@@ -61,12 +61,19 @@ def test_every_command_of_a_program_is_a_command_of_the_session() -> None:
     assert {*public(Robot)} - {*public(ScanSession)} == own
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_command_of_operator_is_named_like_that_of_session(command: type) -> None:
-    method = public(ScanSession)[object.__new__(command).name]
+def test_taught_commands_are_those_of_robot_programs() -> None:
+    for name, arguments in TAUGHT.items():
+        names = [each.name for each in parameters(public(Robot)[name])]
+        assert not arguments.value or names[-1] == arguments.value
+        assert len(names) == (arguments.point is not None) + (arguments.value != "")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_command_of_operator_is_named_like_that_of_session(name: str) -> None:
+    method = public(ScanSession)[re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()]
     expected = [each.name for each in parameters(method)]
-    names = [field.name for field in fields(command)]
-    assert [name for name in expected if name in names] == names
+    names = list(inspect.signature(COMMANDS[name]).parameters)
+    assert [each for each in expected if each in names] == names
 
 
 def test_readings_of_live_cell_are_named_like_those_of_session() -> None:

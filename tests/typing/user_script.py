@@ -70,6 +70,7 @@ def drive() -> None:
         session.move_joints(session.home, speed=0.5)
         points = session.profile("geometric").points_in_base
         print(points.shape, session.time)
+        scancell.LiveCell(session).submit(scancell.MoveJoints(session.home, table_angle=0.2, speed=0.5))
 
 
 def handle() -> None:
@@ -92,6 +93,8 @@ def mistakes(result: scancell.ScanResult) -> None:
     scancell.shot(PART, "0,0,180")  # error: type
     scancell.batch([PART], "out", variants=10, images="yes")  # error: type
     scancell.evaluate(result, align="icp")  # error: value
+    scancell.MoveJoints([0.0] * 6, sped=0.5)  # error: name
+    scancell.MoveJoints([0.0] * 6, "0.5")  # error: type
     result.cloud[0]  # error: index
     result.clouds  # error: attribute
     result.summary().rms  # error: attribute

@@ -79,12 +79,11 @@ class RecordLayout:
         return {
             **{f"joint[{i}]": (f"{_MEASURED}q[{i}]", f"{_MEASURED}qd[{i}]") for i in numbers},
             "table": (f"{_MEASURED}table", f"{_MEASURED}table_rate"),
-            **{belt: (f"{_MEASURED}{belt}.travel", f"{_MEASURED}{belt}.speed") for belt in self._belts},
+            **{
+                belt: (f"{_MEASURED}{belt}.travel", f"{_MEASURED}{belt}.speed")
+                for belt in _indexed("conveyor", self.conveyors)
+            },
         }
-
-    @property
-    def _belts(self) -> list[str]:
-        return _indexed("conveyor", self.conveyors)
 
     @property
     def measured(self) -> tuple[str, ...]:

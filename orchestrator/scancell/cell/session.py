@@ -234,7 +234,7 @@ class CellSession:
             If `world_from_tool` is no pose, or there is no such tool.
         """
         reference = self.joints if near is None else np.asarray(near, float)
-        target = self._world_from_flange(world_from_tool, tool)
+        target = np.asarray(world_from_tool, float) @ pose.inverse(self.flange_from_tool(tool))
         branches, names = self._nominal.arm.ik(target, reference)[0], self._nominal.arm.branch_names
         if configuration is not None:
             if configuration not in names:
@@ -267,49 +267,21 @@ class CellSession:
     # Commands that take effect in the next cycles: nothing here steps the cell
 
     @checked_arguments
-    def start_move_joints(
-        self, joints: JointAngles, table_angle: TableAngle | None = None, *, speed: Share = 1.0
-    ) -> None:
-        """Start to move all joints to `joints` (joints,) and the table to `table_angle` (where given), rad.
-
-        `speed` is the share (above 0, at most 1) of the full speed of the slowest axis.
-
-        Raises
-        ------
-        CommandError
-            If there are more or fewer angles than joints.
-        DescriptionError
-            If an argument is out of its range.
-        """
+    def start_move_joints(self, joints: JointAngles, table_angle: TableAngle | None = None, speed: Share = 1.0) -> None:
+        """Start a motion with the arguments of `CellSession.move_joints`."""
         if np.size(joints) != self._targets.count - 1:
             raise CommandError(f"move_joints: joints = {joints!r}: expected {self._targets.count - 1} angles")
         end = self.destination[-1] if table_angle is None else table_angle
         self._cell.set(self._targets, np.append(np.asarray(joints, float), end))
         self._start(Mode.JOINT_MOVE, speed)
 
-    def start_move_tool(self, world_from_tool: WorldFromTool, tool: Tool = "sensor", *, speed: Share = 1.0) -> None:
-        """Start to move `tool` to the pose `world_from_tool` (4, 4), all joints together; the table rests.
-
-        `speed` is the share (above 0, at most 1) of the full speed of the slowest axis.
-
-        Raises
-        ------
-        CommandError
-            As of `joints_for` and `start_move_joints`.
-        """
+    def start_move_tool(self, world_from_tool: WorldFromTool, tool: Tool = "sensor", speed: Share = 1.0) -> None:
+        """Start a motion with the arguments of `CellSession.move_tool`."""
         self.start_move_joints(self.joints_for(world_from_tool, tool), speed=speed)
 
     @checked_arguments
-    def start_move_line(self, world_from_tool: WorldFromTool, tool: Tool = "sensor", *, speed: Share = 1.0) -> None:
-        """Start to move `tool` straight to the pose `world_from_tool` (4, 4); the table rests.
-
-        `speed` is the share (above 0, at most 1) of the line speed of the robot's description.
-
-        Raises
-        ------
-        DescriptionError
-            If `world_from_tool` is no pose, there is no such tool, or `speed` is out of its range.
-        """
+    def start_move_line(self, world_from_tool: WorldFromTool, tool: Tool = "sensor", speed: Share = 1.0) -> None:
+        """Start a motion with the arguments of `CellSession.move_line`."""
         self._set_pose(self._tool, self.flange_from_tool(tool))
         self._set_pose(self._line, np.asarray(world_from_tool, float))
         self._cell.set(self._targets, self.destination)
@@ -317,15 +289,7 @@ class CellSession:
 
     @checked_arguments
     def start_jog_joints(self, deflections: Deflections) -> None:
-        """Start to jog joints and table: `deflections` of the first axes, -1 to 1; the others are 0.
-
-        Raises
-        ------
-        CommandError
-            If there are more.
-        DescriptionError
-            If one is out of its range.
-        """
+        """Start to jog joints and table with the `deflections` of `CellSession.jog_joints`."""
         values = np.asarray(deflections, float)
         if values.size > self._jog.count:
             raise CommandError(f"jog_joints: deflections = {deflections!r}: expected at most {self._jog.count} numbers")
@@ -335,24 +299,9 @@ class CellSession:
     def start_jog_sensor(
         self, deflections: SensorDeflections, frame: JogFrame | str = JogFrame.WORLD, tool: Tool = "sensor"
     ) -> None:
-        """Start to jog the sensor, or another `tool`.
+        """Start to jog a tool with the arguments of `CellSession.jog_sensor`.
 
-        Parameters
-        ----------
-        deflections
-            (6,) along x, y, z and about x, y, z, -1 to 1.
-        frame
-            Whose axes these are: a `JogFrame`, or the name of a frame as in `world_from_frame`.
-        tool
-            See `flange_from_tool`. Rotations are about its origin. Another tool than that of a running jog brings
-            the axes to rest first.
-
-        Raises
-        ------
-        CommandError
-            If the arm has fewer than six joints.
-        DescriptionError
-            If there are not six deflections, one is out of its range, or there is no such frame or tool.
+        Another tool than that of a running jog brings the axes to rest first.
         """
         if self._jog.count <= 6:
             raise CommandError(f"jog_sensor: the arm has {self._jog.count - 1} joints: expected at least 6")
@@ -435,7 +384,7 @@ class CellSession:
         joints
             Angles (joints,), rad.
         table_angle
-            Of the table (not wrapped), rad; None: it rests.
+            Angle of the table (not wrapped), rad; None: it rests.
         speed
             Share (above 0, at most 1) of the full speed of the slowest axis.
         timeout
@@ -444,7 +393,10 @@ class CellSession:
         Raises
         ------
         CommandError
-            If the controller refuses or stops the move, a guard holds it for 1 s, or it takes longer than `timeout`.
+            If there are more or fewer angles than joints, the controller refuses or stops the move, a guard holds it
+            for 1 s, or it takes longer than `timeout`.
+        DescriptionError
+            If an argument is out of its range.
         """
         self.start_move_joints(joints, table_angle, speed=speed)
         self._finish_move("move_joints", timeout)
@@ -457,21 +409,10 @@ class CellSession:
     def move_tool(
         self, world_from_tool: ArrayLike, tool: Tool = "sensor", *, speed: float = 1.0, timeout: float = 60.0
     ) -> None:
-        """Move a tool to a pose, all joints together: not on a straight line; the table rests.
+        """Move `tool` to the pose `world_from_tool` (4, 4), all joints together: not on a straight line.
 
-        Parameters
-        ----------
-        world_from_tool
-            Pose (4, 4).
-        tool
-            See `flange_from_tool`.
-        speed, timeout
-            As of `move_joints`.
-
-        Raises
-        ------
-        CommandError
-            As in `joints_for` and `move_joints`.
+        The table rests. `tool` is that of `flange_from_tool`; `speed`, `timeout` and errors are those of `move_joints`
+        and `joints_for`.
         """
         self.start_move_tool(world_from_tool, tool, speed=speed)
         self._finish_move("move_tool", timeout)
@@ -479,23 +420,10 @@ class CellSession:
     def move_line(
         self, world_from_tool: ArrayLike, tool: Tool = "sensor", *, speed: float = 1.0, timeout: float = 60.0
     ) -> None:
-        """Move a tool straight to a pose, turning evenly, by the arm's nominal geometry; the table rests.
+        """Move `tool` straight to the pose `world_from_tool` (4, 4), turning evenly, by the arm's nominal geometry.
 
-        Parameters
-        ----------
-        world_from_tool
-            Pose (4, 4).
-        tool
-            See `flange_from_tool`.
-        speed
-            Share (above 0, at most 1) of the line speed of the robot's description.
-        timeout
-            Longest duration, s.
-
-        Raises
-        ------
-        CommandError
-            As of `move_joints`.
+        The table rests. `speed` is the share (above 0, at most 1) of the line speed of the robot's description; `tool`
+        is that of `flange_from_tool`, `timeout` and errors are those of `move_joints`.
         """
         self.start_move_line(world_from_tool, tool, speed=speed)
         self._finish_move("move_line", timeout)
@@ -522,16 +450,16 @@ class CellSession:
         exposure
             Duration of each, s.
         speed, timeout
-            As of `move_line`.
+            Speed and longest duration of `move_line`.
         batches
-            As of `run_program`.
+            Receiver of the records, see `run_program`.
 
         Raises
         ------
         CommandError
-            As of `move_line`.
+            If the motion fails as in `move_line`.
         DescriptionError
-            As of `move_line`, and if `spacing` or `exposure` is not a positive number.
+            If the pose or the speed is invalid, or `spacing` or `exposure` is not a positive number.
         """
         collector = RecordCollector(self._cell, self._cycle_us, exposure, batches)
         self._set_real("command.trigger.distance", spacing)
@@ -553,29 +481,36 @@ class CellSession:
         Raises
         ------
         CommandError
-            If the controller refuses, or the guard holds the robot in front of a body; stopping before a limit is no
-            error.
+            If there are more deflections than axes, the controller refuses, or the guard holds the robot in front of a
+            body; stopping before a limit is no error.
+        DescriptionError
+            If an argument is out of its range.
         """
         self.start_jog_joints(deflections)
         self._finish_jog(Mode.JOINT_JOG, "jog_joints", duration)
 
     def jog_sensor(
-        self,
-        deflections: ArrayLike,
-        duration: float,
-        frame: JogFrame | str = JogFrame.WORLD,
-        tool: Tool = "sensor",
+        self, deflections: ArrayLike, duration: float, frame: JogFrame | str = JogFrame.WORLD, tool: Tool = "sensor"
     ) -> None:
-        """Jog the sensor, or another `tool`, for `duration`, s, then come to rest; needs manual operation.
+        """Jog the sensor, or another tool, by hand for a time, then come to rest; needs manual operation.
 
-        `deflections` (6,) are along x, y, z and about x, y, z, -1 to 1 of the speeds that the description allows;
-        `frame` and `tool` are those of `start_jog_sensor`.
+        Parameters
+        ----------
+        deflections
+            (6,) along x, y, z and about x, y, z, -1 to 1 of the speeds that the description allows.
+        duration
+            Time until the axes come to rest, s.
+        frame
+            Whose axes these are: a `JogFrame`, or the name of a frame as in `world_from_frame`.
+        tool
+            See `flange_from_tool`. Rotations are about its origin.
 
         Raises
         ------
         CommandError
-            If the arm has fewer than six joints, the controller refuses, or the guard holds the robot in front of a
-            body; stopping before a limit is no error.
+            If the jog fails as in `jog_joints`, or the arm has fewer than six joints.
+        DescriptionError
+            If there are not six deflections, one is out of its range, or there is no such frame or tool.
         """
         self.start_jog_sensor(deflections, frame, tool)
         self._finish_jog(Mode.CARTESIAN_JOG, "jog_sensor", duration)
@@ -588,7 +523,7 @@ class CellSession:
         Parameters
         ----------
         program
-            Of a plan (``Plan.program``).
+            Program of a plan (``Plan.program``).
         exposure
             Duration of the exposures, s.
         batches
@@ -770,9 +705,6 @@ class CellSession:
         self._wait_for_rest(command)
         if is_held:
             raise CommandError(f"{command}: held by the guard: {guard_text}")
-
-    def _world_from_flange(self, world_from_tool: ArrayLike, tool: Tool) -> Array:
-        return np.asarray(world_from_tool, float) @ pose.inverse(self.flange_from_tool(tool))
 
     def _set_pose(self, variables: RealGroup, target_from_source: Array) -> None:
         quaternion = pose.quaternion_from_rotation(target_from_source[:3, :3])

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import io
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -88,10 +88,12 @@ def build_ssp(
     cell_parameters = {
         name: v.start for name, v in variables["cell"].items() if v.causality == "parameter" and v.type != "String"
     }
+    step_parameters = {f"step[{i}].{name}": value for i, step in enumerate(steps, 1) for name, value in step.items()}
+    sequence = {"steps": len(steps), **step_parameters}
     contents = {
         "SystemStructure.ssd": _structure(version, models, variables, stop_time),
         "resources/cell.ssv": _parameters(version, "cell", cell_parameters, models, variables),
-        "resources/sequencer.ssv": _parameters(version, "sequencer", _by_name(steps), models, variables),
+        "resources/sequencer.ssv": _parameters(version, "sequencer", sequence, models, variables),
     }
     for name, files in fmus.items():
         archive = io.BytesIO()
@@ -99,11 +101,6 @@ def build_ssp(
         contents[_FMUS[name]] = archive.getvalue()
     with atomic_write(path) as temporary:
         write_archive(temporary, contents)
-
-
-def _by_name(steps: Sequence[SequenceStep]) -> dict[str, float | int]:
-    values = {f"step[{i}].{name}": value for i, step in enumerate(steps, 1) for name, value in step.items()}
-    return {"steps": len(steps), **values}
 
 
 def _structure(
@@ -116,7 +113,9 @@ def _structure(
     for name, other in (("cell", "sequencer"), ("sequencer", "cell")):
         component = _child(elements, "ssd:Component", name=name, source=_FMUS[name], implementation="CoSimulation")
         connectors = _child(component, "ssd:Connectors")
-        for variable in _connectable(variables[name]):
+        for variable in variables[name].values():
+            if variable.causality not in ("input", "output") or variable.type not in _TYPES:
+                continue
             source = variables[other].get(variable.name)
             if variable.causality == "input":
                 if source is None or source.causality != "output":
@@ -140,11 +139,6 @@ def _structure(
     step = models["cell"].defaultExperiment.stepSize
     _child(_child(annotation, "osp:Algorithm"), "osp:FixedStepAlgorithm", baseStepSize=step)
     return _bytes(root)
-
-
-def _connectable(variables: Variables) -> Iterable[Any]:
-    """Inputs and outputs that can be connected."""
-    return (v for v in variables.values() if v.causality in ("input", "output") and v.type in _TYPES)
 
 
 def _parameters(

@@ -22,7 +22,7 @@ from scancell.errors import ScancellError
 from scancell.live.cell import LiveCell
 from scancell.scanning.scan import ScanData
 from scancell.scanning.sense import ExposureImages
-from scancell.scanning.session import Profile, ScanSession, measure_profile
+from scancell.scanning.session import ScanSession, measure_profile
 from scancell.scanning.world import ExposureControl, World
 from scancell.values import Closing
 
@@ -48,7 +48,7 @@ class CameraFrame:
     images
         (cameras, height, width) of 8 bits; None with the geometric engine, which makes none.
     stripes
-        Of each camera the image positions (k, 2) of its points, column and row, px.
+        Image positions (k, 2) of the points of each camera, column and row, px.
     points_in_sensor, points_in_base
         (n, 3) the profile by the nominal sensor, and by measured joints and nominal geometry, m.
     intensity, camera
@@ -180,7 +180,7 @@ class CameraFeed(Closing):
         Parameters
         ----------
         row
-            Of the recording, from 0.
+            Index in the recording, from 0.
         """
         setting = None if self._replayed is None else self._replayed[0]
         if setting is None or setting.world is not scan.world or setting.engine != scan.engine:
@@ -276,13 +276,16 @@ def _made(number: int, recording: Recording, setting: _Setting, threads: int) ->
             np.zeros(0), np.zeros(0, np.int32), str(error),
         )  # fmt: skip
     profile = found.profile
+    stripe = np.column_stack([profile.column, found.rows])
     return CameraFrame(
         number=number,
         time=float(recording.measured.time[0]),
         engine=setting.engine,
         as_built=as_built,
         images=None if found.images is None else _for_display(found.images),
-        stripes=_stripes(found, len(setting.world.sensor.cameras)),
+        stripes=tuple(
+            _read_only(stripe[profile.camera == camera]) for camera in range(len(setting.world.sensor.cameras))
+        ),
         points_in_sensor=_read_only(profile.points_in_sensor),
         points_in_base=_read_only(found.points_in_base),
         intensity=_read_only(profile.intensity),
@@ -296,11 +299,6 @@ def _for_display(images: ExposureImages) -> NDArray[np.uint8]:
     np.right_shift(images.images, max(0, images.bit_depth - 8), out=shown, casting="unsafe")
     shown.setflags(write=False)
     return shown
-
-
-def _stripes(found: Profile, cameras: int) -> tuple[Array, ...]:
-    positions = np.column_stack([found.profile.column, found.rows])
-    return tuple(_read_only(positions[found.profile.camera == camera]) for camera in range(cameras))
 
 
 def _read_only(values: NDArray[T]) -> NDArray[T]:

@@ -11,7 +11,7 @@ from typing import Annotated, TypeVar
 
 from scancell.arguments import Count, Within, checked_arguments
 from scancell.errors import CommandError, DescriptionError
-from scancell.live.commands import Cancel, Command, SetMonitorSpeed
+from scancell.live.commands import Command, CommandKind
 from scancell.live.state import (
     CLOSED,
     JobStopped,
@@ -63,6 +63,33 @@ class LiveCell:
     ...     live.run(done.done, realtime=False)
     ...     print(f"{live.state.controller}, table at {live.state.table_angle:.2f} rad")
     at rest, table at 0.50 rad
+
+    Jogs need manual operation, and go on while they are renewed. A command checks its arguments when it is made:
+
+    >>> with scancell.Scanner() as scanner, scanner.session(guarded=True) as session:
+    ...     live = scancell.LiveCell(session)
+    ...     live.submit(scancell.SetOperation(scancell.Operation.MANUAL))
+    ...     live.run(lambda: session.time > 0.3, realtime=False)
+    ...     live.submit(scancell.JogSensor([0, 0, 0.5, 0, 0, 0], scancell.JogFrame.SENSOR))
+    ...     live.run(lambda: live.state.moving, realtime=False)
+    >>> scancell.JogJoints([2.0])
+    Traceback (most recent call last):
+        ...
+    scancell.errors.DescriptionError: deflections = ...: expected finite numbers of shape (n,) from -1 to 1
+
+    Moves wait for the one that runs; a reset ends an emergency stop:
+
+    >>> above = scancell.location(0.45, 0.0, 0.25, rx=np.pi)
+    >>> lower = scancell.location(0.45, 0.0, 0.23, rx=np.pi)
+    >>> with scancell.Scanner() as scanner, scanner.session(guarded=True) as session:
+    ...     live = scancell.LiveCell(session)
+    ...     live.submit(scancell.MoveTool(above))
+    ...     live.submit(scancell.MoveLine(lower, speed=0.5))
+    ...     live.run(lambda: np.allclose(session.world_from_tool(), lower, atol=1e-4), realtime=False)
+    ...     live.emergency_stop()
+    ...     live.run(lambda: live.state.controller == "emergency stop", realtime=False)
+    ...     live.submit(scancell.Reset())
+    ...     live.run(lambda: live.state.controller == "at rest", realtime=False)
 
     With another thread for ``live.run(ended.is_set)``, where ``ended`` is a ``threading.Event``, the cell goes on while
     this one commands it.
@@ -128,7 +155,7 @@ class LiveCell:
         Returns
         -------
         Future
-            Of what `job` returns.
+            Future of the result of `job`.
         """
         submitted = SubmittedJob(name, job)
         with self._lock:
@@ -294,10 +321,10 @@ class LiveCell:
     def _apply(self, command: Command | Work) -> None:
         if isinstance(command, SubmittedJob):
             self._take_job(command)
-        elif isinstance(command, Cancel):
+        elif command.kind is CommandKind.CANCEL:
             self._end_job("cancelled")
             self._control.apply(command)
-        elif self._job is not None and not isinstance(command, SetMonitorSpeed):
+        elif self._job is not None and command.name != "set_monitor_speed":
             raise CommandError(f"{command.name}: {self._job.name} is running: cancel it first")
         else:
             self._control.apply(command)

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.arguments import Shape, Within, checked_arguments
-from scancell.cell.program import Program
 from scancell.errors import CommandError, DescriptionError
 from scancell.live.cell import LiveCell
 from scancell.live.state import process_goes_on, ready_to_move, while_stepping
@@ -49,9 +48,9 @@ class MapPose:
     Attributes
     ----------
     share
-        Of the time along the path, 0 to 1.
+        Share of the time along the path, 0 to 1.
     angle
-        Of the table, rad, from 0 to 2 pi.
+        Angle of the table, rad, from 0 to 2 pi.
     quality
         0 to 1; 0 where the pose is forbidden.
     reason
@@ -191,13 +190,9 @@ class LivePlan:
     def _go(self, session: ScanSession, axes: Array, purpose: str) -> None:
         start = ready_to_move(session)
         goal = nearest_turn(axes, float(start[-1]))
-        program = while_stepping(session, lambda _: self._path(start, goal, purpose))
+        program = while_stepping(session, lambda _: session.pipeline.approach(session.world, start, goal, purpose))
         if program is not None:
             session.run_program(program, session.exposure)
-
-    def _path(self, start: Array, goal: Array, purpose: str) -> Program | None:
-        world = self._session.world
-        return self._session.pipeline.approach(world, start, goal, purpose)
 
     # In a thread of its own
 

@@ -20,7 +20,7 @@ from scancell.cell.instance import CellInstance
 from scancell.cell.recording import RecordLayout
 from scancell.errors import CommandError, DescriptionError, ScancellError
 from scancell.geometry import pose
-from scancell.live.commands import Cancel, Command, CommandAtRest, Jog, Move, SetOperation
+from scancell.live.commands import Command, CommandKind
 from scancell.nominal.cell import fmu_frame
 from scancell.progress import CallbackProgress, Progress
 from scancell.scanning.session import SEEN, ScanSession
@@ -32,8 +32,6 @@ Poses = Mapping[str, Array]
 _STATES = ("at rest", "moving", "braking", "emergency stop")
 _NEAREST = ("truth.clearance.body_a", "truth.clearance.body_b")
 _COLLISION = ("truth.collision.pairs", "truth.collision.body_a", "truth.collision.body_b")
-
-_OUTPUTS = ("truth.collision.pairs", "truth.collision.body_a", "truth.collision.body_b")
 
 _SEEN_US = round(SEEN * 1e6)
 
@@ -59,7 +57,7 @@ class LiveState:
     world_from_body_at_destination
         Nominal pose (4, 4) of each body there.
     controller, mode, operation
-        Of the controller; `controller` in words.
+        State, mode and operation of the controller; the state in words.
     moving
         Whether an axis moves.
     refusal
@@ -71,7 +69,7 @@ class LiveState:
     progress
         Share of the motion that is done, 0 to 1.
     monitor_speed, monitor_speed_in_force
-        Of the operator, 0 to 1, and what a guard allows of it.
+        Monitor speed of the operator, 0 to 1, and the one that a guard allows.
     pendant_text, pendant_beep, guard_text
         Texts of the pendant and of the guard.
     presence
@@ -252,7 +250,7 @@ class ContactWatch:
         self.end = cell.on_step(self._look)
 
     def _look(self) -> None:
-        pairs, first, second = self._cell.get_integers(_OUTPUTS)
+        pairs, first, second = self._cell.get_integers(_COLLISION)
         if pairs == 0:
             return
         pair = f"{self._bodies[first - 1]} - {self._bodies[second - 1]}"
@@ -269,9 +267,9 @@ class LiveControl:
     def __init__(self, session: ScanSession, hold_time: float, clock: Callable[[], float]) -> None:
         self._session, self._cell = session, session.cell
         self._hold_time, self._clock = hold_time, clock
-        self._moves: deque[Move] = deque()
+        self._moves: deque[Command] = deque()
         self._jog_until: float | None = None
-        self._at_rest: CommandAtRest | None = None
+        self._at_rest: Command | None = None
         self._settled_us = 0
         self._moving = False  # a move that was begun has not ended
 
@@ -300,17 +298,17 @@ class LiveControl:
         CommandError
             If it cannot be carried out.
         """
-        match command:
-            case Jog():
+        match command.kind:
+            case CommandKind.JOG:
                 self._jog(command)
-            case Move():
+            case CommandKind.MOVE:
                 self._moves.append(command)
-            case CommandAtRest():
+            case CommandKind.AT_REST:
                 self.cancel_motion()
                 self._at_rest = command
-            case Cancel():
+            case CommandKind.CANCEL:
                 self.cancel_motion()
-            case _:
+            case CommandKind.AT_ONCE:
                 command.start(self._session)
 
     def begin_cycle(self) -> None:
@@ -329,7 +327,7 @@ class LiveControl:
         """Update whether a move has ended."""
         self._moving = self._moving and not self._move_ended()
 
-    def _jog(self, command: Jog) -> None:
+    def _jog(self, command: Command) -> None:
         """Start or renew a jog, but not before the guard has seen the robot at rest in manual operation."""
         operation = Operation(self._cell.get_integer("command.operation"))
         if self._is_settling:
@@ -355,7 +353,7 @@ class LiveControl:
             return
         self._at_rest.start(self._session)
         # A reset needs the next cycle of the controller, another operation the next answer of the guard.
-        self._settled_us = self._cell.time_us + (_SEEN_US if isinstance(self._at_rest, SetOperation) else 1)
+        self._settled_us = self._cell.time_us + (_SEEN_US if self._at_rest.name == "set_operation" else 1)
         self._at_rest = None
 
     @property
@@ -390,7 +388,7 @@ class JobStopped(BaseException):
     Parameters
     ----------
     why
-        What ended it.
+        Reason for the end.
 
     Examples
     --------

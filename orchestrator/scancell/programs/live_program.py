@@ -38,13 +38,13 @@ class LiveProgramState:
     Attributes
     ----------
     file
-        Of the program.
+        File of the program.
     source
         Its lines when it was started.
     stage
         ``waiting`` until the robot rests; ``paused`` while it rests in front of a command.
     line
-        Of the command that runs or, paused, comes next; of the error after a failure; 0: none.
+        Line of the command that runs or, paused, comes next; line of the error after a failure; 0: none.
     output
         Commands that were carried out, with their lines, and printed text, the last ones; after success the
         simulated time and contacts of bodies.
@@ -53,7 +53,7 @@ class LiveProgramState:
     folder
         Run folder; None while it runs, or without one.
     record
-        Of a program that ran to its end; else None.
+        Record of a program that ran to its end; else None.
     """
 
     file: Path
@@ -106,7 +106,7 @@ class LiveProgram:
 
     @property
     def state(self) -> LiveProgramState | None:
-        """Of the last program; None before the first."""
+        """State of the last program; None before the first."""
         with self._lock:
             return None if self._run is None else self._run.state
 

@@ -263,7 +263,7 @@ def _printing_to(printed: Callable[[str], None]) -> Callable[..., None]:
 
 
 def _message(error: BaseException, file: str) -> str:
-    """Of an error that the program raised, with the innermost line of the program."""
+    """Message of an error that the program raised, with the innermost line of the program."""
     if isinstance(error, SyntaxError) and error.filename == file:
         return f"{file}:{error.lineno}: {error.msg}"
     what = str(error) if isinstance(error, ScancellError) else f"{type(error).__name__}: {error}"

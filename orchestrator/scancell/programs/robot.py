@@ -90,7 +90,7 @@ class Robot:
     Parameters
     ----------
     session
-        Of the running cell.
+        Session of the running cell.
     engine
         How profiles are measured: ``ray-traced`` renders images, ``geometric`` intersects rays with surfaces.
     folder
@@ -104,7 +104,7 @@ class Robot:
     Attributes
     ----------
     files
-        That `save` has written.
+        Files that `save` has written.
 
     Examples
     --------

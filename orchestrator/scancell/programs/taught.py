@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from itertools import count
 from pathlib import Path
 from threading import RLock
-from typing import Any, Literal, cast, get_args
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +26,7 @@ from scancell.programs.robot import deg, mm
 
 Array = NDArray[np.float64]
 
-Command = Literal["move_joints", "move_line", "scan_line", "turn_table", "open_gripper", "close_gripper", "wait"]
-COMMANDS: tuple[Command, ...] = get_args(Command)
+CommandName = Literal["move_joints", "move_line", "scan_line", "turn_table", "open_gripper", "close_gripper", "wait"]
 
 MAX_STEPS = 1000
 RESERVED = frozenset({"Robot", "deg", "location", "mm", "main", "robot"})  # names in the text of a program
@@ -78,38 +77,49 @@ Point = JointPoint | PosePoint
 
 
 @dataclass(frozen=True)
-class Words:
-    """Arguments of a command of `Robot`.
+class Arguments:
+    """Arguments of a command of `Robot` in a taught program.
 
     Attributes
     ----------
+    label
+        Name of the command in the workspace.
     point
-        Type of the point that it moves to; None: it moves to none.
+        Type of the point to which it moves; None: it moves to none.
     value
         Name of its number; empty if it has none.
     bounds
-        Of the number, SI.
+        Smallest and largest value of the number, SI.
     unit
-        In which texts state the number.
+        Unit of the number in texts.
+    first_value
+        Value in this unit that the workspace offers first; None: the number is measured, not typed.
     moves
         Whether it has a speed.
     """
 
+    label: str
     point: type[JointPoint] | type[PosePoint] | None = None
     value: str = ""
     bounds: Within = field(default_factory=Within)
     unit: str = ""
+    first_value: float | None = None
     moves: bool = False
 
+    @property
+    def si_per_unit(self) -> float:
+        """SI value of one unit of the number."""
+        return _UNITS.get(self.unit, 1.0)
 
-WORDS: dict[Command, Words] = {
-    "move_joints": Words(JointPoint, "table_angle", Within(-1e4, 1e4), "deg", moves=True),
-    "move_line": Words(PosePoint, moves=True),
-    "scan_line": Words(PosePoint, "spacing", Within(1e-5, 1.0), "mm", moves=True),
-    "turn_table": Words(None, "table_angle", Within(-1e4, 1e4), "deg", moves=True),
-    "open_gripper": Words(None, "width", Within(0.0, 10.0), "mm"),
-    "close_gripper": Words(None, "force", Within(0.0, 1e4), "N"),
-    "wait": Words(None, "duration", Within(0.0, 3600.0), "s"),
+
+COMMANDS: dict[CommandName, Arguments] = {
+    "move_joints": Arguments("joints", JointPoint, "table_angle", Within(-1e4, 1e4), "deg", moves=True),
+    "move_line": Arguments("line", PosePoint, moves=True),
+    "scan_line": Arguments("scan line", PosePoint, "spacing", Within(1e-5, 1.0), "mm", 0.5, moves=True),
+    "turn_table": Arguments("table", None, "table_angle", Within(-1e4, 1e4), "deg", moves=True),
+    "open_gripper": Arguments("open gripper", None, "width", Within(0.0, 10.0), "mm", 60.0),
+    "close_gripper": Arguments("close gripper", None, "force", Within(0.0, 1e4), "N", 20.0),
+    "wait": Arguments("wait", None, "duration", Within(0.0, 3600.0), "s", 1.0),
 }
 
 
@@ -124,7 +134,7 @@ class TaughtStep:
     point
         Name of the point that it moves to.
     value
-        Its number, see `WORDS`; SI.
+        Its number, see `COMMANDS`; SI.
     speed
         Share of the full speed, 0.001 to 1; 1 for a command that moves nothing.
     tool
@@ -136,20 +146,20 @@ class TaughtStep:
         If the value or the speed is out of its range, or the command has none.
     """
 
-    command: Command
+    command: CommandName
     point: str = ""
     value: float | None = None
     speed: float = 1.0
     tool: Tool = "sensor"
 
     def __post_init__(self) -> None:
-        words = WORDS[self.command]
-        if self.value is not None and not words.value:
+        arguments = COMMANDS[self.command]
+        if self.value is not None and not arguments.value:
             raise DescriptionError(f"{self.command} has no number")
-        if words.value and (self.value is None or not _is_within(self.value, words.bounds)):
-            expected = f"a finite number{words.bounds} (SI unit)"
-            raise DescriptionError(key=f"{self.command}: {words.value}", value=self.value, expected=expected)
-        if not words.moves and self.speed != 1.0:
+        if arguments.value and (self.value is None or not _is_within(self.value, arguments.bounds)):
+            expected = f"a finite number{arguments.bounds} (SI unit)"
+            raise DescriptionError(key=f"{self.command}: {arguments.value}", value=self.value, expected=expected)
+        if not arguments.moves and self.speed != 1.0:
             raise DescriptionError(f"{self.command} has no speed")
         if not _is_within(self.speed, _SPEED):
             raise DescriptionError(key="speed", value=self.speed, expected=f"a finite number{_SPEED}")
@@ -179,14 +189,19 @@ class TaughtProgram:
         object.__setattr__(self, "points", {name: point for name, point in self.points.items() if name in used})
 
     def _check_point(self, step: TaughtStep) -> None:
-        kind, point = WORDS[step.command].point, self.points.get(step.point)
+        kind, name = COMMANDS[step.command].point, step.point
         if kind is None:
             return
-        _check_name(step.point)
+        if not _NAME.fullmatch(name) or keyword.iskeyword(name) or name in RESERVED:
+            expected = "a Python name: a letter, then letters, digits and _, at most 40"
+            raise DescriptionError(key="name", value=name[:60], expected=expected)
+        point = self.points.get(name)
         if not isinstance(point, kind):
             expected = "joint angles" if kind is JointPoint else "a location"
-            raise DescriptionError(f"{step.command}: the point {step.point} is not there or no {expected}")
-        _check_coordinates(step.point, point)
+            raise DescriptionError(f"{step.command}: the point {name} is not there or no {expected}")
+        numbers = point.joints if isinstance(point, JointPoint) else point.position + point.angles
+        if point == JointPoint(()) or not all(_is_within(number, _COORDINATES) for number in numbers):
+            raise DescriptionError(key=name, value=point, expected=f"finite numbers{_COORDINATES}, m and rad")
 
     def step(self, index: int) -> TaughtStep:
         """Step number `index`.
@@ -206,7 +221,7 @@ class TaughtProgram:
 
     def table_angle_before(self, index: int) -> float | None:
         """Angle to which the steps before step `index` turn the table, rad; None: none of them does."""
-        angles = [step.value for step in self.steps[:index] if WORDS[step.command].value == "table_angle"]
+        angles = [step.value for step in self.steps[:index] if COMMANDS[step.command].value == "table_angle"]
         return angles[-1] if angles else None
 
     def with_step(self, index: int, step: TaughtStep, point: Point | None = None) -> TaughtProgram:
@@ -280,18 +295,6 @@ class TaughtProgram:
         return TaughtProgram({**self.points, **(points or {})}, steps)
 
 
-def _check_name(name: str) -> None:
-    if not _NAME.fullmatch(name) or keyword.iskeyword(name) or name in RESERVED:
-        expected = "a Python name: a letter, then letters, digits and _, at most 40"
-        raise DescriptionError(key="name", value=name[:60], expected=expected)
-
-
-def _check_coordinates(name: str, point: Point) -> None:
-    numbers: Iterable[float] = point.joints if isinstance(point, JointPoint) else point.position + point.angles
-    if point == JointPoint(()) or not all(_is_within(number, _COORDINATES) for number in numbers):
-        raise DescriptionError(key=name, value=point, expected=f"finite numbers{_COORDINATES}, m and rad")
-
-
 def _is_within(value: float, bounds: Within) -> bool:
     return math.isfinite(value) and value in bounds
 
@@ -306,8 +309,8 @@ def program_text(program: TaughtProgram) -> str:
 def _body(program: TaughtProgram) -> Iterable[str]:
     speed, tool = 1.0, "sensor"
     for step in program.steps:
-        words = WORDS[step.command]
-        if words.moves and step.speed != speed:
+        arguments = COMMANDS[step.command]
+        if arguments.moves and step.speed != speed:
             speed = step.speed
             yield f"robot.set_speed({_number(speed, '')})"
         if step.command == "move_line" and step.tool != tool:
@@ -319,12 +322,12 @@ def _body(program: TaughtProgram) -> Iterable[str]:
 
 
 def _arguments(step: TaughtStep) -> Iterable[str]:
-    words = WORDS[step.command]
-    if words.point is not None:
+    arguments = COMMANDS[step.command]
+    if arguments.point is not None:
         yield step.point
     if step.value is not None:
-        text = _number(step.value, words.unit)
-        yield f"{words.value}={text}" if words.point is not None else text
+        text = _number(step.value, arguments.unit)
+        yield f"{arguments.value}={text}" if arguments.point is not None else text
 
 
 def _point_text(point: Point) -> str:
@@ -423,23 +426,23 @@ class _Reader:
             case _:
                 raise self._error(call)
 
-    def _step(self, command: Any, call: ast.Call) -> TaughtStep:
-        words, arguments = WORDS[cast(Literal["wait"], command)], list(call.args)
+    def _step(self, command: CommandName, call: ast.Call) -> TaughtStep:
+        arguments, numbers = COMMANDS[command], list(call.args)
         point, value = "", None
-        if words.point is not None:
-            match arguments:
-                case [ast.Name(id=point), *arguments]:
+        if arguments.point is not None:
+            match numbers:
+                case [ast.Name(id=point), *numbers]:
                     pass
                 case _:
                     raise self._error(call)
-        match arguments, call.keywords:
-            case ([number], []) | ([], [ast.keyword(arg=words.value, value=number)]) if words.value:
+        match numbers, call.keywords:
+            case ([number], []) | ([], [ast.keyword(arg=arguments.value, value=number)]) if arguments.value:
                 value = self._quantity(number)
-            case [], [] if not words.value:
+            case [], [] if not arguments.value:
                 pass
             case _:
                 raise self._error(call)
-        speed = self._speed if words.moves else 1.0
+        speed = self._speed if arguments.moves else 1.0
         return TaughtStep(command, point, value, speed, self._tool if command == "move_line" else "sensor")
 
     def _point(self, node: ast.expr) -> Point:
@@ -477,7 +480,7 @@ class TaughtFile:
     Attributes
     ----------
     path
-        Of the file; without it the program is empty.
+        Path of the file; without it the program is empty.
     """
 
     def __init__(self, path: Path) -> None:
@@ -530,7 +533,7 @@ class TaughtFile:
         Raises
         ------
         ScancellError
-            As of `program` and of the change; if the file cannot be written.
+            If the program cannot be read or changed, or the file cannot be written.
         """
         with self._lock:
             self.write(change(self.program))

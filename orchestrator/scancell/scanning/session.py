@@ -134,15 +134,11 @@ def _posture(world: World, part_from_sensor: Array, threads: int) -> tuple[dict[
         frames = nominal.frame_poses(placed.axes)
     else:
         frames = nominal.frame_poses(nominal.home)
-        away = pose.translation((0.0, 0.0, -900.0))
-        frames = {name: away @ value if _moves_with_arm(name) else value for name, value in frames.items()}
+        away, moving = pose.translation((0.0, 0.0, -900.0)), ("link[", "finger[", "sensor")
+        frames = {name: away @ value if name.startswith(moving) else value for name, value in frames.items()}
         warnings = (f"the arm is left out: {placed.reason}",)
     frames = {**frames, "sensor": frames["part"] @ part_from_sensor}
     return {name: value[None] for name, value in frames.items()}, warnings
-
-
-def _moves_with_arm(frame: str) -> bool:
-    return frame.startswith(("link[", "finger[", "sensor"))
 
 
 class ScanSession(CellSession):
@@ -160,7 +156,7 @@ class ScanSession(CellSession):
     Attributes
     ----------
     world, pipeline
-        As above.
+        The parameters of the same names.
     progress
         Receives what is measured, and may end it by raising.
     on_exposures
@@ -211,30 +207,30 @@ class ScanSession(CellSession):
 
     @property
     def monitor_speed(self) -> float:
-        """Of the operator, 0 to 1; a guard may allow less."""
+        """Monitor speed of the operator, 0 to 1; a guard may allow less."""
         return self.value("command.monitor_speed") if self._guarded is None else self._guarded.monitor_speed
 
     def set_monitor_speed(self, share: float) -> None:
-        """As of a `CellSession`, but with a guard `share` (0 to 1) is limited to what it allows."""
+        """Scale the speed of moves by `share` (0 to 1), see `CellSession`; a guard limits it to what it allows."""
         if self._guarded is None:
             super().set_monitor_speed(share)
         else:
             self._guarded.set_monitor_speed(share)
 
     def press_emergency_stop(self) -> None:
-        """As of a `CellSession`; the answers of a guard do not release it."""
+        """Press the button, see `CellSession`; the answers of a guard do not release it."""
         super().press_emergency_stop()
         if self._guarded is not None:
             self._guarded.stop_pressed = True
 
     def release_emergency_stop(self) -> None:
-        """As of a `CellSession`."""
+        """Release the button and reset the controller, see `CellSession`."""
         if self._guarded is not None:
             self._guarded.stop_pressed = False
         super().release_emergency_stop()
 
     def set_operation(self, operation: Operation) -> None:
-        """As of a `CellSession`; a guard sees the robot at rest before it moves in the new `operation`."""
+        """Change `operation`, see `CellSession`; a guard sees the robot at rest before it moves again."""
         super().set_operation(operation)
         if self._guarded is not None:
             self.wait(SEEN)
@@ -264,7 +260,7 @@ class ScanSession(CellSession):
         Raises
         ------
         CommandError
-            As of `record_line`.
+            If the motion fails as in `record_line`.
         SensorError
             If the sensor library reports an error.
         """
@@ -366,7 +362,7 @@ def guard_of(
     part
         Mesh (m), mesh file or artefact; None: the table is empty.
     unit
-        Of a mesh file: ``mm``, ``m`` or ``inch``.
+        Unit of a mesh file: ``mm``, ``m`` or ``inch``.
     settings
         The worst case; None: that of the description.
     max_age

@@ -195,8 +195,9 @@ class Survey:
             )
         nominal = world.nominal
         tolerance = max(region.inflation, 1e-3)
-        self.space = SpaceMap(region.radius, region.height, region.voxel, _around_table(nominal), tolerance)
         at_home = nominal.frame_poses(nominal.home)
+        around_table = _merged(nominal, at_home, ("world", "table", "part"))
+        self.space = SpaceMap(region.radius, region.height, region.voxel, around_table, tolerance)
         self.space.take_as_free(_merged(nominal, at_home, ("link", "sensor", "finger")), self._clearance + region.voxel)
 
     @property
@@ -307,11 +308,6 @@ class Survey:
                 continue
             return np.asarray(choices[choice])
         return None
-
-
-def _around_table(nominal: NominalCell) -> Mesh:
-    """All known bodies but the arm, in the frame of the table at angle 0, m."""
-    return _merged(nominal, nominal.frame_poses(nominal.home), ("world", "table", "part"))
 
 
 def _merged(nominal: NominalCell, frames: dict[str, Array], kinds: tuple[str, ...]) -> Mesh:

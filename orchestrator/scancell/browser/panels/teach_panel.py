@@ -24,11 +24,11 @@ from scancell.live.state import LiveState
 from scancell.nominal.cell import NominalCell, tool_names
 from scancell.nominal.parts import PART_FORMATS
 from scancell.programs.live_program import LiveProgram, LiveProgramState
-from scancell.programs.robot import deg, mm
+from scancell.programs.robot import deg
 from scancell.programs.taught import (
+    COMMANDS,
     MAX_BYTES,
-    WORDS,
-    Command,
+    CommandName,
     JointPoint,
     Point,
     PosePoint,
@@ -41,22 +41,7 @@ from scancell.progress import Pace
 from scancell.values import Closing
 from scancell.views.mcap_export import SessionRecorder
 
-_KINDS: dict[str, Command] = {
-    "joints": "move_joints",
-    "line": "move_line",
-    "scan line": "scan_line",
-    "table": "turn_table",
-    "open gripper": "open_gripper",
-    "close gripper": "close_gripper",
-    "wait": "wait",
-}
-_NAMES = {command: kind for kind, command in _KINDS.items()}
-_TYPED: dict[Command, tuple[float, float]] = {  # unit and first value of a number that is typed
-    "scan_line": (mm, 0.5),
-    "open_gripper": (mm, 60.0),
-    "close_gripper": (1.0, 20.0),
-    "wait": (1.0, 1.0),
-}
+_KINDS = {arguments.label: command for command, arguments in COMMANDS.items()}
 _NONE = "-"
 
 _TAUGHT = "the taught program"
@@ -79,7 +64,7 @@ class TeachPanel:
     def __init__(self, gui: Any, operator: OperatorCommands, taught: TaughtFile) -> None:
         self._operator, self._taught = operator, taught
         self._lock = RLock()  # `show` and the callbacks of inputs run in several threads
-        self._offered: Command | None = None  # whose number `_number` is
+        self._offered: CommandName | None = None  # whose number `_number` is
         tools = tool_names(operator.nominal)
         kinds = [kind for kind in _KINDS if "gripper" in tools or "gripper" not in kind]
         self._list = gui.add_html("")
@@ -173,25 +158,27 @@ class TeachPanel:
             case "close_gripper", _:
                 self._operator.submit(CloseGripper(value))
             case _:
-                raise CommandError(f"{_NAMES[step.command]}: there is nothing to move to")
+                raise CommandError(f"{COMMANDS[step.command].label}: there is nothing to move to")
 
     def _set_pose(self) -> None:
         state = self._resting_state()
 
         def change(program: TaughtProgram, at: int) -> TaughtProgram:
             step = program.step(at)
-            if WORDS[step.command].value == "table_angle":
+            if COMMANDS[step.command].value == "table_angle":
                 program = program.with_value(at, state.table_angle)
             elif not step.point:
-                raise DescriptionError(f"{_NAMES[step.command]}: the step has no pose")
+                raise DescriptionError(f"{COMMANDS[step.command].label}: the step has no pose")
             return program.with_point(step.point, self._point(step, state)) if step.point else program
 
         self._edit(change)
 
     def _set_number(self) -> None:
         def change(program: TaughtProgram, at: int) -> TaughtProgram:
-            unit = self._unit(program.step(at).command)
-            return program.with_value(at, self._number.value * unit)
+            arguments = COMMANDS[program.step(at).command]
+            if arguments.first_value is None:
+                raise DescriptionError(f"{arguments.label}: the step has no number that is typed")
+            return program.with_value(at, self._number.value * arguments.si_per_unit)
 
         self._edit(change)
 
@@ -200,15 +187,15 @@ class TeachPanel:
     def _add(self) -> None:
         self._show_number()  # the callback of `_kind`, in a thread of its own, may be later than this one
         state, command = self._resting_state(), _KINDS[self._kind.value]
-        words, angle = WORDS[command], state.table_angle
-        value = angle if words.value == "table_angle" else None
-        if command in _TYPED:
-            value = self._number.value * self._unit(command)
+        arguments, angle = COMMANDS[command], state.table_angle
+        value = angle if arguments.value == "table_angle" else None
+        if arguments.first_value is not None:
+            value = self._number.value * arguments.si_per_unit
         with self._lock:
             program = self._taught.program
-            name = "" if words.point is None else self._name.value.strip() or program.free_name()
+            name = "" if arguments.point is None else self._name.value.strip() or program.free_name()
             tool: Tool = self._tool.value if command == "move_line" else "sensor"
-            step = TaughtStep(command, name, value, self._speed.value / 100 if words.moves else 1.0, tool)
+            step = TaughtStep(command, name, value, self._speed.value / 100 if arguments.moves else 1.0, tool)
             point, index = self._point(step, state) if name else None, self._at + 1 if program.steps else 0
             if isinstance(point, PosePoint):
                 changed = program.with_line(index, step, point, angle)
@@ -237,15 +224,11 @@ class TeachPanel:
             if command == self._offered:
                 return
             self._offered = command
-            self._number.visible = command in _TYPED
-            if command in _TYPED:
-                words = WORDS[command]
-                self._number.value, self._number.label = _TYPED[command][1], f"{words.value}, {words.unit}"
-
-    def _unit(self, command: Command) -> float:
-        if command not in _TYPED:
-            raise DescriptionError(f"{_NAMES[command]}: the step has no number that is typed")
-        return _TYPED[command][0]
+            arguments = COMMANDS[command]
+            self._number.visible = arguments.first_value is not None
+            if arguments.first_value is not None:
+                self._number.value = arguments.first_value
+                self._number.label = f"{arguments.value}, {arguments.unit}"
 
     # Files
 
@@ -279,14 +262,15 @@ def _turned(angle: float) -> str:
 
 def step_label(number: int, step: TaughtStep) -> str:
     """One line of the list."""
-    words, parts = WORDS[step.command], [] if step.command == "turn_table" else [_NAMES[step.command]]
-    if step.value is not None and words.value != "table_angle":
-        parts.append(f"{step.value / _TYPED[step.command][0]:g} {words.unit}")
+    arguments = COMMANDS[step.command]
+    parts = [] if step.command == "turn_table" else [arguments.label]
+    if step.value is not None and arguments.value != "table_angle":
+        parts.append(f"{step.value / arguments.si_per_unit:g} {arguments.unit}")
     elif step.value is not None:
         parts.append(f"table at {_turned(step.value)}")
     if step.tool != "sensor":
         parts.append(step.tool)
-    if words.moves:
+    if arguments.moves:
         parts.append(f"{100 * step.speed:g} %")
     return f"{number} {step.point}{': ' if step.point else ''}{', '.join(parts)}"
 
