@@ -19,7 +19,8 @@ import numpy as np
 from cell_fixture import CellFmu, write_fmu
 from numpy.typing import NDArray
 
-from scancell.cell.fmu_file import cell_json, read_mesh_json
+from mesh_json import read_mesh_json
+from scancell.cell.fmu_file import cell_json
 from scancell.config.loading import load_setup
 from scancell.nominal.cell import nominal_cell
 from scancell.nominal.parts import load_part

@@ -15,7 +15,7 @@ import dartpy
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scancell.cell.fmu_file import read_mesh_json
+from mesh_json import read_mesh_json
 from scancell.geometry import pose
 
 Array = NDArray[np.float64]

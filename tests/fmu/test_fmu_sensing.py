@@ -12,7 +12,8 @@ import pytest
 from cell_fixture import CYCLE_US, Array, Build, CellFmu, all_reals, box_hull, cell_description, pose, rejection
 from cell_fixture import collision as watched
 
-from scancell.cell.fmu_file import mesh_json, read_mesh_json
+from mesh_json import read_mesh_json
+from scancell.cell.fmu_file import mesh_json
 
 X, Y, Z = 0.06, 0.04, 0.05  # the box of the test cell
 OFFSET = 0.05  # m: from the table's axis

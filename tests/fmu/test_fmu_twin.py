@@ -7,7 +7,8 @@ import pytest
 from cell_fixture import CYCLE_US, START, Array, Build, box_part, cell_description, pose
 from dart_twin import DartTwin
 
-from scancell.cell.fmu_file import mesh_json, read_mesh_json
+from mesh_json import read_mesh_json
+from scancell.cell.fmu_file import mesh_json
 
 CYCLES = 625  # 10 s
 CYCLE = CYCLE_US * 1e-6

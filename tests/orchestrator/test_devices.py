@@ -7,7 +7,8 @@ import pytest
 from cells import cell_file, export_mm
 from fmu_cells import drive
 
-from scancell.cell.fmu_file import cell_json, read_mesh_json
+from mesh_json import read_mesh_json
+from scancell.cell.fmu_file import cell_json
 from scancell.cell.program import TriggerRule
 from scancell.cell.recording import read_recording, write_recording
 from scancell.config.loading import load_setup

@@ -9,7 +9,8 @@ import pytest
 import trimesh
 from cells import CYCLE, RANGE
 
-from scancell.cell.fmu_file import cell_json, read_mesh_json
+from mesh_json import read_mesh_json
+from scancell.cell.fmu_file import cell_json
 from scancell.config.loading import load_setup
 from scancell.errors import CellError, DescriptionError, MeshError
 from scancell.geometry.mesh import box_mesh

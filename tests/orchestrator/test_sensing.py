@@ -7,7 +7,8 @@ import pytest
 import trimesh
 from cells import ball, block, cell_file, mesh_of
 
-from scancell.cell.fmu_file import cell_json, make_temporary_fmu, read_mesh_json, sensing_json, simplified
+from mesh_json import read_mesh_json
+from scancell.cell.fmu_file import cell_json, make_temporary_fmu, sensing_json, simplified
 from scancell.cell.instance import CellInstance
 from scancell.config.loading import load_setup
 from scancell.errors import CellError, DescriptionError

@@ -6,7 +6,7 @@ import json
 import math
 import shutil
 import tempfile
-from base64 import b64decode, b64encode
+from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -153,12 +153,6 @@ def mesh_json(vertices: ArrayLike, faces: ArrayLike) -> dict[str, str]:
         "vertices": b64encode(np.ascontiguousarray(vertices, "<f8").tobytes()).decode(),
         "faces": b64encode(np.ascontiguousarray(faces, "<i4").tobytes()).decode(),
     }
-
-
-def read_mesh_json(mesh: Mapping[str, str]) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Vertices (n, 3) and faces (m, 3) that `mesh_json` wrote."""
-    vertices = np.frombuffer(b64decode(mesh["vertices"]), "<f8").reshape(-1, 3)
-    return vertices, np.frombuffer(b64decode(mesh["faces"]), "<i4").reshape(-1, 3)
 
 
 @dataclass(frozen=True)

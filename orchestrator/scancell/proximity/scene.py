@@ -102,13 +102,6 @@ class ProximityScene:
         """
         return self.native.closest_points(poses, bound, threads)
 
-    def collisions(self, poses: ArrayLike, threads: int = 0) -> NDArray[np.bool_]:
-        """Whether bodies intersect, (n, pairs), at poses (n, bodies, 4, 4): faster than `distances`.
-
-        Raises `ValueError` if the shape is wrong or a pose is not a rigid transform.
-        """
-        return self.native.collisions(poses, threads)
-
     def clearance_violations(self, poses: ArrayLike, clearance: ArrayLike, threads: int = 0) -> list[Clash]:
         """All pairs that intersect or are nearer than `clearance` (m, one or (pairs,)) at poses (n, bodies, 4, 4).
 
