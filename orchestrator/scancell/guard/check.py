@@ -412,7 +412,7 @@ class JogCheck:
             if (permitted >= _SLOW) == (most == 1.0):
                 break
         share = max(in_force, permitted)
-        needed = self._needed(jog, share)
+        needed = share * self._reaction + share**2 * jog.longest / 2  # path clock of the reaction and the stop, s
         proved = needed <= shown and any(share <= most and needed <= free for most, free in free_at.items())
         if needed <= shown and not proved:
             # For the proof, unlike the permitted share, stops that begin after the reaction time do not matter.
@@ -448,10 +448,6 @@ class JogCheck:
         if clash is None and (end == wanted or not astray.any()):
             return np.inf, None
         return free * jog.spacing, clash
-
-    def _needed(self, jog: _Jog, share: float) -> float:
-        """Path clock of the reaction and the stop at a share of the full speed, s."""
-        return share * self._reaction + share**2 * jog.longest / 2
 
     def _room(self, jog: _Jog, share: float) -> float:
         """Path clock from which on a share is permitted, s."""
@@ -571,7 +567,9 @@ class PathCheck:
         exact
             Whether the first of the `points` is a set-point; else it is the measured one.
         """
-        braking = self._braking(points, spacing)
+        # Path clock that braking from full speed takes, s; from the rate r it takes r times that.
+        speed = np.abs(np.diff(points, axis=0)).max(0) / spacing
+        braking = float(_LONGER * (speed / self._deceleration).max())
         needed = self._advance(rate or allowed, max(allowed, rate), braking)
         # Axes that are farther from their set-points than the errors of their angles explain stay that far behind.
         error = np.maximum(np.abs(points[0] - axes), self._free_path.angle_error)
@@ -579,8 +577,8 @@ class PathCheck:
         if clash is None and (points[-1] == points[-2]).all():
             free = np.inf  # the motion ends within what is known
         room = _REST + 2 * self._reaction * _TARGETS + _TARGETS**2 * (1 / (2 * _EASY_RATE) + braking / 2)
-        speed = float(_TARGETS[room <= free].max(initial=0.0))
-        return PathVerdict(free, clash, speed, needed <= free)
+        monitor_speed = float(_TARGETS[room <= free].max(initial=0.0))
+        return PathVerdict(free, clash, monitor_speed, needed <= free)
 
     def _free(
         self, points: Array, error: Array, spacing: float, needed: float, exact: bool
@@ -595,11 +593,6 @@ class PathCheck:
         sections = [Section(0, of_stop, _FINER), Section(of_stop, last, _FINER)]
         free, clash = self._free_path.search(path, sections, Budget(_PATH_WORK))
         return spacing * (free if clash else len(points) - 1), clash
-
-    def _braking(self, points: Array, spacing: float) -> float:
-        """Path clock that braking from full speed takes, s; from the rate r it takes r times that."""
-        speed = np.abs(np.diff(points, axis=0)).max(0) / spacing
-        return float(_LONGER * (speed / self._deceleration).max())
 
     def _advance(self, rate: float, allowed: float, braking: float) -> float:
         """Path clock until standstill in the worst case: the rate grows to `allowed` during the reaction time."""

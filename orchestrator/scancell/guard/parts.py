@@ -443,7 +443,8 @@ class UnseenApproach:
 
     def __init__(self, nominal: NominalCell, pairs: Sequence[tuple[str, str]], limits: JogLimits) -> None:
         self._bounds, self._limits = MotionBounds(nominal, pairs), limits
-        lever = {body.name: _lever(nominal, body) for body in nominal.bodies if _is_on_tool(nominal, body)}
+        carriers = ("sensor", "finger[1]", "finger[2]", f"link[{len(nominal.arm.joints)}]")
+        lever = {body.name: _lever(nominal, body) for body in nominal.bodies if body.moves_with in carriers}
         moving = {name for name in arm_chain(nominal) if name != "base"}
         by_tool = {}
         for i, (a, b) in enumerate(pairs):
@@ -460,10 +461,6 @@ class UnseenApproach:
         by_joints, by_table = self._bounds.pairs(axes[None], half * np.stack([joints, table])[:, None])[:, 0]
         by_joints[self._on_tool] = np.minimum(by_joints[self._on_tool], half * self._by_tool)
         return np.asarray(_LONGER * (by_joints + by_table))
-
-
-def _is_on_tool(nominal: NominalCell, body: Body) -> bool:
-    return body.moves_with in ("sensor", "finger[1]", "finger[2]", f"link[{len(nominal.arm.joints)}]")
 
 
 def _lever(nominal: NominalCell, body: Body) -> float:
