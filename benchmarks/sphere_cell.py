@@ -128,6 +128,16 @@ def after_straight_motion(q: Array, velocity: Array, time: Array) -> Array:
     return q
 
 
+def observations_along_z(
+    readings: AxisReadings, points_in_sensor: Array, sigma: Array, exposure: NDArray[np.integer]
+) -> Observations:
+    """Points (m, 3) with errors `sigma` (m,), m, along the sensor's z, taken when the axes were read."""
+    direction = np.broadcast_to([0.0, 0.0, 1.0], points_in_sensor.shape)
+    return Observations(
+        readings, points_in_sensor, sigma, direction, np.asarray(exposure, np.intp), np.zeros(len(sigma))
+    )
+
+
 @dataclass(frozen=True)
 class SphereCase:
     """A sphere that is measured in a cell with deviations."""
@@ -154,7 +164,7 @@ class SphereCase:
             frames.append(np.full(len(z), number))
         every = np.concatenate(points)
         sigma = np.full(len(every), self.noise or PROFILE_NOISE)
-        return Observations.along_z(readings, every, sigma, np.concatenate(frames))
+        return observations_along_z(readings, every, sigma, np.concatenate(frames))
 
     def _true_poses(self, cell: CellKinematics, readings: AxisReadings, rng: np.random.Generator) -> Array:
         n, robot = len(readings), self.robot

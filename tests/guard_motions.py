@@ -6,13 +6,14 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from scancell.config.description import si_value
 from scancell.config.loading import assets_dir, load_setup
 from scancell.geometry.mesh import box_mesh
 from scancell.geometry.pose import translation
 from scancell.guard.parts import Tool
-from scancell.guard.stopping import Kind, MeasuredState, Path
+from scancell.guard.stopping import Kind, MeasuredState, Path, braking_time
 from scancell.nominal.cell import NominalCell, nominal_cell
 
 POLL = 0.032  # s
@@ -146,3 +147,17 @@ def cartesian(
         now = time
         found.append(q)
     return np.array(found)
+
+
+def stopping_motion(rates: ArrayLike, reaction: float, deceleration: ArrayLike, times: ArrayLike) -> np.ndarray:
+    """Travel (n, axes), rad, at `times` (n,) after the measured state, braking from `reaction` on; s, rad/s, rad/s²."""
+    rates, times = np.asarray(rates, float), np.asarray(times, float)
+    braking = braking_time(rates, deceleration)
+    since = np.clip(times - reaction, 0.0, braking)
+    lost = since**2 / (2 * braking) if braking > 0 else 0.0
+    return np.asarray((np.minimum(times, reaction) + since - lost)[:, None] * rates)
+
+
+def stopping_travel(rates: ArrayLike, reaction: float, deceleration: ArrayLike) -> np.ndarray:
+    """Travel (axes,), rad, until axes of `rates` (axes,), rad/s, stand: reaction in s, deceleration in rad/s²."""
+    return np.asarray(np.asarray(rates, float) * (reaction + braking_time(rates, deceleration) / 2))

@@ -9,13 +9,14 @@ import numpy as np
 
 from benchmarks.board_views import read_views
 from benchmarks.planning_cases import path_of, path_poses, planning_cell
+from benchmarks.sphere_cell import observations_along_z
 from benchmarks.tracks.acceptance import NAMES as ACCEPTANCE_NAMES
 from benchmarks.tracks.hand_eye import NAMES
 from benchmarks.tracks.table import NAMES as TABLE_NAMES
 from scancell.calibration.board.problem import COUNT, BoardView, Rig
 from scancell.calibration.board.solve import BoardCalibration, solve, start_rig
 from scancell.calibration.cell.kinematics import TABLE, TOOL, AxisReadings, CellKinematics, written_unit
-from scancell.calibration.cell.problem import Artefact, CalibrationProblem, MeasuredShapes, Observations
+from scancell.calibration.cell.problem import Artefact, CalibrationProblem, MeasuredShapes
 from scancell.calibration.cell.solve import solve as solve_cell
 from scancell.config.sensor import SensorDescription
 from scancell.evaluation.artefact import evaluate_against_artefact
@@ -106,7 +107,7 @@ def table(case: dict[str, Any]) -> dict[str, Any]:
     readings = AxisReadings.of_flange(path_poses(exposures), np.radians(exposures["table_deg"]))
     in_sensor = 1e-3 * np.column_stack([np.zeros_like(points["y_mm"]), points["y_mm"], points["z_mm"]])
     sigma = np.full(len(in_sensor), 1e-3 * case["noise_mm"])
-    observed = Observations.along_z(readings, in_sensor, sigma, points["exposure"].astype(int))
+    observed = observations_along_z(readings, in_sensor, sigma, points["exposure"].astype(int))
     sphere = ShapeGroup((PlacedShape("sphere", Sphere(1e-3 * case["radius_mm"]), np.eye(4)),))
     artefact = Artefact(MeasuredShapes(sphere), pose.translation(1e-3 * np.array(case["sphere_on_table_mm"])))
     found = solve_cell(CalibrationProblem(cell, observed, artefact, (*TOOL, *TABLE)))

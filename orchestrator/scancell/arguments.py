@@ -1,6 +1,8 @@
 """Checks of arguments at the public functions: NumPy scalars become plain numbers, wrong types a clear message.
 
-The annotations of a function define what it accepts; `checked_arguments` holds callers to them.
+The annotations of a function define what it accepts; `checked_arguments` holds callers to them. Pydantic's
+``validate_call`` also evaluates return types, which only type checkers may know, and either accepts text for numbers or
+refuses integers of NumPy.
 """
 
 from __future__ import annotations
@@ -113,11 +115,11 @@ _NUMBERS = (bool, int, float)
 
 
 class _RefusedError(Exception):
-    """A value, or its item at `path`, is not as `expected`; empty: it does not match the whole type."""
+    """A value is not as `expected`; empty: it does not match the type."""
 
-    def __init__(self, expected: str = "", path: str = "", value: Any = None, problem: str = "") -> None:
+    def __init__(self, expected: str = "", problem: str = "") -> None:
         super().__init__(expected)
-        self.expected, self.path, self.value, self.problem = expected, path, value, problem
+        self.expected, self.problem = expected, problem
 
 
 def checked_arguments(function: Callable[P, R], owner: type | None = None) -> Callable[P, R]:
@@ -128,22 +130,19 @@ def checked_arguments(function: Callable[P, R], owner: type | None = None) -> Ca
     options of an ``Unpack[TypedDict]`` belong to it.
     """
     signature = inspect.signature(function)
-    variadic = next((one.name for one in signature.parameters.values() if one.kind is one.VAR_KEYWORD), "")
-    is_spelled_out = variadic != "" and "Unpack[" in str(signature.parameters[variadic].annotation)
+    names = {one.kind: one.name for one in signature.parameters.values()}
+    variadic = names.get(inspect.Parameter.VAR_KEYWORD, "")
+    is_spelled_out = "Unpack[" in str(function.__annotations__.get(variadic))
 
     @functools.cache
     def hints() -> dict[str, Any]:
         if owner is not None:
             return get_type_hints(owner, include_extras=True)
-        # Of the parameters only: a return type may be known to type checkers alone.
-        given = {
-            name: one.annotation
-            for name, one in signature.parameters.items()
-            if one.kind is not one.VAR_POSITIONAL and one.annotation is not one.empty
-        }
-        found = get_type_hints(
-            types.SimpleNamespace(__annotations__=given), vars(sys.modules[function.__module__]), include_extras=True
-        )
+        # A return type may be known to type checkers alone.
+        unchecked = ("return", names.get(inspect.Parameter.VAR_POSITIONAL))
+        given = {name: hint for name, hint in function.__annotations__.items() if name not in unchecked}
+        parameters = types.SimpleNamespace(__annotations__=given)
+        found = get_type_hints(parameters, vars(sys.modules[function.__module__]), include_extras=True)
         options = found.pop(variadic, None)
         return found | (get_type_hints(get_args(options)[0], include_extras=True) if is_spelled_out else {})
 
@@ -170,25 +169,22 @@ def checked_fields(cls: C) -> C:
 def checked_value(name: str, value: Any, hint: Any) -> Any:
     """Convert a value to the type `hint`.
 
-    Raises `DescriptionError` naming the argument, its value and what was expected.
+    Raises `DescriptionError` naming the argument or its item, such as ``scans['a']``, its value and what was expected.
     """
     try:
-        return _converted(value, hint)
+        return _converted(name, value, hint)
     except _RefusedError as error:
-        wrong = error.value if error.path else value
-        raise DescriptionError(
-            error.problem, key=f"{name}{error.path}", value=wrong, expected=error.expected or _text(hint)
-        ) from None
+        raise DescriptionError(error.problem, key=name, value=value, expected=error.expected or _text(hint)) from None
 
 
-def _converted(value: Any, hint: Any) -> Any:  # noqa: PLR0911
+def _converted(name: str, value: Any, hint: Any) -> Any:  # noqa: PLR0911
     origin, arguments = _origin(hint), get_args(hint)
     if hint in (Any, object):
         return value
     if origin is Annotated:
-        return _bounded(value, arguments[0], hint.__metadata__)
+        return _bounded(name, value, arguments[0], hint.__metadata__)
     if origin in (Union, types.UnionType):
-        return _first(value, arguments)
+        return _first(name, value, arguments)
     if origin is Literal:
         return _choice(value, arguments)
     if hint in _NUMBERS:
@@ -198,7 +194,7 @@ def _converted(value: Any, hint: Any) -> Any:  # noqa: PLR0911
     if hint is Path:
         return Path(_file_name(value.__fspath__() if isinstance(value, PathLike) else None))
     if origin is not None:
-        return _collection(value, origin, arguments)
+        return _collection(name, value, origin, arguments)
     return _required(value, isinstance(value, types.NoneType if hint is None else hint))
 
 
@@ -217,26 +213,26 @@ def _required(value: Any, condition: bool) -> Any:
     return value
 
 
-def _bounded(value: Any, hint: Any, bounds: Sequence[Any]) -> Any:
+def _bounded(name: str, value: Any, hint: Any, bounds: Sequence[Any]) -> Any:
     for bound in bounds:
         if isinstance(bound, Shape):
             value = bound.converted(value)
         elif isinstance(bound, Within):
-            value = _converted(value, hint)
+            value = _converted(name, value, hint)
             if value not in bound:
                 raise _RefusedError(f"{_text(hint)}{bound}")
     return value
 
 
-def _first(value: Any, hints: Sequence[Any]) -> Any:
+def _first(name: str, value: Any, hints: Sequence[Any]) -> Any:
     """Convert a value to the first of several types that accepts it."""
     if isinstance(value, str) and Path in hints:
         return _file_name(value)
     inner = None
     for hint in hints:
         try:
-            return _converted(value, hint)
-        except _RefusedError as error:
+            return _converted(name, value, hint)
+        except (_RefusedError, DescriptionError) as error:
             if error.expected:  # of the right type, with a wrong content
                 inner = inner or error
     raise inner or _RefusedError
@@ -277,28 +273,23 @@ def _file_name(value: Any) -> str:
     return path
 
 
-def _collection(value: Any, origin: Any, arguments: tuple[Any, ...]) -> Any:
+def _collection(name: str, value: Any, origin: Any, arguments: tuple[Any, ...]) -> Any:
     if not issubclass(origin, Mapping | Sequence):
         return _required(value, isinstance(value, origin))
     if issubclass(origin, Mapping):
         _required(value, isinstance(value, Mapping))
-        made = {_item(key, arguments[0], key): _item(item, arguments[1], key) for key, item in value.items()}
-        return value if origin is dict else made  # a dict may be shared
+        mapping = {
+            checked_value(f"{name}[{key!r}]", key, arguments[0]): checked_value(f"{name}[{key!r}]", item, arguments[1])
+            for key, item in value.items()
+        }
+        return value if origin is dict else mapping  # a dict may be shared
     is_array = isinstance(value, np.ndarray) and value.ndim > 0
     _required(value, is_array or (isinstance(value, Sequence) and not isinstance(value, str | bytes | bytearray)))
     hints = [arguments[0]] * len(value)
     if origin is tuple and arguments[-1] is not Ellipsis:
         hints = list(_required(arguments, len(arguments) == len(value)))
-    items = [_item(item, hint, number) for number, (item, hint) in enumerate(zip(value, hints, strict=True))]
+    items = [checked_value(f"{name}[{i}]", *one) for i, one in enumerate(zip(value, hints, strict=True))]
     return tuple(items) if origin is tuple else items
-
-
-def _item(value: Any, hint: Any, key: object) -> Any:
-    try:
-        return _converted(value, hint)
-    except _RefusedError as error:
-        wrong = error.value if error.path else value
-        raise _RefusedError(error.expected or _text(hint), f"[{key!r}]{error.path}", wrong, error.problem) from None
 
 
 def _text(hint: Any) -> str:  # noqa: PLR0911

@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from guard_motions import CELLS, KINDS, NOISE, POLL, cell_of, random_motion, random_start
+from guard_motions import CELLS, KINDS, NOISE, POLL, cell_of, random_motion, random_start, stopping_motion
 from scancell.cell.driver import Mode, Operation
 from scancell.config.loading import assets_dir, load_setup
 from scancell.geometry.mesh import reduced
 from scancell.guard.check import RATE_SLOPE
 from scancell.guard.guard import Guard
 from scancell.guard.messages import MAX_AHEAD, CellState, GuardMessage
-from scancell.guard.stopping import braking_time, stopping_motion
+from scancell.guard.stopping import braking_time
 from scancell.nominal.cell import NominalCell
 from scancell.proximity.scene import arm_chain, cell_scene
 

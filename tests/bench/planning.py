@@ -40,7 +40,7 @@ from scancell.config.sensor import SensorDescription
 from scancell.errors import PlanningError
 from scancell.planning.model import PlanningCell
 from scancell.planning.motion.timing import FINER
-from scancell.planning.motion.torques import joint_torques
+from scancell.planning.motion.torques import arm_skeleton, joint_torques
 from scancell.planning.motion.trajectory import limit_fractions, move
 from scancell.planning.options import scan_options
 from scancell.planning.path_map.path_planner import PathPlanner
@@ -174,7 +174,7 @@ def motor_torques(cell: CellDescription, motions: list[Array], period: float) ->
     rates = [np.gradient(q, period, axis=0) for q in motions]
     acceleration = np.concatenate([np.gradient(rate, period, axis=0) for rate in rates])
     rate = np.concatenate(rates)
-    torque = joint_torques(cell, np.concatenate(motions), rate, acceleration)
+    torque = joint_torques(arm_skeleton(cell), np.concatenate(motions), rate, acceleration)
     torque += acceleration * [drive.motor_inertia_kg_m2 for drive in drives]
     torque += np.sign(rate) * [drive.coulomb_friction_n_m for drive in drives]
     torque += rate * [drive.viscous_friction_n_m_s_rad for drive in drives]

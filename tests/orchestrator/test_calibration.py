@@ -18,6 +18,7 @@ from benchmarks.sphere_cell import (
     default_kinematics,
     joined,
     misaligned,
+    observations_along_z,
     passing_sphere,
     sphere_views,
 )
@@ -138,7 +139,7 @@ def test_circles_of_a_sphere_start_a_calibration_far_from_nominal() -> None:
     line = np.column_stack([np.zeros_like(y), y, np.full_like(y, 0.16)])
     points = np.concatenate([observed.points_in_sensor, line])
     frame = np.concatenate([observed.frame, np.repeat(np.arange(frames), count)])
-    cluttered = Observations.along_z(observed.readings, points, np.full(len(points), 10e-6), frame)
+    cluttered = observations_along_z(observed.readings, points, np.full(len(points), 10e-6), frame)
     circles = circles_of(cluttered, RADIUS)
     start = sphere_start(default_kinematics(), cluttered.readings, circles, np.asarray(CENTRE) + 5e-3)
     assert start is not None and start.exposures >= 12
@@ -152,7 +153,7 @@ def test_profiles_without_circles_give_no_start() -> None:
     readings = at_rest(rng, 5, turn_table=False)
     y = np.tile(np.linspace(-0.03, 0.03, 100), 5)
     points = np.column_stack([np.zeros_like(y), y, 0.12 + 5e-6 * rng.normal(size=len(y))])
-    flat = Observations.along_z(readings, points, np.full(len(y), 5e-6), np.repeat(np.arange(5), 100))
+    flat = observations_along_z(readings, points, np.full(len(y), 5e-6), np.repeat(np.arange(5), 100))
     assert sphere_start(default_kinematics(), readings, circles_of(flat, RADIUS), np.asarray(CENTRE)) is None
 
 
@@ -206,7 +207,7 @@ def plane_observations(
         frames.append(np.full(len(y), frame))
         which.append(np.full(len(y), number))
     every = np.concatenate(points)
-    observed = Observations.along_z(readings, every, np.full(len(every), 10e-6), np.concatenate(frames))
+    observed = observations_along_z(readings, every, np.full(len(every), 10e-6), np.concatenate(frames))
     return replace(observed, shape=np.concatenate(which))
 
 

@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from benchmarks.sphere_cell import CENTRE, RADIUS, OneSurface, RobotErrors, SphereCase, default_kinematics, sphere_views
+from benchmarks.sphere_cell import (
+    CENTRE,
+    RADIUS,
+    OneSurface,
+    RobotErrors,
+    SphereCase,
+    default_kinematics,
+    observations_along_z,
+    sphere_views,
+)
 from scancell.calibration.cell.kinematics import TOOL, AxisReadings
 from scancell.calibration.cell.problem import Artefact, CalibrationProblem, CalibrationResult, Observations
 from scancell.calibration.cell.solve import Circles, circles_of, solve, sphere_start
@@ -164,7 +173,7 @@ def test_rotations_about_one_axis_are_refused() -> None:
         points.append(np.column_stack([np.zeros_like(y), y, z])[square > 0])
         frames.append(np.full(int((square > 0).sum()), number))
     every = np.concatenate(points)
-    data = Observations.along_z(readings, every, np.full(len(every), 10e-6), np.concatenate(frames))
+    data = observations_along_z(readings, every, np.full(len(every), 10e-6), np.concatenate(frames))
     artefact = Artefact(OneSurface(Sphere(RADIUS)), pose.translation(centre))
     with pytest.raises(CalibrationError, match="do not determine: tool"):
         solve(CalibrationProblem(cell, data, artefact, TOOL))

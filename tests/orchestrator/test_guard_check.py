@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from guard_walls import behind_wall, boxes, distances, is_clear, near_home, square, straight
 
-from guard_motions import KINDS, NOISE, POLLS, Motion, random_motion, unit
+from guard_motions import KINDS, NOISE, POLLS, Motion, random_motion, stopping_motion, unit
 from scancell.guard.check import ManualCheck
 from scancell.guard.endpoints import Identifier
 from scancell.guard.parts import JogLimits, NearPairs, Tool
-from scancell.guard.stopping import Hypothesis, MeasuredState, Path, WorstCase, stopping_motion
+from scancell.guard.stopping import Hypothesis, MeasuredState, Path, WorstCase
 from scancell.nominal.cell import NominalCell
 from scancell.proximity.scene import ProximityScene
 

@@ -125,7 +125,7 @@ def test_part_is_displaced_by_what_it_moves_after_the_gripper_has_closed_or_open
         frames[..., 0] = moved[:, None]
         axes = np.tile(gripping.start, (len(times), 1))
         gripped = (times > 0.1) & (times < 1.0)
-        record = MotionRecord(times, axes, frames, (), (), (), None, None, None, None, 0, 0, gripped)
+        record = MotionRecord(times, axes, frames, (), (), (), None, None, None, 0, 0, gripped)
         found = [simulation.displacement(record, time) for time in (0.5, 0.75, 1.5, 2.0)]
     np.testing.assert_allclose(found, [0.0, 2e-3, 0.0, 3e-3], atol=1e-9)
 

@@ -12,14 +12,14 @@ import pytest
 from guard_walls import Square, boxes, distances, near_home, square, straight
 
 from bench.guard_packets import extreme_states
-from guard_motions import NOISE, POLL, cartesian
+from guard_motions import NOISE, POLL, cartesian, stopping_motion
 from scancell.cell.driver import Mode, Operation
 from scancell.config.loading import load_setup
 from scancell.errors import DescriptionError, MessageError
 from scancell.guard.guard import Decision, Guard, GuardSettings
 from scancell.guard.messages import CellState, GuardMessage
 from scancell.guard.parts import UnseenApproach, jog_limits
-from scancell.guard.stopping import braking_time, stopping_motion
+from scancell.guard.stopping import braking_time
 from scancell.nominal.cell import NominalCell
 
 ROBOT = load_setup().cell.robot

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from guard_motions import stopping_motion, stopping_travel
 from scancell.guard.parts import JogLimits
 from scancell.guard.stopping import (
     Hypothesis,
@@ -13,8 +14,6 @@ from scancell.guard.stopping import (
     WorstCase,
     braking_time,
     latest_stop,
-    stopping_motion,
-    stopping_travel,
 )
 
 DECELERATION = np.radians([900.0, 900.0, 1000.0, 1200.0, 1200.0, 2000.0, 340.0])

@@ -206,9 +206,9 @@ def test_table_turns_its_part_into_an_obstacle(cell):
     (clash,) = MotionCheck(blocked, scene, 0.0).first_clashes(start, end)
     assert clash is not None
     angles = np.radians(np.arange(-20, 200, 0.05))
-    hit = scene.collisions(blocked.body_poses(np.column_stack([np.broadcast_to(cell.home, (len(angles), 6)), angles])))[
-        :, 0
-    ]
+    hit = scene.native.collisions(
+        blocked.body_poses(np.column_stack([np.broadcast_to(cell.home, (len(angles), 6)), angles]))
+    )[:, 0]
     free = angles[: int(np.argmax(hit))]
     (clear,) = MotionCheck(blocked, scene, 0.0).first_clashes(start, np.append(cell.home, free[-2]))
     assert clear is None

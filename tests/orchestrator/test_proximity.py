@@ -115,12 +115,13 @@ def test_collision_matches_zero_distance():
     count = 400
     rotations = RNG.normal(size=(3, count, 4))
     poses = np.stack([pose.pose(RNG.uniform(-0.15, 0.15, (count, 3)), q) for q in rotations], 1)
-    collision = scene.collisions(poses)
+    collision = scene.native.collisions(poses)
     assert collision.dtype == bool
     assert (collision == (scene.distances(poses, 1.0) == 0)).all()
     assert 0.1 < collision.mean() < 0.9
     assert (
-        scene.collisions(_placed(np.zeros(3), (0.0, 0.0, 0.1101), np.array([[1.0, 0, 0]])))[0].tolist() == [False] * 2
+        scene.native.collisions(_placed(np.zeros(3), (0.0, 0.0, 0.1101), np.array([[1.0, 0, 0]])))[0].tolist()
+        == [False] * 2
     )
 
 
@@ -194,7 +195,7 @@ def test_arm_distances_match_fcl(arm):
 def test_arm_collisions_match_fcl(arm):
     poses = arm.random_poses(150)
     expected = colliding(arm.meshes, arm.scene.pairs, poses)
-    index, pair = np.nonzero(arm.scene.collisions(poses))
+    index, pair = np.nonzero(arm.scene.native.collisions(poses))
     found = {(int(i), *arm.scene.pairs[p]) for i, p in zip(index, pair, strict=True)}
     assert expected <= found
     assert all(_is_enclosed(arm, poses[i], names) for i, *names in found - expected)  # FCL sees surfaces only
@@ -207,8 +208,8 @@ def test_path_matches_single_queries(arm, bound):
     single = np.concatenate([arm.scene.distances(p[None], bound) for p in poses])
     assert np.abs(arm.scene.distances(poses, bound) - single).max() < 1e-12
     assert np.ptp(np.minimum(single, 10.0), axis=0).max() > 1e-3
-    collision = np.concatenate([arm.scene.collisions(p[None]) for p in poses])
-    assert (arm.scene.collisions(poses) == collision).all()
+    collision = np.concatenate([arm.scene.native.collisions(p[None]) for p in poses])
+    assert (arm.scene.native.collisions(poses) == collision).all()
 
 
 @pytest.mark.parametrize("threads", [0, 3])
@@ -218,7 +219,7 @@ def test_results_do_not_depend_on_threads(arm, threads):
     again, points_again = arm.scene.closest_points(poses, 0.03, threads=threads)
     assert (again == distance).all()
     assert np.array_equal(points_again, points, equal_nan=True)
-    assert (arm.scene.collisions(poses, threads) == arm.scene.collisions(poses, 1)).all()
+    assert (arm.scene.native.collisions(poses, threads) == arm.scene.native.collisions(poses, 1)).all()
 
 
 def test_bounds_per_pair(arm):
@@ -270,7 +271,7 @@ def test_wrong_query_is_refused(poses, bound, message):
         SCENE.closest_points(poses, bound)
     if bound == 0.1:
         with pytest.raises(ValueError, match=message):
-            SCENE.collisions(poses)
+            SCENE.native.collisions(poses)
 
 
 @pytest.mark.parametrize(
@@ -351,7 +352,7 @@ def test_closed_meshes_are_solid(outer, inner, expected):
     rotation = pose.rotation_about(2, 0.3) if expected == 0.0 else np.eye(3)
     both = np.stack([pose.from_rotation(rotation, (0.3, 0.1, 0.0))] * 2)[None]
     assert scene.distances(both, np.inf)[0, 0] == pytest.approx(expected, abs=1e-12)
-    assert scene.collisions(both)[0, 0] == (expected == 0.0)
+    assert scene.native.collisions(both)[0, 0] == (expected == 0.0)
     assert len(scene.clearance_violations(both, 0.001)) == (expected == 0.0)
 
 
@@ -365,7 +366,7 @@ def test_enclosure_is_known_along_a_path_in_and_out():
         outside = np.linalg.norm(poses[:, 1, :3, 3], axis=1) > 0.11
         distance = scene.distances(poses, 0.05)[:, 0]
         assert ((distance > 0) == outside).all()
-        assert (scene.collisions(poses)[:, 0] == ~outside).all()
+        assert (scene.native.collisions(poses)[:, 0] == ~outside).all()
 
 
 def test_motions_inside_a_closed_body_are_not_proved():

@@ -19,7 +19,7 @@ from scancell.config.urdf import ConvertedRobot, robot_from_urdf
 from scancell.errors import CellError, DescriptionError
 from scancell.geometry import pose
 from scancell.nominal.cell import arm_of
-from scancell.planning.motion.torques import joint_torques
+from scancell.planning.motion.torques import arm_skeleton, joint_torques
 
 RNG = np.random.default_rng(12)
 FOLDER = assets_dir() / "robots" / "seven_axis_urdf"
@@ -128,7 +128,7 @@ def test_torques_are_those_of_dart(arm_files: tuple[Any, ConvertedRobot, str]) -
         expected.append(skeleton.getForces()[:joints])
     weight = np.abs(expected).max()
     assert weight > 1
-    assert np.abs(joint_torques(cell, q, qd, qdd) - expected).max() < 1e-6 * weight
+    assert np.abs(joint_torques(arm_skeleton(cell), q, qd, qdd) - expected).max() < 1e-6 * weight
 
 
 def bare_cell(robot: RobotDescription) -> Any:
@@ -167,7 +167,7 @@ def test_torques_do_the_work_that_energy_gains() -> None:
 
     times = np.linspace(0.1, 1.3, 7)
     q, qd, qdd = motion(times)
-    power = (joint_torques(cell, q, qd, qdd) * qd).sum(1)
+    power = (joint_torques(arm_skeleton(cell), q, qd, qdd) * qd).sum(1)
     h = 1e-3
     gained = [(energy(t + h) - energy(t - h)) / (2 * h) for t in times]
     assert np.abs(power - gained).max() < 1e-4 * np.abs(power).max()
@@ -178,7 +178,7 @@ def test_torques_need_masses() -> None:
     joints = (robot.joint[0].model_copy(update={"mesh": None}), *robot.joint[1:])
     cell = load_setup().cell.model_copy(update={"robot": robot.model_copy(update={"joint": joints})})
     with pytest.raises(CellError, match=r"robot\.joint\[1\]: torques need an inertia"):
-        joint_torques(cell, np.zeros(6), np.zeros(6), np.zeros(6))
+        arm_skeleton(cell)
 
 
 def test_meshes_lie_where_the_urdf_has_them(tmp_path: Path) -> None:

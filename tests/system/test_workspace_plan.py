@@ -21,6 +21,7 @@ from scancell.browser.panels.plans import Plans
 from scancell.browser.panels.scans import Playback
 from scancell.browser.server.workspace import WorkspaceSettings
 from scancell.planning.path_map.configuration_map import CLEARANCE, FREE, ConfigurationMap
+from scene_nodes import visible_bodies
 from spiral_cell import PART, spiral_setup
 from tour import hosted, tab, waits
 
@@ -86,7 +87,7 @@ def test_map_is_clicked_the_robot_goes_there_and_the_plan_plays(opened: Opened) 
 
     click_map(page, plans, some_cell(plans.map, FREE))
     page.locator("b", has_text="free, quality").wait_for()
-    opened.until(lambda _: opened.workspace.scene.previews != (), "the ghost")
+    opened.until(lambda _: visible_bodies(opened.server, "/preview", opened.nominal) != (), "the ghost")
     np.testing.assert_allclose((plans.share, plans.angle / (2 * np.pi)), some_cell(plans.map, FREE), atol=0.01)
     picked = plans.picked
     assert picked is not None
@@ -95,7 +96,9 @@ def test_map_is_clicked_the_robot_goes_there_and_the_plan_plays(opened: Opened) 
     opened.until(lambda state: np.abs(state.joints - picked.axes[:-1]).max() < 1e-5 and not state.moving, "the pose")
     turned = (opened.state.table_angle - picked.axes[-1]) / (2 * np.pi)
     assert turned == pytest.approx(round(turned), abs=1e-6)
-    opened.until(lambda _: opened.workspace.scene.previews == (), "no ghost where the robot is")
+    opened.until(
+        lambda _: visible_bodies(opened.server, "/preview", opened.nominal) == (), "no ghost where the robot is"
+    )
 
     click_map(page, plans, some_cell(plans.map, CLEARANCE))
     page.locator("b", has_text="forbidden: ").wait_for()

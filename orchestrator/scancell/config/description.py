@@ -26,8 +26,6 @@ from scancell.config.files import (
 from scancell.errors import DescriptionError
 from scancell.files import atomic_write
 
-NonNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 
 # Physical quantities in the units of their keys. Their bounds are beyond every real cell, sensor and part, and within

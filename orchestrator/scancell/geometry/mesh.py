@@ -28,6 +28,7 @@ LEAST_TIP_ANGLE = np.radians(6.0)
 """Poses that tip over at a smaller tilt of the plane do not count: the facets of a ball."""
 _SAME_PLANE = 1e-4  # m between a corner of the hull and the plane of a face in which it counts as lying
 
+_STANDS = 1e-5  # m above the lowest corner, where a corner still carries, and the margin of stability
 _TOLERANCE = 0.1e-3  # m: the bound exceeds the largest distance that was found by no more
 _MAX_TRIANGLES = 2_000_000  # in a round of subdivision; then the bound is what has been proved so far
 
@@ -408,19 +409,19 @@ def _moments(mesh: Mesh) -> tuple[float, Array, Array]:
     return volume, first, second
 
 
-def is_stable_pose(mesh: Mesh, table_from_part: ArrayLike, tolerance: float = 1e-5) -> bool:
+def is_stable_pose(mesh: Mesh, table_from_part: ArrayLike) -> bool:
     """Whether the part rests stably by gravity on the plane z = 0 of the table.
 
-    Stable: the vertices of the hull within `tolerance` (m) of the lowest one enclose the centre of mass,
-    seen from above, with a margin of `tolerance`.
+    Stable: the vertices of the hull within 0.01 mm of the lowest one enclose the centre of mass, seen from above, with
+    a margin of as much.
     """
     hull = pose.transform_points(table_from_part, mesh.hull.vertices)
     centre = pose.transform_points(table_from_part, mass_properties(mesh, 1.0).centre_of_mass[None])[0]
-    feet = hull[hull[:, 2] <= hull[:, 2].min() + tolerance][:, :2] - centre[:2]
+    feet = hull[hull[:, 2] <= hull[:, 2].min() + _STANDS][:, :2] - centre[:2]
     # In every direction the farthest foot must lie beyond the centre; 720 directions miss the narrowest by 1e-5.
     angle = np.linspace(0.0, 2 * np.pi, 720, endpoint=False)
     support = (feet @ np.stack([np.cos(angle), np.sin(angle)])).max(0)
-    return bool(support.min() > tolerance)
+    return bool(support.min() > _STANDS)
 
 
 def sample_surface(mesh: Mesh, count: int, seed: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -466,12 +467,12 @@ class Regions:
         return len(self.areas)
 
 
-def smooth_regions(mesh: Mesh, sharp_deg: float = _SHARP_DEG) -> Regions:
-    """Regions whose neighbouring faces meet at less than `sharp_deg`; edges of more than two faces separate, too."""
+def smooth_regions(mesh: Mesh) -> Regions:
+    """Regions whose neighbouring faces meet at less than 30 deg; edges of more than two faces separate, too."""
     _, a, b = _edges(mesh)
     shared = b >= 0
     a, b = a[shared], b[shared]
-    smooth = np.einsum("ni,ni->n", mesh.normals[a], mesh.normals[b]) > np.cos(np.radians(sharp_deg))
+    smooth = np.einsum("ni,ni->n", mesh.normals[a], mesh.normals[b]) > np.cos(np.radians(_SHARP_DEG))
     label = connected_components(len(mesh.faces), a[smooth], b[smooth])
     areas = np.bincount(label, mesh.areas).astype(float)
     rank = np.empty(len(areas), np.int64)
@@ -490,12 +491,12 @@ def smooth_regions(mesh: Mesh, sharp_deg: float = _SHARP_DEG) -> Regions:
     return Regions(of_face, areas, normals, centres, (bent == 0) & (length[:, 0] > 0))
 
 
-def sharp_edges(mesh: Mesh, sharp_deg: float = _SHARP_DEG) -> Array:
-    """Ends (k, 2, 3), m, of the edges at which two faces meet at `sharp_deg` or more, or not exactly two faces."""
+def sharp_edges(mesh: Mesh) -> Array:
+    """Ends (k, 2, 3), m, of the edges at which two faces meet at 30 deg or more, or not exactly two faces."""
     ends, a, b = _edges(mesh)
     cosine = np.einsum("ni,ni->n", mesh.normals[a], mesh.normals[b])
     has_area = mesh.areas > 0
-    is_bent = (cosine <= np.cos(np.radians(sharp_deg))) & has_area[a] & has_area[b]
+    is_bent = (cosine <= np.cos(np.radians(_SHARP_DEG))) & has_area[a] & has_area[b]
     return np.asarray(mesh.vertices[ends[is_bent | (b < 0)]], np.float64)
 
 
@@ -657,11 +658,11 @@ def reduced(mesh: Mesh, max_faces: int, max_error: float) -> ReducedMesh:
         max_faces *= 4
 
 
-def protrusion_bound(mesh: Mesh, solid: Mesh, tolerance: float = _TOLERANCE, limit: float = np.inf) -> float:
+def protrusion_bound(mesh: Mesh, solid: Mesh, limit: float = np.inf) -> float:
     """Bound (m) on the distance by which any point of a mesh lies outside a solid, or off an open surface.
 
     Triangles whose bound, see `scancell.sensor.MeshSurface.triangle_distances`, exceeds the largest distance found so
-    far by more than `tolerance` are divided in four. Beyond `limit` the bound is not sought: the result is a distance
+    far by more than `_TOLERANCE` are divided in four. Beyond `limit` the bound is not sought: the result is a distance
     above it.
     """
     surface = sensor_rt.MeshSurface(solid.vertices, solid.faces.astype(np.uint32))
@@ -671,9 +672,9 @@ def protrusion_bound(mesh: Mesh, solid: Mesh, tolerance: float = _TOLERANCE, lim
     while largest <= limit:
         distance, bound = surface.triangle_distances(triangles, solid.is_closed)
         largest = max(largest, float(distance.max(initial=0.0)))
-        rest = np.flatnonzero(bound > largest + tolerance)
+        rest = np.flatnonzero(bound > largest + _TOLERANCE)
         if not len(rest) or 4 * len(rest) > _MAX_TRIANGLES:
-            return max(largest + tolerance, float(bound[rest].max(initial=0.0)))
+            return max(largest + _TOLERANCE, float(bound[rest].max(initial=0.0)))
         triangles = _divided(triangles[rest])
     return largest
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -67,7 +66,8 @@ def triangulated(
     rounding = ROUNDING * float(np.abs(vertices[corners]).max(initial=0.0))
     warp = np.zeros(len(counts))
     for size in np.unique(counts[made > 0]).tolist():
-        for polygons in _blocks(np.flatnonzero(counts == size), size):
+        alike, step = np.flatnonzero(counts == size), max(1, _BLOCK // size)
+        for polygons in (alike[start : start + step] for start in range(0, len(alike), step)):
             ring = corners[first[polygons][:, None] + np.arange(size)]
             local, warp[polygons], fault = _divided(vertices[ring].astype(float), rounding)
             if fault.any():
@@ -89,11 +89,6 @@ def triangulated(
 
 
 _WARPED, _CROSSED = 1, 2
-
-
-def _blocks(rows: Indices, size: int) -> Iterator[Indices]:
-    step = max(1, _BLOCK // size)
-    return (rows[start : start + step] for start in range(0, len(rows), step))
 
 
 def _divided(points: Array, rounding: float) -> tuple[Indices, Array, NDArray[np.int64]]:

@@ -24,7 +24,7 @@ Flags = NDArray[np.bool_]
 
 _PIECES = 4  # straight in the axes, of a predicted motion
 _PARTS = 64  # of a motion in which the contact is looked for
-_SOON = 1e-3  # s in which the distance changes, for its rate
+_RATE_STEP = 1e-3  # s: step of the difference that gives the rate of a distance
 _SURELY = 5e-3  # m/s: faster pairs approach whatever the noise of the rates, and are warned of
 _FINEST = 2e-4  # rad: finest intervals, a fraction of a millimetre of motion
 _FINE = 1e-4  # rad: those of the proof that a pair does not come nearer
@@ -47,9 +47,9 @@ _RAMP = 1.1  # of the time that the controller takes to slow down, for which the
 
 _FINER = 4  # parts of a piece of the path that are distinguished
 _PATH_WORK = 150_000  # comparisons of faces or their bounding volumes: the path is not proved beyond
-_LONGER = 1.5  # braking on a path against braking straight on
+_PATH_BRAKING = 1.5  # braking time on a path, of that on a straight line
 _TARGETS = np.linspace(0.0, 1.0, 51)
-_EASY_RATE = 2.0  # 1/s: change of the rate for which the monitor speed leaves room
+_RATE_CHANGE = 2.0  # 1/s: change of the rate for which the monitor speed leaves room
 _REST = 0.02  # s of path clock that are left when the robot waits
 
 # Of the controller: the rate follows the monitor speed no faster, 1/s, but for the start of a path, where it is that of
@@ -190,7 +190,7 @@ class ManualCheck:
 
     def _approaches(self, motion: _Motion, pairs: Flags, budget: Budget) -> list[Approach]:
         """Distance of some `pairs` (pairs,) of the scene, and its rate as the motion begins; the nearest one first."""
-        ends = np.stack([motion.now, motion.now + _SOON * motion.rates])
+        ends = np.stack([motion.now, motion.now + _RATE_STEP * motion.rates])
         key = ends.tobytes()
         if self._known[0] != key:  # hypotheses of one state have mostly the same rates
             self._known = key, {}
@@ -198,7 +198,7 @@ class ManualCheck:
         wanted = pairs.copy()
         wanted[list(known)] = False
         distance, soon = self._motions.distances(ends, wanted, budget)
-        rate = (soon - distance) / _SOON
+        rate = (soon - distance) / _RATE_STEP
         for i in np.flatnonzero(wanted):
             known[int(i)] = Approach(*self._scene.pairs[i], float(distance[i]), float(rate[i]))
         return sorted((known[int(i)] for i in np.flatnonzero(pairs)), key=lambda approach: approach.distance)
@@ -227,7 +227,7 @@ class ManualCheck:
         near, kept = self._near.update(motion.now, distance, exact=False)
         of_axes = self._bounds.pairs(motion.now[None], np.diag(motion.rate_error)[:, None])[:, 0]
         surely = np.sqrt((of_axes**2).sum(0))  # the errors of the axes are independent
-        approaching = ~near & violated & (rate < surely - STILL / _SOON)
+        approaching = ~near & violated & (rate < surely - STILL / _RATE_STEP)
         if approaching.any():
             return next(one for one in found if approaching[self._number[one.body_a, one.body_b]])
         kept = np.where(violated & ~near, almost(distance, self._clearance), kept)
@@ -412,7 +412,7 @@ class JogCheck:
             if (permitted >= _SLOW) == (most == 1.0):
                 break
         share = max(in_force, permitted)
-        needed = self._needed(jog, share)
+        needed = share * self._reaction + share**2 * jog.longest / 2  # path clock of the reaction and the stop, s
         proved = needed <= shown and any(share <= most and needed <= free for most, free in free_at.items())
         if needed <= shown and not proved:
             # For the proof, unlike the permitted share, stops that begin after the reaction time do not matter.
@@ -448,10 +448,6 @@ class JogCheck:
         if clash is None and (end == wanted or not astray.any()):
             return np.inf, None
         return free * jog.spacing, clash
-
-    def _needed(self, jog: _Jog, share: float) -> float:
-        """Path clock of the reaction and the stop at a share of the full speed, s."""
-        return share * self._reaction + share**2 * jog.longest / 2
 
     def _room(self, jog: _Jog, share: float) -> float:
         """Path clock from which on a share is permitted, s."""
@@ -571,16 +567,18 @@ class PathCheck:
         exact
             Whether the first of the `points` is a set-point; else it is the measured one.
         """
-        braking = self._braking(points, spacing)
+        # Path clock that braking from full speed takes, s; from the rate r it takes r times that.
+        speed = np.abs(np.diff(points, axis=0)).max(0) / spacing
+        braking = float(_PATH_BRAKING * (speed / self._deceleration).max())
         needed = self._advance(rate or allowed, max(allowed, rate), braking)
         # Axes that are farther from their set-points than the errors of their angles explain stay that far behind.
         error = np.maximum(np.abs(points[0] - axes), self._free_path.angle_error)
         free, clash = self._free(points, error, spacing, needed, exact)
         if clash is None and (points[-1] == points[-2]).all():
             free = np.inf  # the motion ends within what is known
-        room = _REST + 2 * self._reaction * _TARGETS + _TARGETS**2 * (1 / (2 * _EASY_RATE) + braking / 2)
-        speed = float(_TARGETS[room <= free].max(initial=0.0))
-        return PathVerdict(free, clash, speed, needed <= free)
+        room = _REST + 2 * self._reaction * _TARGETS + _TARGETS**2 * (1 / (2 * _RATE_CHANGE) + braking / 2)
+        monitor_speed = float(_TARGETS[room <= free].max(initial=0.0))
+        return PathVerdict(free, clash, monitor_speed, needed <= free)
 
     def _free(
         self, points: Array, error: Array, spacing: float, needed: float, exact: bool
@@ -595,11 +593,6 @@ class PathCheck:
         sections = [Section(0, of_stop, _FINER), Section(of_stop, last, _FINER)]
         free, clash = self._free_path.search(path, sections, Budget(_PATH_WORK))
         return spacing * (free if clash else len(points) - 1), clash
-
-    def _braking(self, points: Array, spacing: float) -> float:
-        """Path clock that braking from full speed takes, s; from the rate r it takes r times that."""
-        speed = np.abs(np.diff(points, axis=0)).max(0) / spacing
-        return float(_LONGER * (speed / self._deceleration).max())
 
     def _advance(self, rate: float, allowed: float, braking: float) -> float:
         """Path clock until standstill in the worst case: the rate grows to `allowed` during the reaction time."""

@@ -22,7 +22,7 @@ from scancell.config.robot import RobotDescription
 from scancell.errors import MessageError
 from scancell.geometry import pose
 from scancell.geometry.mesh import reduced
-from scancell.guard.check import Contact, JogCheck, JogVerdict, ManualCheck, PathCheck, PathVerdict, Verdict
+from scancell.guard.check import Contact, JogCheck, JogVerdict, ManualCheck, PathCheck, Verdict
 from scancell.guard.endpoints import Identifier
 from scancell.guard.messages import MAX_TEXT, CellState, GuardMessage, PlacedPart, axes_digest
 from scancell.guard.parts import FreePath, NearPairs, PartTracker, jog_limits
@@ -389,14 +389,10 @@ class Guard:
             elif number in placed:
                 position, quaternion = np.split(np.array(placed[number].pose), [3])
                 at = pose.from_rotation(pose.rotation_from_quaternion(quaternion), position)
-                carrier = self._carrier(placed[number])
+                link = placed[number].carrier
+                carrier = {0: "world", self._axes: "table"}.get(link, f"link[{link}]")
                 bodies.append(replace(body, moves_with=carrier, mesh=body.mesh.transformed(at)))
         return replace(self._nominal, bodies=tuple(bodies))
-
-    def _carrier(self, part: PlacedPart) -> str:
-        if part.carrier in (0, self._axes):
-            return "table" if part.carrier else "world"
-        return f"link[{part.carrier}]"
 
     def reset(self) -> None:
         """Forget all states: a session begins. What pairs within their clearance have to keep stays."""
@@ -513,7 +509,8 @@ class Guard:
             return Decision(True, text="stop: no path is known", beep=True)
         if not state.moving and not _leads_away(path):
             return Decision()
-        verdict = self._path_verdict(state, path)
+        axes, in_force, exact = np.asarray(state.axes), self._allowed(state), state.version > 1
+        verdict = self._automatic.check(axes, path, state.spacing, state.rate, in_force, exact)
         speed = verdict.monitor_speed
         if verdict.clash is None:
             return Decision(not verdict.stop_is_proved, speed)
@@ -522,10 +519,6 @@ class Guard:
             return Decision(True, speed, f"stop: {' - '.join(pair)}", True, pair)
         slows = speed < 1
         return Decision(False, speed, f"slowed to {speed:.0%}: {' - '.join(pair)}" if slows else "", slows, pair)
-
-    def _path_verdict(self, state: CellState, path: Array) -> PathVerdict:
-        axes, exact = np.asarray(state.axes), state.version > 1
-        return self._automatic.check(axes, path, state.spacing, state.rate, self._allowed(state), exact)
 
     def _allowed(self, state: CellState) -> float:
         """Largest monitor speed that may be in force on the path of a state until its answer arrives.

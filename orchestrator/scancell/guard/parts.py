@@ -44,9 +44,9 @@ _NEARER, _NEARER_SHARE = 0.2e-3, 0.1  # m, and share of its distance, by which a
 STILL = 1e-9  # m: pairs whose distance changes less in a short motion do not approach
 
 _FINEST = 2e-4  # rad: finest intervals, a fraction of a millimetre of motion
-_SOON = 1 / 16  # of the first piece, in which the distance changes, for the direction of its change
+_FIRST_SHARE = 1 / 16  # of the first piece of a path, after which a distance tells whether it grows
 
-_LONGER = 1.1  # levers may grow by as much on the way of a stop
+_LEVER_GROWTH = 1.1  # factor by which levers may grow during a stop
 
 
 def movable_parts(cell: CellDescription) -> list[int]:
@@ -403,7 +403,7 @@ class FreePath:
         far = violated & ~near
         if not far.any():
             return near, kept
-        soon = start + _SOON * (path.points[1] - start)
+        soon = start + _FIRST_SHARE * (path.points[1] - start)
         later = self._motions.distances(soon[None], far, budget)[0]
         slides = far & (later >= distance - STILL)
         return near | slides, np.where(slides, almost(distance, self._clearance), kept)
@@ -443,7 +443,8 @@ class UnseenApproach:
 
     def __init__(self, nominal: NominalCell, pairs: Sequence[tuple[str, str]], limits: JogLimits) -> None:
         self._bounds, self._limits = MotionBounds(nominal, pairs), limits
-        lever = {body.name: _lever(nominal, body) for body in nominal.bodies if _is_on_tool(nominal, body)}
+        carriers = ("sensor", "finger[1]", "finger[2]", f"link[{len(nominal.arm.joints)}]")
+        lever = {body.name: _lever(nominal, body) for body in nominal.bodies if body.moves_with in carriers}
         moving = {name for name in arm_chain(nominal) if name != "base"}
         by_tool = {}
         for i, (a, b) in enumerate(pairs):
@@ -453,17 +454,16 @@ class UnseenApproach:
         self._on_tool, self._by_tool = np.array(list(by_tool), np.int64), np.array(list(by_tool.values()))  # m/s²
 
     def bound(self, axes: Array, time_squared: float) -> Array:
-        """Bound (pairs,), m, at `axes` (axes,), rad, on what accelerations add in half of `time_squared`, s²."""
+        """Bound (pairs,), m, on how much nearer accelerations of a jog at `axes` (axes,), rad, bring each pair.
+
+        Half of `time_squared` (s²) is the distance per unit of acceleration.
+        """
         half = time_squared / 2
         joints, table = self._limits.axes.copy(), np.zeros_like(self._limits.axes)
         table[-1], joints[-1] = joints[-1], 0.0
         by_joints, by_table = self._bounds.pairs(axes[None], half * np.stack([joints, table])[:, None])[:, 0]
         by_joints[self._on_tool] = np.minimum(by_joints[self._on_tool], half * self._by_tool)
-        return np.asarray(_LONGER * (by_joints + by_table))
-
-
-def _is_on_tool(nominal: NominalCell, body: Body) -> bool:
-    return body.moves_with in ("sensor", "finger[1]", "finger[2]", f"link[{len(nominal.arm.joints)}]")
+        return np.asarray(_LEVER_GROWTH * (by_joints + by_table))
 
 
 def _lever(nominal: NominalCell, body: Body) -> float:

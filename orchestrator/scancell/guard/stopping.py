@@ -153,20 +153,6 @@ def braking_time(rates: ArrayLike, deceleration: ArrayLike) -> float:
     return float((np.abs(np.asarray(rates, float)) / np.asarray(deceleration, float)).max(initial=0.0))
 
 
-def stopping_motion(rates: ArrayLike, reaction: float, deceleration: ArrayLike, times: ArrayLike) -> Array:
-    """Travel (n, axes), rad, at `times` (n,) after the measured state, braking from `reaction` on; s, rad/s, rad/s²."""
-    rates, times = np.asarray(rates, float), np.asarray(times, float)
-    braking = braking_time(rates, deceleration)
-    since = np.clip(times - reaction, 0.0, braking)
-    lost = since**2 / (2 * braking) if braking > 0 else 0.0
-    return np.asarray((np.minimum(times, reaction) + since - lost)[:, None] * rates)
-
-
-def stopping_travel(rates: ArrayLike, reaction: float, deceleration: ArrayLike) -> Array:
-    """Travel (axes,), rad, until axes of `rates` (axes,), rad/s, stand: reaction in s, deceleration in rad/s²."""
-    return np.asarray(np.asarray(rates, float) * (reaction + braking_time(rates, deceleration) / 2))
-
-
 def latest_stop(hypothesis: Hypothesis, worst: WorstCase) -> Stop:
     """The longest stop of a hypothesis in the worst case."""
     rates, error = np.abs(hypothesis.rates), hypothesis.rate_error

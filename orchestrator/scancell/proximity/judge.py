@@ -7,7 +7,7 @@ part and what it stands on.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from itertools import combinations
 from typing import Any
 
@@ -32,7 +32,7 @@ _MANY_FACES = 100_000  # from which on a mesh is made coarser first
 _GRID = 0.5e-3  # m: cubes whose vertices are drawn together then
 
 # Platter and base of the table are drawn into each other around their bearing.
-_JOINED = frozenset({frozenset({"table", "table_base"})})
+_JOINED = {"table", "table_base"}
 _KEYS = {
     "base": "robot.base",
     "table": "table.pose",
@@ -105,19 +105,15 @@ class Judge:
         """The bodies of a pair of numbers at poses (bodies, 4, 4)."""
         import fcl  # noqa: PLC0415  (most commands make no plan)
 
-        numbers = np.asarray(pair).tolist()
-        placed = [self._object(self._names[k]) for k in numbers]
-        for body, k in zip(placed, numbers, strict=True):
-            body.setTransform(fcl.Transform(poses[k, :3, :3], poses[k, :3, 3]))
+        placed = []
+        for k in np.asarray(pair).tolist():
+            name = self._names[k]
+            if name not in self._objects:  # kept and moved: a new one takes a pass over all vertices
+                mesh = self._meshes[name]
+                self._objects[name] = fcl.CollisionObject(fcl_model(mesh.vertices, mesh.faces))
+            self._objects[name].setTransform(fcl.Transform(poses[k, :3, :3], poses[k, :3, 3]))
+            placed.append(self._objects[name])
         return placed
-
-    def _object(self, name: str) -> Any:
-        """The body, which is kept and moved: a new one takes a pass over all vertices."""
-        import fcl  # noqa: PLC0415  (most commands make no plan)
-
-        if name not in self._objects:
-            self._objects[name] = fcl.CollisionObject(fcl_model(self._meshes[name].vertices, self._meshes[name].faces))
-        return self._objects[name]
 
     def _within_reach(self, poses: Array, margin: float = 0.0) -> NDArray[np.int64]:
         """Pairs whose bounding spheres are nearer than `margin` (m), or overlap, at one of the poses."""
@@ -168,23 +164,17 @@ def check_cell(nominal: NominalCell) -> None:
 
     Raises `CellError` naming each pair, the depth in mm, and the keys that place them.
     """
-    found = [
-        f"'{a}' and '{b}' intersect, about {depth * 1e3:.2g} mm deep: change {_key(a, nominal)} or {_key(b, nominal)}"
-        for a, b, depth in _intersections(nominal)
-    ]
-    if found:
-        raise CellError("; ".join(found))
-
-
-def _intersections(nominal: NominalCell) -> Iterator[tuple[str, str, float]]:
     frames = nominal.frame_poses(nominal.home)
     standing = [body for body in nominal.bodies if body.moves_with.partition("[")[0] in ("world", "table", "part")]
     placed = [(body.name, body.mesh.transformed(frames[body.moves_with])) for body in standing]
+    problems = []
     for (a, mesh_a), (b, mesh_b) in combinations(placed, 2):
-        if frozenset({a, b}) not in _JOINED:
-            depth = penetration(mesh_a, mesh_b)
-            if depth > 0.0:
-                yield a, b, depth
+        depth = 0.0 if {a, b} == _JOINED else penetration(mesh_a, mesh_b)
+        if depth > 0.0:
+            keys = f"{_key(a, nominal)} or {_key(b, nominal)}"
+            problems.append(f"'{a}' and '{b}' intersect, about {depth * 1e3:.2g} mm deep: change {keys}")
+    if problems:
+        raise CellError("; ".join(problems))
 
 
 def _key(body: str, nominal: NominalCell) -> str:

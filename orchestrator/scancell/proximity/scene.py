@@ -102,13 +102,6 @@ class ProximityScene:
         """
         return self.native.closest_points(poses, bound, threads)
 
-    def collisions(self, poses: ArrayLike, threads: int = 0) -> NDArray[np.bool_]:
-        """Whether bodies intersect, (n, pairs), at poses (n, bodies, 4, 4): faster than `distances`.
-
-        Raises `ValueError` if the shape is wrong or a pose is not a rigid transform.
-        """
-        return self.native.collisions(poses, threads)
-
     def clearance_violations(self, poses: ArrayLike, clearance: ArrayLike, threads: int = 0) -> list[Clash]:
         """All pairs that intersect or are nearer than `clearance` (m, one or (pairs,)) at poses (n, bodies, 4, 4).
 
@@ -204,11 +197,11 @@ def _measured(names: Iterable[str]) -> set[str]:
     return {name for name in names if name.startswith(OCCUPIED)}
 
 
-def intersecting_pairs(scene: ProximityScene, poses: ArrayLike, fraction: float = 0.95) -> set[frozenset[str]]:
-    """Pairs that intersect in at least `fraction` of the poses (n, bodies, 4, 4): overlapping by construction."""
+def intersecting_pairs(scene: ProximityScene, poses: ArrayLike) -> set[frozenset[str]]:
+    """Pairs that intersect in at least 95 % of the poses (n, bodies, 4, 4): overlapping by construction."""
     poses = np.asarray(poses, float)
     count: dict[frozenset[str], int] = {}
     for clash in scene.clearance_violations(poses, _CONTACT):
         key = frozenset((clash.body_a, clash.body_b))
         count[key] = count.get(key, 0) + 1
-    return {key for key, hits in count.items() if hits >= fraction * len(poses)}
+    return {key for key, hits in count.items() if hits >= 0.95 * len(poses)}

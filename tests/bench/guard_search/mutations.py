@@ -11,14 +11,16 @@ import numpy as np
 from scancell.geometry.mesh import Mesh
 from scancell.guard.check import ManualCheck
 from scancell.guard.endpoints import Identifier, _Window
-from scancell.guard.guard import Decision, Guard
+from scancell.guard.guard import Decision, Guard, GuardSettings
 from scancell.guard.messages import CellState, GuardMessage, decode
-from scancell.guard.parts import FreePath, NearPairs
+from scancell.guard.parts import FreePath, NearPairs, movable_parts
 from scancell.guard.stopping import Hypothesis, Kind, Path
-from scancell.guard.transport import Link
+from scancell.guard.transport import Link, faulty_link
 from scancell.nominal.cell import NominalCell
+from scancell.scanning.session import touching, with_finger_travel
 from scancell.studies.guard.scenario import JOGGED, MOVED
-from scancell.studies.guard.simulation import Protection
+from scancell.studies.guard.servers import Servers
+from scancell.studies.guard.simulation import Network, Simulation
 from scancell.studies.guard.strata import MIXED, Stratum
 
 _POLL = 0.032  # s
@@ -26,19 +28,53 @@ _SLOW = 0.01  # rad/s
 
 
 @dataclass(frozen=True)
-class Mutation(Protection):
-    """An error of how runs are guarded.
+class Mutation:
+    """An error of how runs are guarded; the defaults are correct.
 
     Attributes
     ----------
+    guard
+        Type of the guard.
+    assumed
+        The settings that it assumes, as a function of the true ones.
+    patience
+        Factor on the time for which the controller waits for answers.
+    link
+        Type of the cell's link.
+    ignored
+        Pairs of bodies that the guard does not compare, beside those that may touch.
     of_table
         The search is by jogs of the table alone, which carries a plate that extends beyond it.
     strata
         Whether runs of a campaign like this one are to find it, not the search at the limits; None: the search is.
     """
 
+    guard: type[Guard] = Guard
+    assumed: Callable[[GuardSettings], GuardSettings] = lambda true: true
+    patience: float = 1.0
+    link: type[Link] = Link
+    ignored: tuple[tuple[str, str], ...] = ()
     of_table: bool = False
     strata: Callable[[Stratum], bool] | None = None
+
+
+class MutatedSimulation(Simulation):
+    """A simulation whose runs are guarded with an error; the other arguments are those of `Simulation`."""
+
+    def __init__(self, mutation: Mutation, *others: Any, **named: Any) -> None:
+        super().__init__(*others, **named)
+        self._mutation = mutation
+        self._max_age *= mutation.patience
+
+    def new_guard(self) -> Guard:
+        mutation, described = self._mutation, self.world.described
+        known = with_finger_travel(self.world.nominal, described)
+        may_touch = (*touching(known, described), *mutation.ignored)
+        settings = mutation.assumed(self.world.settings)
+        return mutation.guard(known, described.robot, settings, may_touch, movable_parts(described))
+
+    def new_link(self, servers: Servers, network: Network) -> Link:
+        return faulty_link(servers, network.faults, self._max_age, network.seed, self._mutation.link)
 
 
 class _AcceptsStaleAnswers(Link):

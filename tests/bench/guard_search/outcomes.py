@@ -12,7 +12,7 @@ from multiprocessing import get_context
 
 import numpy as np
 
-from bench.guard_search.mutations import MUTATIONS, Mutation
+from bench.guard_search.mutations import MUTATIONS, MutatedSimulation, Mutation
 from bench.guard_search.search import Search
 from scancell.config.cell import CellDescription
 from scancell.config.loading import load_setup
@@ -95,7 +95,7 @@ def _search_campaign(options: CampaignOptions, runs: int, error: str, mutation: 
     strata = (stratum_of(number) for number in count())
     concerned = (one for one in strata if one.near and mutation.strata(one))
     clearance, contact, done = np.inf, "", 0
-    with campaign_of(options, mutation) as made, campaign_of(options) as plain:
+    with campaign_of(options, simulation=partial(MutatedSimulation, mutation)) as made, campaign_of(options) as plain:
         for stratum in islice(concerned, runs):
             row = made.run(stratum.number)
             done += 1

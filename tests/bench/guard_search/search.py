@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.guard_search.limits import at_limits
-from bench.guard_search.mutations import Mutation
+from bench.guard_search.mutations import MutatedSimulation, Mutation
 from bench.guard_search.pair_moves import PairMoves
 from scancell.config.cell import CellDescription, ChannelDescription, LinkDescription
 from scancell.geometry.mesh import Mesh
@@ -24,7 +24,7 @@ from scancell.guard.parts import Tool
 from scancell.nominal.cell import nominal_cell
 from scancell.studies.guard.draws import Draws
 from scancell.studies.guard.scenario import JOGGED, Kind, Motion, Scenario
-from scancell.studies.guard.simulation import SAMPLES, MotionRecord, Network, Simulation
+from scancell.studies.guard.simulation import SAMPLES, MotionRecord, Network
 from scancell.studies.guard.worlds import World
 from scancell.values import Closing
 
@@ -88,8 +88,7 @@ class Search(Closing):
         limits = at_limits(described)
         world = World(limits.true, nominal_cell(limits.assumed, part), limits.settings)
         patience = mutation.patience * limits.max_age / limits.settings.max_age
-        protection = replace(mutation, patience=patience)
-        self._simulation = Simulation(world, protection, shows_jogs=False)
+        self._simulation = MutatedSimulation(replace(mutation, patience=patience), world, shows_jogs=False)
         self._draws = Draws(world, self._simulation.cycle)
         self._exact = np.zeros((len(world.names), 3))
         self._tool, self._seed, self._of_table = Tool(world.nominal), seed, mutation.of_table
@@ -135,7 +134,7 @@ class Search(Closing):
         """A person who jogs at random, or the table alone, whose unguarded run ends in a contact, and its pair."""
         rng = np.random.default_rng([self._seed, number, 0])
         for _ in range(_DRAWS):
-            start, motions, time = self._draws.far(rng), list[Motion](), 0.0
+            start, motions, time = self._far_start(rng), list[Motion](), 0.0
             while time < _DURATION and not (self._of_table and motions):
                 kind = Kind.TABLE_JOG if self._of_table else Kind(rng.choice(JOGGED))
                 speed = float(rng.choice([1.0, rng.uniform(_SLOWEST, 1.0)]))
@@ -151,6 +150,20 @@ class Search(Closing):
                 return scenario, contact[1]
         raise RuntimeError(f"person {number}: none of {_DRAWS} scenarios ends in a contact")
 
+    def _far_start(self, rng: np.random.Generator) -> Array:
+        """Axes (axes,), rad, far from all bodies."""
+        world, least = self._simulation.world, self._draws.least
+        while True:
+            start = self._draws.anywhere(rng)
+            if (world.scene.distances(world.nominal.body_poses(start[None]), least, 1)[0] >= least - 1e-9).all():
+                return start
+
+    def _distances(self, pair: NDArray[np.bool_], axes: Array) -> Array:
+        """Nominal distances (n,), m, of the one `pair` (pairs,) of those judged at axes (n, axes)."""
+        world = self._simulation.world
+        poses = world.nominal.body_poses(axes)
+        return np.asarray(world.scene.distances(poses, np.where(pair, np.inf, 0.0), 1)[:, pair][:, 0])
+
     def _attempt(self, scenario: Scenario, pair: NDArray[np.bool_], dead_from: float | None = None) -> Attempt:
         to_guard = ChannelDescription(dead_from_s=dead_from)
         to_cell = ChannelDescription(replay=1.0, replay_ms=_REPLAY_MS)
@@ -159,7 +172,7 @@ class Search(Closing):
         stop = next((time for time, decision in log if decision.stop), np.inf)
         permitted = [time for time, _ in log if time < stop]
         found = self._simulation.contact(course, self._exact)
-        clearance = float(self._simulation.distances(pair, course.axes).min())
+        clearance = float(self._distances(pair, course.axes).min())
         last = permitted[-1] if permitted and stop < np.inf else None
         return Attempt(scenario, course, dead_from, clearance, " - ".join(found[1]) if found else "", last)
 
@@ -177,7 +190,7 @@ class Search(Closing):
     def _approach(self, motion: Motion, axes: Array, pair: NDArray[np.bool_]) -> Array:
         """Deflections (joints + 1,) of a jog like `motion` in which a pair approaches fastest at `axes`."""
         steps = _STEP * np.eye(len(axes))
-        distance = self._simulation.distances(pair, np.vstack([axes + steps, axes - steps])).reshape(2, -1)
+        distance = self._distances(pair, np.vstack([axes + steps, axes - steps])).reshape(2, -1)
         slope = (distance[0] - distance[1]) / (2 * _STEP)
         if motion.kind in (Kind.JOINT_JOG, Kind.TABLE_JOG):
             return np.where(np.abs(slope) > _CONCERNED, -np.sign(slope), 0.0)

@@ -280,11 +280,6 @@ class Ghost:
             visible=False,
         )
 
-    @property
-    def shown(self) -> tuple[str, ...]:
-        """Names of the bodies whose ghosts are shown."""
-        return tuple(name for name, node in self._nodes.nodes.items() if node.visible)
-
     def show(self, target_from_body: Poses, world_from_body: Poses) -> None:
         """Put the ghosts of all bodies at poses (4, 4), where these differ from the bodies' own."""
         if not self._bodies:

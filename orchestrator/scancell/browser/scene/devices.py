@@ -44,19 +44,14 @@ class BeltMarks:
         Scene of viser.
     belt
         Its description.
-
-    Attributes
-    ----------
-    pitch
-        Distance between two of them, m.
     """
 
     def __init__(self, scene: viser.SceneApi, belt: ConveyorDescription) -> None:
         length, width = si_value(belt, "length_mm"), si_value(belt, "width_mm")
         reach = min(0.3 * width, _PITCH)  # of a chevron along the belt
         run = max(length - reach - _THICK, 0.0)
-        self.pitch = run / max(1, round(run / _PITCH)) or _PITCH
-        starts = np.asarray(-length / 2 + self.pitch * np.arange(max(1, round(run / self.pitch))), float)
+        self._pitch = run / max(1, round(run / _PITCH)) or _PITCH
+        starts = np.asarray(-length / 2 + self._pitch * np.arange(max(1, round(run / self._pitch))), float)
         vertices, faces = _chevrons(starts, width, reach)
         world_from_belt = pose_matrix(belt.pose)
         name = f"/belts/{belt.name}"
@@ -65,7 +60,7 @@ class BeltMarks:
 
     def show(self, travel: float) -> None:
         """Move the marks by the travel of the belt (m), modulo their pitch: they all look the same."""
-        self._marks.position = (travel % self.pitch, 0.0, 0.0)
+        self._marks.position = (travel % self._pitch, 0.0, 0.0)
 
 
 class DeviceView:

@@ -258,20 +258,6 @@ class CellScene:
         with self._lock:
             return viewpoint(view, self._cell.bodies, self._bodies.poses, aspect)
 
-    @property
-    def ghosts(self) -> tuple[str, ...]:
-        """Names of the bodies whose ghosts are shown at the target of the motion."""
-        return self._ghost.shown
-
-    @property
-    def previews(self) -> tuple[str, ...]:
-        """Names of the bodies whose further ghosts are shown."""
-        return () if self._preview is None else self._preview.shown
-
-    def belt_pitch(self, number: int) -> float:
-        """Distance between the marks of a belt, numbered from 1, m."""
-        return self._belts[number - 1].pitch
-
     def show_laser(self, on: bool) -> None:
         """Switch the laser's sheet on or off; it is on at first, and seen with the field of view."""
         with self._lock:

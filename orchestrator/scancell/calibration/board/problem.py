@@ -214,12 +214,6 @@ class BoardProblem:
         points = met(rig.rays(pixels), planes)
         return np.asarray((points - rig.sheet[:3, 3]) @ rig.sheet[:3, 2])
 
-    def stripe_on_board(self, rig: Rig) -> Array:
-        """Points (s, 3) of the stripe on the board, in the board's frame, m."""
-        boards = rig.camera_from_board(self.flange)[self.stripe_view]
-        points = met(rig.rays(self._stripe), boards)
-        return pose.transform_each(pose.inverse(boards), points)
-
 
 @dataclass(frozen=True)
 class DescribedSensor:

@@ -71,14 +71,6 @@ class Observations:
     time_offset: Array
     shape: NDArray[np.intp] | None = None
 
-    @classmethod
-    def along_z(
-        cls, readings: AxisReadings, points_in_sensor: Array, sigma: Array, frame: NDArray[np.integer]
-    ) -> Observations:
-        """Of points whose error is along the sensor's z, exposed at the latched instant."""
-        direction = np.broadcast_to([0.0, 0.0, 1.0], points_in_sensor.shape)
-        return cls(readings, points_in_sensor, sigma, direction, np.asarray(frame, np.intp), np.zeros(len(sigma)))
-
     def chosen(self, rows: NDArray[np.bool_]) -> Observations:
         """Observations of some of the points; all exposures are kept."""
         return Observations(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from scancell.cell.fmu_file import dynamics_json
 from scancell.config.cell import CellDescription
@@ -18,27 +18,10 @@ Array = NDArray[np.float64]
 _SHARE = 0.8  # of the torque that gravity and friction leave: gears are elastic and oscillate
 
 
-def joint_torques(cell: CellDescription, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
-    """Joint torques (n, joints), N m, that move links, sensor and gripper housing of a cell's arm.
-
-    Friction and the inertia of motors are not included.
-
-    Raises `CellError` if a link has neither an inertia nor a mesh to compute it from; `MeshError` if a mesh that
-    defines masses cannot be used.
-
-    Parameters
-    ----------
-    q, qd, qdd
-        (n, joints) joints of a path, rad, their rates, rad/s, and accelerations, rad/s².
-    """
-    q, qd, qdd = (np.atleast_2d(np.asarray(x, float)) for x in (q, qd, qdd))
-    return _inverse_dynamics(_skeleton(cell), q, qd, qdd)
-
-
 class TorqueLimits:
     """Torque limits of an arm with dynamic drives, for planning.
 
-    Raises `CellError` or `MeshError` as `joint_torques`.
+    Raises errors as `arm_skeleton`.
 
     Parameters
     ----------
@@ -48,7 +31,7 @@ class TorqueLimits:
 
     def __init__(self, cell: CellDescription) -> None:
         drives = [joint.drive for joint in cell.robot.joint if joint.drive is not None]
-        self._skeleton = _skeleton(cell)
+        self._skeleton = arm_skeleton(cell)
         self._limit = np.array([drive.max_torque_n_m for drive in drives])
         self._rotor = np.array([drive.motor_inertia_kg_m2 for drive in drives])
         self._coulomb = np.array([drive.coulomb_friction_n_m for drive in drives])
@@ -68,8 +51,8 @@ class TorqueLimits:
         rate = np.gradient(q, period, axis=0)
         acceleration = np.gradient(rate, period, axis=0)
         rest = np.zeros_like(q)
-        static = _inverse_dynamics(self._skeleton, q, rest, rest)
-        dynamic = _inverse_dynamics(self._skeleton, q, rate, acceleration) - static + self._rotor * acceleration
+        static = joint_torques(self._skeleton, q, rest, rest)
+        dynamic = joint_torques(self._skeleton, q, rate, acceleration) - static + self._rotor * acceleration
         viscous = self._viscous * rate
         left = self._limit - np.abs(static) - self._coulomb
         if (left < 0).any():
@@ -84,7 +67,18 @@ class TorqueLimits:
         return float(worst.max()), int(np.argmax(worst))
 
 
-def _inverse_dynamics(skeleton: Any, q: Array, qd: Array, qdd: Array) -> Array:
+def joint_torques(skeleton: Any, q: Array, qd: Array, qdd: Array) -> Array:
+    """Joint torques (n, joints), N m, that move the links, sensor and gripper housing of an arm.
+
+    Friction and the inertia of motors are not included.
+
+    Parameters
+    ----------
+    skeleton
+        The arm, from `arm_skeleton`.
+    q, qd, qdd
+        (n, joints) joints of a path, rad, their rates, rad/s, and accelerations, rad/s².
+    """
     torques = np.empty_like(q)
     for row, position, rate, acceleration in zip(torques, q, qd, qdd, strict=True):
         skeleton.setPositions(position)
@@ -95,8 +89,12 @@ def _inverse_dynamics(skeleton: Any, q: Array, qd: Array, qdd: Array) -> Array:
     return torques
 
 
-def _skeleton(cell: CellDescription) -> Any:
-    """The arm with a body per link in its Denavit-Hartenberg frame."""
+def arm_skeleton(cell: CellDescription) -> Any:
+    """The arm of a cell in DART, with a body per link in its Denavit-Hartenberg frame.
+
+    Raises `CellError` if a link has neither an inertia nor a mesh to compute it from; `MeshError` if a mesh that
+    defines masses cannot be used.
+    """
     import dartpy  # noqa: PLC0415  (it loads libGL, which few machines without a screen have)
 
     for number, joint in enumerate(cell.robot.joint, start=1):

@@ -6,7 +6,7 @@ from the campaign's seed and the number of a run, so that campaigns can be inter
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from scancell.geometry.mesh import Mesh
 from scancell.studies.guard.draws import Draw, Draws
 from scancell.studies.guard.scenario import Begun, Kind
 from scancell.studies.guard.servers import RIVALS
-from scancell.studies.guard.simulation import MotionRecord, Network, Protection, Simulation
+from scancell.studies.guard.simulation import MotionRecord, Network, Simulation
 from scancell.studies.guard.strata import DECADES, FAULTS, Stratum, random_network, stratum_of
 from scancell.studies.guard.worlds import World, world_of
 from scancell.values import Closing
@@ -136,10 +136,10 @@ class Campaign(Closing):
         Meshes by name, m, one of which is on the table.
     seed
         Of the campaign.
-    protection
-        Error of the guard.
     folder
         For the files of the FMU; None: where the system keeps temporary files.
+    simulation
+        Makes the simulation of a world.
     """
 
     def __init__(
@@ -147,11 +147,11 @@ class Campaign(Closing):
         cells: Mapping[str, CellDescription],
         parts: Mapping[str, Mesh],
         seed: int,
-        protection: Protection | None = None,
         folder: Path | None = None,
+        simulation: Callable[..., Simulation] = Simulation,
     ) -> None:
         self._cells, self._parts, self._seed, self._folder = cells, parts, seed, folder
-        self._protection = protection
+        self._simulation = simulation
         self._block: _Block | None = None
 
     def close(self) -> None:
@@ -181,7 +181,7 @@ class Campaign(Closing):
             cell = list(self._cells)[turn % len(self._cells)]
             part = str(rng.choice(list(self._parts)))
             world = world_of(self._cells[cell], self._parts[part], part, rng)
-            simulation = Simulation(world, self._protection, self._folder, not stratum.silent, stratum.version)
+            simulation = self._simulation(world, self._folder, not stratum.silent, stratum.version)
             draws = Draws(world, simulation.cycle)
             named = "gripped" if world.grips else part
             self._block = _Block(stratum.block, cell, named, world, simulation, draws)

@@ -200,13 +200,6 @@ class Draws:
         q[self._held] = home[self._held]
         return np.append(np.clip(q, self._lower, self._upper), rng.uniform(-np.pi, np.pi))
 
-    def far(self, rng: np.random.Generator) -> Array:
-        """Axes (axes,), rad, far from all bodies."""
-        while True:
-            start = self.anywhere(rng)
-            if self._is_free(self._world.nominal, self._world.scene, start, self.least):
-                return start
-
     def _is_free(
         self, nominal: NominalCell, scene: ProximityScene, axes: Array, least: Array, shifts: Array | float = 0.0
     ) -> bool:
@@ -232,12 +225,9 @@ class Draws:
 
     def _carrying_scene(self, held: bool) -> ProximityScene:
         if held not in self._carried:
-            self._carried[held] = self._new_carrying_scene(held)
+            meshes = {body.name: body.mesh for body in self._world.carrying(held).bodies}
+            self._carried[held] = ProximityScene(meshes, self._world.pairs)
         return self._carried[held]
-
-    def _new_carrying_scene(self, held: bool) -> ProximityScene:
-        bodies = self._world.carrying(held).bodies
-        return ProximityScene({body.name: body.mesh for body in bodies}, self._world.pairs)
 
     def _random_pair(self, rng: np.random.Generator, name: str = "") -> int:
         """A pair of the arm and another body in most cases, or one with the table, or of two bodies of the arm."""

@@ -20,7 +20,7 @@ from scancell.files import atomic_write
 from scancell.nominal.parts import load_part
 from scancell.studies.guard.campaign import Campaign, RunRow
 from scancell.studies.guard.scenario import Kind
-from scancell.studies.guard.simulation import Protection
+from scancell.studies.guard.simulation import Simulation
 from scancell.studies.guard.strata import BLOCK, DECADES, FAULTS, LENGTHS, MIXED
 from scancell.studies.guard.worlds import described_cells, standing_parts
 
@@ -161,7 +161,9 @@ class CampaignOptions:
     seed: int = 1
 
 
-def campaign_of(options: CampaignOptions, protection: Protection | None = None, folder: Path | None = None) -> Campaign:
+def campaign_of(
+    options: CampaignOptions, folder: Path | None = None, simulation: Callable[..., Simulation] = Simulation
+) -> Campaign:
     """The campaign, in this process; its files lie in `folder`, or where the system keeps temporary files.
 
     Raises
@@ -171,14 +173,14 @@ def campaign_of(options: CampaignOptions, protection: Protection | None = None, 
     """
     given = load_part(options.part, options.unit)
     parts = {Path(options.part).stem: given, **standing_parts()}
-    return Campaign(described_cells(options.cell), parts, options.seed, protection, folder)
+    return Campaign(described_cells(options.cell), parts, options.seed, folder, simulation)
 
 
 _kept = cache(campaign_of)  # a worker process keeps its cell
 
 
 def _run(options: CampaignOptions, folder: Path, numbers: Sequence[int]) -> list[RunRow]:
-    campaign = _kept(options, None, folder)
+    campaign = _kept(options, folder)
     return [campaign.run(number) for number in numbers]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -126,6 +126,7 @@ _HELD = 0.02  # rate of the path clock
 _PATIENCE = 0.35  # s for which a held motion is waited for
 _RAMP = 0.15  # share of the time in which the speed of a program rises, and falls
 _GRIP = 0.8, 30.0  # s and N
+POSE_KEYS = (*(f"position[{i}]" for i in (1, 2, 3)), *(f"orientation[{i}]" for i in (1, 2, 3, 4)))
 _BETWEEN = 0.05  # s, in which a change of operation takes effect
 
 
@@ -172,7 +173,8 @@ class Operator:
         self._cell, self._nominal, self._cycle, self._folder, self._renew = cell, nominal, cycle, folder, renew
         self._left = list(scenario.motions)
         axes = cell.axis_names("command.")
-        self._targets, self._line = cell.real_group(axes), cell.real_group(_pose_names("target"))
+        self._targets = cell.real_group(axes)
+        self._line = cell.real_group([f"command.target.{key}" for key in POSE_KEYS])
         self._commanded = cell.path_ahead(1)
         self._jog = cell.real_group([f"command.jog[{i}]" for i in range(1, len(axes) + 1)])
         self._speed, self._rate = cell.real_group(["command.speed"]), cell.real_group(["controller.rate"])
@@ -316,7 +318,8 @@ class Operator:
         self._cell.set(self._speed, np.array([motion.speed]))
         target = self._from + motion.by
         if motion.kind is Kind.LINE_MOVE:
-            self._cell.set(self._line, _pose_values(self._nominal.world_from_sensor(target[:-1])))
+            end = self._nominal.world_from_sensor(target[:-1])
+            self._cell.set(self._line, np.append(end[:3, 3], pose.quaternion_from_rotation(end[:3, :3])))
         self._cell.set(self._targets, target)
         if _MODES[motion.kind] is Mode.PROGRAM:
             self._load(self._from + set_points(motion, self._cycle))
@@ -372,12 +375,3 @@ def short_program_length(points: int, by: Array, max_acceleration: Array, cycle:
     """Largest factor of `by` (axes,) of a program of two or three set-points within the accelerations."""
     most = (1.0 / 6.0, 1.0 / 1.5)[points - 2] * 0.98 * max_acceleration * cycle**2
     return float(np.min(most / np.maximum(np.abs(by), 1e-12)))
-
-
-def _pose_names(what: str) -> Sequence[str]:
-    positions = [f"command.{what}.position[{i}]" for i in (1, 2, 3)]
-    return [*positions, *(f"command.{what}.orientation[{i}]" for i in (1, 2, 3, 4))]
-
-
-def _pose_values(matrix: Array) -> Array:
-    return np.concatenate([matrix[:3, 3], pose.quaternion_from_rotation(matrix[:3, :3])])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -14,12 +13,12 @@ from scancell.cell.fmu_file import ReusableCell, cell_json
 from scancell.cell.instance import CellInstance
 from scancell.config.cell import LinkDescription
 from scancell.geometry import pose
-from scancell.guard.guard import Decision, Guard, GuardedCell, GuardSettings
+from scancell.guard.guard import Decision, Guard, GuardedCell
 from scancell.guard.messages import CellState, GuardMessage
 from scancell.guard.parts import PartTracker
 from scancell.guard.transport import Link, faulty_link
 from scancell.nominal.cell import fmu_frame
-from scancell.studies.guard.scenario import Begun, Operator, Scenario
+from scancell.studies.guard.scenario import POSE_KEYS, Begun, Operator, Scenario
 from scancell.studies.guard.servers import Servers
 from scancell.studies.guard.worlds import World
 from scancell.values import Closing
@@ -27,9 +26,8 @@ from scancell.values import Closing
 Array = NDArray[np.float64]
 
 SAMPLES = 4  # of the motion in a controller cycle that are judged
-_FAR = 0.15  # m: distances are not searched beyond
 _JUDGED = 0.2e-3  # m: points that are judged are no further apart, unless they are consecutive samples
-MEASURED = 1e-3  # m: the same, of points whose distances are measured
+_MEASURED = 1e-3  # m: the same, of points whose distances are measured
 _REACH = 1.2  # m: no point of arm or table is further from an axis
 _REST = 1.0  # s without motion after which a run is over
 _STILL = 1e-7  # rad in a cycle
@@ -56,8 +54,6 @@ class MotionRecord:
     stopped_at, refused_at, held_at
         Times, s, of the first emergency stop, of the first answer that held a jog at rest, and at which the operator
         gave up a held motion; None: there was none.
-    arrived_at
-        Time at which all motions had ended, s; None: they had not.
     resets, sessions
         Numbers of resets of the controller and of new sessions.
     gripped
@@ -73,7 +69,6 @@ class MotionRecord:
     stopped_at: float | None
     refused_at: float | None
     held_at: float | None
-    arrived_at: float | None
     resets: int
     sessions: int
     gripped: NDArray[np.bool_]
@@ -89,31 +84,6 @@ class MotionRecord:
             farthest = int(np.searchsorted(travelled, travelled[kept[-1]] + distance, "right")) - 1
             kept.append(max(kept[-1] + 1, farthest))
         return np.array(kept)
-
-
-@dataclass(frozen=True)
-class Protection:
-    """Guard, settings and link of guarded runs; the defaults are the correct ones.
-
-    Attributes
-    ----------
-    guard
-        Type of the guard.
-    assumed
-        The settings that it assumes, as a function of the true ones.
-    patience
-        Factor on the time for which the controller waits for answers.
-    link
-        Type of the cell's link.
-    ignored
-        Pairs of bodies that the guard does not compare, beside those that may touch.
-    """
-
-    guard: type[Guard] = Guard
-    assumed: Callable[[GuardSettings], GuardSettings] = lambda true: true
-    patience: float = 1.0
-    link: type[Link] = Link
-    ignored: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -140,8 +110,6 @@ class Simulation(Closing):
     ----------
     world
         The cell as the guard knows it.
-    protection
-        Error of the guard.
     folder
         For the files of the FMU; None: where the system keeps temporary files.
     shows_jogs
@@ -153,12 +121,11 @@ class Simulation(Closing):
     def __init__(
         self,
         world: World,
-        protection: Protection | None = None,
         folder: Path | None = None,
         shows_jogs: bool = True,
         version: int = 2,
     ) -> None:
-        self.world, self._shows_jogs, self._protection = world, shows_jogs, protection or Protection()
+        self.world, self._shows_jogs, self._max_age = world, shows_jogs, world.settings.max_age
         self._kind = EarlierCell if version == 1 else GuardedCell
         described = world.described
         self._cycle_us = described.world.controller_cycle_us
@@ -178,9 +145,13 @@ class Simulation(Closing):
         """Of the controller, s."""
         return self._cycle_us * 1e-6
 
-    def _new_guard(self) -> Guard:
-        protection = self._protection
-        return self.world.guard(protection.guard, protection.assumed(self.world.settings), protection.ignored)
+    def new_guard(self) -> Guard:
+        """A guard that knows nothing of the past."""
+        return self.world.guard()
+
+    def new_link(self, servers: Servers, network: Network) -> Link:
+        """A link from the cell to its guards."""
+        return faulty_link(servers, network.faults, self._max_age, network.seed)
 
     def run(self, scenario: Scenario, network: Network | None = None) -> MotionRecord:
         """Run a scenario, with a guard behind a network or without.
@@ -189,18 +160,13 @@ class Simulation(Closing):
         """
         if network is None:
             return self._run(scenario, None, None)
-        home = np.append(self.world.nominal.home, 0.0)
-        servers = Servers(self._new_guard, network.rival, home)
-        max_age = self._protection.patience * self.world.settings.max_age
-        return self._run(
-            scenario, servers, faulty_link(servers, network.faults, max_age, network.seed, self._protection.link)
-        )
+        servers = Servers(self.new_guard, network.rival, np.append(self.world.nominal.home, 0.0))
+        return self._run(scenario, servers, self.new_link(servers, network))
 
     def _run(self, scenario: Scenario, servers: Servers | None, link: Link | None) -> MotionRecord:
         cell = self._started(scenario.start)
-        max_age = self._protection.patience * self.world.settings.max_age
         parts = PartTracker(self.world.described, self.world.nominal) if self.world.grips else None
-        guarded = self._kind(cell, self._cycle_us, link, max_age, self._shows_jogs, parts)
+        guarded = self._kind(cell, self._cycle_us, link, self._max_age, self._shows_jogs, parts)
 
         def renew(restarts: bool) -> None:
             if servers is not None and link is not None:
@@ -210,11 +176,11 @@ class Simulation(Closing):
 
         operator = Operator(cell, self.world.nominal, scenario, self.cycle, Path(self._files.name), renew)
         names = cell.axis_names("truth.")
-        truth = cell.real_group([*names, *self._frame_names()])
+        truth = cell.real_group([*names, *(f"truth.{frame}.{key}" for frame in self._moving for key in POSE_KEYS)])
         times, poses = [0.0], [cell.get(truth).copy()]
         answers: list[tuple[float, GuardMessage]] = []
         gripped = [False]
-        stopped = refused = arrived = None
+        stopped = refused = None
         rest_us = 0
         while cell.time_us < scenario.duration * 1e6:
             start_us = cell.time_us
@@ -225,7 +191,8 @@ class Simulation(Closing):
             operator.act(state)
             received = guarded.poll()
             answers += [(now, answer) for answer in received]
-            if refused is None and operator.jogs and any(_holds(answer) for answer in received):
+            holds = any(answer.monitor_speed == 0.0 and not answer.emergency_stop for answer in received)
+            if refused is None and operator.jogs and holds:
                 refused = now
             for k in range(1, SAMPLES + 1):
                 cell.step_to(start_us + k * self._cycle_us // SAMPLES)
@@ -234,8 +201,6 @@ class Simulation(Closing):
             gripped += [parts is not None and cell.get_boolean("measured.gripper.gripped")] * SAMPLES
             if np.abs(poses[-1] - poses[-1 - SAMPLES])[: len(names)].max() > _STILL or not operator.done:
                 rest_us = cell.time_us
-            if operator.done and arrived is None:
-                arrived = now
             if cell.time_us - rest_us >= _REST * 1e6:
                 break
         axes, frames = np.split(np.array(poses), [len(names)], 1)
@@ -249,15 +214,10 @@ class Simulation(Closing):
             stopped,
             refused,
             operator.given_up_at,
-            arrived,
             operator.resets,
             operator.sessions,
             np.array(gripped),
         )
-
-    def _frame_names(self) -> list[str]:
-        keys = [*(f"position[{i}]" for i in (1, 2, 3)), *(f"orientation[{i}]" for i in (1, 2, 3, 4))]
-        return [f"truth.{frame}.{key}" for frame in self._moving for key in keys]
 
     def _started(self, start: Array) -> CellInstance:
         for joint, angle in zip(self._described["robot"]["joints"], start[:-1], strict=True):
@@ -299,18 +259,13 @@ class Simulation(Closing):
         found = self.world.judge.first_collision(self.poses(record, kept, shifts))
         return None if found is None else (float(record.times[kept[found.index]]), (found.body_a, found.body_b))
 
-    def distances(self, pair: NDArray[np.bool_], axes: Array) -> Array:
-        """Nominal distances (n,), m, of the one `pair` (pairs,) of those judged at axes (n, axes)."""
-        poses = self.world.nominal.body_poses(axes)
-        return np.asarray(self.world.scene.distances(poses, np.where(pair, np.inf, 0.0), 1)[:, pair][:, 0])
-
-    def clearances(self, record: MotionRecord, shifts: Array, farthest: ArrayLike = _FAR) -> Array:
+    def clearances(self, record: MotionRecord, shifts: Array, farthest: ArrayLike) -> Array:
         """Distances (n, pairs), m, of the judged pairs at most a millimetre of motion apart, at most `farthest`."""
-        return self.world.scene.distances(self.poses(record, record.spaced(MEASURED), shifts), farthest, 1)
+        return self.world.scene.distances(self.poses(record, record.spaced(_MEASURED), shifts), farthest, 1)
 
     def fastest(self, record: MotionRecord, pair: tuple[str, str]) -> float:
         """Largest speed, m/s, of a corner of the bounding box of one body of a pair, seen from the other."""
-        kept = record.spaced(MEASURED)
+        kept = record.spaced(_MEASURED)
         poses = self.poses(record, kept, np.zeros((len(self.world.names), 3)))
         one, other = (self.world.names.index(name) for name in pair)
         speed = 0.0
@@ -334,8 +289,3 @@ def shifted(poses: Array, shifts: Array) -> Array:
     poses = poses.copy()
     poses[..., :3, 3] += (poses[..., :3, :3] @ shifts[..., None])[..., 0]
     return poses
-
-
-def _holds(answer: GuardMessage) -> bool:
-    """Whether an answer holds a jog at rest."""
-    return answer.monitor_speed == 0.0 and not answer.emergency_stop

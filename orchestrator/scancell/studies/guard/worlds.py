@@ -32,8 +32,6 @@ _SEGMENTS = 14  # of the ring
 _FEW_FACES = 400
 _DESCRIBED = 0.25  # share of the worlds with the meshes and encoders of the description
 _RANDOM, _NEARLY = 40, 3e-3  # random axes, and m, within which bodies are always nearly in contact
-_MOTORS = "default with motors"
-_FOUR_JOINTS = "four joints"
 _GRIPPED = box_mesh((0.04, 0.04, 0.03), "box").transformed(pose.translation((0.0, 0.0, 0.015)))
 _GRIPS = 0.2  # share of the worlds in which the gripper holds a part: their runs take ten times as long
 _GRIPPED_AT = 123.0, (0.370, -0.312, 0.149)  # mm on the belt, and the gripper, m: fingers around the part
@@ -73,29 +71,20 @@ def _box(size: tuple[float, float, float], centre: tuple[float, float, float], a
     return box_mesh(size).transformed(pose.from_rotation(pose.rotation_about(0, angle), centre))
 
 
-def shipped_cells() -> dict[str, CellDescription]:
-    """All shipped cells, that of an arm with motors and gears, and that of an arm of four joints, by name.
+def described_cells(cell: str | None) -> dict[str, CellDescription]:
+    """The cell of a file, or all shipped ones, with motors and gears and with four joints in addition, by name.
 
     The shipped arm of seven joints is one of a URDF.
     """
+    if cell is not None:
+        return {Path(cell).stem: load_setup(cell).cell}
     found = {path.stem: load_setup(path).cell for path in sorted((assets_dir() / "cells").glob("*.toml"))}
     default = found["default"]
+    # Nothing pushes the arm: contact shapes are convex hulls, which meet before the surfaces that guard and judge know.
+    found["default with motors"] = default.replace({"robot.drive": "dynamic", "contact.cell_bodies": False})
     robot = default.robot.model_copy(update={"joint": default.robot.joint[:4], "home_deg": default.robot.home_deg[:4]})
-    four = default.model_copy(update={"robot": robot})
-    return {**found, _MOTORS: with_motors(default), _FOUR_JOINTS: four}
-
-
-def described_cells(cell: str | None) -> dict[str, CellDescription]:
-    """The cell of a file, or all shipped ones."""
-    return shipped_cells() if cell is None else {Path(cell).stem: load_setup(cell).cell}
-
-
-def with_motors(described: CellDescription) -> CellDescription:
-    """The cell with an arm of motors, gears and inertia.
-
-    Nothing pushes the arm: contact shapes are convex hulls, which meet before the surfaces that guard and judge know.
-    """
-    return described.replace({"robot.drive": "dynamic", "contact.cell_bodies": False})
+    found["four joints"] = default.model_copy(update={"robot": robot})
+    return found
 
 
 def with_encoders(described: CellDescription, rng: np.random.Generator) -> CellDescription:
@@ -135,16 +124,11 @@ class World:
     settings: GuardSettings
     grips: bool = False
 
-    def guard(
-        self,
-        kind: type[Guard] = Guard,
-        settings: GuardSettings | None = None,
-        ignored: tuple[tuple[str, str], ...] = (),
-    ) -> Guard:
+    def guard(self) -> Guard:
         """A guard of this cell, as `guard_of` makes it."""
-        known = with_finger_travel(self.nominal, self.described)
-        may_touch = (*touching(known, self.described), *ignored)
-        return kind(known, self.described.robot, settings or self.settings, may_touch, movable_parts(self.described))
+        described = self.described
+        known = with_finger_travel(self.nominal, described)
+        return Guard(known, described.robot, self.settings, touching(known, described), movable_parts(described))
 
     @cached_property
     def _touching(self) -> tuple[tuple[str, str], ...]:
