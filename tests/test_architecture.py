@@ -38,7 +38,6 @@ TIERS = [
     {"results"},
     {"calibration"},
     {"recorded"},
-    {"options"},
     {"scanner"},
     {"studies"},
     {"api"},
@@ -57,7 +56,7 @@ TIER_OF = {name: level for level, names in enumerate(TIERS) for name in names}
 # All other packages work with measured and nominal values only.
 MAY_USE_TRUTH = {
     *("config", "cell", "scanning", "evaluation", "output", "results", "scanner", "studies", "api"),
-    *("options", "live", "programs", "exercises", "views", "browser", "cli"),
+    *("live", "programs", "exercises", "views", "browser", "cli"),
 }
 
 # Modules of the other packages that simulate a measurement, or compare what was found with the truth.

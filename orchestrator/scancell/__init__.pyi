@@ -4,15 +4,15 @@
 from .api import acceptance as acceptance
 from .api import batch as batch
 from .api import calibrate as calibrate
-from .api import calibrate_from_images as calibrate_from_images
+from .calibration.board.report import calibrate_from_images as calibrate_from_images
 from .api import calibrate_sensor as calibrate_sensor
-from .api import compare as compare
+from .recorded.compare import compare as compare
 from .api import evaluate as evaluate
-from .api import extract as extract
+from .output.extract_images import extract as extract
 from .api import mesh as mesh
 from .api import place as place
 from .api import plan as plan
-from .api import reconstruct as reconstruct
+from .recorded.result import reconstruct as reconstruct
 from .api import render as render
 from .api import scan as scan
 from .api import shot as shot
@@ -38,7 +38,7 @@ from .config.loading import load_setup as load_setup
 from .config.cell import ChannelDescription as ChannelDescription
 from .config.cell import LinkDescription as LinkDescription
 from .config.files import assets_dir as assets_dir
-from .calibration.cell.report import CalibrationRequest as CalibrationRequest
+from .calibration.cell.scan import CalibrationRequest as CalibrationRequest
 from .calibration.sensor.report import SensorCalibrationRequest as SensorCalibrationRequest
 
 # Data

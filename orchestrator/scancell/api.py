@@ -5,18 +5,17 @@ Parameters of the same name mean the same everywhere: `Scanner` and `Scanner.sca
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import inspect
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING, Any, ParamSpec, TypedDict, TypeVar, Unpack
 
 from scancell.arguments import (
     Count,
-    LatencyMs,
     Length,
     Points,
     Pose,
-    QuarterTurns,
     Repeats,
     Seed,
     Share,
@@ -24,36 +23,27 @@ from scancell.arguments import (
     checked_arguments,
     checked_value,
 )
-from scancell.calibration.cell.report import CalibrationReport, CalibrationRequest
+from scancell.calibration.cell.report import CalibrationReport
+from scancell.calibration.cell.scan import CalibrationRequest
 from scancell.calibration.sensor.report import SensorCalibrationReport, SensorCalibrationRequest
-from scancell.config.cell import CellDescription
+from scancell.config.cell import CellDescription, EstimatedDescription
 from scancell.config.choices import (
     Align,
     CalibrationTarget,
     Engine,
     FlangeConvention,
-    LatencyWord,
     LengthUnit,
     Reconstruction,
     SensorTarget,
 )
 from scancell.config.files import Assignments, assignments
-from scancell.config.loading import load_setup
 from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
+from scancell.config.study import CloudFormat
 from scancell.errors import DescriptionError, require
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import ShapeGroup
 from scancell.nominal.parts import load_artefact, load_part
-from scancell.options import (
-    BatchOptions,
-    CalibrateOptions,
-    CalibrateSensorOptions,
-    RenderOptions,
-    ScanOptions,
-    ShotOptions,
-    SurveyOptions,
-)
 from scancell.planning.plan import Plan
 from scancell.planning.setups import SetUps
 from scancell.progress import Progress, ProgressCallback, as_progress
@@ -61,36 +51,147 @@ from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.sources import cloud_of, points_of
 from scancell.results import ScanResult, ShotResult
 from scancell.scanner import Scanner
+from scancell.scanning.pipeline import PreScanHook
+from scancell.scanning.sense import OnImages
 from scancell.scanning.survey import SurveyResult
 
 if TYPE_CHECKING:
-    from scancell.calibration.board.report import BoardCalibrationReport
     from scancell.evaluation.artefact import ArtefactEvaluation
     from scancell.evaluation.mesh_evaluation import MeshEvaluation
-    from scancell.output.run_folder import RunReport
-    from scancell.recorded.compare import ComparisonResult
-    from scancell.recorded.result import ReconstructionResult
     from scancell.studies.acceptance.report import AcceptanceReport
     from scancell.studies.batch import BatchResult
     from scancell.studies.report import StudyReport
 
-Cell = str | Path | CellDescription | None
-Sensor = str | Path | SensorDescription | None
-Scan = str | Path | ScanDescription | None
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
-@checked_arguments
-def scan(
-    part: str | Path | Mesh,
-    *,
-    cell: Cell = None,
-    sensor: Sensor = None,
-    scan: Scan = None,
-    settings: Assignments = (),
-    ideal: bool = False,
-    threads: Threads = 0,
-    **options: Unpack[ScanOptions],
-) -> ScanResult:
+class SensorOptions(TypedDict, total=False):
+    """Options of a `Scanner` whose cell does not matter."""
+
+    sensor: str | Path | SensorDescription | None
+    settings: Assignments
+    ideal: bool
+    threads: Threads
+
+
+class CellOptions(SensorOptions, total=False):
+    """Options of a `Scanner` that follows no scan description."""
+
+    cell: str | Path | CellDescription | None
+
+
+class ScannerOptions(CellOptions, total=False):
+    """Options of a `Scanner`."""
+
+    scan: str | Path | ScanDescription | None
+
+
+class PlanOptions(ScannerOptions, total=False):
+    """Options of `plan` and `place`."""
+
+    unit: str
+    progress: Progress | ProgressCallback | None
+
+
+class ShotOptions(CellOptions, total=False):
+    """Options of `shot`."""
+
+    unit: str
+    as_built: Assignments
+    seed: Seed
+    engine: Engine
+
+
+class RenderOptions(ShotOptions, total=False):
+    """Options of `render`."""
+
+    estimated: EstimatedDescription | None
+    estimated_sensor: SensorDescription | None
+    on_images: OnImages | None
+    progress: Progress | ProgressCallback | None
+
+
+class ScanOptions(RenderOptions, total=False):
+    """Options of `scan`."""
+
+    scan: str | Path | ScanDescription | None
+    plan: Plan | str | Path | None
+    normals: bool
+    samples: bool
+    hook: PreScanHook | None
+
+
+class SurveyOptions(PlanOptions, total=False):
+    """Options of `survey`."""
+
+    radius: Length | None
+    height: Length
+    voxel: Length
+    pitch: Length
+    inflation: float
+    as_built: Assignments
+    seed: Seed
+
+
+class CalibrateOptions(PlanOptions, total=False):
+    """Options of `calibrate`."""
+
+    engine: Engine
+    as_built: Assignments
+    seed: Seed
+    from_points: str | Path | None
+    flange: str | Path | None
+    convention: FlangeConvention | None
+    table_format: str | Path | None
+
+
+class CalibrateSensorOptions(SensorOptions, total=False):
+    """Options of `calibrate_sensor`."""
+
+    as_built: Assignments
+    seed: Seed
+    progress: Progress | ProgressCallback | None
+
+
+class BatchOptions(TypedDict, total=False):
+    """Keys of a batch description (docs/batch.md)."""
+
+    cell: str | Path
+    sensor: str | Path
+    scan: str | Path
+    ideal: bool
+    unit: str
+    engine: Engine
+    seed: Seed
+    formats: tuple[CloudFormat, ...] | list[CloudFormat]
+    images: bool
+    truth: bool
+
+
+def _single_call(method: Callable[..., object], options: type) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Decorator: check the arguments; the signature shows the options, those of `Scanner` and its `method`."""
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        called, signature = checked_arguments(function), inspect.signature(function)
+        known = {**inspect.signature(Scanner).parameters, **inspect.signature(method).parameters}
+        own = list(signature.parameters.values())[:-1]
+        shown = [known[name].replace(kind=inspect.Parameter.KEYWORD_ONLY) for name in options.__annotations__]
+        called.__signature__ = signature.replace(parameters=[*own, *shown])  # type: ignore[attr-defined]
+        return called
+
+    return decorate
+
+
+def _once(method: Callable[..., R], *given: object, **options: Any) -> R:
+    """The result of a method of a new scanner; the options of both are given together."""
+    own = {name: options.pop(name) for name in ScannerOptions.__optional_keys__ & options.keys()}
+    with Scanner(**own) as scanner:
+        return method(scanner, *given, **options)
+
+
+@_single_call(Scanner.scan, ScanOptions)
+def scan(part: str | Path | Mesh, **options: Unpack[ScanOptions]) -> ScanResult:
     """Scan a part once; parameters as of `Scanner` and `Scanner.scan`.
 
     Examples
@@ -98,22 +199,11 @@ def scan(
     >>> scancell.scan("part.stl", engine="geometric", as_built={"tool.x_mm": 0.1}, seed=3)
     ScanResult('part.stl', engine='geometric', seed=3: ... profiles, ... points)
     """
-    with Scanner(cell, sensor, scan, settings=settings, ideal=ideal, threads=threads) as scanner:
-        return scanner.scan(part, **options)
+    return _once(Scanner.scan, part, **options)
 
 
-@checked_arguments
-def shot(
-    part: str | Path | Mesh,
-    part_from_sensor: Pose,
-    *,
-    cell: Cell = None,
-    sensor: Sensor = None,
-    settings: Assignments = (),
-    ideal: bool = False,
-    threads: Threads = 0,
-    **options: Unpack[ShotOptions],
-) -> ShotResult:
+@_single_call(Scanner.shot, ShotOptions)
+def shot(part: str | Path | Mesh, part_from_sensor: Pose, **options: Unpack[ShotOptions]) -> ShotResult:
     """Expose once from a pose of the sensor in the part frame; parameters as of `Scanner` and `Scanner.shot`.
 
     Examples
@@ -123,22 +213,11 @@ def shot(
     >>> shot.images.images.shape
     (2, 1024, 1280)
     """
-    with Scanner(cell, sensor, settings=settings, ideal=ideal, threads=threads) as scanner:
-        return scanner.shot(part, part_from_sensor, **options)
+    return _once(Scanner.shot, part, part_from_sensor, **options)
 
 
-@checked_arguments
-def render(
-    recording: str | Path,
-    part: str | Path | Mesh,
-    *,
-    cell: Cell = None,
-    sensor: Sensor = None,
-    settings: Assignments = (),
-    ideal: bool = False,
-    threads: Threads = 0,
-    **options: Unpack[RenderOptions],
-) -> ScanResult:
+@_single_call(Scanner.render, RenderOptions)
+def render(recording: str | Path, part: str | Path | Mesh, **options: Unpack[RenderOptions]) -> ScanResult:
     """Images and a cloud from a recording; parameters as of `Scanner` and `Scanner.render`.
 
     Examples
@@ -148,21 +227,11 @@ def render(
     >>> scancell.render("run/recording.parquet", "part.stl", engine="geometric")
     ScanResult('part.stl', engine='geometric', seed=0: ... profiles, ... points)
     """
-    with Scanner(cell, sensor, settings=settings, ideal=ideal, threads=threads) as scanner:
-        return scanner.render(recording, part, **options)
+    return _once(Scanner.render, recording, part, **options)
 
 
-@checked_arguments
-def plan(
-    part: str | Path | Mesh,
-    *,
-    cell: Cell = None,
-    sensor: Sensor = None,
-    scan: Scan = None,
-    settings: Assignments = (),
-    unit: str = "mm",
-    progress: Progress | ProgressCallback | None = None,
-) -> Plan:
+@_single_call(Scanner.plan, PlanOptions)
+def plan(part: str | Path | Mesh, **options: Unpack[PlanOptions]) -> Plan:
     """Plan and check the scan of a part; parameters as of `Scanner` and `Scanner.plan`.
 
     Examples
@@ -171,22 +240,11 @@ def plan(
     >>> plan.axes.shape == (len(plan.segment), 7)
     True
     """
-    with Scanner(cell, sensor, scan, settings=settings) as scanner:
-        return scanner.plan(part, unit=unit, progress=progress)
+    return _once(Scanner.plan, part, **options)
 
 
-@checked_arguments
-def place(
-    part: str | Path | Mesh,
-    share: Share = 0.99,
-    *,
-    cell: Cell = None,
-    sensor: Sensor = None,
-    scan: Scan = None,
-    settings: Assignments = (),
-    unit: str = "mm",
-    progress: Progress | ProgressCallback | None = None,
-) -> SetUps:
+@_single_call(Scanner.place, PlanOptions)
+def place(part: str | Path | Mesh, share: Share = 0.99, **options: Unpack[PlanOptions]) -> SetUps:
     """Propose set-ups of a free part for scanning; parameters as of `Scanner` and `Scanner.place`.
 
     Examples
@@ -196,21 +254,13 @@ def place(
     6 stable resting poses; 100.0 % of the surface is measurable in one of them
       one set-up scans ... % of that
     """
-    with Scanner(cell, sensor, scan, settings=settings) as scanner:
-        return scanner.place(part, share, unit=unit, progress=progress)
+    return _once(Scanner.place, part, share, **options)
 
 
-@checked_arguments
+@_single_call(Scanner.calibrate, CalibrateOptions)
 def calibrate(
     request: CalibrationRequest | CalibrationTarget = "all",
     artefact: str | Path | Mesh | None = None,
-    *,
-    cell: Cell = None,
-    sensor: Sensor = None,
-    scan: Scan = None,
-    settings: Assignments = (),
-    ideal: bool = False,
-    threads: Threads = 0,
     **options: Unpack[CalibrateOptions],
 ) -> CalibrationReport:
     """Find the deviations of a cell; parameters as of `Scanner` and `Scanner.calibrate`.
@@ -221,19 +271,12 @@ def calibrate(
     >>> round(report.estimated.tool.x_mm, 1)
     1.0
     """
-    with Scanner(cell, sensor, scan, settings=settings, ideal=ideal, threads=threads) as scanner:
-        return scanner.calibrate(request, artefact, **options)
+    return _once(Scanner.calibrate, request, artefact, **options)
 
 
-@checked_arguments
+@_single_call(Scanner.calibrate_sensor, CalibrateSensorOptions)
 def calibrate_sensor(
-    request: SensorCalibrationRequest | SensorTarget = "ball",
-    *,
-    sensor: Sensor = None,
-    settings: Assignments = (),
-    ideal: bool = False,
-    threads: Threads = 0,
-    **options: Unpack[CalibrateSensorOptions],
+    request: SensorCalibrationRequest | SensorTarget = "ball", **options: Unpack[CalibrateSensorOptions]
 ) -> SensorCalibrationReport:
     """Find the deviations of a sensor; parameters as of `Scanner` and `Scanner.calibrate_sensor`.
 
@@ -243,70 +286,11 @@ def calibrate_sensor(
     >>> round(report.sensor.camera[0].tilt_deg, 1)
     29.4
     """
-    with Scanner(sensor=sensor, settings=settings, ideal=ideal, threads=threads) as scanner:
-        return scanner.calibrate_sensor(request, **options)
+    return _once(Scanner.calibrate_sensor, request, **options)
 
 
-@checked_arguments
-def calibrate_from_images(
-    folder: str | Path,
-    board: str,
-    *,
-    sensor: Sensor = None,
-    settings: Assignments = (),
-    convention: FlangeConvention | None = None,
-    threads: Threads = 0,
-    progress: Progress | ProgressCallback | None = None,
-) -> BoardCalibrationReport:
-    """Calibrate a camera with a laser line on a robot, from images of a chessboard with the stripe on it.
-
-    Intrinsics, laser sheet, pose of the camera on the flange and pose of the board are found together. The other
-    parameters are those of `Scanner` and `Scanner.scan`.
-
-    Parameters
-    ----------
-    folder
-        Images, and a table of the flange's poses with a row for each (docs/calibration_sensor.md).
-    board
-        Inner corners in a row and in a column of the chessboard, and the side of a square in mm: ``7x6x10``.
-    sensor
-        Description whose detector, laser and extraction are kept; the first camera is the one to calibrate.
-    convention
-        Of orientations whose columns do not state it.
-
-    Raises
-    ------
-    ScancellError
-        Naming what is wrong and what was expected; `CalibrationError` where the images do not determine the unknowns,
-        or flange poses disagree with them.
-
-    Examples
-    --------
-    >>> try:
-    ...     scancell.calibrate_from_images("recorded", "7x7x10")
-    ... except scancell.DescriptionError as error:
-    ...     print(error.expected)
-    an odd and an even number of corners
-    """
-    from scancell.calibration.board.report import calibrate_board  # noqa: PLC0415  (its solvers take 0.4 s to import)
-    from scancell.calibration.board.views import Board  # noqa: PLC0415
-
-    setup = load_setup(None, sensor, None, assignments(settings))
-    return calibrate_board(setup, Path(folder), Board.parse(board), convention, threads, as_progress(progress))
-
-
-@checked_arguments
-def survey(
-    part: str | Path | Mesh,
-    *,
-    cell: Cell = None,
-    sensor: Sensor = None,
-    scan: Scan = None,
-    settings: Assignments = (),
-    ideal: bool = False,
-    threads: Threads = 0,
-    **options: Unpack[SurveyOptions],
-) -> SurveyResult:
+@_single_call(Scanner.survey, SurveyOptions)
+def survey(part: str | Path | Mesh, **options: Unpack[SurveyOptions]) -> SurveyResult:
     """Find occupied and unseen space around the table; parameters as of `Scanner` and `Scanner.survey`.
 
     Examples
@@ -315,193 +299,7 @@ def survey(
     >>> survey.exposures > 0
     True
     """
-    with Scanner(cell, sensor, scan, settings=settings, ideal=ideal, threads=threads) as scanner:
-        return scanner.survey(part, **options)
-
-
-@checked_arguments
-def extract(
-    images: Sequence[str | Path],
-    out: str | Path,
-    *,
-    sensor: Sensor = None,
-    settings: Assignments = (),
-    laser_off: Sequence[str | Path] = (),
-    sheet_um: Length | None = None,
-    peaks: bool = False,
-    threads: Threads = 0,
-) -> RunReport:
-    """Measure the stripe in images of a sensor, real or simulated, and write profiles into the folder `out`.
-
-    The other parameters are those of `Scanner`.
-
-    Parameters
-    ----------
-    images, laser_off
-        Image files or folders, and laser-off (background) frames to subtract.
-    sheet_um
-        Flag points that, by two cameras, are farther than this off the laser sheet.
-    peaks
-        Also write every peak that was found.
-
-    Raises
-    ------
-    ScancellError
-        Naming what is wrong and what was expected.
-
-    Examples
-    --------
-    >>> shot = scancell.shot("part.stl", scancell.location(0, 0, 0.1, rx=180 * scancell.deg))
-    >>> files = shot.save("shot")
-    >>> report = scancell.extract(["shot/image_plus.png", "shot/image_minus.png"], "profiles")
-    >>> report.figures["exposures"]
-    1
-    """
-    from scancell.config.loading import load_setup  # noqa: PLC0415
-    from scancell.output.extract_images import ExtractionRequest, extract_to_folder  # noqa: PLC0415
-
-    if not images:
-        raise DescriptionError("images: expected at least one image file or folder")
-    setup = load_setup(None, sensor, None, assignments(settings))
-    files, background = ([Path(item) for item in items] for items in (images, laser_off))
-    request = ExtractionRequest(files, setup.sensor, peaks, threads, background, sheet_um)
-    return extract_to_folder(request, Path(out))
-
-
-@checked_arguments
-def reconstruct(
-    data: str | Path,
-    *,
-    cell: Cell = None,
-    sensor: Sensor = None,
-    settings: Assignments = (),
-    part: str | Path | Mesh | None = None,
-    unit: str = "mm",
-    cloud_unit: LengthUnit | None = None,
-    calibration: str | Path | None = None,
-    flange: str | Path | None = None,
-    table_format: str | Path | None = None,
-    convention: FlangeConvention | None = None,
-    laser_off: str | Path | None = None,
-    quarter_turns: QuarterTurns | None = None,
-    latency_ms: LatencyMs | LatencyWord | None = None,
-    keep_all: bool = False,
-    threads: Threads = 0,
-    progress: Progress | ProgressCallback | None = None,
-) -> ReconstructionResult:
-    """Make a cloud with covariance from measurements of a real sensor on a robot (docs/measurements.md).
-
-    The other parameters are those of `Scanner` and `Scanner.scan`.
-
-    Parameters
-    ----------
-    data
-        Table of profile points, profiles as a sensor writes them, or folder of images with a table of poses; with
-        joints or poses of the flange. Or a cloud, surface or profiles without poses, whose frame is taken as that of
-        the robot's base.
-    part
-        Nominal part, in whose frame the cloud is; without it the cloud is in the frame of the robot's base.
-    cloud_unit
-        Unit of a cloud: mm, m or inch; by default what the file states, or else mm.
-    calibration
-        Folder of results of a calibration: its cell, its sensor, and the pose of the sensor on the flange.
-    flange
-        Table of the flange poses of the exposures, if they are not in that of the points; or a program or list of a
-        robot controller, whose poses are those of exposures 1, 2 and so on.
-    table_format
-        Format of the profiles: the name of a shipped one, or a file; by default by the content.
-    convention
-        Of orientations whose columns do not state it.
-    laser_off
-        Folder of background images to subtract.
-    quarter_turns
-        Counter-clockwise, from the images to those of the described camera; by default those of the calibration.
-    latency_ms
-        Delay of the exposures after the joints, or ``estimate`` to find it from the part; by default that of the cell.
-    keep_all
-        With a part: keep points of the table and of its neighbours.
-
-    Raises
-    ------
-    ScancellError
-        Naming what is wrong and what was expected; `CalibrationError` where the measurements disagree with the part or
-        do not determine the delay, `EmptyScanError` where no point is left.
-
-    Examples
-    --------
-    >>> try:
-    ...     result = scancell.reconstruct("profiles.csv", part="part.stl")
-    ... except scancell.DescriptionError as error:
-    ...     print(error)
-    profiles.csv: no such file
-    """
-    from scancell.recorded.result import ReconstructRequest, reconstruct_request  # noqa: PLC0415
-
-    def path(item: str | Path | None) -> Path | None:
-        return None if item is None else Path(item)
-
-    request = ReconstructRequest(
-        Path(data),
-        part if isinstance(part, Mesh) else path(part),
-        unit,
-        cloud_unit,
-        path(calibration),
-        path(flange),
-        table_format,
-        convention,
-        path(laser_off),
-        quarter_turns,
-        latency_ms,
-        keep_all,
-        threads,
-    )
-    return reconstruct_request(request, cell, sensor, assignments(settings), as_progress(progress))
-
-
-@checked_arguments
-def compare(
-    run: str | Path,
-    *,
-    part: str | Path | Mesh | None = None,
-    unit: str = "mm",
-    out: str | Path | None = None,
-    seed: Seed = 0,
-    threads: Threads = 0,
-    progress: Progress | ProgressCallback | None = None,
-) -> ComparisonResult:
-    """Compare real measurements of a part with those of the ray-traced sensor at the same poses.
-
-    The other parameters are those of `Scanner` and `Scanner.scan`.
-
-    Parameters
-    ----------
-    run
-        Run folder of `reconstruct`, or of a scan.
-    part
-        What was measured, a mesh or an artefact; by default the part of the run.
-    out
-        Folder for figures (JSON) and a picture, which may be that of the run.
-
-    Raises
-    ------
-    ScancellError
-        Naming what is wrong and what was expected.
-
-    Examples
-    --------
-    >>> try:
-    ...     print(scancell.compare("measured"))
-    ... except scancell.DescriptionError as error:
-    ...     print(error)
-    measured: expected a run folder
-    """
-    from scancell.recorded.compare import compare_run  # noqa: PLC0415
-
-    chosen = part if part is None or isinstance(part, Mesh) else Path(part)
-    found = compare_run(Path(run), chosen, unit, seed, threads, as_progress(progress))
-    if out is not None:
-        found.save(out)
-    return found
+    return _once(Scanner.survey, part, **options)
 
 
 @checked_arguments
@@ -623,10 +421,10 @@ def _region_numbers(words: Sequence[str | int]) -> list[int]:
 
 @checked_arguments
 def acceptance(
-    sensor: Sensor = None,
+    sensor: str | Path | SensorDescription | None = None,
     *,
-    cell: Cell = None,
-    scan: Scan = None,
+    cell: str | Path | CellDescription | None = None,
+    scan: str | Path | ScanDescription | None = None,
     settings: Assignments = (),
     as_built: Assignments = (),
     engine: Engine = "geometric",

@@ -14,7 +14,7 @@ from scancell.cli import app
 from scancell.config.loading import assets_dir, load_setup
 from scancell.config.sensor import DetectorDescription
 from scancell.errors import ImageError
-from scancell.output.extract_images import ExtractionRequest, extract_to_folder
+from scancell.output.extract_images import extract
 from scancell.output.image_files import ImageSet
 from scancell.reconstruction.cloud_files import read_ply
 
@@ -34,7 +34,7 @@ def write_pair(folder, name, row, suffix=".png", **shape):
 
 def run(images, out, *overrides, peaks=False, laser_off=()):
     setup = load_setup(settings=overrides)
-    return extract_to_folder(ExtractionRequest(images, setup.sensor, peaks, 1, laser_off), out)
+    return extract(images, out, sensor=setup.sensor, laser_off=laser_off, peaks=peaks, threads=1)
 
 
 def table(path):

@@ -192,22 +192,26 @@ def test_views_of_a_board_are_written_and_read(tmp_path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("words", "code", "message"),
     [
-        (("sensor", "--poses", "3"), "--poses: does not apply to calibrate sensor"),
-        (("sensor", "--engine", "ray-traced"), "--engine: does not apply to calibrate sensor"),
-        (("sensor", "--target", "cube"), "targets[0] = 'cube': expected 'ball', 'step', 'checkered'"),
-        (("sensor", "--as-built", "tool.x_mm=1"), "expected a key of the sensor"),
-        (("sensor", "--also", "sensor.camera[1].f_number"), "expected one of the keys"),
+        (("sensor", "--poses", "3"), 2, "No such option: --poses"),
+        (("sensor", "--engine", "ray-traced"), 2, "No such option: --engine"),
+        (("sensor", "--target", "cube"), 1, "targets[0] = 'cube': expected 'ball', 'step', 'checkered'"),
+        (("sensor", "--as-built", "tool.x_mm=1"), 1, "expected a key of the sensor"),
+        (("sensor", "--also", "sensor.camera[1].f_number"), 1, "expected one of the keys"),
         (
             ("sensor", "--from-points", "p.csv", "--pose", "unknown"),
+            1,
             "--pose: does not apply to calibrate sensor --from",
         ),
-        (("tool", "--target", "ball"), "--target: does not apply to calibrate tool"),
+        (("tool", "--target", "ball"), 2, "No such option: --target"),
+        (("tool", "--wobble"), 2, "No such option: --wobble"),
+        (("sensor", "--from-images", "recorded", "--board", "7x6x10", "--seed", "1"), 2, "No such option: --seed"),
+        (("board", "--board", "7x6x10"), 2, "Missing option '--from-images'"),
     ],
 )
-def test_options_that_do_not_apply_are_refused(tmp_path, words, message) -> None:
+def test_options_that_do_not_apply_are_refused(tmp_path, words, code, message) -> None:
     done = scancell_here("calibrate", *words, "--out", "out", cwd=tmp_path)
-    assert done.code == 1
+    assert done.code == code
     assert message in done.err
     assert not list(tmp_path.iterdir())

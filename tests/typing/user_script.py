@@ -91,6 +91,10 @@ def mistakes(result: scancell.ScanResult) -> None:
     scancell.scan(PART, engine="raytraced")  # error: value
     scancell.scan(PART, seed="3")  # error: type
     scancell.shot(PART, "0,0,180")  # error: type
+    scancell.survey(PART, radius="50")  # error: type
+    scancell.calibrate("tool", sede=1)  # error: name
+    scancell.shot(PART, scancell.location(0, 0, 1), scan="scan.toml")  # error: name
+    scancell.reconstruct("profiles.csv", convention="xzw")  # error: value
     scancell.batch([PART], "out", variants=10, images="yes")  # error: type
     scancell.evaluate(result, align="icp")  # error: value
     scancell.MoveJoints([0.0] * 6, sped=0.5)  # error: name

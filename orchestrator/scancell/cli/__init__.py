@@ -31,7 +31,7 @@ _UsageError = cast(type[Any], typer.BadParameter.__base__)
 
 @command("schema")
 def schema(
-    out: Annotated[Path, typer.Option("--out", help="folder for the schemas")] = Path("docs/schemas"),
+    out: Annotated[Path, "folder for the schemas"] = Path("docs/schemas"),
 ) -> Outcome:
     """Write the JSON Schemas of the description files, for editors."""
     from scancell.config.schema import json_schemas  # noqa: PLC0415

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, cast
+from typing import Annotated, Literal, cast
 
 import typer
 
+import scancell
 from scancell.cli.common import (
     AsBuiltOption,
     EngineOption,
+    Options,
     Outcome,
     SeedOption,
     SensorOption,
@@ -22,214 +24,204 @@ from scancell.cli.common import (
 from scancell.config.choices import CalibrationTarget, FlangeConvention, SensorTarget
 from scancell.errors import DescriptionError
 
-if TYPE_CHECKING:
-    from scancell.calibration.board.report import BoardCalibrationReport
-    from scancell.calibration.cell.report import CalibrationReport
-    from scancell.calibration.sensor.report import SensorCalibrationReport
-    from scancell.progress import Progress
-
-# Parameters of the calibration of a cell alone, and of simulated targets alone.
-_OF_CELL = (
-    "artefact",
-    "flange",
-    "convention",
-    "table_format",
-    "wobble",
-    "poses",
-    "passes",
-    "random_poses",
-    "robot_noise",
-    "engine",
-    "sensor",
-)
-_NOT_OF_IMAGES = (*(name for name in _OF_CELL if name != "convention"), "from_points", "also", "unknown_size", "seed")
-_OF_SIMULATION = ("target", "pose", "as_built")
+SensorArgument = Annotated[
+    Path | None, typer.Argument(metavar="[SENSOR]", help="sensor description (TOML); the shipped one by default")
+]
+AlsoOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME", help="further deviation to find: dh[3].theta, sensor.camera[1].distortion[2]; repeatable"
+    ),
+]
+ConventionOption = Annotated[
+    FlangeConvention | None, "convention of the columns flange_orientation_1 … of flange poses"
+]
+CalibrationOutOption = Annotated[Path, "folder for the calibrated description, figures and points"]
+PoseWord = Literal["described", "unknown"]
 
 
-@command("calibrate")
-def calibrate(
-    context: typer.Context,
-    what: Annotated[
-        Literal["tool", "table", "latency", "all", "sensor"],
-        typer.Argument(
-            help="pose of the sensor on the flange, axis of the table, delay of the exposures, or all;"
-            " or cameras and laser sheet of the sensor"
-        ),
-    ],
+@dataclass(frozen=True)
+class CellCalibrationOptions(Options):
+    """Options of the calibration of a cell by scans of an artefact."""
+
     description: Annotated[
-        Path | None,
-        typer.Argument(metavar="[CELL|SENSOR]", help="cell or sensor description (TOML); the shipped one by default"),
-    ] = None,
+        Path | None, typer.Argument(metavar="[CELL]", help="cell description (TOML); the shipped one by default")
+    ] = None
     artefact: Annotated[
-        Path | None,
-        typer.Option(
-            "--artefact",
-            help="artefact description (TOML), or the mesh of any part; default: a sphere, or a ball plate",
-        ),
-    ] = None,
-    target: Annotated[
+        Path | None, "artefact description (TOML), or the mesh of any part; default: a sphere, or a ball plate"
+    ] = None
+    from_points: Annotated[Path | None, "points and joints or flange poses of a real cell (CSV, Parquet, YAML)"] = None
+    flange: Annotated[Path | None, "flange poses of the exposures of --from-points, if its table holds none"] = None
+    convention: ConventionOption = None
+    table_format: Annotated[
+        str | None,
+        "format of profiles of a sensor in --from-points: a shipped one or a TOML file"
+        " (docs/how_to/own_profiles.md); default: by the content",
+    ] = None
+    out: CalibrationOutOption = Path("out/calibration")
+    also: AlsoOption = None
+    poses: Annotated[int | None, typer.Option(min=0, help="exposures at rest; default 24")] = None
+    passes: Annotated[
+        int | None, typer.Option(min=0, help="passes over the artefact in motion; default 8 for latency")
+    ] = None
+    pose: Annotated[PoseWord | None, "pose of the artefact: taken from the description, or found"] = None
+    unknown_size: Annotated[bool, "also find the sizes of the shapes of the artefact"] = False
+    random_poses: Annotated[bool, "draw poses at random instead of minimizing the expected covariance"] = False
+    robot_noise: Annotated[
+        Literal["none", "joints", "flange"], "random errors of the robot that the covariance includes"
+    ] = "flange"
+    engine: EngineOption = "geometric"
+    sensor: SensorOption = None
+    settings: SetOption = None
+    as_built: AsBuiltOption = None
+    seed: SeedOption = 0
+    threads: ThreadsOption = 0
+
+    def calibrate(self, what: CalibrationTarget, *, wobble: bool = False) -> Outcome:
+        """Calibrate `what`, and write the results."""
+        request = scancell.CalibrationRequest(
+            what=what,
+            also=tuple(self.also or ()),
+            wobble=wobble,
+            poses=self.poses,
+            passes=self.passes,
+            is_pose_known=None if self.pose is None else self.pose == "described",
+            is_size_known=not self.unknown_size,
+            designed=not self.random_poses,
+            robot_noise=self.robot_noise,
+            pose_seed=self.seed,
+        )
+        with show_progress(self.as_json) as progress:
+            report = scancell.calibrate(
+                request,
+                self.artefact,
+                cell=self.description,
+                sensor=self.sensor,
+                settings=self.settings or (),
+                threads=self.threads,
+                engine=self.engine,
+                as_built=self.as_built or (),
+                seed=self.seed,
+                from_points=self.from_points,
+                flange=self.flange,
+                convention=self.convention,
+                table_format=self.table_format,
+                progress=progress,
+            )
+        return _saved(report, self.out, "cell  ")
+
+
+@dataclass(frozen=True)
+class TableCalibrationOptions(CellCalibrationOptions):
+    """Options of the calibration of a cell whose table turns."""
+
+    wobble: Annotated[bool, "also find the wobble of the table axis"] = False
+
+
+@command("calibrate tool", CellCalibrationOptions)
+def calibrate_tool(options: CellCalibrationOptions) -> Outcome:
+    """Find the pose of the sensor on the flange from scans of an artefact, and write a calibrated cell."""
+    return options.calibrate("tool")
+
+
+@command("calibrate table", TableCalibrationOptions)
+def calibrate_table(options: TableCalibrationOptions) -> Outcome:
+    """Find the axis of the table from scans of an artefact, and write a calibrated cell."""
+    return options.calibrate("table", wobble=options.wobble)
+
+
+@command("calibrate latency", CellCalibrationOptions)
+def calibrate_latency(options: CellCalibrationOptions) -> Outcome:
+    """Find the delay of the exposures from scans of an artefact, and write a calibrated cell."""
+    return options.calibrate("latency")
+
+
+@command("calibrate all", TableCalibrationOptions)
+def calibrate_all(options: TableCalibrationOptions) -> Outcome:
+    """Find tool, table and latency together from scans of an artefact, and write a calibrated cell."""
+    return options.calibrate("all", wobble=options.wobble)
+
+
+@command("calibrate sensor")
+def calibrate_sensor(
+    sensor: SensorArgument = None,
+    targets: Annotated[
         list[str] | None,
         typer.Option("--target", help="target of the simulated sensor: ball (default), step, checkered; repeatable"),
     ] = None,
-    from_points: Annotated[
-        Path | None,
-        typer.Option(
-            "--from-points",
-            help="points and joints or flange poses of a real cell, or peaks of a real sensor (CSV, Parquet, YAML)",
-        ),
-    ] = None,
-    flange: Annotated[
-        Path | None,
-        typer.Option("--flange", help="flange poses of the exposures of --from-points, if its table holds none"),
-    ] = None,
-    convention: Annotated[
-        FlangeConvention | None,
-        typer.Option("--convention", help="convention of the columns flange_orientation_1 … of flange poses"),
-    ] = None,
-    table_format: Annotated[
-        str | None,
-        typer.Option(
-            "--table-format",
-            help="format of profiles of a sensor in --from-points: a shipped one or a TOML file"
-            " (docs/how_to/own_profiles.md); default: by the content",
-        ),
-    ] = None,
-    from_images: Annotated[
-        Path | None,
-        typer.Option(
-            "--from-images",
-            help="images of a chessboard with the stripe on it, by one camera on a robot, with a table of flange poses",
-        ),
-    ] = None,
-    board: Annotated[
-        str | None,
-        typer.Option("--board", metavar="COLUMNSxROWSxMM", help="inner corners, side of a square: 7x6x10"),
-    ] = None,
-    out: Annotated[
-        Path, typer.Option("--out", help="folder for the calibrated description, figures and points")
-    ] = Path("out/calibration"),
-    also: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--also",
-            metavar="NAME",
-            help="further deviation to find: dh[3].theta, sensor.camera[1].distortion[2]; repeatable",
-        ),
-    ] = None,
-    wobble: Annotated[bool, typer.Option("--wobble", help="also find the wobble of the table axis")] = False,
-    poses: Annotated[int | None, typer.Option("--poses", min=0, help="exposures at rest; default 24")] = None,
-    passes: Annotated[
-        int | None, typer.Option("--passes", min=0, help="passes over the artefact in motion; default 8 for latency")
-    ] = None,
-    pose: Annotated[
-        Literal["described", "unknown"] | None,
-        typer.Option(
-            "--pose", help="pose of the artefact, or of the stage of the target: taken from the description, or found"
-        ),
-    ] = None,
-    unknown_size: Annotated[
-        bool, typer.Option("--unknown-size", help="also find the sizes of the shapes of artefact or target")
-    ] = False,
-    random_poses: Annotated[
-        bool, typer.Option("--random-poses", help="draw poses at random instead of minimizing the expected covariance")
-    ] = False,
-    robot_noise: Annotated[
-        Literal["none", "joints", "flange"],
-        typer.Option("--robot-noise", help="random errors of the robot that the covariance includes"),
-    ] = "flange",
-    engine: EngineOption = "geometric",
-    sensor: SensorOption = None,
-    set_: SetOption = None,
+    from_points: Annotated[Path | None, "peaks of a real sensor (CSV, Parquet, YAML)"] = None,
+    out: CalibrationOutOption = Path("out/calibration"),
+    also: AlsoOption = None,
+    pose: Annotated[PoseWord | None, "pose of the stage of the target: taken from the description, or found"] = None,
+    unknown_size: Annotated[bool, "also find the sizes of the shapes of the target"] = False,
+    settings: SetOption = None,
     as_built: AsBuiltOption = None,
     seed: SeedOption = 0,
     threads: ThreadsOption = 0,
     as_json: bool = False,
 ) -> Outcome:
-    """Scan an artefact, find the deviations of the cell, and write a calibrated cell; or the same for a sensor."""
-    from scancell.config.loading import load_setup  # noqa: PLC0415
-    from scancell.scanner import Scanner  # noqa: PLC0415
-
-    def cell_report(progress: Progress) -> CalibrationReport:
-        from scancell.calibration.cell.report import CalibrationRequest  # noqa: PLC0415
-
-        _refuse(context, what, ("target", "from_images", "board"))
-        request = CalibrationRequest(
-            what=cast(CalibrationTarget, what),
-            also=tuple(also or ()),
-            wobble=wobble,
-            poses=poses,
-            passes=passes,
-            is_pose_known=None if pose is None else pose == "described",
-            is_size_known=not unknown_size,
-            designed=not random_poses,
-            robot_noise=robot_noise,
-            pose_seed=seed,
+    """Find cameras and laser sheet from a target of known shape, simulated or real, and write a calibrated sensor."""
+    if from_points is not None:
+        for key, given in (("targets", targets), ("pose", pose), ("as_built", as_built)):
+            if given:
+                raise DescriptionError("does not apply to calibrate sensor --from-points", key=key)
+    request = scancell.SensorCalibrationRequest(
+        targets=cast("tuple[SensorTarget, ...]", tuple(targets or ("ball",))),
+        from_points=from_points,
+        is_pose_known=pose != "unknown",
+        is_size_known=not unknown_size,
+        also=tuple(also or ()),
+    )
+    with show_progress(as_json) as progress:
+        report = scancell.calibrate_sensor(
+            request,
+            sensor=sensor,
+            settings=settings or (),
+            threads=threads,
+            as_built=as_built or (),
+            seed=seed,
+            progress=progress,
         )
-        with Scanner(setup=load_setup(description, sensor, None, set_ or []), threads=threads) as scanner:
-            return scanner.calibrate(
-                request,
-                artefact,
-                engine=engine,
-                as_built=as_built or (),
-                seed=seed,
-                from_points=from_points,
-                flange=flange,
-                convention=convention,
-                table_format=table_format,
-                progress=progress,
-            )
+    return _saved(report, out, "sensor")
 
-    def image_report(folder: Path, progress: Progress) -> BoardCalibrationReport:
-        from scancell.api import calibrate_from_images  # noqa: PLC0415
 
-        _refuse(context, "sensor --from-images", (*_NOT_OF_IMAGES, *_OF_SIMULATION))
-        if board is None:
-            raise DescriptionError(
-                "is missing", key="board", expected="inner corners and side in mm, for example 7x6x10"
-            )
-        return calibrate_from_images(
-            folder,
+@command("calibrate board")
+def calibrate_board(
+    from_images: Annotated[
+        Path,
+        typer.Option(
+            help="images of a chessboard with the stripe on it, by one camera on a robot, with a table of flange poses"
+        ),
+    ],
+    board: Annotated[str, typer.Option(metavar="COLUMNSxROWSxMM", help="inner corners, side of a square: 7x6x10")],
+    sensor: SensorArgument = None,
+    convention: ConventionOption = None,
+    out: CalibrationOutOption = Path("out/calibration"),
+    settings: SetOption = None,
+    threads: ThreadsOption = 0,
+    as_json: bool = False,
+) -> Outcome:
+    """Find camera, laser sheet and pose on the flange from images of a chessboard, and write a calibrated sensor."""
+    with show_progress(as_json) as progress:
+        report = scancell.calibrate_from_images(
+            from_images,
             board,
-            sensor=description,
-            settings=set_ or [],
+            sensor=sensor,
+            settings=settings or (),
             convention=convention,
             threads=threads,
             progress=progress,
         )
+    return _saved(report, out, "sensor")
 
-    def sensor_report(progress: Progress) -> SensorCalibrationReport:
-        from scancell.calibration.sensor.report import SensorCalibrationRequest  # noqa: PLC0415
 
-        _refuse(context, what, (*_OF_CELL, "board"))
-        if from_points is not None:
-            _refuse(context, "sensor --from-points", _OF_SIMULATION)
-        request = SensorCalibrationRequest(
-            targets=cast("tuple[SensorTarget, ...]", tuple(target or ("ball",))),
-            from_points=from_points,
-            is_pose_known=pose != "unknown",
-            is_size_known=not unknown_size,
-            also=tuple(also or ()),
-        )
-        with Scanner(setup=load_setup(None, description, None, set_ or []), threads=threads) as scanner:
-            return scanner.calibrate_sensor(request, as_built=as_built or (), seed=seed, progress=progress)
-
-    with show_progress(as_json) as progress:
-        report: CalibrationReport | SensorCalibrationReport | BoardCalibrationReport
-        if what != "sensor":
-            report = cell_report(progress)
-        elif from_images is not None:
-            report = image_report(from_images, progress)
-        else:
-            report = sensor_report(progress)
+def _saved(
+    report: scancell.CalibrationReport | scancell.SensorCalibrationReport | scancell.BoardCalibrationReport,
+    out: Path,
+    kind: str,
+) -> Outcome:
+    """The outcome of a calibration of that `kind` of description, whose files are written into `out`."""
     files = report.save(out)
     written = next((file for file in files if file.name.startswith("calibrated")), out / "calibration.json")
-    lines = [report.summary(), f"  calibrated {'sensor' if what == 'sensor' else 'cell  '}  {written}"]
+    lines = [report.summary(), f"  calibrated {kind}  {written}"]
     return Outcome(lines, report.figures, [str(file) for file in files], report.warnings)
-
-
-def _refuse(context: typer.Context, what: str, names: Sequence[str]) -> None:
-    """Refuse options that do not apply."""
-    for name in names:
-        source = context.get_parameter_source(name)
-        if source is not None and source.name == "COMMANDLINE":
-            raise DescriptionError(f"does not apply to calibrate {what}", key=name)

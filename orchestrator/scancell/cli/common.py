@@ -9,13 +9,16 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from copy import copy
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, get_args, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
+from typer.models import OptionInfo
 
+import scancell
 from scancell.cli.interrupts import EXIT_INTERRUPTED, interruptible
 from scancell.config.choices import CloudFrame, Engine, LengthUnit
 from scancell.errors import DescriptionError, ScancellError, named_by
@@ -29,8 +32,8 @@ if TYPE_CHECKING:
 
 
 EXIT_ERROR = 1
-# Arguments of Python functions whose options have other names.
-_RENAMED = {"settings": "set_", "targets": "target", "formats": "format_", "is_size_known": "unknown_size"}
+# Arguments of Python functions that parameters of commands state in another way.
+_RENAMED = {"is_size_known": "unknown_size"}
 
 GROUPS = {
     "Scan": ("scan", "shot", "plan", "place", "survey", "render", "rerun", "extract", "reconstruct"),
@@ -41,6 +44,8 @@ GROUPS = {
     "About": ("schema", "version"),
 }
 _WITH_SUBCOMMANDS = {
+    "calibrate": "Scan an artefact, find the deviations of the cell, and write a calibrated cell;"
+    " or the same for a sensor.",
     "fmu": "Build and inspect FMUs of the robot cell.",
     "ssp": "Build packages of the robot cell and a controller of it.",
     "guard": "Protect a robot from collisions.",
@@ -62,6 +67,16 @@ class GroupedCommands(TyperGroup):
             rows = [(name.ljust(width), _first_sentence(self.commands[name].help or "")) for name in names]
             with formatter.section(title):
                 formatter.write_dl(rows)
+
+
+class GroupOfCommands(TyperGroup):
+    """Subcommands; ``calibrate sensor --from-images``, as version 0.2 had it, is ``calibrate board``."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """The subcommand that the words name, and the words after it."""
+        if args[0] == "sensor" and any(word.partition("=")[0] == "--from-images" for word in args):
+            args = ["board", *args[1:]]
+        return super().resolve_command(ctx, args)
 
 
 class CommandOfSingleValues(TyperCommand):
@@ -106,7 +121,7 @@ app = typer.Typer(
 )
 _apps = {"": app}
 for _name, _help in _WITH_SUBCOMMANDS.items():
-    _apps[_name] = typer.Typer(help=_help, no_args_is_help=True, rich_markup_mode=None)
+    _apps[_name] = typer.Typer(cls=GroupOfCommands, help=_help, no_args_is_help=True, rich_markup_mode=None)
     app.add_typer(_apps[_name], name=_name)
 
 
@@ -132,6 +147,8 @@ def command(
 ) -> Callable[[Callable[..., Outcome]], Callable[..., None]]:
     """Decorator: register a function as a command with the option ``--json``, and print the outcome that it returns.
 
+    A parameter is annotated by its type and its help, or by what `typer` needs to know of it beyond that.
+
     Parameters
     ----------
     name
@@ -144,7 +161,11 @@ def command(
 
     def decorate(function: Callable[..., Outcome]) -> Callable[..., None]:
         own = inspect.signature(function, eval_str=True).parameters
-        shared = {} if options is None else inspect.signature(options, eval_str=True).parameters
+        shared: Mapping[str, inspect.Parameter] = {}
+        if options is not None:
+            hints = get_type_hints(options, include_extras=True)
+            fields = inspect.signature(options).parameters
+            shared = {key: item.replace(annotation=hints[key]) for key, item in fields.items()}
 
         @functools.wraps(function)
         def called(as_json: bool, **given: Any) -> None:
@@ -157,7 +178,7 @@ def command(
 
         listed = {key: item for key, item in {**own, **shared}.items() if key not in ("options", "as_json")}
         keyword = inspect.Parameter.KEYWORD_ONLY
-        parameters = [item.replace(kind=keyword) for item in listed.values()]
+        parameters = [_declared(item).replace(kind=keyword) for item in listed.values()]
         parameters.append(inspect.Parameter("as_json", keyword, default=False, annotation=JsonOption))
         # Typer reads both.
         called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
@@ -166,6 +187,20 @@ def command(
         return _apps[group].command(last, cls=CommandOfSingleValues)(called)
 
     return decorate
+
+
+def _declared(item: inspect.Parameter) -> inspect.Parameter:
+    """The parameter with what `typer` needs to know: a text is the help of an option, or without default an argument.
+
+    An option has the name of the parameter unless it states another one.
+    """
+    kind, declared = get_args(item.annotation)
+    if isinstance(declared, str):
+        declared = typer.Argument(help=declared) if item.default is item.empty else typer.Option(help=declared)
+    if isinstance(declared, OptionInfo) and declared.default is ...:  # typer takes the first name for a default
+        declared = copy(declared)
+        declared.param_decls = (f"--{item.name.strip('_').replace('_', '-')}",)
+    return item.replace(annotation=Annotated[kind, declared])
 
 
 def run(name: str, as_json: bool, work: Callable[[], Outcome]) -> None:
@@ -191,13 +226,13 @@ def run(name: str, as_json: bool, work: Callable[[], Outcome]) -> None:
 
 
 def options_by_argument(name: str) -> dict[str, str]:
-    """Options of a command by the arguments of the Python functions that they set."""
+    """Options of a command by their words, and by the arguments of the Python functions that they set."""
     found: Any = typer.main.get_command(app)
     for word in name.split():
         found = found.commands[word]
     options = {item.name: item.opts[-1] for item in found.params if item.param_type_name == "option"}
-    renamed = {argument: options[key] for argument, key in _RENAMED.items() if key in options}
-    return {key.removesuffix("_"): option for key, option in options.items()} | renamed
+    words = {option.removeprefix("--").replace("-", "_"): option for option in options.values()}
+    return words | options | {argument: options[key] for argument, key in _RENAMED.items() if key in options}
 
 
 def _fail(name: str, as_json: bool, message: str, kind: str, code: int) -> NoReturn:
@@ -217,13 +252,11 @@ def show_progress(as_json: bool) -> AbstractContextManager[Progress]:
     return interruptible(TerminalProgress())
 
 
-PartArgument = Annotated[Path, typer.Argument(help="mesh (STL, OBJ, PLY) or artefact (TOML)")]
-CellOption = Annotated[Path | None, typer.Option("--cell", help="cell description (TOML)")]
-SensorOption = Annotated[Path | None, typer.Option("--sensor", help="sensor description (TOML)")]
-ScanOption = Annotated[Path | None, typer.Option("--scan", help="scan description (TOML)")]
-PathOption = Annotated[
-    Path | None, typer.Option("--path", help="sensor path (TOML) instead of the views of the scan description")
-]
+PartArgument = Annotated[Path, "mesh (STL, OBJ, PLY) or artefact (TOML)"]
+CellOption = Annotated[Path | None, "cell description (TOML)"]
+SensorOption = Annotated[Path | None, "sensor description (TOML)"]
+ScanOption = Annotated[Path | None, "scan description (TOML)"]
+PathOption = Annotated[Path | None, "sensor path (TOML) instead of the views of the scan description"]
 SetOption = Annotated[
     list[str] | None,
     typer.Option("--set", metavar=KEY_VALUE, help="change the nominal description: cell.part.x_mm=20; repeatable"),
@@ -231,45 +264,52 @@ SetOption = Annotated[
 AsBuiltOption = Annotated[
     list[str] | None,
     typer.Option(
-        "--as-built",
-        metavar=KEY_VALUE,
-        help="perturb the true cell: tool.x_mm=0.1, sensor.laser.turn_y_deg=0.1; repeatable",
+        metavar=KEY_VALUE, help="perturb the true cell: tool.x_mm=0.1, sensor.laser.turn_y_deg=0.1; repeatable"
     ),
 ]
-EngineOption = Annotated[Engine, typer.Option("--engine", help="rendered camera images, or ideal ray intersection")]
-IdealOption = Annotated[bool, typer.Option("--ideal", help="switch off all noise")]
-SeedOption = Annotated[int, typer.Option("--seed", min=0, max=2**31 - 1, help="random seed")]
-UnitOption = Annotated[str, typer.Option("--unit", help="unit of the mesh file: mm, m or inch")]
-CloudUnitOption = Annotated[
-    LengthUnit | None,
-    typer.Option("--cloud-unit", help="unit of the cloud file; by default what the file states, or else mm"),
+EngineOption = Annotated[Engine, "rendered camera images, or ideal ray intersection"]
+IdealOption = Annotated[bool, "switch off all noise"]
+SeedOption = Annotated[int, typer.Option(min=0, max=2**31 - 1, help="random seed")]
+UnitOption = Annotated[str, "unit of the mesh file: mm, m or inch"]
+CloudUnitOption = Annotated[LengthUnit | None, "unit of the cloud file; by default what the file states, or else mm"]
+ThreadsOption = Annotated[int, typer.Option(min=0, help="number of threads; 0 for one per core")]
+WorkersOption = Annotated[int, typer.Option(min=0, help="processes on this machine; 0: one per core")]
+FormatsOption = Annotated[
+    str, typer.Option("--format", help="formats of the cloud, separated by commas: ply, npz, laz, e57, pcd, xyz")
 ]
-ThreadsOption = Annotated[int, typer.Option("--threads", min=0, help="number of threads; 0 for one per core")]
-WorkersOption = Annotated[int, typer.Option("--workers", min=0, help="processes on this machine; 0: one per core")]
-OutOption = Annotated[Path, typer.Option("--out", help="folder for the results")]
-TablePartOption = Annotated[
-    Path | None, typer.Option("--part", help="mesh of the part; the table is empty without this option")
-]
-NoGuardOption = Annotated[bool, typer.Option("--no-guard", help="run without the collision guard")]
+OutOption = Annotated[Path, typer.Option(help="folder for the results")]
+TablePartOption = Annotated[Path | None, "mesh of the part; the table is empty without this option"]
+NoGuardOption = Annotated[bool, "run without the collision guard"]
 
 
 @dataclass(frozen=True)
-class PartOptions:
+class Options:
+    """Options of a command."""
+
+    as_json: JsonOption = False
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """Arguments of the Python function behind the command: the options that have a value."""
+        return {name: value for name, value in vars(self).items() if value is not None and name != "as_json"}
+
+
+@dataclass(frozen=True)
+class PartOptions(Options):
     """Options of commands that load a cell with a part."""
 
     cell: CellOption = None
     sensor: SensorOption = None
-    set_: SetOption = None
+    settings: SetOption = None
     unit: UnitOption = "mm"
     threads: ThreadsOption = 0
-    as_json: JsonOption = False
 
     def setup(self, scan: Path | None = None, path: Path | None = None, settings: Sequence[str] = ()) -> Setup:
         """The descriptions that the options name."""
-        from scancell.config.loading import load_setup, with_path  # noqa: PLC0415
+        from scancell.config.loading import with_path  # noqa: PLC0415
 
-        words = [*(self.set_ or []), *settings]
-        return with_path(load_setup(self.cell, self.sensor, scan, words, self._is_ideal), path)
+        words = [*(self.settings or []), *settings]
+        return with_path(scancell.load_setup(self.cell, self.sensor, scan, words, self._is_ideal), path)
 
     @property
     def _is_ideal(self) -> bool:
@@ -300,35 +340,26 @@ class CellOptions(SimulationOptions):
 class CloudOptions(CellOptions):
     """Options of commands that write a cloud into a run folder."""
 
-    images: Annotated[bool, typer.Option("--images", help="keep the camera images of every exposure")] = False
-    format_: Annotated[
-        str, typer.Option("--format", help="formats of the cloud, separated by commas: ply, npz, laz, e57, pcd, xyz")
-    ] = "ply"
+    images: Annotated[bool, "keep the camera images of every exposure"] = False
+    formats: FormatsOption = "ply"
     estimated_sensor: Annotated[
-        Path | None,
-        typer.Option(
-            "--estimated-sensor", help="calibrated sensor (TOML) that interprets the images of the sensor as built"
-        ),
+        Path | None, "calibrated sensor (TOML) that interprets the images of the sensor as built"
     ] = None
     frame: Annotated[
         CloudFrame,
-        typer.Option(
-            "--frame",
-            help="frame of the points in the cloud files; table, base and world: table at 0; belt: of a scan on a belt",
-        ),
+        "frame of the points in the cloud files; table, base and world: table at 0; belt: of a scan on a belt",
     ] = "part"
 
     def run_into(
         self, out: Path, setup: Setup, progress: Progress, scan: Callable[[dict[str, Any]], ScanResult]
     ) -> Outcome:
         """Make a scan with the options and write its files into `out`, all or none."""
-        from scancell.config.sensor import SensorDescription  # noqa: PLC0415
         from scancell.output.image_files import ImageWriter  # noqa: PLC0415
         from scancell.output.run_files import OPTIONAL_FILES  # noqa: PLC0415
         from scancell.output.run_folder import RunFolder  # noqa: PLC0415
         from scancell.reconstruction.cloud_files import parse_formats  # noqa: PLC0415
 
-        formats = parse_formats(self.format_, "format")
+        formats = parse_formats(self.formats, "formats")
         given: dict[str, Any] = {
             "unit": self.unit,
             "engine": self.engine,
@@ -336,7 +367,7 @@ class CloudOptions(CellOptions):
             "seed": self.seed,
         }
         if self.estimated_sensor is not None:
-            given["estimated_sensor"] = SensorDescription.from_toml(self.estimated_sensor)
+            given["estimated_sensor"] = scancell.SensorDescription.from_toml(self.estimated_sensor)
         with RunFolder(out, OPTIONAL_FILES) as folder:
             if self.images and self.engine == "geometric":
                 raise DescriptionError(

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+import scancell
 from scancell.cli.common import (
     AsBuiltOption,
     CellOption,
     CloudUnitOption,
     EngineOption,
+    Options,
     Outcome,
     OutOption,
     ScanOption,
@@ -33,27 +36,20 @@ _LARGE_MB = 20.0
 _View = Literal["cell", "part", "orbit", "sensor"]
 _Colour = Literal["deviation", "intensity"]
 
-_Run = Annotated[Path, typer.Argument(help="run folder of a scan or robot program")]
-_ViewOption = Annotated[
-    _View, typer.Option("--view", help="whole cell, part, once around the cell, or following the sensor")
-]
-_SizeOption = Annotated[str, typer.Option("--size", metavar="WIDTHxHEIGHT", help="size in pixels")]
-_ColourOption = Annotated[_Colour, typer.Option("--colour", help="quantity that the colours of the cloud show")]
+_Run = Annotated[Path, "run folder of a scan or robot program"]
+_ViewOption = Annotated[_View, "whole cell, part, once around the cell, or following the sensor"]
+_SizeOption = Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="size in pixels")]
+_ColourOption = Annotated[_Colour, "quantity that the colours of the cloud show"]
 
 
 @command("evaluate")
 def evaluate(
-    cloud: Annotated[Path, typer.Argument(help="point cloud (PLY, PCD, LAS, LAZ, E57, NPZ, text, CSV) or run folder")],
-    mesh: Annotated[Path | None, typer.Option("--mesh", help="nominal part: mesh (STL, OBJ, PLY)")] = None,
-    artefact: Annotated[Path | None, typer.Option("--artefact", help="nominal artefact (TOML)")] = None,
-    align: Annotated[
-        Align, typer.Option("--align", help="before the comparison: nothing, least squares, or to datum planes")
-    ] = "none",
+    cloud: Annotated[Path, "point cloud (PLY, PCD, LAS, LAZ, E57, NPZ, text, CSV) or run folder"],
+    mesh: Annotated[Path | None, "nominal part: mesh (STL, OBJ, PLY)"] = None,
+    artefact: Annotated[Path | None, "nominal artefact (TOML)"] = None,
+    align: Annotated[Align, "before the comparison: nothing, least squares, or to datum planes"] = "none",
     datum: Annotated[
-        str | None,
-        typer.Option(
-            "--datum", help="datum faces of the artefact, or numbers of plane regions of the mesh, with commas between"
-        ),
+        str | None, "datum faces of the artefact, or numbers of plane regions of the mesh, with commas between"
     ] = None,
     out: OutOption = Path("out/evaluate"),
     unit: UnitOption = "mm",
@@ -61,10 +57,8 @@ def evaluate(
     threads: ThreadsOption = 0,
 ) -> Outcome:
     """Compare a cloud with a mesh or an artefact: figures as JSON and CSV, a picture, and a report as HTML."""
-    from scancell.api import evaluate as evaluate_cloud  # noqa: PLC0415
-
     words = [word.strip() for word in datum.split(",")] if datum else []
-    found = evaluate_cloud(
+    found = scancell.evaluate(
         cloud,
         mesh=mesh,
         artefact=artefact,
@@ -84,20 +78,16 @@ def evaluate(
 @command("mesh")
 def mesh(
     run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="run folder, or cloud file of scancell (PLY)")],
-    out: Annotated[Path, typer.Option("--out", help="mesh file (STL, PLY, OBJ), mm")] = Path("out/surface.ply"),
+    out: Annotated[Path, "mesh file (STL, PLY, OBJ), mm"] = Path("out/surface.ply"),
     method: Annotated[
-        Reconstruction,
-        typer.Option("--method", help="smooth surface, trimmed where points are sparse; or points joined by triangles"),
+        Reconstruction, "smooth surface, trimmed where points are sparse; or points joined by triangles"
     ] = "poisson",
     spacing_mm: Annotated[
-        float | None,
-        typer.Option("--spacing-mm", min=0.001, help="smallest details; default: 1/250 of the extent"),
+        float | None, typer.Option(min=0.001, help="smallest details; default: 1/250 of the extent")
     ] = None,
 ) -> Outcome:
     """Reconstruct the surface of a scan, for `scancell scan` or other programs (extra `mesh`)."""
-    from scancell.api import mesh as mesh_of_run  # noqa: PLC0415
-
-    surface = mesh_of_run(run_folder, out, method=method, spacing_mm=spacing_mm)
+    surface = scancell.mesh(run_folder, out, method=method, spacing_mm=spacing_mm)
     figures = {
         "vertices": len(surface.vertices),
         "faces": len(surface.faces),
@@ -109,52 +99,38 @@ def mesh(
     return Outcome([line, f"  results    {out}"], figures, [str(out)])
 
 
-@command("acceptance")
-def acceptance(
+@dataclass(frozen=True)
+class AcceptanceOptions(Options):
+    """Options of `scancell.acceptance`."""
+
     sensor: Annotated[
         Path | None, typer.Argument(help="sensor description (TOML); the shipped default unless given")
-    ] = None,
-    cell: CellOption = None,
-    scan: ScanOption = None,
-    out: Annotated[Path, typer.Option("--out", help="folder for the report")] = Path("out/acceptance"),
-    quick: Annotated[bool, typer.Option("--quick", help="fewer positions, repeats and points")] = False,
-    repeats: Annotated[
-        int | None, typer.Option("--repeats", min=1, help="scans of each artefact at each position; default 20")
-    ] = None,
-    factors: Annotated[
-        Path | None, typer.Option("--factors", help="study (TOML) whose factors are drawn anew for each repeat")
-    ] = None,
-    limit: Annotated[
+    ] = None
+    cell: CellOption = None
+    scan: ScanOption = None
+    quick: Annotated[bool, "fewer positions, repeats and points"] = False
+    repeats: Annotated[int | None, typer.Option(min=1, help="scans of each artefact at each position; default 20")] = (
+        None
+    )
+    factors: Annotated[Path | None, "study (TOML) whose factors are drawn anew for each repeat"] = None
+    limits: Annotated[
         list[str] | None,
         typer.Option("--limit", metavar="NAME=VALUE", help="largest permitted error: 'probing size=5'; repeatable"),
-    ] = None,
-    engine: EngineOption = "geometric",
-    set_: SetOption = None,
-    as_built: AsBuiltOption = None,
-    seed: SeedOption = 0,
-    threads: ThreadsOption = 0,
-    as_json: bool = False,
+    ] = None
+    engine: EngineOption = "geometric"
+    settings: SetOption = None
+    as_built: AsBuiltOption = None
+    seed: SeedOption = 0
+    threads: ThreadsOption = 0
+
+
+@command("acceptance", AcceptanceOptions)
+def acceptance(
+    options: AcceptanceOptions, out: Annotated[Path, "folder for the report"] = Path("out/acceptance")
 ) -> Outcome:
     """Test a sensor with artefacts over its measuring range, in both scan modes: JSON, CSV and one HTML page."""
-    from scancell.api import acceptance as test  # noqa: PLC0415
-
-    with show_progress(as_json) as progress:
-        report = test(
-            sensor,
-            cell=cell,
-            scan=scan,
-            settings=set_ or [],
-            as_built=as_built or [],
-            engine=engine,
-            seed=seed,
-            quick=quick,
-            repeats=repeats,
-            factors=factors,
-            limits=limit or [],
-            out=out,
-            threads=threads,
-            progress=progress,
-        )
+    with show_progress(options.as_json) as progress:
+        report = scancell.acceptance(**options.given, out=out, progress=progress)
     names = ("acceptance.json", "acceptance.csv", "acceptance.html", "manifest.json")
     figures = {
         "largest": report.largest,
@@ -168,11 +144,8 @@ def acceptance(
 @command("picture")
 def picture(
     run_folder: _Run,
-    out: Annotated[Path, typer.Option("--out", help="file for the picture (PNG)")] = Path("out/picture.png"),
-    time: Annotated[
-        float | None,
-        typer.Option("--time", help="time in the run, s; default: that of the last exposure, else the end"),
-    ] = None,
+    out: Annotated[Path, "file for the picture (PNG)"] = Path("out/picture.png"),
+    time: Annotated[float | None, "time in the run, s; default: that of the last exposure, else the end"] = None,
     view: _ViewOption = "cell",
     size: _SizeOption = "1280x720",
     colour: _ColourOption = "deviation",
@@ -190,15 +163,13 @@ def picture(
 @command("animate")
 def animate(
     run_folder: _Run,
-    out: Annotated[Path, typer.Option("--out", help="file of the animation, .webm or .webp")] = Path("out/scan.webm"),
+    out: Annotated[Path, "file of the animation, .webm or .webp"] = Path("out/scan.webm"),
     view: _ViewOption = "cell",
     size: _SizeOption = "1280x720",
-    fps: Annotated[float, typer.Option("--fps", min=1, max=120, help="pictures per second")] = 25.0,
-    seconds: Annotated[
-        float | None, typer.Option("--seconds", min=0.01, help="length of the animation, s; default: 10")
-    ] = None,
+    fps: Annotated[float, typer.Option(min=1, max=120, help="pictures per second")] = 25.0,
+    seconds: Annotated[float | None, typer.Option(min=0.01, help="length of the animation, s; default: 10")] = None,
     speed: Annotated[
-        float | None, typer.Option("--speed", min=1e-3, help="seconds of the run in one second; instead of --seconds")
+        float | None, typer.Option(min=1e-3, help="seconds of the run in one second; instead of --seconds")
     ] = None,
     colour: _ColourOption = "deviation",
     threads: ThreadsOption = 0,
@@ -219,9 +190,9 @@ def animate(
 @command("page")
 def page(
     run_folder: _Run,
-    out: Annotated[Path, typer.Option("--out", help="file for the page (HTML)")] = Path("out/run.html"),
+    out: Annotated[Path, "file for the page (HTML)"] = Path("out/run.html"),
     points: Annotated[
-        int, typer.Option("--points", min=1, max=900_000, help="points of the cloud at most, evenly chosen")
+        int, typer.Option(min=1, max=900_000, help="points of the cloud at most, evenly chosen")
     ] = 500_000,
     colour: _ColourOption = "deviation",
     threads: ThreadsOption = 0,
@@ -242,10 +213,8 @@ def page(
 @command("export")
 def export(
     run_folder: _Run,
-    out: Annotated[Path, typer.Option("--out", help="file for the recording (MCAP)")] = Path("out/scan.mcap"),
-    points: Annotated[
-        int, typer.Option("--points", min=1, help="points of the cloud at most, evenly chosen")
-    ] = 1_000_000,
+    out: Annotated[Path, "file for the recording (MCAP)"] = Path("out/scan.mcap"),
+    points: Annotated[int, typer.Option(min=1, help="points of the cloud at most, evenly chosen")] = 1_000_000,
     threads: ThreadsOption = 0,
     as_json: bool = False,
 ) -> Outcome:

@@ -8,56 +8,41 @@ from typing import Annotated, Literal
 
 import typer
 
+import scancell
 from scancell.cli.common import Outcome, SeedOption, SetOption, UnitOption, command
 
 
 @command("fmu build")
 def fmu_build(
     cell: Annotated[Path | None, typer.Argument(help="cell description (TOML)")] = None,
-    part: Annotated[Path | None, typer.Option("--part", help="mesh of the part on the table")] = None,
-    set_: SetOption = None,
+    part: Annotated[Path | None, "mesh of the part on the table"] = None,
+    settings: SetOption = None,
     seed: SeedOption = 0,
     unit: UnitOption = "mm",
-    out: Annotated[Path, typer.Option("--out", help="folder for the FMUs")] = Path("out"),
-    fmi: Annotated[int | None, typer.Option("--fmi", min=2, max=3, help="only this FMI version")] = None,
-    clock: Annotated[
-        bool, typer.Option("--clock", help="FMI 3: declare the clock trigger.clock (some importers fail on clocks)")
-    ] = False,
-    arrays: Annotated[
-        bool,
-        typer.Option("--arrays", help="FMI 3: array variables instead of indexed scalars (few importers read arrays)"),
-    ] = False,
-    integers: Annotated[
-        bool, typer.Option("--integers", help="integers instead of enumerations, for libcosim and ecos")
-    ] = False,
-    ahead: Annotated[
-        bool, typer.Option("--ahead", help="controller.ahead, the path ahead of the controller, which a guard reads")
-    ] = False,
-    records: Annotated[
-        bool, typer.Option("--records", help="FMI 3: arrays of all records that a communication step completed")
-    ] = False,
-    sequencer: Annotated[
-        bool, typer.Option("--sequencer", help="also write CellSequencer2.fmu and CellSequencer3.fmu, which command it")
-    ] = False,
+    out: Annotated[Path, "folder for the FMUs"] = Path("out"),
+    fmi: Annotated[int | None, typer.Option(min=2, max=3, help="only this FMI version")] = None,
+    clock: Annotated[bool, "FMI 3: declare the clock trigger.clock (some importers fail on clocks)"] = False,
+    arrays: Annotated[bool, "FMI 3: array variables instead of indexed scalars (few importers read arrays)"] = False,
+    integers: Annotated[bool, "integers instead of enumerations, for libcosim and ecos"] = False,
+    ahead: Annotated[bool, "controller.ahead, the path ahead of the controller, which a guard reads"] = False,
+    records: Annotated[bool, "FMI 3: arrays of all records that a communication step completed"] = False,
+    sequencer: Annotated[bool, "also write CellSequencer2.fmu and CellSequencer3.fmu, which command it"] = False,
 ) -> Outcome:
     """Write the co-simulation FMUs of a cell: RobotCell2.fmu (FMI 2.0) and RobotCell3.fmu (FMI 3.0)."""
     from scancell.cell.fmu_file import (  # noqa: PLC0415
         build_fmu,
         build_sequencer_fmu,
-        cell_json,
         simplified,
     )
-    from scancell.cell.fmu_package.contents import FmuOptions  # noqa: PLC0415
-    from scancell.config.loading import assets_dir, load_setup  # noqa: PLC0415
-    from scancell.nominal.cell import nominal_cell, with_unknown_obstacles  # noqa: PLC0415
-    from scancell.nominal.parts import load_part  # noqa: PLC0415
+    from scancell.nominal.cell import with_unknown_obstacles  # noqa: PLC0415
 
-    setup = load_setup(cell, settings=set_ or [])
-    mesh = load_part(part, unit) if part else load_part(assets_dir() / "parts" / "step_block.stl")
-    nominal = with_unknown_obstacles(nominal_cell(setup.cell, mesh), setup.cell)
-    description = cell_json(setup.cell, nominal, seed)
+    setup = scancell.load_setup(cell, settings=settings or [])
+    example = scancell.assets_dir() / "parts" / "step_block.stl"
+    mesh = scancell.load_part(part, unit) if part else scancell.load_part(example)
+    nominal = with_unknown_obstacles(scancell.nominal_cell(setup.cell, mesh), setup.cell)
+    description = scancell.cell_json(setup.cell, nominal, seed)
     files = []
-    options = FmuOptions(clock=clock, arrays=arrays, integers=integers, ahead=ahead, records=records)
+    options = scancell.FmuOptions(clock=clock, arrays=arrays, integers=integers, ahead=ahead, records=records)
     for version in (fmi,) if fmi else (2, 3):
         path = out / f"RobotCell{version}.fmu"
         build_fmu(description, path, 2 if version == 2 else 3, options)
@@ -75,10 +60,8 @@ def fmu_build(
 
 @command("fmu info")
 def fmu_info(
-    fmu: Annotated[Path, typer.Argument(help="FMU file, or folder of an unpacked FMU")],
-    filter_: Annotated[
-        str, typer.Option("--filter", metavar="PREFIX", help="only variables whose name starts with this")
-    ] = "",
+    fmu: Annotated[Path, "FMU file, or folder of an unpacked FMU"],
+    filter_: Annotated[str, typer.Option(metavar="PREFIX", help="only variables whose name starts with this")] = "",
 ) -> Outcome:
     """Show version, token and variables of an FMU: name, unit, start value and description of each."""
     from scancell.cell.fmu_info import describe_fmu  # noqa: PLC0415
@@ -90,27 +73,25 @@ def fmu_info(
 @command("ssp build")
 def ssp_build(
     cell: Annotated[Path | None, typer.Argument(help="cell description (TOML)")] = None,
-    part: Annotated[Path | None, typer.Option("--part", help="mesh of the part that is scanned")] = None,
-    set_: SetOption = None,
+    part: Annotated[Path | None, "mesh of the part that is scanned"] = None,
+    settings: SetOption = None,
     seed: SeedOption = 0,
     unit: UnitOption = "mm",
-    out: Annotated[Path, typer.Option("--out", help="file of the package")] = Path("out/RobotCell.ssp"),
-    stop_time: Annotated[float, typer.Option("--stop-time", help="end of the default experiment, s")] = 30.0,
-    ssp: Annotated[Literal["1.0", "2.0"], typer.Option("--ssp", help="version of SSP")] = "1.0",
+    out: Annotated[Path, "file of the package"] = Path("out/RobotCell.ssp"),
+    stop_time: Annotated[float, "end of the default experiment, s"] = 30.0,
+    ssp: Annotated[Literal["1.0", "2.0"], "version of SSP"] = "1.0",
 ) -> Outcome:
     """Write an SSP package: the FMU (FMI 2.0) of a cell, and a sequencer FMU that lets it pick, scan and jog."""
     from scancell.cell.driver import example_sequence  # noqa: PLC0415
-    from scancell.cell.fmu_file import cell_json  # noqa: PLC0415
     from scancell.cell.ssp import build_ssp  # noqa: PLC0415
-    from scancell.config.loading import assets_dir, load_setup  # noqa: PLC0415
-    from scancell.nominal.cell import nominal_cell, with_unknown_obstacles  # noqa: PLC0415
-    from scancell.nominal.parts import load_part  # noqa: PLC0415
+    from scancell.nominal.cell import with_unknown_obstacles  # noqa: PLC0415
 
-    setup = load_setup(cell, settings=set_ or [])
-    mesh = load_part(part, unit) if part else load_part(assets_dir() / "parts" / "step_block.stl")
-    nominal = nominal_cell(setup.cell, mesh)
+    setup = scancell.load_setup(cell, settings=settings or [])
+    example = scancell.assets_dir() / "parts" / "step_block.stl"
+    mesh = scancell.load_part(part, unit) if part else scancell.load_part(example)
+    nominal = scancell.nominal_cell(setup.cell, mesh)
     steps = example_sequence(setup, nominal)
-    description = cell_json(setup.cell, with_unknown_obstacles(nominal, setup.cell), seed)
+    description = scancell.cell_json(setup.cell, with_unknown_obstacles(nominal, setup.cell), seed)
     build_ssp(description, steps, out, stop_time=stop_time, version=ssp)
     size = out.stat().st_size
     figures = {"bytes": size, "steps": len(steps), "stop_time": stop_time}
@@ -119,15 +100,12 @@ def ssp_build(
 
 @command("robot from-urdf")
 def from_urdf(
-    urdf: Annotated[Path, typer.Argument(help="URDF file of a serial arm of 4 to 8 joints")],
-    tip: Annotated[str, typer.Option("--tip", help="link at the end of the arm, which carries the tool")],
-    out: Annotated[Path, typer.Option("--out", help="robot file (TOML) to write; meshes go into a folder beside")],
-    home: Annotated[
-        str | None, typer.Option("--home", help="joint angles of the home position, deg, commas between them")
-    ] = None,
+    urdf: Annotated[Path, "URDF file of a serial arm of 4 to 8 joints"],
+    tip: Annotated[str, typer.Option(help="link at the end of the arm, which carries the tool")],
+    out: Annotated[Path, typer.Option(help="robot file (TOML) to write; meshes go into a folder beside")],
+    home: Annotated[str | None, "joint angles of the home position, deg, commas between them"] = None,
     hold: Annotated[
-        list[int] | None,
-        typer.Option("--hold", help="joint that inverse kinematics holds: one for each beyond six; repeatable"),
+        list[int] | None, "joint that inverse kinematics holds: one for each beyond six; repeatable"
     ] = None,
 ) -> Outcome:
     """Write the arm of a URDF file as a robot file: Denavit-Hartenberg rows, limits, masses and meshes."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+import scancell
 from scancell.cli.common import EXIT_ERROR, Outcome, ScanOption, TablePartOption, UnitOption, WorkersOption, command
 from scancell.config.choices import LOOPBACK, TransportProtocol
 
@@ -22,47 +23,35 @@ def guard_serve(
     part: TablePartOption = None,
     unit: UnitOption = "mm",
     scan: ScanOption = None,
-    host: Annotated[str, typer.Option("--host", help="address to listen on")] = LOOPBACK,
-    port: Annotated[int, typer.Option("--port", min=0, max=65535, help="port to listen on; 0: any free port")] = 0,
+    host: Annotated[str, "address to listen on"] = LOOPBACK,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="port to listen on; 0: any free port")] = 0,
     max_age: Annotated[
-        float,
-        typer.Option(
-            "--max-age", min=0.03, max=5.0, help="largest age of an answered state, s; the same as in the cell"
-        ),
+        float, typer.Option(min=0.03, max=5.0, help="largest age of an answered state, s; the same as in the cell")
     ] = 0.12,
-    transport: Annotated[
-        TransportProtocol, typer.Option("--transport", help="protocol that carries the packets")
-    ] = "udp",
+    transport: Annotated[TransportProtocol, "protocol that carries the packets"] = "udp",
     as_json: bool = False,
 ) -> Outcome:
     """Answer the states of a cell (docs/guard_protocol.md) until Ctrl-C; not a rated safety function."""
-    from scancell.guard.server import serve_guard  # noqa: PLC0415
-    from scancell.scanning.session import guard_of  # noqa: PLC0415
 
     def started(host: str, port: int) -> None:
         print(f"guard: {transport} {host} {port}", file=sys.stderr if as_json else sys.stdout, flush=True)
         if not ip_address(host).is_loopback:
             print("warning: other machines can reach the guard, and packets are not authenticated", file=sys.stderr)
 
-    counts = serve_guard(guard_of(cell, part, scan, unit=unit, max_age=max_age), host, port, transport, started)
+    guard = scancell.guard_of(cell, part, scan, unit=unit, max_age=max_age)
+    counts = scancell.serve_guard(guard, host, port, transport, started)
     lines = [f"  {number:>10} packets {outcome}" for outcome, number in sorted(counts.items())]
     return Outcome(lines or ["  no packets"], {"packets": dict(counts)})
 
 
 @command("guard check")
 def guard_check(
-    part: Annotated[
-        Path, typer.Argument(help="mesh of a part on the table; alternates with parts larger than the table")
-    ],
-    cell: Annotated[
-        Path | None, typer.Option("--cell", help="cell description (TOML); default: all shipped cells in turn")
-    ] = None,
+    part: Annotated[Path, "mesh of a part on the table; alternates with parts larger than the table"],
+    cell: Annotated[Path | None, "cell description (TOML); default: all shipped cells in turn"] = None,
     unit: UnitOption = "mm",
-    seed: Annotated[int, typer.Option("--seed", min=0, help="seed of all runs")] = 1,
-    runs: Annotated[
-        int, typer.Option("--runs", min=1, help="number of scenarios, each run with and without the guard")
-    ] = 180,
-    out: Annotated[Path, typer.Option("--out", help="folder for the rows and tables")] = Path("out/guard"),
+    seed: Annotated[int, typer.Option(min=0, help="seed of all runs")] = 1,
+    runs: Annotated[int, typer.Option(min=1, help="number of scenarios, each run with and without the guard")] = 180,
+    out: Annotated[Path, "folder for the rows and tables"] = Path("out/guard"),
     workers: WorkersOption = 0,
     as_json: bool = False,
 ) -> Outcome:

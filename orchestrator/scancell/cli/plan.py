@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
+import scancell
 from scancell.cli.common import Outcome, PartArgument, PartOptions, PathOption, ScanOption, command, show_progress
 
 if TYPE_CHECKING:
@@ -24,24 +25,13 @@ def plan(
     options: PartOptions,
     path: PathOption = None,
     scan: ScanOption = None,
-    optimum: Annotated[
-        bool, typer.Option("--optimum", help="compare motions along paths with the best possible ones; takes longer")
-    ] = False,
-    picture: Annotated[
-        Path | None,
-        typer.Option("--picture", help="PNG file for the configuration map of a path; further paths get a number"),
-    ] = None,
-    all_branches: Annotated[
-        bool, typer.Option("--all-branches", help="with --picture: also the maps of the other arm branches")
-    ] = False,
-    out: Annotated[
-        Path | None, typer.Option("--out", help="JSON file for the plan, for `scancell scan --plan`")
-    ] = None,
+    optimum: Annotated[bool, "compare motions along paths with the best possible ones; takes longer"] = False,
+    picture: Annotated[Path | None, "PNG file for the configuration map of a path; further paths get a number"] = None,
+    all_branches: Annotated[bool, "with --picture: also the maps of the other arm branches"] = False,
+    out: Annotated[Path | None, "JSON file for the plan, for `scancell scan --plan`"] = None,
 ) -> Outcome:
     """Plan a scan: collision-free motions of arm and table within all limits, and the surface that they see."""
-    from scancell.scanner import Scanner  # noqa: PLC0415
-
-    with Scanner(setup=options.setup(scan, path), threads=options.threads) as scanner:
+    with scancell.Scanner(setup=options.setup(scan, path), threads=options.threads) as scanner:
         made = scanner.plan(part, unit=options.unit)
     lines = [
         f"{part.name}: {len(made.axes)} exposures in {len(made.program.segments)} segments,"
@@ -143,18 +133,13 @@ def place(
     options: PartOptions,
     scan: ScanOption = None,
     share: Annotated[
-        float, typer.Option("--share", min=0.01, max=1.0, help="share of the measurable surface to be scanned")
+        float, typer.Option(min=0.01, max=1.0, help="share of the measurable surface to be scanned")
     ] = 0.99,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", help="TOML file for the cell with the part set up; a second one gets _2"),
-    ] = None,
+    out: Annotated[Path | None, "TOML file for the cell with the part set up; a second one gets _2"] = None,
 ) -> Outcome:
     """Propose the resting pose, position on the table and height of a free part for the best scan; or two set-ups."""
-    from scancell.scanner import Scanner  # noqa: PLC0415
-
     setup = options.setup(scan)
-    with show_progress(options.as_json) as progress, Scanner(setup=setup, threads=options.threads) as scanner:
+    with show_progress(options.as_json) as progress, scancell.Scanner(setup=setup, threads=options.threads) as scanner:
         found = scanner.place(part, share, unit=options.unit, progress=progress)
     lines = [f"{part.name}: {found.summary()}"]
     files = []

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+import scancell
 from scancell.cli.common import (
-    CellOption,
     CloudUnitOption,
+    FormatsOption,
     Outcome,
     OutOption,
+    PartOptions,
     SeedOption,
-    SensorOption,
-    SetOption,
     ThreadsOption,
     UnitOption,
     command,
@@ -24,7 +25,50 @@ from scancell.config.choices import FlangeConvention, LatencyWord
 from scancell.errors import DescriptionError
 
 
-@command("reconstruct")
+@dataclass(frozen=True)
+class ReconstructOptions(PartOptions):
+    """Options of `scancell.reconstruct`."""
+
+    calibration: Annotated[
+        Path | None, "results of `scancell calibrate`: calibrated cell, sensor, pose on the flange"
+    ] = None
+    part: Annotated[
+        Path | None, "mesh (STL, OBJ, PLY) or artefact (TOML); without it the cloud is in the base frame"
+    ] = None
+    flange: Annotated[
+        Path | None,
+        "flange poses of the exposures, if the table of points holds none: a table,"
+        " or a program or list of a robot controller",
+    ] = None
+    table_format: Annotated[
+        str | None,
+        "format of profiles of a sensor: a shipped one or a TOML file (docs/how_to/own_profiles.md);"
+        " default: by the content",
+    ] = None
+    convention: Annotated[
+        FlangeConvention | None, "convention of the columns flange_orientation_1 … of flange poses"
+    ] = None
+    laser_off: Annotated[Path | None, "folder of background images of the same names, to subtract"] = None
+    quarter_turns: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            max=3,
+            help="turns counter-clockwise from the images to those of the described camera; default: of --calibration",
+        ),
+    ] = None
+    latency_ms: Annotated[
+        str | None,
+        typer.Option(
+            metavar="MS|estimate",
+            help="delay of the exposures after the latch; `estimate` finds it from the part; default: of the cell",
+        ),
+    ] = None
+    cloud_unit: CloudUnitOption = None
+    keep_all: Annotated[bool, "with --part: keep points of the table and of its neighbours"] = False
+
+
+@command("reconstruct", ReconstructOptions)
 def reconstruct(
     data: Annotated[
         Path,
@@ -34,99 +78,18 @@ def reconstruct(
             " with poses.csv; with joints or flange poses; or cloud or surface without poses",
         ),
     ],
-    cell: CellOption = None,
-    sensor: SensorOption = None,
-    calibration: Annotated[
-        Path | None,
-        typer.Option(
-            "--calibration", help="results of `scancell calibrate`: calibrated cell, sensor, pose on the flange"
-        ),
-    ] = None,
-    part: Annotated[
-        Path | None,
-        typer.Option(
-            "--part", help="mesh (STL, OBJ, PLY) or artefact (TOML); without it the cloud is in the base frame"
-        ),
-    ] = None,
-    flange: Annotated[
-        Path | None,
-        typer.Option(
-            "--flange",
-            help="flange poses of the exposures, if the table of points holds none: a table,"
-            " or a program or list of a robot controller",
-        ),
-    ] = None,
-    table_format: Annotated[
-        str | None,
-        typer.Option(
-            "--table-format",
-            help="format of profiles of a sensor: a shipped one or a TOML file (docs/how_to/own_profiles.md);"
-            " default: by the content",
-        ),
-    ] = None,
-    convention: Annotated[
-        FlangeConvention | None,
-        typer.Option("--convention", help="convention of the columns flange_orientation_1 … of flange poses"),
-    ] = None,
-    laser_off: Annotated[
-        Path | None, typer.Option("--laser-off", help="folder of background images of the same names, to subtract")
-    ] = None,
-    quarter_turns: Annotated[
-        int | None,
-        typer.Option(
-            "--quarter-turns",
-            min=0,
-            max=3,
-            help="turns counter-clockwise from the images to those of the described camera; default: of --calibration",
-        ),
-    ] = None,
-    latency_ms: Annotated[
-        str | None,
-        typer.Option(
-            "--latency-ms",
-            metavar="MS|estimate",
-            help="delay of the exposures after the latch; `estimate` finds it from the part; default: of the cell",
-        ),
-    ] = None,
-    keep_all: Annotated[
-        bool, typer.Option("--keep-all", help="with --part: keep points of the table and of its neighbours")
-    ] = False,
-    format_: Annotated[
-        str, typer.Option("--format", help="formats of the cloud, separated by commas: ply, npz, laz, e57, pcd, xyz")
-    ] = "ply",
+    options: ReconstructOptions,
+    formats: FormatsOption = "ply",
     out: OutOption = Path("out/reconstruct"),
-    unit: UnitOption = "mm",
-    cloud_unit: CloudUnitOption = None,
-    set_: SetOption = None,
-    threads: ThreadsOption = 0,
-    as_json: bool = False,
 ) -> Outcome:
     """Make a cloud with covariance from measurements of a real sensor on a robot."""
-    from scancell.api import reconstruct as reconstruct_data  # noqa: PLC0415
     from scancell.reconstruction.cloud_files import parse_formats  # noqa: PLC0415
 
-    formats = parse_formats(format_, "format")
-    with show_progress(as_json) as progress:
-        result = reconstruct_data(
-            data,
-            cell=cell,
-            sensor=sensor,
-            settings=set_ or [],
-            part=part,
-            unit=unit,
-            cloud_unit=cloud_unit,
-            calibration=calibration,
-            flange=flange,
-            table_format=table_format,
-            convention=convention,
-            laser_off=laser_off,
-            quarter_turns=quarter_turns,
-            latency_ms=_latency(latency_ms),
-            keep_all=keep_all,
-            threads=threads,
-            progress=progress,
-        )
-    files = [str(path) for path in result.save(out, formats)]
+    suffixes = parse_formats(formats, "formats")
+    given = {**options.given, "latency_ms": _latency(options.latency_ms)}
+    with show_progress(options.as_json) as progress:
+        result = scancell.reconstruct(data, **given, progress=progress)
+    files = [str(path) for path in result.save(out, suffixes)]
     return Outcome([result.summary(), f"  results    {out}"], result.figures, files, result.warnings)
 
 
@@ -135,9 +98,7 @@ def compare(
     run_folder: Annotated[
         Path, typer.Argument(metavar="RUN", help="run folder of `scancell reconstruct`, or of a scan")
     ],
-    part: Annotated[
-        Path | None, typer.Option("--part", help="mesh or artefact that was measured; default: the part of the run")
-    ] = None,
+    part: Annotated[Path | None, "mesh or artefact that was measured; default: the part of the run"] = None,
     out: OutOption = Path("out/compare"),
     unit: UnitOption = "mm",
     seed: SeedOption = 0,
@@ -145,10 +106,8 @@ def compare(
     as_json: bool = False,
 ) -> Outcome:
     """Compare measurements of a part with the simulation of the same poses: figures as JSON, and a picture."""
-    from scancell.api import compare as compare_measurements  # noqa: PLC0415
-
     with show_progress(as_json) as progress:
-        found = compare_measurements(run_folder, part=part, unit=unit, seed=seed, threads=threads, progress=progress)
+        found = scancell.compare(run_folder, part=part, unit=unit, seed=seed, threads=threads, progress=progress)
     files = [str(path) for path in found.save(out)]
     return Outcome([found.summary(), f"  results    {out}"], found.figures, files)
 

@@ -14,7 +14,7 @@ from scancell.cli.common import (
     KEY_VALUE,
     AsBuiltOption,
     CellOption,
-    JsonOption,
+    Options,
     Outcome,
     OutOption,
     ScanOption,
@@ -34,27 +34,21 @@ if TYPE_CHECKING:
 
 _MAX_LISTED = 5  # failures that are printed; the index has all
 
-StudyArgument = Annotated[Path, typer.Argument(help="study description (TOML)")]
+StudyArgument = Annotated[Path, "study description (TOML)"]
 StudySetOption = Annotated[
     list[str] | None,
     typer.Option("--set", metavar=KEY_VALUE, help="override a key of the study: design.trials=20; repeatable"),
 ]
-StudyOutOption = Annotated[
-    Path | None, typer.Option("--out", help="folder of the results; default: out/NAME, the name in the study")
-]
+StudyOutOption = Annotated[Path | None, "folder of the results; default: out/NAME, the name in the study"]
 
 
 @dataclass(frozen=True)
-class ExecutionOptions:
+class ExecutionOptions(Options):
     """Options of the execution of many scans."""
 
     workers: WorkersOption = 0
-    scheduler: Annotated[str | None, typer.Option("--scheduler", help="address of a Dask scheduler")] = None
-    shard: Annotated[
-        str | None,
-        typer.Option("--shard", help="i/n: run only every n-th task from the i-th, in this process, without Dask"),
-    ] = None
-    as_json: JsonOption = False
+    scheduler: Annotated[str | None, "address of a Dask scheduler"] = None
+    shard: Annotated[str | None, "i/n: run only every n-th task from the i-th, in this process, without Dask"] = None
 
     @property
     def target(self) -> ExecutionTarget:
@@ -80,7 +74,7 @@ class ExecutionOptions:
 class RunOptions(ExecutionOptions):
     """Options of commands that run trials."""
 
-    set_: StudySetOption = None
+    settings: StudySetOption = None
     out: StudyOutOption = None
 
 
@@ -88,12 +82,12 @@ class RunOptions(ExecutionOptions):
 def study_run(
     study: StudyArgument,
     options: RunOptions,
-    trial: Annotated[int | None, typer.Option("--trial", min=1, help="run only this trial and print its row")] = None,
+    trial: Annotated[int | None, typer.Option(min=1, help="run only this trial and print its row")] = None,
 ) -> Outcome:
     """Run all trials of a study and write its report."""
     from scancell.studies.study import begin_new, replay  # noqa: PLC0415
 
-    opened, folder = _opened(study, options.set_, options.out)
+    opened, folder = _opened(study, options.settings, options.out)
     target = options.target
     opened.check()
     if trial is not None:
@@ -110,27 +104,27 @@ def study_run(
 @command("study resume", RunOptions)
 def study_resume(study: StudyArgument, options: RunOptions) -> Outcome:
     """Continue a study that was interrupted, killed, or got more trials; finished trials are kept."""
-    opened, folder = _opened(study, options.set_, options.out)
+    opened, folder = _opened(study, options.settings, options.out)
     return _run_study(opened, folder, options.target, options.as_json)
 
 
 @command("study report")
-def study_report(study: StudyArgument, set_: StudySetOption = None, out: StudyOutOption = None) -> Outcome:
+def study_report(study: StudyArgument, settings: StudySetOption = None, out: StudyOutOption = None) -> Outcome:
     """Report on the finished trials: results.parquet, study.json, report.html."""
     from scancell.studies.report import write_report  # noqa: PLC0415
 
-    opened, folder = _opened(study, set_, out)
+    opened, folder = _opened(study, settings, out)
     warnings = opened.check_same(folder).warnings
     return _reported(write_report(opened, folder), {}, warnings)
 
 
 @command("study show")
-def study_show(study: StudyArgument, set_: StudySetOption = None, out: StudyOutOption = None) -> Outcome:
+def study_show(study: StudyArgument, settings: StudySetOption = None, out: StudyOutOption = None) -> Outcome:
     """Check a study without running it: factors, trials, and how many of them are finished."""
     from scancell.studies.run_record import DESCRIPTION  # noqa: PLC0415
     from scancell.studies.study import collect  # noqa: PLC0415
 
-    opened, folder = _opened(study, set_, out)
+    opened, folder = _opened(study, settings, out)
     opened.check()
     begun = (folder / DESCRIPTION).exists()
     warnings = opened.check_same(folder).warnings if begun else []
@@ -185,17 +179,13 @@ def _reported(report: StudyReport, timings: dict[str, float], warnings: list[str
 
 @command("batch", ExecutionOptions)
 def batch(
-    parts: Annotated[list[Path], typer.Argument(help="meshes (STL, OBJ, PLY), folders of them, or artefacts (TOML)")],
+    parts: Annotated[list[Path], "meshes (STL, OBJ, PLY), folders of them, or artefacts (TOML)"],
     out: OutOption,
     options: ExecutionOptions,
-    config: Annotated[
-        Path | None, typer.Option("--config", help="batch description (TOML); options override its keys")
-    ] = None,
-    variants: Annotated[int | None, typer.Option("--variants", min=1, help="number of scans of every part")] = None,
-    engine: Annotated[
-        Engine | None, typer.Option("--engine", help="ray-traced: rendered camera images; geometric: ray intersections")
-    ] = None,
-    format_: Annotated[
+    config: Annotated[Path | None, "batch description (TOML); options override its keys"] = None,
+    variants: Annotated[int | None, typer.Option(min=1, help="number of scans of every part")] = None,
+    engine: Annotated[Engine | None, "ray-traced: rendered camera images; geometric: ray intersections"] = None,
+    formats: Annotated[
         str | None,
         typer.Option("--format", help="formats of the clouds, separated by commas: ply, npz, laz, e57, pcd, xyz"),
     ] = None,
@@ -204,11 +194,11 @@ def batch(
     cell: CellOption = None,
     sensor: SensorOption = None,
     scan: ScanOption = None,
-    set_: SetOption = None,
+    settings: SetOption = None,
     as_built: AsBuiltOption = None,
     ideal: Annotated[bool | None, typer.Option("--ideal/--noisy", help="switch off all noise")] = None,
-    seed: Annotated[int | None, typer.Option("--seed", min=0, help="random seed")] = None,
-    unit: Annotated[str | None, typer.Option("--unit", help="unit of the mesh files: mm, m or inch")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="random seed")] = None,
+    unit: Annotated[str | None, "unit of the mesh files: mm, m or inch"] = None,
 ) -> Outcome:
     """Scan many parts in many variants: clouds, images, ground truth and an index. The same command resumes."""
     from scancell.config.study import load_batch  # noqa: PLC0415
@@ -220,10 +210,10 @@ def batch(
         **{kind: path and str(path.resolve()) for kind, path in (("cell", cell), ("sensor", sensor), ("scan", scan))},
     }
     given: dict[str, Any] = {key: value for key, value in changes.items() if value is not None}
-    if format_ is not None:
-        given["formats"] = parse_formats(format_, "format")
+    if formats is not None:
+        given["formats"] = parse_formats(formats, "formats")
     description = load_batch(config, given, variants)
-    added = {"set": (*description.set, *(set_ or [])), "as_built": (*description.as_built, *(as_built or []))}
+    added = {"set": (*description.set, *(settings or [])), "as_built": (*description.as_built, *(as_built or []))}
     opened = open_batch(description.model_copy(update=added), config, parts, out)
     target = options.target
     target.check()

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+import scancell
 from scancell.cli.common import CellOptions, NoGuardOption, Outcome, PathOption, ScanOption, TablePartOption, command
 from scancell.cli.interrupts import INTERRUPTS, leaves_when_interrupted
 from scancell.config.choices import LOOPBACK
@@ -33,24 +34,15 @@ def workspace(
     ] = None,
     scan: ScanOption = None,
     path: PathOption = None,
-    host: Annotated[str, typer.Option("--host", help="address to listen on")] = LOOPBACK,
-    port: Annotated[
-        int, typer.Option("--port", min=1, max=65535, help="port; the next free one if it is in use")
-    ] = 8080,
+    host: Annotated[str, "address to listen on"] = LOOPBACK,
+    port: Annotated[int, typer.Option(min=1, max=65535, help="port; the next free one if it is in use")] = 8080,
     no_guard: NoGuardOption = False,
-    program: Annotated[
-        Path | None, typer.Option("--program", help="robot program to run from the browser (docs/programs.md)")
-    ] = None,
+    program: Annotated[Path | None, "robot program to run from the browser (docs/programs.md)"] = None,
     exercise: Annotated[
-        str | None,
-        typer.Option("--exercise", metavar="N|NAME|list", help="open an exercise (docs/exercises.md), or list them"),
+        str | None, typer.Option(metavar="N|NAME|list", help="open an exercise (docs/exercises.md), or list them")
     ] = None,
-    out: Annotated[Path, typer.Option("--out", help="folder of saved runs, taught programs and result sheets")] = Path(
-        "out/workspace"
-    ),
-    colour: Annotated[_Colour, typer.Option("--colour", help="quantity that the colours of a run's cloud show")] = (
-        "deviation"
-    ),
+    out: Annotated[Path, "folder of saved runs, taught programs and result sheets"] = Path("out/workspace"),
+    colour: Annotated[_Colour, "quantity that the colours of a run's cloud show"] = ("deviation"),
 ) -> Outcome:
     """Open the running cell in a browser, or play a recorded run back, until Ctrl-C (docs/workspace.md)."""
     if exercise == "list":
@@ -58,7 +50,6 @@ def workspace(
     from scancell.browser.server.gate import is_loopback  # noqa: PLC0415
     from scancell.browser.server.serve import PartFile, serve_workspace  # noqa: PLC0415
     from scancell.browser.server.workspace import WorkspaceSettings  # noqa: PLC0415
-    from scancell.scanner import Scanner  # noqa: PLC0415
 
     chosen = None if exercise is None else _exercise(exercise, target, options)
 
@@ -81,7 +72,7 @@ def workspace(
         if chosen is not None:
             target, options = chosen.part_file, replace(options, cell=chosen.cell_file)
         changes = [] if chosen is None else chosen.settings(options.seed)
-        with Scanner(setup=options.setup(scan, path, changes), threads=options.threads) as scanner:
+        with scancell.Scanner(setup=options.setup(scan, path, changes), threads=options.threads) as scanner:
 
             def open_session(file: PartFile | None) -> contextlib.AbstractContextManager[ScanSession]:
                 mesh, unit = (None, "mm") if file is None else (file.path, file.unit)
@@ -113,24 +104,21 @@ def _exercise(selected: str, target: Path | None, options: CellOptions) -> Exerc
 
 @command("run", CellOptions)
 def run_program(
-    program: Annotated[Path, typer.Argument(help="Python file with a function main(robot)")],
+    program: Annotated[Path, "Python file with a function main(robot)"],
     options: CellOptions,
     part: TablePartOption = None,
     no_guard: NoGuardOption = False,
-    out: Annotated[Path, typer.Option("--out", help="run folder, also for the files that the program saves")] = Path(
-        "out/run"
-    ),
+    out: Annotated[Path, "run folder, also for the files that the program saves"] = Path("out/run"),
 ) -> Outcome:
     """Run a robot program in the simulated cell, with the collision guard active (docs/programs.md)."""
     from scancell.programs import program as programs  # noqa: PLC0415
-    from scancell.scanner import Scanner  # noqa: PLC0415
 
     guarded, as_built = not no_guard, options.as_built or ()
     # Output of the program must not mix with the JSON object.
     printed = contextlib.redirect_stdout(sys.stderr) if options.as_json else contextlib.nullcontext()
     with (
         printed,
-        Scanner(setup=options.setup(), threads=options.threads) as scanner,
+        scancell.Scanner(setup=options.setup(), threads=options.threads) as scanner,
         scanner.session(part, unit=options.unit, as_built=as_built, seed=options.seed, guarded=guarded) as session,
     ):
         session.cell.on_step(INTERRUPTS.check)

@@ -11,8 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
+from scancell.arguments import Length, Threads, checked_arguments
+from scancell.config.files import Assignments, assignments
+from scancell.config.loading import load_setup
 from scancell.config.sensor import SensorDescription
-from scancell.errors import SensorError
+from scancell.errors import DescriptionError, SensorError
 from scancell.evaluation.plane_trial import sheet_deviation
 from scancell.output.image_files import INDEX, ImageSet, holds_colours, laser_channel, read_images
 from scancell.output.run_folder import RunFolder, RunReport, run_into
@@ -56,19 +59,6 @@ _PEAK_COLUMNS = {
 
 
 @dataclass(frozen=True)
-class ExtractionRequest:
-    """Images to extract, and how."""
-
-    images: Sequence[Path]
-    sensor: SensorDescription
-    peaks: bool
-    threads: int
-    laser_off: Sequence[Path] = ()
-    sheet_um: float | None = None  # largest distance of a point from the laser sheet; None: not checked
-    quarter_turns: int = 0  # counter-clockwise, from the files to the images of the described cameras
-
-
-@dataclass(frozen=True)
 class Extraction:
     """Peaks and profile points of all exposures by column; `frame` is the number of the exposure."""
 
@@ -76,39 +66,71 @@ class Extraction:
     profiles: dict[str, NDArray[Any]]
 
 
-def extract_to_folder(request: ExtractionRequest, out: Path) -> RunReport:
-    """Leave ``profiles.csv`` and ``profiles.ply`` (sensor frame) in `out`, on request ``peaks.csv`` with every peak.
+@checked_arguments
+def extract(
+    images: Sequence[str | Path],
+    out: str | Path,
+    *,
+    sensor: str | Path | SensorDescription | None = None,
+    settings: Assignments = (),
+    laser_off: Sequence[str | Path] = (),
+    sheet_um: Length | None = None,
+    peaks: bool = False,
+    threads: Threads = 0,
+) -> RunReport:
+    """Measure the stripe in images of a sensor, real or simulated, and write profiles into the folder `out`.
+
+    The other parameters are those of `Scanner`.
+
+    Parameters
+    ----------
+    images, laser_off
+        Image files or folders, and laser-off (background) frames to subtract.
+    sheet_um
+        Flag points that, by two cameras, are farther than this off the laser sheet.
+    peaks
+        Also write every peak that was found.
 
     Raises
     ------
     ScancellError
-        With a message for the user, for any error in the inputs.
+        Naming what is wrong and what was expected.
+
+    Examples
+    --------
+    >>> shot = scancell.shot("part.stl", scancell.location(0, 0, 0.1, rx=180 * scancell.deg))
+    >>> files = shot.save("shot")
+    >>> report = scancell.extract(["shot/image_plus.png", "shot/image_minus.png"], "profiles")
+    >>> report.figures["exposures"]
+    1
     """
+    if not images:
+        raise DescriptionError("images: expected at least one image file or folder")
+    description = load_setup(None, sensor, None, assignments(settings)).sensor
+    files, dark_files = ([Path(item) for item in items] for items in (images, laser_off))
+    out = Path(out)
 
     def work(folder: RunFolder, watch: Stopwatch) -> RunReport:
         with watch.measure("load"):
-            sensor = make_sensor(request.sensor, 0)
-            names = [camera.name for camera in sensor.cameras]
-            sets = ImageSet.from_files(request.images, names)
-            background = (
-                sets.matching(ImageSet.from_files(request.laser_off, names, "off")) if request.laser_off else None
-            )
+            names = [camera.name for camera in description.camera]
+            sets = ImageSet.from_files(files, names)
+            background = sets.matching(ImageSet.from_files(dark_files, names, "off")) if dark_files else None
         with watch.measure("extract"):
-            found = extract_profiles(sets, background, sensor, request)
+            found = extract_profiles(sets, background, description, threads, sheet=sheet_um is not None)
         with watch.measure("write"):
-            _write_profiles(folder.path("profiles.csv"), found.profiles, sets, request.sheet_um)
+            _write_profiles(folder.path("profiles.csv"), found.profiles, sets, sheet_um)
             cloud = _cloud(found.profiles)
             write_ply(folder.path("profiles.ply"), cloud, ("points in the sensor frame, profile counts the exposures",))
-            if request.peaks:
+            if peaks:
                 _write_peaks(folder.path("peaks.csv"), found.peaks, sets)
-        figures = _figures(found, sets, len(sensor.cameras))
-        if request.sheet_um is not None:
-            figures["sheet_deviation"] = _sheet_figures(found.profiles["sheet_deviation"], request.sheet_um)
-        rejected = rejection_text(found.peaks, request.sensor)
+        figures = _figures(found, sets, len(names))
+        if sheet_um is not None:
+            figures["sheet_deviation"] = _sheet_figures(found.profiles["sheet_deviation"], sheet_um)
+        rejected = rejection_text(found.peaks, description)
         lines = [f"{len(sets)} exposures: {len(cloud)} points", *_ignored_line(sets)]
         lines += [f"  {rejected}"] if rejected and len(cloud) else []
         if holds_colours(sets.files[0][0]):
-            wavelength = request.sensor.laser.wavelength_nm
+            wavelength = description.laser.wavelength_nm
             lines.append(
                 f"  colours: the {laser_channel(wavelength)} channel is used (laser.wavelength_nm = {wavelength:g})"
             )
@@ -211,27 +233,32 @@ def _ignored_line(sets: ImageSet) -> list[str]:
 def extract_profiles(
     sets: ImageSet,
     background_sets: ImageSet | None,
-    sensor: sensor_rt.Sensor,
-    request: ExtractionRequest,
+    description: SensorDescription,
+    threads: int,
     further: Sequence[str] = (),
+    quarter_turns: int = 0,
+    sheet: bool = False,
 ) -> Extraction:
-    """Peaks and points of all exposures; `further` are columns of points such as ``covariance``.
+    """Peaks and points of all exposures.
+
+    `further` are columns of points such as ``covariance``; with `sheet` there is a column ``sheet_deviation``, see
+    `sheet_deviation`. `quarter_turns` turn the files counter-clockwise into the images of the described cameras.
 
     Raises `ImageError` if an image does not fit the camera; `SensorError` if the library reports an error.
     """
-    turns = request.quarter_turns
+    sensor = make_sensor(description, 0)
     all_peaks, all_profiles = [], []
     for first in range(0, len(sets), _BATCH):
         rows = range(first, min(first + _BATCH, len(sets)))
-        images = read_images(sets, rows, sensor, request.sensor, turns)
+        images = read_images(sets, rows, sensor, description, quarter_turns)
         background = (
-            None if background_sets is None else read_images(background_sets, rows, sensor, request.sensor, turns)
+            None if background_sets is None else read_images(background_sets, rows, sensor, description, quarter_turns)
         )
         try:
-            peaks = sensor_rt.extract(images, sensor, request.threads, True, background)
+            peaks = sensor_rt.extract(images, sensor, threads, True, background)
             profiles = sensor_rt.triangulate(peaks, sensor)
             columns = _columns(profiles, (*_PROFILE_COLUMNS, *further), first)
-            if request.sheet_um is not None:
+            if sheet:
                 columns["sheet_deviation"] = sheet_deviation(profiles, sensor)
         except (ValueError, RuntimeError) as error:
             raise SensorError(str(error)) from error

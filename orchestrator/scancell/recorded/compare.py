@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from scancell.arguments import checked_arguments
+from scancell.arguments import Seed, Threads, checked_arguments
 from scancell.calibration.cell.kinematics import AxisReadings
 from scancell.calibration.cell.scan import readings_of
 from scancell.cell.recording import integers, numbers, read_any_recording, read_table, refuse_value
@@ -27,7 +27,7 @@ from scancell.nominal.parts import load_part
 from scancell.output.comparison_picture import comparison_picture
 from scancell.output.run_files import write_json
 from scancell.output.run_folder import RunFolder, command_words, manifest
-from scancell.progress import Progress
+from scancell.progress import Progress, ProgressCallback, as_progress
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.recorded.measurements import Measurements, read_table_of
 from scancell.recorded.reconstruct import MeasuredCell, ReconstructedData, reconstruct_measurements
@@ -325,19 +325,50 @@ class ComparisonResult(Result):
         return files.paths
 
 
-def compare_run(
-    folder: Path, part: Path | Mesh | None, unit: str, seed: int, threads: int, progress: Progress
+@checked_arguments
+def compare(
+    run: str | Path,
+    *,
+    part: str | Path | Mesh | None = None,
+    unit: str = "mm",
+    out: str | Path | None = None,
+    seed: Seed = 0,
+    threads: Threads = 0,
+    progress: Progress | ProgressCallback | None = None,
 ) -> ComparisonResult:
-    """Compare a run with the simulation of its poses, see `scancell.compare`.
+    """Compare real measurements of a part with those of the ray-traced sensor at the same poses.
 
-    Raises `ScancellError` naming what is wrong and what was expected.
+    The other parameters are those of `Scanner` and `Scanner.scan`.
+
+    Parameters
+    ----------
+    run
+        Run folder of `reconstruct`, or of a scan.
+    part
+        What was measured, a mesh or an artefact; by default the part of the run.
+    out
+        Folder for figures (JSON) and a picture, which may be that of the run.
+
+    Raises
+    ------
+    ScancellError
+        Naming what is wrong and what was expected.
+
+    Examples
+    --------
+    >>> try:
+    ...     print(scancell.compare("measured"))
+    ... except scancell.DescriptionError as error:
+    ...     print(error)
+    measured: expected a run folder
     """
+    folder = Path(run)
     resolved = folder / "resolved.toml"
     if not resolved.is_file():
         raise DescriptionError(file=folder, expected="a run folder")
     setup, made = load_resolved(resolved)
-    chosen = part if part is not None else Path(made["part"]) if made["part"] else None
-    if chosen is None:
+    chosen = made["part"] if part is None else part
+    if not chosen:
         raise DescriptionError(
             "has no part: nothing of known shape was measured", file=folder, key="part", expected="its mesh or artefact"
         )
@@ -350,14 +381,14 @@ def compare_run(
         measurements = read_table_of(source, len(setup.cell.robot.joint))
         latency = 1e-3 * float(made["latency_ms"])
     real = reconstruct_measurements(measurements, setup, mesh, latency, keep_all, threads)
-    simulated = simulate(measurements, real.readings, real.measured_cell, setup, seed, threads, progress)
+    simulated = simulate(measurements, real.readings, real.measured_cell, setup, seed, threads, as_progress(progress))
     if not len(simulated.profiles.frame):
         raise EmptyScanError("the simulated sensor sees nothing from these poses", file=folder)
     again = reconstruct_measurements(simulated, setup, mesh, 0.0, keep_all, threads)
     surface = PartSurface(mesh)
     estimated = {} if setup.cell.estimated is None else setup.cell.estimated.deviations()
-    files = [resolved, source, *([] if isinstance(chosen, Mesh) else [chosen])]
-    return ComparisonResult(
+    files = [resolved, source, *([] if isinstance(chosen, Mesh) else [Path(chosen)])]
+    found = ComparisonResult(
         Residuals.of(real, mesh, surface, threads),
         Residuals.of(again, mesh, surface, threads),
         real.made.part_from_sensor,
@@ -367,6 +398,9 @@ def compare_run(
         tuple(name for name, value in estimated.items() if value),
         is_simulated,
     )
+    if out is not None:
+        found.save(out)
+    return found
 
 
 def _of_scan(folder: Path, setup: Setup) -> Measurements:

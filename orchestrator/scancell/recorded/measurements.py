@@ -20,7 +20,7 @@ from scancell.config.table_format import FormatDescription
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.geometry.orientation import StatedPoses
-from scancell.output.extract_images import ExtractionRequest, extract_profiles, rejection_text
+from scancell.output.extract_images import extract_profiles, rejection_text
 from scancell.output.image_files import ImageSet
 from scancell.progress import Progress
 from scancell.reconstruction.cloud_files.read import cloud_of_profiles, missing_value, read_cloud_file
@@ -307,8 +307,7 @@ def read_images_of(
     else:
         axes = axes.rows(rows)
     progress.stage("extracting", 1, "profiles")
-    request = ExtractionRequest([folder], sensor, peaks=False, threads=threads, quarter_turns=quarter_turns)
-    extracted = extract_profiles(sets, background, native, request, ("covariance",))
+    extracted = extract_profiles(sets, background, sensor, threads, ("covariance",), quarter_turns)
     found, rejected = extracted.profiles, rejection_text(extracted.peaks, sensor)
     progress.advance(1)
     profiles = ProfilePoints(

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.arguments import checked_arguments
+from scancell.arguments import LatencyMs, QuarterTurns, Threads, checked_arguments
 from scancell.calibration.board.views import TABLES
 from scancell.cell.recording import Recording, RecordLayout, write_recording
 from scancell.config.cell import CellDescription
-from scancell.config.choices import FlangeConvention, LatencyWord
+from scancell.config.choices import FlangeConvention, LatencyWord, LengthUnit
+from scancell.config.files import Assignments, assignments
 from scancell.config.loading import Setup, load_setup
 from scancell.config.sensor import SensorDescription
 from scancell.config.table_format import read_format, recognised_format
@@ -35,11 +36,11 @@ from scancell.output.deviation_report import DeviationReport, deviation_picture
 from scancell.output.run_files import OPTIONAL_FILES, covariance_columns, write_json, write_profiles
 from scancell.output.run_folder import RunFolder, build_version, command_words, manifest, resolved_toml
 from scancell.planning.model import with_table
-from scancell.progress import Progress
+from scancell.progress import Progress, ProgressCallback, as_progress
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import parse_formats, write_cloud
 from scancell.reconstruction.cloud_files.read import holds_cloud
-from scancell.recorded.measurements import Measurements, read_cloud_of, read_measurements
+from scancell.recorded.measurements import read_cloud_of, read_measurements
 from scancell.recorded.reconstruct import (
     MeasuredCell,
     ReconstructedData,
@@ -52,9 +53,6 @@ from scancell.values import Result
 from scancell.visibility.surface_search import unknown_surface
 
 Array = NDArray[np.float64]
-
-Cell = str | Path | CellDescription | None
-Sensor = str | Path | SensorDescription | None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -280,27 +278,11 @@ def _median_sigma(covariance: Array) -> float:
     return float(np.median(np.sqrt(np.maximum(np.linalg.eigvalsh(covariance)[:, -1], 0.0))))
 
 
-@dataclass(frozen=True)
-class ReconstructRequest:
-    """Measurements to reconstruct, and how; see `scancell.reconstruct` for the attributes."""
-
-    data: Path
-    part: Path | Mesh | None = None
-    unit: str = "mm"
-    cloud_unit: str | None = None
-    calibration: Path | None = None
-    flange: Path | None = None
-    table_format: str | Path | None = None
-    convention: FlangeConvention | None = None
-    laser_off: Path | None = None
-    quarter_turns: int | None = None
-    latency_ms: float | LatencyWord | None = None
-    keep_all: bool = False
-    threads: int = 0
-
-
 def calibrated_setup(
-    cell: Cell, sensor: Sensor, calibration: Path | None, settings: list[str]
+    cell: str | Path | CellDescription | None,
+    sensor: str | Path | SensorDescription | None,
+    calibration: str | Path | None,
+    settings: list[str],
 ) -> tuple[Setup, int, tuple[ValueCovariance, ...], list[Path]]:
     """Descriptions with what a calibration has found, quarter turns, uncertainty, and the files that were read.
 
@@ -308,6 +290,7 @@ def calibrated_setup(
     """
     if calibration is None:
         return load_setup(cell, sensor, None, settings), 0, (), _files(cell, sensor)
+    calibration = Path(calibration)
     found = read_calibration(calibration)
     for key, given, own in (("cell", cell, found.cell), ("sensor", sensor, found.sensor)):
         if given is not None and own is not None:
@@ -326,78 +309,118 @@ def _files(*given: object) -> list[Path]:
     return [Path(item) for item in given if isinstance(item, str | Path)]
 
 
-def _measurements(
-    request: ReconstructRequest, setup: Setup, mesh: Mesh | None, turns: int, progress: Progress
-) -> Measurements:
-    """Measurements of a table, of profiles in a format of a sensor, a folder of images, or a cloud without poses."""
-    form = None if request.table_format is None else read_format(request.table_format)
-    is_cloud = form is None and request.data.is_file() and holds_cloud(request.data)
-    has_poses = any((request.data / name).is_file() for name in TABLES)  # of images
-    if form is None and not is_cloud and not has_poses and request.data.exists():
-        form = recognised_format(request.data)
-    if is_cloud or (form is not None and request.flange is None):
-        for key in ("flange", "convention", "laser_off", "quarter_turns"):
-            if getattr(request, key) is not None:
-                raise DescriptionError(
-                    "does not apply to a cloud without poses", key=key, value=str(getattr(request, key))
-                )
-        if form is not None and request.cloud_unit is not None:
-            raise DescriptionError("applies to a cloud; the format states its units", key="cloud_unit")
-        flange_from_sensor = MeasuredCell.of(setup, mesh).cell.flange_from_sensor
-        return read_cloud_of(request.data, request.cloud_unit, flange_from_sensor, form)
-    if request.cloud_unit is not None:
-        raise DescriptionError(
-            "applies to a cloud; the names of columns of a table state their units",
-            key="cloud_unit",
-            value=request.cloud_unit,
-        )
-    return read_measurements(
-        request.data,
-        setup.sensor,
-        len(setup.cell.robot.joint),
-        flange=request.flange,
-        convention=request.convention,
-        laser_off=request.laser_off,
-        quarter_turns=(turns if request.data.is_dir() and form is None else 0)
-        if request.quarter_turns is None
-        else request.quarter_turns,
-        threads=request.threads,
-        progress=progress,
-        form=form,
-    )
-
-
-def reconstruct_request(
-    request: ReconstructRequest, cell: Cell, sensor: Sensor, settings: list[str], progress: Progress
+@checked_arguments
+def reconstruct(
+    data: str | Path,
+    *,
+    cell: str | Path | CellDescription | None = None,
+    sensor: str | Path | SensorDescription | None = None,
+    settings: Assignments = (),
+    part: str | Path | Mesh | None = None,
+    unit: str = "mm",
+    cloud_unit: LengthUnit | None = None,
+    calibration: str | Path | None = None,
+    flange: str | Path | None = None,
+    table_format: str | Path | None = None,
+    convention: FlangeConvention | None = None,
+    laser_off: str | Path | None = None,
+    quarter_turns: QuarterTurns | None = None,
+    latency_ms: LatencyMs | LatencyWord | None = None,
+    keep_all: bool = False,
+    threads: Threads = 0,
+    progress: Progress | ProgressCallback | None = None,
 ) -> ReconstructionResult:
-    """Reconstruct measurements, see `scancell.reconstruct`.
+    """Make a cloud with covariance from measurements of a real sensor on a robot (docs/measurements.md).
 
-    Raises `ScancellError` naming what is wrong and what was expected.
+    The other parameters are those of `Scanner` and `Scanner.scan`.
+
+    Parameters
+    ----------
+    data
+        Table of profile points, profiles as a sensor writes them, or folder of images with a table of poses; with
+        joints or poses of the flange. Or a cloud, surface or profiles without poses, whose frame is taken as that of
+        the robot's base.
+    part
+        Nominal part, in whose frame the cloud is; without it the cloud is in the frame of the robot's base.
+    cloud_unit
+        Unit of a cloud: mm, m or inch; by default what the file states, or else mm.
+    calibration
+        Folder of results of a calibration: its cell, its sensor, and the pose of the sensor on the flange.
+    flange
+        Table of the flange poses of the exposures, if they are not in that of the points; or a program or list of a
+        robot controller, whose poses are those of exposures 1, 2 and so on.
+    table_format
+        Format of the profiles: the name of a shipped one, or a file; by default by the content.
+    convention
+        Of orientations whose columns do not state it.
+    laser_off
+        Folder of background images to subtract.
+    quarter_turns
+        Counter-clockwise, from the images to those of the described camera; by default those of the calibration.
+    latency_ms
+        Delay of the exposures after the joints, or ``estimate`` to find it from the part; by default that of the cell.
+    keep_all
+        With a part: keep points of the table and of its neighbours.
+
+    Raises
+    ------
+    ScancellError
+        Naming what is wrong and what was expected; `CalibrationError` where the measurements disagree with the part or
+        do not determine the delay, `EmptyScanError` where no point is left.
+
+    Examples
+    --------
+    >>> try:
+    ...     result = scancell.reconstruct("profiles.csv", part="part.stl")
+    ... except scancell.DescriptionError as error:
+    ...     print(error)
+    profiles.csv: no such file
     """
-    setup, turns, uncertainty, inputs = calibrated_setup(cell, sensor, request.calibration, settings)
-    part = request.part
-    mesh = part.usable if isinstance(part, Mesh) else None if part is None else load_part(part, request.unit)
-    found = _measurements(request, setup, mesh, turns, progress)
-    progress.stage("reconstructing", 1, "cloud")
-    latency = request.latency_ms
-    made = reconstruct_measurements(
-        found,
-        setup,
-        mesh,
-        latency if latency is None or isinstance(latency, str) else 1e-3 * latency,
-        request.keep_all,
-        request.threads,
-        uncertainty,
-    )
-    progress.advance(1)
-    file = None if part is None or isinstance(part, Mesh) else part
+    reporter, data = as_progress(progress), Path(data)
+    setup, turns, uncertainty, inputs = calibrated_setup(cell, sensor, calibration, assignments(settings))
+    mesh = part.usable if isinstance(part, Mesh) else None if part is None else load_part(part, unit)
+    form = None if table_format is None else read_format(table_format)
+    is_cloud = form is None and data.is_file() and holds_cloud(data)
+    has_poses = any((data / name).is_file() for name in TABLES)  # of images
+    if form is None and not is_cloud and not has_poses and data.exists():
+        form = recognised_format(data)
+    if is_cloud or (form is not None and flange is None):
+        needless = {"flange": flange, "convention": convention, "laser_off": laser_off, "quarter_turns": quarter_turns}
+        for key, value in needless.items():
+            if value is not None:
+                raise DescriptionError("does not apply to a cloud without poses", key=key, value=str(value))
+        if form is not None and cloud_unit is not None:
+            raise DescriptionError("applies to a cloud; the format states its units", key="cloud_unit")
+        found = read_cloud_of(data, cloud_unit, MeasuredCell.of(setup, mesh).cell.flange_from_sensor, form)
+    elif cloud_unit is not None:
+        raise DescriptionError(
+            "applies to a cloud; the names of columns of a table state their units", key="cloud_unit", value=cloud_unit
+        )
+    else:
+        found = read_measurements(
+            data,
+            setup.sensor,
+            len(setup.cell.robot.joint),
+            flange=None if flange is None else Path(flange),
+            convention=convention,
+            laser_off=None if laser_off is None else Path(laser_off),
+            quarter_turns=(turns if data.is_dir() and form is None else 0) if quarter_turns is None else quarter_turns,
+            threads=threads,
+            progress=reporter,
+            form=form,
+        )
+    reporter.stage("reconstructing", 1, "cloud")
+    latency = latency_ms if latency_ms is None or isinstance(latency_ms, str) else 1e-3 * latency_ms
+    made = reconstruct_measurements(found, setup, mesh, latency, keep_all, threads, uncertainty)
+    reporter.advance(1)
+    file = None if part is None or isinstance(part, Mesh) else Path(part)
     run = {
         "part": str(file.absolute()) if file is not None else "" if mesh is None else mesh.source,
-        "unit": request.unit,
-        "measured": str(request.data.absolute()),
+        "unit": unit,
+        "measured": str(data.absolute()),
         "latency_ms": 1e3 * made.latency.value,
-        "keep_all": request.keep_all,
+        "keep_all": keep_all,
     }
     names = tuple(camera.name for camera in setup.sensor.camera)
     files = [*inputs, *found.files, *([] if file is None else [file])]
-    return ReconstructionResult(made, setup, mesh, tuple(files), run, names, request.threads)
+    return ReconstructionResult(made, setup, mesh, tuple(files), run, names, threads)

@@ -32,7 +32,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
-from scancell.calibration.cell.report import CalibrationReport, CalibrationRequest
+from scancell.calibration.cell.report import CalibrationReport
+from scancell.calibration.cell.scan import CalibrationRequest
 from scancell.config.cell import EstimatedDescription
 from scancell.config.choices import Engine
 from scancell.config.loading import Setup

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arguments import Threads, checked_arguments
 from scancell.calibration.board.problem import COUNT, VALUES, DescribedSensor, describe
 from scancell.calibration.board.solve import (
     LEAST_VIEWS,
@@ -24,14 +25,16 @@ from scancell.calibration.board.solve import (
 from scancell.calibration.board.views import Board, BoardViews, read_views
 from scancell.calibration.pose_files import refuse_misread, refuse_wrong
 from scancell.calibration.report import SavedCalibration
-from scancell.config.loading import Setup
+from scancell.config.choices import FlangeConvention
+from scancell.config.files import Assignments, assignments
+from scancell.config.loading import Setup, load_setup
 from scancell.config.sensor import SensorDescription
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
 from scancell.output.residual_picture import residual_picture
 from scancell.output.run_files import write_json
 from scancell.output.run_folder import RunFolder
-from scancell.progress import Progress
+from scancell.progress import Progress, ProgressCallback, as_progress
 
 Array = NDArray[np.float64]
 
@@ -224,15 +227,50 @@ class BoardCalibrationReport(SavedCalibration):
         residual_picture(folder.path("residuals.png"), *self._distances)
 
 
-def calibrate_board(
-    setup: Setup, folder: Path, board: Board, convention: str | None, threads: int, progress: Progress
+@checked_arguments
+def calibrate_from_images(
+    folder: str | Path,
+    board: str,
+    *,
+    sensor: str | Path | SensorDescription | None = None,
+    settings: Assignments = (),
+    convention: FlangeConvention | None = None,
+    threads: Threads = 0,
+    progress: Progress | ProgressCallback | None = None,
 ) -> BoardCalibrationReport:
-    """Calibrate from the images of a folder.
+    """Calibrate a camera with a laser line on a robot, from images of a chessboard with the stripe on it.
 
-    Raises `ScancellError` naming what is wrong and what was expected; `CalibrationError` where the images do not
-    determine the unknowns, or their flange poses disagree with them.
+    Intrinsics, laser sheet, pose of the camera on the flange and pose of the board are found together. The other
+    parameters are those of `Scanner` and `Scanner.scan`.
+
+    Parameters
+    ----------
+    folder
+        Images, and a table of the flange's poses with a row for each (docs/calibration_sensor.md).
+    board
+        Inner corners in a row and in a column of the chessboard, and the side of a square in mm: ``7x6x10``.
+    sensor
+        Description whose detector, laser and extraction are kept; the first camera is the one to calibrate.
+    convention
+        Of orientations whose columns do not state it.
+
+    Raises
+    ------
+    ScancellError
+        Naming what is wrong and what was expected; `CalibrationError` where the images do not determine the unknowns,
+        or flange poses disagree with them.
+
+    Examples
+    --------
+    >>> try:
+    ...     scancell.calibrate_from_images("recorded", "7x7x10")
+    ... except scancell.DescriptionError as error:
+    ...     print(error.expected)
+    an odd and an even number of corners
     """
-    found = read_views(folder, board, setup.sensor, convention, threads, progress)
+    setup = load_setup(None, sensor, None, assignments(settings))
+    folder, described, reporter = Path(folder), Board.parse(board), as_progress(progress)
+    found = read_views(folder, described, setup.sensor, convention, threads, reporter)
     if len(found.views) < LEAST_VIEWS:
         raise CalibrationError(
             f"{len(found.views)} images show the board", file=folder, expected=f"{LEAST_VIEWS} or more"
@@ -242,12 +280,16 @@ def calibrate_board(
         raise CalibrationError(
             f"{with_stripe} images show the stripe on the board's plane", file=folder, expected="3 or more"
         )
-    progress.stage("solving", 1, "solution")
+    reporter.stage("solving", 1, "solution")
     _check_flange(found)
     result = solve(found.views, start_rig(found.views, found.size))
-    progress.advance(1)
-    run = {"what": "sensor", "folder": str(folder), "board": f"{board.columns}x{board.rows}x{1e3 * board.square:g}"}
-    run["convention"] = found.stated.reading.convention
+    reporter.advance(1)
+    run = {
+        "what": "sensor",
+        "folder": str(folder),
+        "board": f"{described.columns}x{described.rows}x{1e3 * described.square:g}",
+        "convention": found.stated.reading.convention,
+    }
     return BoardCalibrationReport(
         result, found.size, setup, (found.poses_file, *found.files), run, found_warnings=found.warnings
     )
