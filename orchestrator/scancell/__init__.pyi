@@ -38,7 +38,7 @@ from .config.loading import load_setup as load_setup
 from .config.cell import ChannelDescription as ChannelDescription
 from .config.cell import LinkDescription as LinkDescription
 from .config.files import assets_dir as assets_dir
-from .calibration.cell.report import CalibrationRequest as CalibrationRequest
+from .calibration.cell.scan import CalibrationRequest as CalibrationRequest
 from .calibration.sensor.report import SensorCalibrationRequest as SensorCalibrationRequest
 
 # Data

@@ -24,7 +24,8 @@ from scancell.arguments import (
     checked_arguments,
     checked_value,
 )
-from scancell.calibration.cell.report import CalibrationReport, CalibrationRequest
+from scancell.calibration.cell.report import CalibrationReport
+from scancell.calibration.cell.scan import CalibrationRequest
 from scancell.calibration.sensor.report import SensorCalibrationReport, SensorCalibrationRequest
 from scancell.config.cell import CellDescription
 from scancell.config.choices import (

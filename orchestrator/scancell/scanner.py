@@ -12,12 +12,11 @@ from typing import Self
 from scancell.arguments import Length, Pose, Seed, Share, Threads, checked_arguments
 from scancell.calibration.cell.report import (
     CalibrationReport,
-    CalibrationRequest,
     calibrate_from_points,
     calibrate_in_cell,
     start_of,
 )
-from scancell.calibration.cell.scan import CalibrationScan
+from scancell.calibration.cell.scan import CalibrationRequest, CalibrationScan
 from scancell.calibration.sensor.report import SensorCalibrationReport, SensorCalibrationRequest, calibrate_described
 from scancell.cell.recording import Recording, read_recording
 from scancell.config.cell import CellDescription, EstimatedDescription
@@ -541,11 +540,11 @@ class Scanner(Closing):
 
     def _calibration_scan(self, nominal: World, request: CalibrationRequest) -> CalibrationScan:
         """The one made last, whose plan is kept, where it is for the same cell and request."""
-        kept, options = self._calibration, request.options
+        kept = self._calibration
         if (
             kept is None
             or kept.world.scene is not nominal.scene
-            or (kept.world.setup, kept.options) != (nominal.setup, options)
+            or (kept.world.setup, kept.request) != (nominal.setup, request)
         ):
-            kept = self._calibration = CalibrationScan(self.pipeline, nominal, options, start_of(nominal.setup))
+            kept = self._calibration = CalibrationScan(self.pipeline, nominal, request, start_of(nominal.setup))
         return kept

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 import scancell
-from scancell.calibration.cell.report import CalibrationRequest
+from scancell.calibration.cell.scan import CalibrationRequest
 from scancell.calibration.sensor.report import SensorCalibrationRequest
 from scancell.errors import CancelledError
 from scancell.geometry.mesh import box_mesh

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 import scancell
 from scancell import sensor as sensor_rt
 from scancell.calibration.cell.problem import CalibrationResult
-from scancell.calibration.cell.report import CalibrationRequest
-from scancell.calibration.cell.scan import kinematics_of, readings_of
+from scancell.calibration.cell.scan import CalibrationRequest, kinematics_of, readings_of
 from scancell.config.loading import assets_dir
 from scancell.geometry import pose
 from scancell.nominal.cell import estimated_cell

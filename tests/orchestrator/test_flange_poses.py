@@ -24,7 +24,7 @@ from benchmarks.sphere_cell import (
     sphere_views,
 )
 from scancell.calibration.cell.kinematics import TOOL, AxisReadings
-from scancell.calibration.cell.report import CalibrationRequest
+from scancell.calibration.cell.scan import CalibrationRequest
 from scancell.calibration.measured_table import write_measured_table
 from scancell.config.choices import FlangeConvention
 from scancell.config.files import assets_dir

@@ -16,7 +16,7 @@ from commands import scancell_here
 import scancell
 from bench.calibration_cloud import AS_BUILT as MISALIGNED
 from scancell.calibration.cell.kinematics import LATENCY
-from scancell.calibration.cell.report import CalibrationRequest
+from scancell.calibration.cell.scan import CalibrationRequest
 from scancell.config.cell import CellDescription
 from scancell.config.loading import assets_dir
 from scancell.errors import CalibrationError, DescriptionError

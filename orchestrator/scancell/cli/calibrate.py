@@ -150,7 +150,7 @@ def calibrate(
     from scancell.scanner import Scanner  # noqa: PLC0415
 
     def cell_report(progress: Progress) -> CalibrationReport:
-        from scancell.calibration.cell.report import CalibrationRequest  # noqa: PLC0415
+        from scancell.calibration.cell.scan import CalibrationRequest  # noqa: PLC0415
 
         _refuse(context, what, ("target", "from_images", "board"))
         request = CalibrationRequest(

@@ -38,7 +38,8 @@ import dask
 from distributed import Client, KilledWorker, LocalCluster, WorkerPlugin, wait
 from distributed.client import FutureCancelledError
 
-from scancell.calibration.cell.report import CalibrationReport, CalibrationRequest
+from scancell.calibration.cell.report import CalibrationReport
+from scancell.calibration.cell.scan import CalibrationRequest
 from scancell.config.cell import EstimatedDescription
 from scancell.config.choices import Engine
 from scancell.config.loading import Setup

@@ -6,23 +6,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.arguments import Seed, checked_fields
-from scancell.calibration.cell.kinematics import LATENCY, PLATTER, TABLE, TOOL, WOBBLE, written_unit
+from scancell.calibration.cell.kinematics import TOOL, written_unit
 from scancell.calibration.cell.points import implausible, read_points, shift_text, write_points, wrong_sizes
 from scancell.calibration.cell.problem import CalibrationResult
-from scancell.calibration.cell.scan import Calibration, CalibrationOptions, CalibrationScan, single_sphere
+from scancell.calibration.cell.scan import Calibration, CalibrationRequest, CalibrationScan, single_sphere
 from scancell.calibration.measured_table import MeasuredTable, read_profiles
 from scancell.calibration.report import SavedCalibration, comparison_text
 from scancell.cell.fmu_file import parse_as_built
 from scancell.config.cell import CellDescription, EstimatedDescription
-from scancell.config.choices import CalibrationTarget, Engine
+from scancell.config.choices import Engine
 from scancell.config.loading import Setup
-from scancell.config.study import CalibrateDescription
 from scancell.config.table_format import read_format, recognised_format
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
@@ -37,8 +35,6 @@ from scancell.scanning.world import World
 _DOUBTFUL = 3.0  # times the stated noise of points, from which a warning is given
 # Pose errors from exposure to exposure from which a warning is given: of a position (m) and an orientation (rad).
 _DOUBTFUL_POSE = (0.2e-3, np.radians(0.03))
-
-_PASSES = 8
 
 
 @dataclass(frozen=True)
@@ -183,16 +179,11 @@ class CalibrationReport(SavedCalibration):
             "noise_of_surface_um": 1e6 * result.noise_of_surface,
             "left_out": [
                 {
-                    "exposure": int(exposure) + 1,
+                    "exposure": exposure + 1,
                     "displacement_y_z_um": (1e6 * moved).tolist(),
                     "half_width_y_z_um": (1e6 * half).tolist(),
                 }
-                for exposure, moved, half in zip(
-                    result.left_out.exposure,
-                    result.left_out.displacement,
-                    result.left_out.half_widths(self.probability),
-                    strict=True,
-                )
+                for exposure, moved, half in result.left_out.rows(self.probability)
             ],
             "flange_from_sensor_m": self.flange_from_sensor.tolist(),
             "unknowns": self._unknowns,
@@ -288,81 +279,6 @@ class CalibrationReport(SavedCalibration):
 def _mm(found: NDArray[np.float64]) -> str:
     """Position of a pose (4, 4) as text."""
     return "(" + ", ".join(f"{1e3 * value:.3f}" for value in found[:3, 3]) + ") mm"
-
-
-@checked_fields
-@dataclass(frozen=True)
-class CalibrationRequest:
-    """Quantities and options of a calibration; None selects the default for `what`.
-
-    Attributes
-    ----------
-    what
-        tool: pose of the sensor on the flange, with the table at rest. table: its axis, and the eccentricity of the
-        platter if the artefact's pose is known, by the tool as it is. latency: of the trigger. all: these together.
-    also
-        Further deviations to find, such as ``dh[3].theta``, by the names of as-built parameters.
-    poses, passes
-        Number of exposures at rest, and of passes in motion.
-    is_pose_known, is_size_known
-        Whether pose and size of the artefact are exact; else they are found, too.
-    designed
-        Whether poses are chosen for the information that they give; else at random.
-    robot_noise
-        Where random errors of the robot are expected: none, joints, or flange.
-    wobble
-        Whether to find the wobble of the table axis, too.
-    pose_seed
-        Random seed of the views among which poses are chosen.
-
-    Examples
-    --------
-    >>> request = scancell.CalibrationRequest("tool", also=("dh[3].theta",))
-    >>> report = scancell.calibrate(request, as_built={"dh[3].theta_deg": 0.05})
-    >>> [row.name for row in report.rows][-1]
-    'dh[3].theta'
-    """
-
-    what: CalibrationTarget = "all"
-    also: tuple[str, ...] = ()
-    wobble: bool = False
-    poses: int | None = None
-    passes: int | None = None
-    is_pose_known: bool | None = None
-    is_size_known: bool = True
-    designed: bool = True
-    robot_noise: Literal["none", "joints", "flange"] = "flange"
-    pose_seed: Seed = 0
-
-    @classmethod
-    def of(cls, described: CalibrateDescription) -> Self:
-        """The request that a study has `described`."""
-        plain = described.model_dump(exclude={"artefact", "pose"})
-        return cls(**plain, is_pose_known=None if described.pose is None else described.pose == "described")
-
-    @property
-    def artefact(self) -> str:
-        """Default artefact, a shipped one: a tilt of the table axis needs spheres at different distances from it."""
-        return "artefacts/ball_plate.toml" if self.what in {"table", "all"} else "artefacts/sphere.toml"
-
-    @property
-    def options(self) -> CalibrationOptions:
-        """Complete options."""
-        known = self.what in {"table", "all"} if self.is_pose_known is None else self.is_pose_known
-        table = TABLE + (PLATTER if known else ()) + (WOBBLE if self.wobble else ())
-        free = {"tool": TOOL, "table": table, "latency": (LATENCY,), "all": (*TOOL, *table, LATENCY)}[self.what]
-        moving, still = self.what in {"latency", "all"}, self.what != "latency"
-        return CalibrationOptions(
-            free=tuple(dict.fromkeys((*free, *self.also))),
-            poses=(24 if still else 0) if self.poses is None else self.poses,
-            passes=(_PASSES if moving else 0) if self.passes is None else self.passes,
-            turn_table=self.what in {"table", "all"},
-            is_pose_known=known,
-            is_size_known=self.is_size_known,
-            designed=self.designed,
-            robot_noise=self.robot_noise,
-            pose_seed=self.pose_seed,
-        )
 
 
 def calibrate_in_cell(

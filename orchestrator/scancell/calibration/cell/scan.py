@@ -5,12 +5,23 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
-from scancell.calibration.cell.kinematics import TOOL, UNIT, AxisReadings, CellKinematics
+from scancell.arguments import Seed, checked_fields
+from scancell.calibration.cell.kinematics import (
+    LATENCY,
+    PLATTER,
+    TABLE,
+    TOOL,
+    UNIT,
+    WOBBLE,
+    AxisReadings,
+    CellKinematics,
+)
 from scancell.calibration.cell.points import (
     ABOVE_TABLE,
     AGREED,
@@ -37,7 +48,8 @@ from scancell.calibration.cell.problem import (
 from scancell.calibration.cell.solve import circles_of, moments_of, solve, sphere_start
 from scancell.calibration.variance_components import informations
 from scancell.cell.recording import TriggerRecords, slopes
-from scancell.config.choices import Engine
+from scancell.config.choices import CalibrationTarget, Engine
+from scancell.config.study import CalibrateDescription
 from scancell.errors import CalibrationError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
@@ -67,6 +79,7 @@ _PASS_TRIES = 12
 
 _PRIOR = 1e-4  # information per unit² (10 mm, 100 ms ...): the first poses alone determine nothing
 
+_POSES, _PASSES = 24, 8  # unless stated
 _PER_POSE = 20  # candidates per wanted pose
 _LEAST_CANDIDATES = 400
 _DOUBTFUL_SHARE = 0.01  # of the radius: profiles of a sphere with larger offsets may be those of another size
@@ -248,39 +261,87 @@ def design_poses(candidates: CalibrationProblem, log_variances: Array, count: in
     return PoseDesign(np.array(rows, np.intp), np.array(expected))
 
 
+@checked_fields
 @dataclass(frozen=True)
-class CalibrationOptions:
-    """How to calibrate.
+class CalibrationRequest:
+    """Quantities and options of a calibration; None selects the default for `what`.
 
     Attributes
     ----------
-    free
-        Deviations to find, see `scancell.calibration.cell.kinematics`.
+    what
+        tool: pose of the sensor on the flange, with the table at rest. table: its axis, and the eccentricity of the
+        platter if the artefact's pose is known, by the tool as it is. latency: of the trigger. all: these together.
+    also
+        Further deviations to find, such as ``dh[3].theta``, by the names of as-built parameters.
     poses, passes
-        Numbers of exposures at rest and of passes in motion.
-    turn_table
-        Whether exposures are at different table angles.
-    is_pose_known
-        Whether the described pose of the artefact is exact; else its pose is found, too.
-    is_size_known
-        Whether its dimensions are exact; else the size of each of its shapes is found, too.
+        Number of exposures at rest, and of passes in motion.
+    is_pose_known, is_size_known
+        Whether pose and size of the artefact are exact; else they are found, too.
     designed
-        Whether poses are chosen by their expected covariance, rather than at random.
+        Whether poses are chosen for the information that they give; else at random.
     robot_noise
-        See `CalibrationProblem`.
+        Where random errors of the robot are expected: none, joints, or flange.
+    wobble
+        Whether to find the wobble of the table axis, too.
     pose_seed
         Random seed of the views among which poses are chosen.
+
+    Examples
+    --------
+    >>> request = scancell.CalibrationRequest("tool", also=("dh[3].theta",))
+    >>> report = scancell.calibrate(request, as_built={"dh[3].theta_deg": 0.05})
+    >>> [row.name for row in report.rows][-1]
+    'dh[3].theta'
     """
 
-    free: tuple[str, ...]
-    poses: int = 24
-    passes: int = 0
-    turn_table: bool = True
-    is_pose_known: bool = True
+    what: CalibrationTarget = "all"
+    also: tuple[str, ...] = ()
+    wobble: bool = False
+    poses: int | None = None
+    passes: int | None = None
+    is_pose_known: bool | None = None
     is_size_known: bool = True
     designed: bool = True
     robot_noise: RobotNoise = "flange"
-    pose_seed: int = 0
+    pose_seed: Seed = 0
+
+    @classmethod
+    def of(cls, described: CalibrateDescription) -> Self:
+        """The request that a study has `described`."""
+        plain = described.model_dump(exclude={"artefact", "pose"})
+        return cls(**plain, is_pose_known=None if described.pose is None else described.pose == "described")
+
+    @property
+    def artefact(self) -> str:
+        """Default artefact, a shipped one: a tilt of the table axis needs spheres at different distances from it."""
+        return "artefacts/ball_plate.toml" if self.what in {"table", "all"} else "artefacts/sphere.toml"
+
+    @property
+    def knows_pose(self) -> bool:
+        """Whether the artefact's described pose is exact; else its pose is found, too."""
+        return self.what in {"table", "all"} if self.is_pose_known is None else self.is_pose_known
+
+    @property
+    def turns_table(self) -> bool:
+        """Whether exposures are at different table angles."""
+        return self.what in {"table", "all"}
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Deviations to find, see `scancell.calibration.cell.kinematics`."""
+        table = TABLE + (PLATTER if self.knows_pose else ()) + (WOBBLE if self.wobble else ())
+        free = {"tool": TOOL, "table": table, "latency": (LATENCY,), "all": (*TOOL, *table, LATENCY)}[self.what]
+        return tuple(dict.fromkeys((*free, *self.also)))
+
+    @property
+    def pose_count(self) -> int:
+        """Number of exposures at rest."""
+        return (0 if self.what == "latency" else _POSES) if self.poses is None else self.poses
+
+    @property
+    def pass_count(self) -> int:
+        """Number of passes in motion."""
+        return (_PASSES if self.what in {"latency", "all"} else 0) if self.passes is None else self.passes
 
 
 @dataclass(frozen=True)
@@ -314,7 +375,9 @@ def observations_of(profiles: ProfilePoints, readings: AxisReadings, sensor: sen
     """Points without warning flags, with the direction in which an error of the row of their peak moves them."""
     good = profiles.flags == 0
     points = profiles.points_in_sensor[good]
-    meeting = np.array([_meeting_point(camera) for camera in sensor.cameras])
+    # Lines of constant column in the laser sheet meet along the camera's rows from its centre.
+    centre, along = (np.stack([one.sensor_from_camera[:3, i] for one in sensor.cameras]) for i in (3, 1))
+    meeting = centre - along * centre[:, :1] / along[:, :1]
     direction = points - meeting[np.clip(profiles.camera[good], 0, None)]
     return Observations(
         readings=readings,
@@ -326,24 +389,18 @@ def observations_of(profiles: ProfilePoints, readings: AxisReadings, sensor: sen
     )
 
 
-def _meeting_point(camera: sensor_rt.Camera) -> Array:
-    """Where the lines of constant column in the laser sheet meet: along the camera's rows from its centre."""
-    centre, along = camera.sensor_from_camera[:3, 3], camera.sensor_from_camera[:3, 1]
-    return np.asarray(centre - along * centre[0] / along[0])
-
-
-def artefact_of(nominal: NominalCell, options: CalibrationOptions) -> Artefact:
+def artefact_of(nominal: NominalCell, request: CalibrationRequest) -> Artefact:
     """The artefact at its described pose.
 
     Raises `CalibrationError` if the sizes of a mesh are asked for.
     """
     part = nominal.part
     sizes: tuple[int, ...] = ()
-    if not options.is_size_known:
+    if not request.is_size_known:
         if not isinstance(part, ShapeMesh):
             raise CalibrationError("a mesh has no unknown size", file=part.source, expected="an artefact description")
         sizes = tuple(number for number, one in enumerate(part.shapes.shapes) if one.role == "measured")
-    return Artefact(surface_of(part), nominal.table_from_part, options.is_pose_known, sizes)
+    return Artefact(surface_of(part), nominal.table_from_part, request.knows_pose, sizes)
 
 
 class CalibrationScan:
@@ -361,11 +418,11 @@ class CalibrationScan:
         self,
         pipeline: ScanPipeline,
         world: World,
-        options: CalibrationOptions,
+        request: CalibrationRequest,
         start: Mapping[str, float],
     ) -> None:
         self.pipeline, self.world = pipeline, world
-        self.options, self._start = options, start
+        self.request, self._start = request, start
         self._part, self._scan = world.nominal.part, scan_options(world.setup.scan, world.setup.sensor)
         cycle = world.setup.cell.world.controller_cycle
         range_ = SensorRange.of(world.sensor)
@@ -378,9 +435,9 @@ class CalibrationScan:
         Raises `CalibrationError` if too few views of the artefact are feasible; `PlanningError` if no collision-free
         path is found.
         """
-        rng, options = np.random.default_rng(self.options.pose_seed), self.options
+        rng, count = np.random.default_rng(self.request.pose_seed), self.request.pass_count
         still = self._still(rng)
-        moving = passes(self._cell, options.passes, rng, self._scan) if options.passes else []
+        moving = passes(self._cell, count, rng, self._scan) if count else []
         return plan_views(self._cell, self._scan, still, moving)
 
     def run(self, world: World, engine: Engine, progress: Progress) -> Calibration:
@@ -470,37 +527,37 @@ class CalibrationScan:
         return replace(problem, observations=measured.chosen(on_artefact(problem)))
 
     def _problem(self, observed: Observations) -> CalibrationProblem:
-        nominal, options = self.world.nominal, self.options
+        nominal, request = self.world.nominal, self.request
         return CalibrationProblem(
             kinematics=kinematics_of(nominal),
             observations=observed,
-            artefact=artefact_of(nominal, options),
-            free=options.free,
+            artefact=artefact_of(nominal, request),
+            free=request.free,
             start=self._start,
-            robot_noise=options.robot_noise,
+            robot_noise=request.robot_noise,
         )
 
     def _still(self, rng: np.random.Generator) -> Array:
         """Positions (n, axes) at rest, rad."""
-        options = self.options
-        wanted = max(_PER_POSE * options.poses, _LEAST_CANDIDATES) if options.poses else 0
-        if not wanted:
+        count = self.request.pose_count
+        if not count:
             return self._cell.start[None, :][:0]
-        found = candidates(self._cell, wanted, rng, self._scan.clearance, options.turn_table)
+        wanted = max(_PER_POSE * count, _LEAST_CANDIDATES)
+        found = candidates(self._cell, wanted, rng, self._scan.clearance, self.request.turns_table)
         problem = self._problem(self._expected_observations(found))
         problem = replace(problem, observations=problem.observations.chosen(on_artefact(problem)))
         frame = problem.observations.frame
         seen = np.flatnonzero(np.bincount(frame, minlength=len(found)) >= _LEAST_POINTS)
-        if len(seen) < options.poses:
+        if len(seen) < count:
             raise CalibrationError(
-                f"{len(seen)} of {len(found)} random views show {_LEAST_POINTS} points of it, {options.poses} poses"
+                f"{len(seen)} of {len(found)} random views show {_LEAST_POINTS} points of it, {count} poses"
                 " were requested: place it where the sensor sees more of it",
                 file=self._part.source,
             )
-        if not options.designed:
-            return found[seen[: options.poses]]
+        if not self.request.designed:
+            return found[seen[:count]]
         problem = replace(_of_exposures(problem, seen), robot_noise="flange")
-        return found[seen[design_poses(problem, _EXPECTED, options.poses).rows]]
+        return found[seen[design_poses(problem, _EXPECTED, count).rows]]
 
     def _expected_observations(self, axes: Array) -> Observations:
         """Observations of the nominal sensor at positions (n, axes) in the nominal cell, by ideal rays."""
