@@ -199,6 +199,12 @@ def skew(vector: Array) -> Array:
     return np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], -2)
 
 
+def nearest_rotation(matrix: Array) -> Array:
+    """Rotation (3, 3) nearest to a matrix in the sum of squared differences (Kabsch 1976)."""
+    u, _, vt = np.linalg.svd(matrix)
+    return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
+
+
 def exp_rotation(vector: ArrayLike) -> Array:
     """Rotation matrices (..., 3, 3) of the rotation vectors `vector` (..., 3), rad, by Rodrigues' formula."""
     vector = np.asarray(vector, float)

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,7 +36,7 @@ NAMES = (*INTRINSICS, *(f"camera_{key}" for key in _POSE), *(f"board_{key}" for 
 COUNT, ERRORS = len(NAMES), 8
 _STEP = 1e-3  # of an unknown in the solution: residuals are linear over about 1
 _SCALES = np.array([10.0, 10.0, 10.0, 0.1, 0.5, 0.01, 0.01, *[1e-3] * 15])
-_ROUNDS_OF_UNDISTORTION = 6
+_UNDISTORTION = (cv2.TERM_CRITERIA_COUNT, 6, 0.0)
 
 _MARGIN = 0.2  # of the distances of the stripe, on both sides of the range
 
@@ -103,17 +104,20 @@ class Rig:
 
     def rays(self, pixels: Array) -> Array:
         """Directions (n, 3) of the rays through pixels (n, 2) in the camera frame, z = 1."""
-        f, cx, cy, k1, k2, p1, p2 = self.intrinsics
-        distorted = (pixels - [cx, cy]) / f
-        point = distorted
-        for _ in range(_ROUNDS_OF_UNDISTORTION):
-            point = distorted - (_distorted(point, k1, k2, p1, p2) - point)
-        return np.column_stack([point, np.ones(len(point))])
+        points = cv2.undistortPointsIter(
+            np.ascontiguousarray(pixels), *self._opencv, np.eye(3), np.eye(3), _UNDISTORTION
+        )
+        return np.column_stack([points[:, 0], np.ones(len(points))])
 
     def project(self, points: Array) -> Array:
         """Pixels (n, 2) of points (n, 3) in the camera, m."""
+        return np.asarray(cv2.projectPoints(points, np.zeros(3), np.zeros(3), *self._opencv)[0][:, 0])
+
+    @property
+    def _opencv(self) -> tuple[Array, Array]:
+        """Camera matrix (3, 3) and distortion (4,)."""
         f, cx, cy, *distortion = self.intrinsics
-        return np.asarray(f * _distorted(points[:, :2] / points[:, 2:], *distortion) + [cx, cy])
+        return np.array([[f, 0.0, cx], [0.0, f, cy], [0.0, 0.0, 1.0]]), np.array(distortion)
 
     def camera_from_board(self, flange: Array) -> Array:
         """Poses (..., 4, 4) of the board in the camera at poses of the flange (..., 4, 4)."""
@@ -137,15 +141,6 @@ class Rig:
 def displaced(x: Array) -> Array:
     """Displacements (..., 4, 4) by translation (m) and rotation vector (rad), (..., 6)."""
     return pose.from_rotation(pose.exp_rotation(x[..., 3:]), x[..., :3])
-
-
-def _distorted(point: Array, k1: float, k2: float, p1: float, p2: float) -> Array:
-    x, y = point[:, 0], point[:, 1]
-    r2 = x * x + y * y
-    radial = 1 + r2 * (k1 + r2 * k2)
-    return np.column_stack(
-        [x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y]
-    )
 
 
 def met(rays: Array, plane: Array) -> Array:

@@ -188,12 +188,7 @@ class BoardCalibrationReport(SavedCalibration):
                     "rotation_mrad": moved[3:].tolist(),
                     "half_width_mrad": half[3:].tolist(),
                 }
-                for i, moved, half in zip(
-                    result.left_out.exposure,
-                    result.left_out.displacement,
-                    result.left_out.half_widths(self.probability),
-                    strict=True,
-                )
+                for i, moved, half in result.left_out.rows(self.probability)
             ],
             "flange_from_camera_m": self.flange_from_camera.tolist(),
             "flange_from_sensor_m": self.flange_from_sensor.tolist(),

@@ -10,11 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.calibration.board.problem import COUNT, ERRORS, NAMES, BoardProblem, BoardView, Rig, met
-from scancell.calibration.least_squares import NormalEquations, minimise, undetermined
-from scancell.calibration.measured_table import LeftOut, left_out
-from scancell.calibration.variance_components import Estimate, Moments, equations_at, estimate, normal_equations
+from scancell.calibration.variance_components import (
+    Estimate,
+    LeftOut,
+    Moments,
+    equations_at,
+    estimate,
+    left_out,
+    normal_equations,
+)
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
+from scancell.geometry.least_squares import NormalEquations, minimise, undetermined
 
 Array = NDArray[np.float64]
 
@@ -120,16 +127,12 @@ def hand_eye(flange: Array, camera_from_board: Array) -> HandEye:
             continue
         camera = pose.from_rotation(rotation, np.ravel(offset))
         boards = flange @ camera @ camera_from_board
-        middle = _mean_pose(boards[rows])
+        mean = pose.nearest_rotation(boards[rows, :3, :3].mean(0))
+        middle = pose.from_rotation(mean, np.median(boards[rows, :3, 3], axis=0))
         found.append(HandEye(camera, middle, np.linalg.norm(boards[:, :3, 3] - middle[:3, 3], axis=1)))
     if not found:
         raise CalibrationError("the flange's poses do not determine the pose of the camera: turn it about two axes")
     return min(found, key=lambda one: float(np.median(one.away)))
-
-
-def _mean_pose(poses: Array) -> Array:
-    u, _, vt = np.linalg.svd(poses[:, :3, :3].mean(0))
-    return pose.from_rotation(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt, np.median(poses[:, :3, 3], axis=0))
 
 
 def plane_frame(points: Array) -> Array:
@@ -154,7 +157,8 @@ def start_rig(views: Sequence[BoardView], size: tuple[int, int]) -> Rig:
 
 def stripes_in_camera(rig: Rig, views: Sequence[BoardView], boards: Array) -> Array:
     """Points (n, 3) of all stripes in the camera, on the boards at poses (views, 4, 4) in it."""
-    return np.concatenate([met(rig.rays(view.stripe), board) for view, board in zip(views, boards, strict=True)])
+    pairs = zip(views, boards, strict=True)
+    return np.concatenate([met(rig.rays(view.stripe), board) for view, board in pairs if len(view.stripe)])
 
 
 def solve(views: Sequence[BoardView], start: Rig) -> BoardCalibration:
@@ -168,17 +172,28 @@ def solve(views: Sequence[BoardView], start: Rig) -> BoardCalibration:
     if len(views) < LEAST_VIEWS:
         raise CalibrationError(f"{len(views)} images show the board", expected=f"{LEAST_VIEWS} or more")
     given = sum(len(view.stripe) for view in views)
-    views = _without_outliers(views, start)
+    problem = BoardProblem(views)
+    corners, stripe = problem.residuals(start, np.zeros((len(views), ERRORS)))
+    for own in (problem.stripe_view == i for i in range(len(views))):
+        stripe[own] -= np.median(stripe[own]) if own.any() else 0.0
+    views = _without_outliers(problem, np.zeros_like(corners), stripe)
     log_variances, state = 2 * np.log(_START), _State(start, np.zeros((len(views), ERRORS)))
     for _ in range(_ROUNDS):
         problem = BoardProblem(views)
         state, is_settled = _adjusted(problem, state, log_variances)
         moments = _moments(problem, state)
-        _require_determined(normal_equations(moments, log_variances).information)
+        information = normal_equations(moments, log_variances).information
+        for direction, _ in undetermined(information, np.zeros_like(information), np.inf):
+            worst = np.argsort(-np.abs(direction) * np.sqrt(np.diag(information)))[:3]
+            raise CalibrationError(
+                "the images do not determine "
+                + ", ".join(NAMES[i] for i in worst)
+                + ": turn the camera about two axes, and take images from different distances"
+            )
         last = estimate(moments)
         log_variances = last.log_variances
         corners, stripe = problem.residuals(state.rig, state.errors)
-        before, views = views, _kept(_with_good_corners(problem, corners), stripe, problem.stripe_view)
+        before, views = views, _without_outliers(problem, corners, stripe)
         if is_settled and all(a.counts == b.counts for a, b in zip(before, views, strict=True)):
             break
     if not is_settled:
@@ -203,59 +218,33 @@ def _moments(problem: BoardProblem, at: _State) -> Moments:
     """Regressors are the unknowns and the errors of a view, and the groups of measurements corners and stripe."""
     by_rig, by_error = problem.derivatives(at.rig, at.errors)
     views, width = len(problem.views), COUNT + ERRORS
-    second = np.zeros((2, views, width + 1, width + 1))
-    first = 0
-    for group, (residual, view) in enumerate(
-        zip(problem.residuals(at.rig, at.errors), (problem.corner_view, problem.stripe_view), strict=True)
-    ):
-        own = slice(first, first := first + len(residual))
-        without_errors = residual - np.sum(by_error[own] * at.errors[view], 1)
-        rows = np.column_stack([by_rig[own], by_error[own], without_errors])
-        for i in range(views):
-            second[group, i] = rows[view == i].T @ rows[view == i]
+    residual = np.concatenate(problem.residuals(at.rig, at.errors))
+    view = np.concatenate([problem.corner_view, problem.stripe_view])
+    rows = np.column_stack([by_rig, by_error, residual - np.sum(by_error * at.errors[view], 1)])
+    corners = len(problem.corner_view)
+    groups = (slice(None, corners), slice(corners, None))
+    second = np.stack([Moments.of_exposures(rows[own], view[own], views) for own in groups])
     design, modes = np.broadcast_to(np.eye(width), (views, width, width)), (slice(0, 3), slice(3, 6), slice(6, 8))
     of_views = -design[:, :, COUNT:]
-    count = np.array([len(problem.corner_view), len(problem.stripe_view)])
+    count = np.array([corners, len(view) - corners])
     return Moments(second, design[:, :, :COUNT], tuple(of_views[:, :, own] for own in modes), count)
 
 
-def _require_determined(information: Array) -> None:
-    """Raise `CalibrationError` if a combination of unknowns has no information."""
-    for direction, _ in undetermined(information, np.zeros_like(information), np.inf):
-        worst = np.argsort(-np.abs(direction) * np.sqrt(np.diag(information)))[:3]
-        raise CalibrationError(
-            "the images do not determine "
-            + ", ".join(NAMES[i] for i in worst)
-            + ": turn the camera about two axes, and take images from different distances"
-        )
-
-
-def _with_good_corners(problem: BoardProblem, residual: Array) -> list[BoardView]:
-    """The views with the corners that fit."""
-    away = np.linalg.norm(residual.reshape(-1, 2), axis=1)
-    good = away < _OUTLIER * max(float(np.median(away)), _FLOOR)
-    found = []
+def _without_outliers(problem: BoardProblem, corners: Array, stripe: Array) -> list[BoardView]:
+    """The views with the corners and stripe points whose residuals (2 c,) and (s,) fit."""
+    away = np.linalg.norm(corners.reshape(-1, 2), axis=1)
+    good_corners = away < _OUTLIER * max(float(np.median(away)), _FLOOR)
+    good_stripe = np.abs(stripe) < _OUTLIER * max(1.4826 * float(np.median(np.abs(stripe))), _FLOOR)
+    views = []
     for i, view in enumerate(problem.views):
-        rows = good[problem.corner_view[::2] == i]
-        found.append(replace(view, corners=view.corners[rows], corner_pixels=view.corner_pixels[rows]))
-    return found
-
-
-def _kept(views: Sequence[BoardView], residual: Array, view_of: NDArray[np.intp]) -> list[BoardView]:
-    """The views with the stripe points that fit."""
-    good = np.abs(residual) < _OUTLIER * max(1.4826 * float(np.median(np.abs(residual))), _FLOOR)
-    found = []
-    for i, view in enumerate(views):
-        rows = good[view_of == i]
-        found.append(replace(view, stripe=view.stripe[rows], across=view.across[rows]))
-    return found
-
-
-def _without_outliers(views: Sequence[BoardView], rig: Rig) -> list[BoardView]:
-    """The views with the stripe points that fit the median of their view."""
-    problem = BoardProblem(views)
-    residual = problem.residuals(rig, np.zeros((len(views), ERRORS)))[1]
-    for i in range(len(views)):
-        own = problem.stripe_view == i
-        residual[own] -= np.median(residual[own]) if own.any() else 0.0
-    return _kept(views, residual, problem.stripe_view)
+        seen, lit = good_corners[problem.corner_view[::2] == i], good_stripe[problem.stripe_view == i]
+        views.append(
+            replace(
+                view,
+                corners=view.corners[seen],
+                corner_pixels=view.corner_pixels[seen],
+                stripe=view.stripe[lit],
+                across=view.across[lit],
+            )
+        )
+    return views

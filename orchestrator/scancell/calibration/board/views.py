@@ -127,7 +127,8 @@ def read_views(
     table = pose_table(folder)
     stated, names = read_flange(table, convention), table.words("image")
     flange = stated.matrices()
-    files = [_file(folder, table, row, name) for row, name in enumerate(names)]
+    files = [folder / name for name in names]
+    table.require(np.array([file.is_file() for file in files]), "image", f"an image in {folder}")
     _require_all(folder, files, table)
     progress.stage("finding the board and the stripe", len(files), "images")
     views, rows, warnings = [], [], []
@@ -166,12 +167,6 @@ def pose_table(folder: Path) -> MeasuredTable:
     raise DescriptionError(
         "holds no table of flange poses", file=folder, expected=f"{TABLES[0]} with the columns image, flange_x_mm, …"
     )
-
-
-def _file(folder: Path, table: MeasuredTable, row: int, name: str) -> Path:
-    if not (folder / name).is_file():
-        table.refuse(row, "image", f"an image in {folder}")
-    return folder / name
 
 
 def _require_all(folder: Path, files: Sequence[Path], table: MeasuredTable) -> None:

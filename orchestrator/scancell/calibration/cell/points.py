@@ -156,8 +156,8 @@ def read_points(
     if (sigma <= 0).any() or (direction is not None and np.isnan(direction).any()):
         raise DescriptionError("sigma_um and the length of error_x, error_y, error_z must be above 0", file=path)
     time_offset = table.numbers("time_offset_ms", 0.0)
-    if stated is not None and time_offset.any():
-        table.refuse(int(np.flatnonzero(time_offset)[0]), "time_offset_ms", "0 with flange poses, which state no rates")
+    if stated is not None:
+        table.require(time_offset == 0.0, "time_offset_ms", "0 with flange poses, which state no rates")
     observations = Observations(
         readings,
         1e-3 * _coordinates(table, stated is not None),

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.calibration.cell.kinematics import LATENCY, UNIT, AxisReadings, CellKinematics, SensorPoses, written_unit
-from scancell.calibration.measured_table import LeftOut
-from scancell.calibration.variance_components import half_widths
+from scancell.calibration.variance_components import (
+    LeftOut,
+    half_widths,
+)
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import ShapeGroup, ShapeMesh

@@ -179,16 +179,11 @@ class CalibrationReport(SavedCalibration):
             "noise_of_surface_um": 1e6 * result.noise_of_surface,
             "left_out": [
                 {
-                    "exposure": int(exposure) + 1,
+                    "exposure": exposure + 1,
                     "displacement_y_z_um": (1e6 * moved).tolist(),
                     "half_width_y_z_um": (1e6 * half).tolist(),
                 }
-                for exposure, moved, half in zip(
-                    result.left_out.exposure,
-                    result.left_out.displacement,
-                    result.left_out.half_widths(self.probability),
-                    strict=True,
-                )
+                for exposure, moved, half in result.left_out.rows(self.probability)
             ],
             "flange_from_sensor_m": self.flange_from_sensor.tolist(),
             "unknowns": self._unknowns,

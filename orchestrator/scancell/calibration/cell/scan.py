@@ -375,7 +375,9 @@ def observations_of(profiles: ProfilePoints, readings: AxisReadings, sensor: sen
     """Points without warning flags, with the direction in which an error of the row of their peak moves them."""
     good = profiles.flags == 0
     points = profiles.points_in_sensor[good]
-    meeting = np.array([_meeting_point(camera) for camera in sensor.cameras])
+    # Lines of constant column in the laser sheet meet along the camera's rows from its centre.
+    centre, along = (np.stack([one.sensor_from_camera[:3, i] for one in sensor.cameras]) for i in (3, 1))
+    meeting = centre - along * centre[:, :1] / along[:, :1]
     direction = points - meeting[np.clip(profiles.camera[good], 0, None)]
     return Observations(
         readings=readings,
@@ -385,12 +387,6 @@ def observations_of(profiles: ProfilePoints, readings: AxisReadings, sensor: sen
         frame=np.asarray(profiles.frame[good], np.intp),
         time_offset=profiles.time_offset[good],
     )
-
-
-def _meeting_point(camera: sensor_rt.Camera) -> Array:
-    """Where the lines of constant column in the laser sheet meet: along the camera's rows from its centre."""
-    centre, along = camera.sensor_from_camera[:3, 3], camera.sensor_from_camera[:3, 1]
-    return np.asarray(centre - along * centre[0] / along[0])
 
 
 def artefact_of(nominal: NominalCell, request: CalibrationRequest) -> Artefact:

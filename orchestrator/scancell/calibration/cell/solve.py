@@ -22,18 +22,19 @@ from scancell.calibration.cell.problem import (
     Observations,
     points_on_platter,
 )
-from scancell.calibration.least_squares import NormalEquations, minimise, undetermined, without
-from scancell.calibration.measured_table import left_out
 from scancell.calibration.variance_components import (
     Estimate,
     Moments,
     equal_shares,
     equations_at,
     estimate,
+    left_out,
     normal_equations,
 )
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
+from scancell.geometry.fits.starts import algebraic_sphere
+from scancell.geometry.least_squares import NormalEquations, minimise, undetermined, without
 
 Array = NDArray[np.float64]
 
@@ -114,11 +115,9 @@ def circle_in(points: Array, sigma: float, largest: float, rng: np.random.Genera
     on_circle = distance[(distance < near).sum(1).argmax()] < near
     if on_circle.sum() < _LEAST_CIRCLE_POINTS:
         return None
-    chosen = points[on_circle]
-    middle = chosen.mean(0)
-    rows = np.column_stack([2.0 * (chosen - middle), np.ones(len(chosen))])
-    u, v, w = np.linalg.lstsq(rows, ((chosen - middle) ** 2).sum(1), rcond=None)[0]
-    return middle + np.array([u, v]), float(np.sqrt(max(w + u**2 + v**2, 0.0)))
+    middle = points[on_circle].mean(0)
+    centre, radius = algebraic_sphere(points[on_circle] - middle)
+    return middle + centre, radius
 
 
 @dataclass(frozen=True)
@@ -225,8 +224,7 @@ def _linear_start(
         w = np.sqrt(weights)[:, None]
         left, right = (w[..., None] * design).reshape(-1, 12), (-w * (offset + across)).ravel()
         y_axis, z_axis, position, centre = np.linalg.lstsq(left, right, rcond=None)[0].reshape(4, 3)
-        u, _, vt = np.linalg.svd(np.column_stack([np.cross(y_axis, z_axis), y_axis, z_axis]))
-        axes = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+        axes = pose.nearest_rotation(np.column_stack([np.cross(y_axis, z_axis), y_axis, z_axis]))
         found = pose.from_rotation(axes, position)
         sensor_from_platter = pose.inverse(platter_from_flange @ found)
         side = np.sign(pose.transform_each(sensor_from_platter, np.broadcast_to(centre, offset.shape))[:, 0])
@@ -299,7 +297,9 @@ def require_determined(problem: CalibrationProblem, moments: Moments, basis: Arr
     information = normal_equations(moments.by_basis(basis), log_variances).information
     points = points_on_platter(data, problem.kinematics.poses(data.readings, problem.start))
     mean = np.zeros((len(data.readings), 6, 6))
-    np.add.at(mean, data.frame, _displacement(points))
+    # Points move by v + w x p: squares of their displacements as quadratic forms of a screw.
+    jacobian = np.concatenate([np.broadcast_to(np.eye(3), (len(points), 3, 3)), -pose.skew(points)], -1)
+    np.add.at(mean, data.frame, jacobian.swapaxes(1, 2) @ jacobian)
     motion = moments.design[:, :6, :count]
     effect = np.einsum("nip,nij,njq->pq", motion, mean / len(points), motion)
     extent = float(np.sqrt(points.var(0).sum()))
@@ -315,13 +315,6 @@ def require_determined(problem: CalibrationProblem, moments: Moments, basis: Arr
                 " to be found are mistaken for one another"
             )
         raise CalibrationError(f"the exposures do not determine: {named}. {advice}")
-
-
-def _displacement(points: Array) -> Array:
-    """Squares of the displacements of points (m, 3) as quadratic forms (m, 6, 6) of a screw."""
-    turned = pose.skew(points)
-    jacobian = np.concatenate([np.broadcast_to(np.eye(3), turned.shape), -turned], -1)
-    return np.asarray(jacobian.swapaxes(1, 2) @ jacobian)
 
 
 def _advice(problem: CalibrationProblem) -> str:
@@ -577,19 +570,14 @@ def _moments(problem: CalibrationProblem, found: _Residuals, variance: Array) ->
     sizes = [-np.equal(shape, number).astype(float) for number in artefact.unknown_sizes]
     regressors = np.column_stack([found.wrench, np.ones(len(shape)), *sizes]) / found.cosine[:, None]
     rows = np.column_stack([regressors, found.gap + found.explained])
-    used = np.flatnonzero(np.isfinite(variance))
-    rows, weight, frame = rows[used], 1.0 / variance[used], data.frame[used]
+    used = np.isfinite(variance)
     n, k = len(data.readings), rows.shape[1] - 1
-    second = np.zeros((1, n, k + 1, k + 1))
-    order = np.argsort(frame, kind="stable")
-    starts = np.flatnonzero(np.diff(frame[order], prepend=-1))
-    for part, number in zip(np.split(order, starts[1:]), frame[order][starts], strict=True):
-        second[0, number] = (rows[part] * weight[part, None]).T @ rows[part]
+    second = Moments.of_exposures(rows[used] / np.sqrt(variance[used, None]), data.frame[used], n)[None]
     moved, count = found.motion.shape[-1], len(sizes)
     design = np.zeros((n, k, moved + count))
     design[:, :6, :moved], design[:, _SHARED:, moved:] = found.motion, np.eye(count)
     modes = tuple(np.pad(mode, ((0, 0), (0, count), (0, 0))) for mode in found.modes)
-    return Moments(second, UNIT * design, modes, np.array([len(used)]))
+    return Moments(second, UNIT * design, modes, np.array([used.sum()]))
 
 
 def _modes(problem: CalibrationProblem, poses: SensorPoses) -> tuple[Array, ...]:

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
-from scancell.calibration.least_squares import NormalEquations
 from scancell.config.files import plain_data, split_path
 from scancell.config.sensor import SensorDescription, sensor_json
 from scancell.errors import CalibrationError, DescriptionError
 from scancell.geometry import pose
+from scancell.geometry.least_squares import NormalEquations
 from scancell.geometry.shapes import Plane, ShapeGroup, Sphere
 
 Array = NDArray[np.float64]
@@ -314,8 +314,9 @@ class Equations:
 
     def blocks(self, state: State) -> list[Block]:
         """Linearised residuals of every mounting, in the order of `mountings`."""
-        base = self._parameters.sensor(state.values)
-        pairs = [self._neighbours(state.values, k) for k in range(len(state.values))]
+        sensor, steps = self._parameters.sensor, _STEP * np.diag(self._parameters.scales)
+        base = sensor(state.values)
+        pairs = [(sensor(state.values + step), sensor(state.values - step)) for step in steps]
         points = self._points(base)
         per_row = (self._points(base, np.array([0.0, _ROW_STEP])) - points) / _ROW_STEP
         derivative = np.zeros((len(points), len(pairs), 3))
@@ -398,11 +399,6 @@ class Equations:
             return sensor_rt.triangulate_pixels(pixels, sensor, camera, "sheet")
 
         return _by_camera(self._camera, self._pixels + shift, 3, locate)
-
-    def _neighbours(self, values: Array, k: int) -> tuple[sensor_rt.Sensor, sensor_rt.Sensor]:
-        step = np.zeros(len(values))
-        step[k] = _STEP * self._parameters.scales[k]
-        return self._parameters.sensor(values + step), self._parameters.sensor(values - step)
 
 
 def _nearest(target: ShapeGroup, points: Array) -> tuple[Array, Array, NDArray[np.intp]]:

@@ -260,7 +260,10 @@ def calibrate_described(
     SensorParameters(sensor, request.also).start_values  # noqa: B018  (names are checked before the work)
     if file is None:
         built = as_built_sensor(sensor, words)
-        away = None if request.is_pose_known else _mounting(seed)
+        away = None
+        if not request.is_pose_known:
+            shift, turn = np.random.default_rng(seed).normal(size=(2, 3))
+            away = pose.from_euler_xyz(1e-3 * _MOUNTING_MM * shift, np.radians(_MOUNTING_DEG) * turn)
         targets = tuple(dict.fromkeys(request.targets))
         for target in targets:
             if target not in get_args(SensorTarget):
@@ -284,10 +287,3 @@ def calibrate_described(
         "free": list(result.names),
     }
     return SensorCalibrationReport(result, measured.exposures, setup, measured.files, run, built)
-
-
-def _mounting(seed: int) -> NDArray[np.float64]:
-    """Mounting error (4, 4) of a simulated stage."""
-    rng = np.random.default_rng(seed)
-    shift, turn = rng.normal(size=(2, 3))
-    return pose.from_euler_xyz(1e-3 * _MOUNTING_MM * shift, np.radians(_MOUNTING_DEG) * turn)

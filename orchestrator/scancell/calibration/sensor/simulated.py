@@ -16,6 +16,7 @@ from scancell.calibration.sensor.targets import CheckeredBoard, start_from_corne
 from scancell.config.choices import SensorTarget
 from scancell.config.description import si_value
 from scancell.config.loading import as_built_sensor
+from scancell.config.material import PRESETS
 from scancell.config.sensor import SensorDescription, read_out
 from scancell.geometry import pose
 from scancell.geometry.shapes import ShapeGroup
@@ -138,15 +139,10 @@ def range_error(as_built: SensorDescription, used: SensorDescription, align: boo
         expected.append(points[inside])
         found.append(sensor_rt.triangulate_pixels(pixels[inside], own, camera, form))
     a, b = np.concatenate(found), np.concatenate(expected)
-    return float(np.sqrt(np.mean(np.sum(((_moved(a, b) if align else a) - b) ** 2, 1))))
-
-
-def _moved(points: Array, target: Array) -> Array:
-    """Points (n, 3) moved rigidly on their counterparts (Kabsch's algorithm)."""
-    a, b = points.mean(0), target.mean(0)
-    u, _, vt = np.linalg.svd((points - a).T @ (target - b))
-    flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
-    return np.asarray((points - a) @ (u @ flip @ vt) + b)
+    if align:
+        a, b = a - a.mean(0), b - b.mean(0)
+        a = a @ pose.nearest_rotation(a.T @ b)
+    return float(np.sqrt(np.mean(np.sum((a - b) ** 2, 1))))
 
 
 def _placed(name: SensorTarget, sensor: SensorDescription) -> _Placed:
@@ -155,7 +151,7 @@ def _placed(name: SensorTarget, sensor: SensorDescription) -> _Placed:
         board = CheckeredBoard()
         return _Placed(sensor_targets.board_body(board), surface, sensor_targets.board_poses(sensor), board)
     poses = sensor_targets.ball_poses(sensor) if name == "ball" else sensor_targets.step_poses(sensor)
-    return _Placed(sensor_targets.solid_body(surface), surface, poses)
+    return _Placed(Body("target", "part", surface.mesh(), PRESETS["matt_white"]), surface, poses)
 
 
 def _stripes(

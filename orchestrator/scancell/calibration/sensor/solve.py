@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.calibration.least_squares import NormalEquations, minimise, undetermined, without
 from scancell.calibration.sensor.problem import (
     RADIUS_OFFSET,
     Block,
@@ -26,6 +25,7 @@ from scancell.calibration.sensor.problem import (
 from scancell.config.sensor import SensorDescription
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
+from scancell.geometry.least_squares import NormalEquations, minimise, undetermined, without
 
 Array = NDArray[np.float64]
 

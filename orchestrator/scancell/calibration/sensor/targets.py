@@ -257,11 +257,6 @@ def board_poses(sensor: SensorDescription, heights: int = 2, tilt: float = np.ra
     return np.array([one @ turn for one, turn in zip(poses, turns, strict=True)])
 
 
-def solid_body(target: ShapeGroup) -> Body:
-    """The shapes as a matt white body."""
-    return Body("target", "part", target.mesh(), PRESETS["matt_white"])
-
-
 def board_body(board: CheckeredBoard) -> Body:
     """The board as a mesh of square cells, white or printed."""
     rows, columns = board.white.shape
@@ -353,7 +348,10 @@ def read_exposures(path: Path, sensor: SensorDescription) -> MeasuredExposures:
     out of bounds, or the rows of an exposure state different targets or poses.
     """
     table = MeasuredTable(path)
-    accepted = np.array([_is_accepted(words) for words in table.words("flags", "")], bool)
+    # Notes such as ``multiple`` reject no peak; saturation shifts the centre.
+    rejected = PEAK_REJECTED | PEAK_FLAGS["saturated"]
+    used = {word for word, flag in PEAK_FLAGS.items() if not flag & rejected}
+    accepted = np.array([used.issuperset(flags.split()) for flags in table.words("flags", "")], bool)
     number, peaks, corner = table.numbers("exposure"), _peaks(table, sensor), _corner_points(table)
     groups = [np.flatnonzero((number == one) & accepted) for one in np.unique(number[accepted])]
     is_view = np.isfinite(corner[:, 0])
@@ -377,12 +375,6 @@ def read_exposures(path: Path, sensor: SensorDescription) -> MeasuredExposures:
     return MeasuredExposures(tuple(found), (path, *files))
 
 
-def _is_accepted(flags: str) -> bool:
-    """Whether a peak with these words is used: notes such as ``multiple`` reject none; saturation shifts the centre."""
-    rejected = PEAK_REJECTED | PEAK_FLAGS["saturated"]
-    return all(word in PEAK_FLAGS and not PEAK_FLAGS[word] & rejected for word in flags.split())
-
-
 def _corner_points(table: MeasuredTable) -> Array:
     """Corners (n, 2) on their target, mm; NaN of stripe peaks."""
     corner = np.column_stack([table.numbers(name, np.nan, where=np.zeros(len(table), bool)) for name in _CORNER])
@@ -397,10 +389,8 @@ def _peaks(table: MeasuredTable, sensor: SensorDescription) -> StripePeaks:
     """The measured pixels of all rows, within the images."""
     camera, sigma = table.numbers("camera"), table.numbers("row_sigma_px")
     count = len(sensor.camera)
-    if (wrong := np.flatnonzero(~np.isin(camera, np.arange(count)))).size:
-        table.refuse(int(wrong[0]), "camera", f"a number from 0 to {count - 1}")
-    if (wrong := np.flatnonzero(sigma <= 0.0)).size:
-        table.refuse(int(wrong[0]), "row_sigma_px", "a positive standard deviation, px")
+    table.require(np.isin(camera, np.arange(count)), "camera", f"a number from 0 to {count - 1}")
+    table.require(sigma > 0.0, "row_sigma_px", "a positive standard deviation, px")
     index = camera.astype(np.int32)
     pixels = []
     for name, size in (("column_px", "width_px"), ("row_px", "height_px")):

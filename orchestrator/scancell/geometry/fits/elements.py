@@ -11,11 +11,14 @@ Distances after Forbes, "Least-squares best-fit geometric elements", NPL report 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from scancell.geometry.least_squares import LinearResiduals, minimise
 
 Array = NDArray[np.float64]
 
@@ -235,52 +238,19 @@ E = TypeVar("E", bound=Element)
 
 _ITERATIONS = 500
 _ROUNDING = 1e-15  # of the extent of the points: steps that move the surface less change nothing
-_SETTLED = 1e-11  # of the extent: below, the sum of squares is constant within rounding and no longer decides
-_DAMPING = 1e-4
-_MOST_DAMPING = 1e12
 _ZONE_ITERATIONS = 60
 _ZONE_PRECISION = 1e-11  # relative decrease of the zone below which the search ends
 _WORKING_SET = 400  # points of the first linear program of a step
 _TRUST = 0.1  # first limit of a step, of the extent
 
 
-def least_squares(element: E, points: Array, iterations: int = _ITERATIONS) -> tuple[E, float]:
-    """Element with the least sum of squared distances from points (n, 3) of extent about 1, and that sum.
+def least_squares(element: E, points: Array, iterations: int = _ITERATIONS) -> E:
+    """Element with the least sum of squared distances from points (n, 3) of extent about 1."""
 
-    Gauss-Newton steps, damped after Levenberg and Marquardt where a step does not lower the sum.
-    """
-    residual, jacobian = element.linearised(points)
-    cost, damping, smallest = float(residual @ residual), 0.0, np.inf
-    for _ in range(iterations):
-        step = _damped_step(jacobian, residual, damping)
-        change = float(np.abs(jacobian @ step).max())
-        moved = element.moved(step)
-        new_residual, new_jacobian = moved.linearised(points)
-        new_cost = float(new_residual @ new_residual)
-        if new_cost < cost or change < _SETTLED:
-            if change >= smallest and change < _SETTLED:
-                break
-            element, residual, jacobian, cost = moved, new_residual, new_jacobian, new_cost
-            damping = damping / 10 if damping > _DAMPING**2 else 0.0
-            smallest = min(smallest, change)
-            if change < _ROUNDING:
-                break
-        else:
-            damping = max(10 * damping, _DAMPING)
-            if damping > _MOST_DAMPING:
-                break
-    return element, cost
+    def linearised(at: E) -> tuple[LinearResiduals, Callable[[Array], E]]:
+        return LinearResiduals(*at.linearised(points)), at.moved
 
-
-def _damped_step(jacobian: Array, residual: Array, damping: float) -> Array:
-    length = np.sqrt(np.einsum("nk,nk->k", jacobian, jacobian)) + 1e-300
-    matrix, right = jacobian / length, -residual
-    if damping:
-        size = jacobian.shape[1]
-        matrix = np.concatenate([matrix, np.sqrt(damping) * np.eye(size)])
-        right = np.concatenate([right, np.zeros(size)])
-    q, r = np.linalg.qr(matrix)
-    return np.asarray(np.linalg.lstsq(r, q.T @ right, rcond=1e-13)[0] / length)
+    return minimise(linearised, element, iterations, settled=len(points) * _ROUNDING**2)[0]
 
 
 def minimum_zone(element: E, points: Array) -> E:

@@ -291,7 +291,7 @@ def _adjusted(element: E, points: Array, criterion: Criterion) -> E:
     if isinstance(element, Circle):
         flat = _adjusted(CircleInPlane(element.origin, element.frame, element.sizes), points, criterion)
         return replace(element, origin=flat.origin, sizes=flat.sizes)
-    return minimum_zone(element, points) if criterion == "minimum zone" else least_squares(element, points)[0]
+    return minimum_zone(element, points) if criterion == "minimum zone" else least_squares(element, points)
 
 
 def _check_determined(element: Element, points: Array) -> None:

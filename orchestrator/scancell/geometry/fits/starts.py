@@ -41,14 +41,14 @@ def plane(points: Array) -> Plane:
 def circle(points: Array) -> Circle:
     """Algebraic circle in the least-squares plane."""
     frame = frame_about(_principal_axes(points)[2])
-    centre, radius = _algebraic_sphere(points @ frame[:2].T)
+    centre, radius = algebraic_sphere(points @ frame[:2].T)
     origin = centre @ frame[:2] + (points.mean(0) @ frame[2]) * frame[2]
     return Circle(origin, frame, np.array([radius]))
 
 
 def sphere(points: Array) -> Sphere:
     """Algebraic sphere."""
-    centre, radius = _algebraic_sphere(points)
+    centre, radius = algebraic_sphere(points)
     return Sphere(centre, np.eye(3), np.array([radius]))
 
 
@@ -58,7 +58,7 @@ def cylinder(points: Array) -> Cylinder:
     candidates = []
     for direction in _directions(some):
         frame = frame_about(direction)
-        centre, radius = _algebraic_sphere(some @ frame[:2].T)
+        centre, radius = algebraic_sphere(some @ frame[:2].T)
         candidates.append(Cylinder(centre @ frame[:2], frame, np.array([radius])))
     return _best(candidates, some)
 
@@ -70,10 +70,12 @@ def cone(points: Array) -> Cone:
 
 
 def _best(candidates: list[Revolved], points: Array) -> Revolved:
-    costs = [float(np.square(candidate.linearised(points)[0]).sum()) for candidate in candidates]
+    def cost(candidate: Revolved) -> float:
+        return float(np.square(candidate.linearised(points)[0]).sum())
+
+    costs = [cost(candidate) for candidate in candidates]
     order = np.argsort(np.where(np.isfinite(costs), costs, np.inf), kind="stable")
-    found = [least_squares(candidates[int(place)], points, _TRIAL_ITERATIONS) for place in order[:_CANDIDATES]]
-    return min(found, key=lambda pair: pair[1])[0]
+    return min((least_squares(candidates[int(i)], points, _TRIAL_ITERATIONS) for i in order[:_CANDIDATES]), key=cost)
 
 
 def _principal_axes(points: Array) -> Array:
@@ -93,7 +95,7 @@ def _directions(points: Array) -> Array:
     return np.concatenate([_principal_axes(points), np.stack([flat * np.cos(turn), flat * np.sin(turn), height], 1)])
 
 
-def _algebraic_sphere(points: Array) -> tuple[Array, float]:
+def algebraic_sphere(points: Array) -> tuple[Array, float]:
     """Centre and radius of the circle or sphere |p|² = 2 c·p + k, by linear least squares; points (n, 2 or 3)."""
     square = np.einsum("ni,ni->n", points, points)
     solution = np.linalg.lstsq(np.column_stack([2 * points, np.ones(len(points))]), square, rcond=None)[0]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,41 @@ _ROUNDING = 1e-8  # share of the sum of squares, by which rounding and curvature
 _MOST_DAMPING = 1e2  # beyond which steps are too short to matter
 _DAMPING = 1e-4  # first damping after a step that raises the sum
 _DEPENDENT = 1e-11  # share of the largest information, of columns of equal length, that is rounding
+_ROUNDING_OF_ROWS = 1e-13  # share of the largest singular value, likewise
+
+
+class Linearised(Protocol):
+    """Residuals to first order in a step of the unknowns: `LinearResiduals` or `NormalEquations`."""
+
+    @property
+    def squares(self) -> float:
+        """Sum of squares."""
+
+    def step(self, damping: float = 0.0) -> tuple[Array, float]:
+        """The step (p,), damped after Levenberg and Marquardt, and the decrease of the sum that it promises."""
+
+
+@dataclass(frozen=True)
+class LinearResiduals:
+    """Residuals (n,) and their derivatives (n, p): a step by QR keeps the digits that normal equations lose."""
+
+    residual: Array
+    jacobian: Array
+
+    @property
+    def squares(self) -> float:
+        """Sum of squares."""
+        return float(self.residual @ self.residual)
+
+    def step(self, damping: float = 0.0) -> tuple[Array, float]:
+        """See `Linearised`."""
+        length = np.sqrt(np.einsum("np,np->p", self.jacobian, self.jacobian)) + 1e-300
+        damped = np.sqrt(damping) * np.eye(len(length))
+        q, r = np.linalg.qr(np.concatenate([self.jacobian / length, damped]))
+        right = q.T @ np.concatenate([-self.residual, np.zeros(len(length))])
+        scaled = np.linalg.lstsq(r, right, rcond=_ROUNDING_OF_ROWS)[0]
+        change = r @ scaled
+        return scaled / length, float(change @ (2.0 * right - change))
 
 
 @dataclass(frozen=True)
@@ -52,34 +87,36 @@ class NormalEquations:
 
 
 def minimise(
-    equations: Callable[[S], tuple[NormalEquations, Callable[[Array], S]]],
+    linearised: Callable[[S], tuple[Linearised, Callable[[Array], S]]],
     state: S,
     most_steps: int,
     settled: float = _SETTLED,
 ) -> tuple[S, bool]:
     """The state of the least sum of squares near a start, and whether the steps ended there.
 
-    A step that does not lower the sum is repeated with more damping, until it promises no decrease any more: where a
-    surface has facets, steps do not become zero.
+    A step that does not lower the sum is repeated with more damping. Where rounding hides the decrease, steps go on as
+    long as they become shorter: where a surface has facets, they do not become zero.
 
     Parameters
     ----------
-    equations
-        Normal equations at a state, and the state after a step of the unknowns from it.
+    linearised
+        Residuals to first order at a state, and the state after a step of the unknowns from it.
     settled
         Predicted decrease of the sum of squares, in units of the noise, that no longer counts: 1e-4 moves unknowns by
         0.01 of their standard deviations at most.
     """
-    (at, moved), damping = equations(state), 0.0
+    (at, moved), damping, last = linearised(state), 0.0, np.inf
     for _ in range(most_steps):
         step, promised = at.step(damping)
         if promised <= settled:
             return state, True
         further = moved(step)
-        beyond, moved_further = equations(further)
-        if beyond.squares < at.squares:
-            state, at, moved, damping = further, beyond, moved_further, damping / 10 if damping > _DAMPING**2 else 0.0
-        elif promised <= _ROUNDING * at.squares or damping > _MOST_DAMPING:
+        beyond, moved_further = linearised(further)
+        is_hidden = promised <= _ROUNDING * at.squares
+        if promised < last if is_hidden else beyond.squares < at.squares:
+            state, at, moved, last = further, beyond, moved_further, promised
+            damping = damping / 10 if damping > _DAMPING**2 else 0.0
+        elif is_hidden or damping > _MOST_DAMPING:
             return state, True
         else:
             damping = max(10 * damping, _DAMPING)
