@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from scancell.evaluation.deviation import (
     profile_spacing,
     unseen_surface,
 )
-from scancell.files import png_bytes
+from scancell.output.run_folder import RunFolder, SavedResult
 from scancell.progress import NullProgress, Progress, ProgressCallback, Stopwatch, as_progress
 from scancell.scanning.scan import ScanData
 from scancell.scanning.session import Profile
@@ -35,9 +35,6 @@ from scancell.visibility.surface_search import (
     measurable_surface,
     unknown_surface,
 )
-
-if TYPE_CHECKING:
-    from scancell.output.run_folder import RunFolder
 
 Array = NDArray[np.float64]
 
@@ -243,7 +240,6 @@ class ScanResult(ScanData, Result):
             If a format or frame is unknown.
         """
         from scancell.output.run_files import OPTIONAL_FILES  # noqa: PLC0415
-        from scancell.output.run_folder import RunFolder  # noqa: PLC0415
 
         with RunFolder(Path(folder), OPTIONAL_FILES) as run:
             self.save_into(run, formats, frame=frame, command_line=command_line)
@@ -270,9 +266,7 @@ class ScanResult(ScanData, Result):
         from scancell.output.deviation_report import deviation_picture  # noqa: PLC0415
 
         cloud, part, share = self.cloud.points_in_part, self.nominal.part, self.coverage.fraction
-        return png_bytes(
-            lambda path: deviation_picture(path, cloud, self.deviation, part, name=self.part, coverage_fraction=share)
-        )
+        return deviation_picture(cloud, self.deviation, part, name=self.part, coverage_fraction=share).png()
 
     def __repr__(self) -> str:
         return (
@@ -283,8 +277,8 @@ class ScanResult(ScanData, Result):
 
 @checked_fields
 @dataclass(frozen=True, eq=False, repr=False)
-class ShotResult(Profile, Result):
-    """One exposure from a given pose.
+class ShotResult(Profile, SavedResult):
+    """One exposure from a given pose; `save` writes ``profile.csv`` and the images.
 
     Attributes
     ----------
@@ -328,25 +322,14 @@ class ShotResult(Profile, Result):
 
     def picture(self) -> bytes | None:
         """The images with the stripe that was found, as PNG; None of the geometric engine."""
-        from scancell.output.image_files import draw_stripes  # noqa: PLC0415
+        from scancell.output.stripe_picture import exposure_picture  # noqa: PLC0415
 
         images = self.images
         if images is None:
             return None
-        return png_bytes(lambda path: draw_stripes(images.images, self.world.sensor, path, "shot", images.background))
+        return exposure_picture(images.images, self.world.sensor, "shot", images.background).png()
 
-    @checked_arguments
-    def save(self, folder: str | Path) -> list[Path]:
-        """Write ``profile.csv`` and the images atomically.
-
-        Raises
-        ------
-        OutputError
-            If the folder cannot be written.
-        """
+    def _write(self, folder: RunFolder, command_line: list[str]) -> None:
         from scancell.output.run_files import write_shot  # noqa: PLC0415
-        from scancell.output.run_folder import RunFolder  # noqa: PLC0415
 
-        with RunFolder(Path(folder)) as run:
-            write_shot(run, self.profile, self.rows, self.points_in_part, self.images, self.world.sensor)
-        return run.paths
+        write_shot(folder, self.profile, self.rows, self.points_in_part, self.images, self.world.sensor)

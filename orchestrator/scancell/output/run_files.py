@@ -18,8 +18,9 @@ from scancell.evaluation.deviation import Coverage, Deviation, UnseenSurface
 from scancell.files import arrow_table
 from scancell.geometry.mesh import Mesh
 from scancell.output.deviation_report import DeviationReport, deviation_picture
-from scancell.output.image_files import FrameFiles, draw_stripes
+from scancell.output.image_files import FrameFiles
 from scancell.output.run_folder import RunFolder, build_version, command_words, manifest, resolved_toml
+from scancell.output.stripe_picture import exposure_picture
 from scancell.output.tables import write_profile_csv
 from scancell.planning.plan import plan_json
 from scancell.progress import Stopwatch
@@ -145,18 +146,12 @@ def scan_report(
 
 def write_pictures(data: ScanData, part: Mesh, deviation: Deviation, coverage: Coverage, folder: RunFolder) -> None:
     """Write ``deviation.png`` and the sample images with the extracted stripe."""
-    deviation_picture(
-        folder.path("deviation.png"),
-        data.cloud.points_in_part,
-        deviation,
-        part,
-        name=data.part,
-        coverage_fraction=coverage.fraction,
-    )
+    points, share = data.cloud.points_in_part, coverage.fraction
+    picture = deviation_picture(points, deviation, part, name=data.part, coverage_fraction=share)
+    picture.write(folder.path("deviation.png"))
     for sample in data.sample_images:
-        file = folder.path(f"images/profile_{sample.trigger:05d}.png")
-        title = f"profile {sample.trigger}"
-        draw_stripes(sample.images, data.world.sensor, file, title, sample.background)
+        picture = exposure_picture(sample.images, data.world.sensor, f"profile {sample.trigger}", sample.background)
+        picture.write(folder.path(f"images/profile_{sample.trigger:05d}.png"))
 
 
 def write_profiles(
@@ -238,4 +233,4 @@ def write_shot(
     if images.background is not None:
         files.add("image", images.background, "off", "laser_off")
     files.finish()
-    draw_stripes(images.images, sensor, folder.path("stripes.png"), "shot", images.background)
+    exposure_picture(images.images, sensor, "shot", images.background).write(folder.path("stripes.png"))

@@ -28,12 +28,13 @@ from scancell.evaluation.deviation import (
     profile_spacing,
     unseen_surface,
 )
-from scancell.files import arrow_table, png_bytes
+from scancell.files import arrow_table
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.parts import load_part
 from scancell.output.deviation_report import DeviationReport, deviation_picture
 from scancell.output.run_files import OPTIONAL_FILES, covariance_columns, write_json, write_profiles
 from scancell.output.run_folder import RunFolder, build_version, command_words, manifest, resolved_toml
+from scancell.output.sheet import Sheet
 from scancell.planning.model import with_table
 from scancell.progress import Progress
 from scancell.reconstruction.cloud import Cloud
@@ -160,11 +161,10 @@ class ReconstructionResult(Result):
 
     def picture(self) -> bytes | None:
         """The deviation picture as PNG; None without a part."""
-        return None if self.part is None else png_bytes(self._draw)
+        return None if self.part is None or self.deviation is None else self._sheet(self.part, self.deviation).png()
 
-    def _draw(self, path: Path) -> None:
-        assert self.part is not None and self.deviation is not None
-        deviation_picture(path, self.cloud.points_in_part, self.deviation, self.part, name=Path(self.part.source).name)
+    def _sheet(self, part: Mesh, deviation: Deviation) -> Sheet:
+        return deviation_picture(self.cloud.points_in_part, deviation, part, name=Path(part.source).name)
 
     def _deviation_figures(self, deviation: Deviation) -> dict[str, Any]:
         return deviation.as_json(self.camera_names, {1: "measured"})
@@ -233,7 +233,7 @@ class ReconstructionResult(Result):
                 write_recording(recording, files.path("recording.parquet"))
             if self.part is not None and self.deviation is not None:
                 write_json(files.path("deviation.json"), self._deviation_figures(self.deviation))
-                self._draw(files.path("deviation.png"))
+                self._sheet(self.part, self.deviation).write(files.path("deviation.png"))
                 self._report(self.part, self.deviation).write(files.path("deviation.html"))
             write_json(files.path("reconstruction.json"), self.figures)
             files.path("resolved.toml").write_text(resolved_toml(self.setup, run))

@@ -17,7 +17,7 @@ from scancell.arguments import Threads, Within, checked_arguments
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.nominal.cell import Body
-from scancell.output.surface_view import INK, Sheet, text_width
+from scancell.output.sheet import INK, Sheet, text_width
 from scancell.output.web_page import packed, packed_mesh, quantised, script_data, write_filled
 from scancell.progress import Progress, ProgressCallback, as_progress
 from scancell.views import shading

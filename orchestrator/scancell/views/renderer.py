@@ -14,7 +14,7 @@ from scancell.evaluation.deviation import deviation_from_mesh
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.output.deviation_report import colour_limit_um, deviation_colours
-from scancell.output.surface_view import interpolated_colours
+from scancell.output.sheet import interpolated_colours
 from scancell.reconstruction.cloud import Cloud
 from scancell.views import shading
 from scancell.views.camera import LaserSheet, PinholeCamera

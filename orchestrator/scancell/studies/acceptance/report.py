@@ -19,7 +19,7 @@ from scancell.config.study import load_study
 from scancell.errors import DescriptionError, FitError, require
 from scancell.evaluation.artefact import ArtefactEvaluation
 from scancell.output.run_files import write_json
-from scancell.output.run_folder import RunFolder, command_words, manifest, versions
+from scancell.output.run_folder import RunFolder, SavedResult, manifest, versions
 from scancell.output.tables import columns_of, write_csv
 from scancell.progress import Progress
 from scancell.scanner import Scanner
@@ -40,7 +40,6 @@ from scancell.studies.analysis import summary
 from scancell.studies.budget import Terms, variance_budget
 from scancell.studies.factors import Factors, Inputs, population_of, trial_seed
 from scancell.studies.page import BLUE, GREY, INK, ORANGE, format_figure, rendered, svg
-from scancell.values import Result
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -183,7 +182,7 @@ class AcceptanceRequest:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class AcceptanceReport(Result):
+class AcceptanceReport(SavedResult):
     """Results of an acceptance test.
 
     Attributes
@@ -283,29 +282,13 @@ class AcceptanceReport(Result):
                 )
         return "\n".join(lines)
 
-    def save(self, folder: str | Path, command_line: Sequence[str] | None = None) -> list[Path]:
-        """Write the report atomically; the page needs the extra ``studies``.
-
-        `command_line`: words that the manifest keeps; by default those of this process.
-
-        Raises
-        ------
-        OutputError
-            If the folder cannot be written.
-        MissingExtraError
-            If matplotlib or jinja2 is not installed.
-        """
-        from scancell.studies.acceptance.report import acceptance_page  # noqa: PLC0415  (needs the extra "studies")
-
+    def _write(self, folder: RunFolder, command_line: list[str]) -> None:
         inputs = [] if self.request.factors is None else [self.request.factors]
-        words = command_words(command_line)
         figures = self.figures
-        with RunFolder(Path(folder)) as run:
-            write_json(run.path("acceptance.json"), {**figures, "versions": versions()})
-            write_csv(run.path("acceptance.csv"), columns_of([_csv_row(row) for row in self.rows]))
-            run.path("acceptance.html").write_text(acceptance_page(figures, self.pictures(), self.warnings))
-            write_json(run.path("manifest.json"), manifest(self.setup, inputs, {"command_line": words}))
-        return run.paths
+        write_json(folder.path("acceptance.json"), {**figures, "versions": versions()})
+        write_csv(folder.path("acceptance.csv"), columns_of([_csv_row(row) for row in self.rows]))
+        folder.path("acceptance.html").write_text(acceptance_page(figures, self.pictures(), self.warnings))
+        write_json(folder.path("manifest.json"), manifest(self.setup, inputs, {"command_line": command_line}))
 
     def pictures(self) -> dict[str, bytes]:
         """Picture (PNG) of the deviation of each artefact, by its name."""
