@@ -334,7 +334,7 @@ class DeviationReport:
         for title, own in self.tables.items():
             if own:
                 head = list(own[0])
-                cells = [[_cell(row[key]) for key in head] for row in own]
+                cells = [[row[key] for key in head] for row in own]
                 parts.append(
                     f"<h2>{html.escape(title)}</h2>"
                     f'<div class="wide">{table([_column_title(key) for key in head], cells)}</div>'
@@ -415,14 +415,6 @@ def _column_title(key: str) -> str:
             unit = {"um": "µm", "deg": "°", "percent": "%"}.get(suffix, suffix)
             return f"{key.removesuffix(f'_{suffix}').replace('_', ' ')}, {unit}"
     return key.replace("_", " ")
-
-
-def _cell(value: Any) -> str:
-    if value is None or (isinstance(value, float) and not np.isfinite(value)):
-        return ""
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    return f"{value:,}" if isinstance(value, int) else str(value)
 
 
 def _rgb(colour: str) -> list[int]:
