@@ -177,7 +177,11 @@ class ScanResult(ScanData, Result):
 
     def summary(self) -> str:
         """The figures as lines of text."""
-        figures, bare = self.deviation.figures, self.points_without_normal
+        figures, bare, covered = self.deviation.figures, self.points_without_normal, self.coverage
+        support, share = "belt", f"{covered.surface_fraction:.1%} of the whole surface"
+        if self.setup.scan.belt is None:
+            support = "table"
+            share = f"{covered.fraction:.1%} of the measurable surface, {covered.surface_fraction:.1%} of the whole"
         signed = "" if self.deviation.is_signed else " (unsigned: the mesh is not closed)"
         um = 1e6
         lines = [
@@ -186,22 +190,11 @@ class ScanResult(ScanData, Result):
             f"  deviation  mean {figures.mean * um:+.2f} um, RMS {figures.rms * um:.2f} um, "
             f"95 % within {figures.d95 * um:.1f} um, 99.9 % within {figures.d99_9 * um:.1f} um, "
             f"max {figures.max_abs * um:.1f} um{signed}",
-            f"  dropped    {self.dropped.low} points on the {self._support}{self._kept_low}",
+            f"  dropped    {self.dropped.low} points on the {support}{self._kept_low}",
             *(f"  dropped    {count} points on '{name}'" for name, count in self.dropped.foreign.items()),
-            f"  coverage   {self._coverage_text}",
+            f"  coverage   {share}",
         ]
         return "\n".join(lines)
-
-    @property
-    def _support(self) -> str:
-        return "table" if self.setup.scan.belt is None else "belt"
-
-    @property
-    def _coverage_text(self) -> str:
-        share, of_whole = self.coverage.fraction, self.coverage.surface_fraction
-        if self.setup.scan.belt is not None:
-            return f"{of_whole:.1%} of the whole surface"
-        return f"{share:.1%} of the measurable surface, {of_whole:.1%} of the whole"
 
     @property
     def _kept_low(self) -> str:

@@ -334,9 +334,10 @@ class _DatumFaces:
                 raise FitError(f"region {number} of {self.mesh.source} is not one of its plane regions", key="datum")
             planes[number] = self._plane(number)
             if measured_area(planes[number][1]) < _DATUM_AREA:
+                measured = ", ".join(self._text(n) for n in self._measured()[:_NAMED])
                 raise FitError(
                     f"{self._text(number)} of {self.mesh.source} was not measured: {len(planes[number][1])} "
-                    f"points lie on it; {self._measured_text()}",
+                    f"points lie on it; measured: {measured or 'no plane region'}",
                     key="datum",
                 )
         return planes
@@ -371,9 +372,6 @@ class _DatumFaces:
             others = MeshSurface(self.mesh.vertices, self.mesh.faces[~own])
             points = points[np.abs(others.signed_distances(points, self.threads)[0]) > _DATUM_EDGE]
         return DatumPlane(self.regions.centres[number], self.regions.normals[number]), points
-
-    def _measured_text(self) -> str:
-        return "measured: " + (", ".join(self._text(n) for n in self._measured()[:_NAMED]) or "no plane region")
 
     def _text(self, number: int) -> str:
         return f"region {number} ({region_text(self.regions, number)})"

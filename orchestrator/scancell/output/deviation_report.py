@@ -318,16 +318,13 @@ class DeviationReport:
         return f"{rule}{table(head, rows, attributes)}{text}"
 
     def _unseen_table(self) -> str:
-        unseen = self.unseen
+        unseen, colours = self.unseen, dict(zip(self.unseen.reasons, _REASON_COLOURS, strict=False))
         rows = [
             ["", reason, f"{100 * share:.2f} %", f"{1e6 * share * unseen.area:,.0f}"]
             for reason, share in unseen.shares.items()
         ]
-        attributes = [f'style="--c: {self._reason_colour(reason)}"' for reason in unseen.shares]
+        attributes = [f'style="--c: {colours[reason]}"' for reason in unseen.shares]
         return table(("", "surface without points", "share of the part", "mm²"), rows, attributes)
-
-    def _reason_colour(self, reason: str) -> str:
-        return _REASON_COLOURS[self.unseen.reasons.index(reason) % len(_REASON_COLOURS)]
 
     def _figures(self) -> str:
         parts = [table(("deviation of all points", ""), figure_texts(self.deviation.figures))]
@@ -357,7 +354,7 @@ class DeviationReport:
             "outliers": self._packed_points(outliers.rows[:_MOST_MARKED]),
             "unseen": {
                 **quantised(self.unseen.samples_in_part, "points"),
-                "colours": [_rgb(_REASON_COLOURS[k % len(_REASON_COLOURS)]) for k in range(len(self.unseen.reasons))],
+                "colours": [list(bytes.fromhex(colour[1:])) for colour in _REASON_COLOURS],
                 "reason": packed(self.unseen.reason, "u1"),
                 "spacing": float(np.sqrt(self.unseen.area / max(self.unseen.total, 1))),
             },
@@ -415,7 +412,3 @@ def _column_title(key: str) -> str:
             unit = {"um": "µm", "deg": "°", "percent": "%"}.get(suffix, suffix)
             return f"{key.removesuffix(f'_{suffix}').replace('_', ' ')}, {unit}"
     return key.replace("_", " ")
-
-
-def _rgb(colour: str) -> list[int]:
-    return [int(colour[k : k + 2], 16) for k in (1, 3, 5)]

@@ -127,15 +127,18 @@ class ReconstructionResult(Result):
     def figures(self) -> dict[str, Any]:
         """Plain figures, in the units that their names state."""
         data = self.data
-        sigma = 1e6 * np.asarray(self.cloud.sigma, float)
-        latency = data.latency
+        latency, systematic = data.latency, None
+        if data.systematic is not None:
+            # Standard deviations along the directions of largest uncertainty.
+            largest = np.sqrt(np.maximum(np.linalg.eigvalsh(data.systematic)[:, -1], 0.0))
+            systematic = 1e6 * float(np.median(largest))
         return {
             "exposures": len(data.found.index),
             "points": len(self.cloud),
             "frame": data.measured_cell.frame,
             "dropped": data.made.dropped.as_json(),
-            "sigma_median_um": float(np.median(sigma)),
-            "systematic_sigma_median_um": None if data.systematic is None else 1e6 * _median_sigma(data.systematic),
+            "sigma_median_um": 1e6 * float(np.median(np.asarray(self.cloud.sigma, float))),
+            "systematic_sigma_median_um": systematic,
             "latency_ms": 1e3 * latency.value,
             "latency_half_width_ms": None if latency.half_width is None else 1e3 * latency.half_width,
             "deviation": None if self.deviation is None else self.deviation.figures.as_um(),
@@ -273,11 +276,6 @@ class ReconstructionResult(Result):
 
     def __repr__(self) -> str:
         return f"ReconstructionResult({len(self.data.found.index)} exposures, {len(self.cloud)} points)"
-
-
-def _median_sigma(covariance: Array) -> float:
-    """Median of the standard deviations along the directions of largest uncertainty, m, of covariances (n, 3, 3)."""
-    return float(np.median(np.sqrt(np.maximum(np.linalg.eigvalsh(covariance)[:, -1], 0.0))))
 
 
 @dataclass(frozen=True)

@@ -37,11 +37,13 @@ _MAX_POINTS = 1500
 
 def study_page(analysis: dict[str, Any], rows: Sequence[dict[str, Any]], about: dict[str, str]) -> str:
     """HTML of the whole report; `about` has versions and sources."""
+    kind, count = analysis["design"]["kind"].replace("_", " "), len(analysis["factors"])
+    subtitle = f"{kind} design, {count} factors, {analysis['trials']} trials"
     failed = [[row["trial"], str(row["seed"]), row["message"]] for row in analysis["failed"]]
     return rendered(
         "study.html.j2",
         title=analysis["name"],
-        subtitle=_subtitle(analysis),
+        subtitle=subtitle + (f", {len(failed)} of them failed" if failed else ""),
         notes=analysis["notes"],
         answers=study_answers(analysis),
         engines=[_engine(name, found, rows, analysis) for name, found in analysis["engines"].items()],
@@ -106,12 +108,6 @@ def rendered(template: str, **values: Any) -> str:
     environment.filters["figure"] = format_figure
     environment.globals["table"] = lambda *given: markup(table(*given))
     return str(environment.get_template(template).render(style=STYLE.read_text(encoding="utf-8"), **values))
-
-
-def _subtitle(analysis: dict[str, Any]) -> str:
-    kind, count = analysis["design"]["kind"].replace("_", " "), len(analysis["factors"])
-    failed = f", {len(analysis['failed'])} of them failed" if analysis["failed"] else ""
-    return f"{kind} design, {count} factors, {analysis['trials']} trials{failed}"
 
 
 def _engine(

@@ -47,6 +47,7 @@ def acceptance_page(figures: Mapping[str, Any], pictures: Mapping[str, bytes], f
         PNG of the deviation of each artefact.
     """
     budgets_head, budgets = _budgets([found for found in figures["contributions"] if _is_shown(found)])
+    drawn = {"as built": figures["as_built"], "factors drawn for each repeat": figures["factors"]}
     return rendered(
         "acceptance.html.j2",
         title=f"Acceptance test of {figures['sensor']}",
@@ -57,14 +58,25 @@ def acceptance_page(figures: Mapping[str, Any], pictures: Mapping[str, bytes], f
         few=figures["programme"]["repeats"] < 11,
         failures=failures,
         largest_head=["artefact", "characteristic", "of", "position", "mode", "unit", *_STATISTICS.values()],
-        largest=[_largest(row) for row in figures["largest"] if _is_shown(row)],
+        largest=[
+            [row["artefact"].replace("_", " "), row["name"], row["of"], row["position"], row["mode"], unit_text(row)]
+            + [row[key] for key in _STATISTICS]
+            for row in figures["largest"]
+            if _is_shown(row)
+        ],
         rates=_rates(figures["figures"]),
-        artefacts=[_artefact(name, figures, pictures) for name in _measured(figures)],
+        artefacts=[
+            _artefact(name, figures, pictures) for name in dict.fromkeys(row["artefact"] for row in figures["figures"])
+        ],
         sweeps=[(found["name"], _sweep_plot(found)) for found in figures["sweeps"]],
         linearity=figures["linearity_percent"],
         budgets_head=budgets_head,
         budgets=budgets,
-        about=[["engine", figures["engine"]], ["seed", str(figures["seed"])], *_words(figures)],
+        about=[
+            ["engine", figures["engine"]],
+            ["seed", str(figures["seed"])],
+            *([name, ", ".join(words)] for name, words in drawn.items() if words),
+        ],
     )
 
 
@@ -104,20 +116,6 @@ def _facts(figures: Mapping[str, Any]) -> str:
         f"measuring range {near:g} to {far:g} mm, cell {figures['cell']}, {figures['engine']} engine, "
         f"{programme['repeats']} repeats{size}"
     )
-
-
-def _words(figures: Mapping[str, Any]) -> list[list[str]]:
-    listed = {"as built": figures["as_built"], "factors drawn for each repeat": figures["factors"]}
-    return [[name, ", ".join(words)] for name, words in listed.items() if words]
-
-
-def _measured(figures: Mapping[str, Any]) -> list[str]:
-    return list(dict.fromkeys(row["artefact"] for row in figures["figures"]))
-
-
-def _largest(row: Mapping[str, Any]) -> list[Any]:
-    names = [row["artefact"].replace("_", " "), row["name"], row["of"], row["position"], row["mode"]]
-    return [*names, unit_text(row), *(row[key] for key in _STATISTICS)]
 
 
 def _rates(rows: Sequence[Mapping[str, Any]]) -> list[list[Any]]:
