@@ -6,11 +6,10 @@ import json
 import re
 import secrets
 import stat
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from scancell.errors import DescriptionError, OutputError, ScancellError
@@ -159,14 +158,6 @@ def arrow_table(columns: Mapping[str, NDArray[Any]]) -> pa.Table:
         return pa.Array.from_buffers(pa.from_numpy_dtype(values.dtype), len(values), [None, buffer])
 
     return pa.table({name: column(values) for name, values in columns.items()})
-
-
-def png_bytes(write: Callable[[Path], object]) -> bytes:
-    """The picture (PNG) that `write` writes into the file of the path that it receives."""
-    with TemporaryDirectory(prefix="scancell-") as folder:
-        path = Path(folder) / "picture.png"
-        write(path)
-        return path.read_bytes()
 
 
 def name_for_file(text: str) -> str:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scancell.arguments import Count, checked_arguments, checked_fields
+from scancell.cell.recording import write_recording
 from scancell.config.choices import CloudFrame
+from scancell.config.files import plain_data
 from scancell.evaluation.deviation import (
     Coverage,
     Deviation,
@@ -22,8 +24,16 @@ from scancell.evaluation.deviation import (
     profile_spacing,
     unseen_surface,
 )
-from scancell.files import png_bytes
+from scancell.output.deviation_report import DeviationReport, deviation_picture
+from scancell.output.image_files import FrameFiles
+from scancell.output.run_files import OPTIONAL_FILES, write_json, write_profiles
+from scancell.output.run_folder import RunFolder, SavedResult, build_version, command_words, manifest, resolved_toml
+from scancell.output.sheet import Sheet
+from scancell.output.stripe_picture import exposure_picture
+from scancell.output.tables import write_profile_csv
+from scancell.planning.plan import plan_json
 from scancell.progress import NullProgress, Progress, ProgressCallback, Stopwatch, as_progress
+from scancell.reconstruction.cloud_files import parse_formats, write_cloud
 from scancell.scanning.scan import ScanData
 from scancell.scanning.session import Profile
 from scancell.scanning.world import World
@@ -35,9 +45,6 @@ from scancell.visibility.surface_search import (
     measurable_surface,
     unknown_surface,
 )
-
-if TYPE_CHECKING:
-    from scancell.output.run_folder import RunFolder
 
 Array = NDArray[np.float64]
 
@@ -180,7 +187,11 @@ class ScanResult(ScanData, Result):
 
     def summary(self) -> str:
         """The figures as lines of text."""
-        figures, bare = self.deviation.figures, self.points_without_normal
+        figures, bare, covered = self.deviation.figures, self.points_without_normal, self.coverage
+        support, share = "belt", f"{covered.surface_fraction:.1%} of the whole surface"
+        if self.setup.scan.belt is None:
+            support = "table"
+            share = f"{covered.fraction:.1%} of the measurable surface, {covered.surface_fraction:.1%} of the whole"
         signed = "" if self.deviation.is_signed else " (unsigned: the mesh is not closed)"
         um = 1e6
         lines = [
@@ -189,22 +200,11 @@ class ScanResult(ScanData, Result):
             f"  deviation  mean {figures.mean * um:+.2f} um, RMS {figures.rms * um:.2f} um, "
             f"95 % within {figures.d95 * um:.1f} um, 99.9 % within {figures.d99_9 * um:.1f} um, "
             f"max {figures.max_abs * um:.1f} um{signed}",
-            f"  dropped    {self.dropped.low} points on the {self._support}{self._kept_low}",
+            f"  dropped    {self.dropped.low} points on the {support}{self._kept_low}",
             *(f"  dropped    {count} points on '{name}'" for name, count in self.dropped.foreign.items()),
-            f"  coverage   {self._coverage_text}",
+            f"  coverage   {share}",
         ]
         return "\n".join(lines)
-
-    @property
-    def _support(self) -> str:
-        return "table" if self.setup.scan.belt is None else "belt"
-
-    @property
-    def _coverage_text(self) -> str:
-        share, of_whole = self.coverage.fraction, self.coverage.surface_fraction
-        if self.setup.scan.belt is not None:
-            return f"{of_whole:.1%} of the whole surface"
-        return f"{share:.1%} of the measurable surface, {of_whole:.1%} of the whole"
 
     @property
     def _kept_low(self) -> str:
@@ -242,9 +242,6 @@ class ScanResult(ScanData, Result):
         DescriptionError
             If a format or frame is unknown.
         """
-        from scancell.output.run_files import OPTIONAL_FILES  # noqa: PLC0415
-        from scancell.output.run_folder import RunFolder  # noqa: PLC0415
-
         with RunFolder(Path(folder), OPTIONAL_FILES) as run:
             self.save_into(run, formats, frame=frame, command_line=command_line)
         return run.paths
@@ -258,21 +255,96 @@ class ScanResult(ScanData, Result):
         command_line: Sequence[str] | None = None,
     ) -> None:
         """Write the files of `ScanResult.save` into an open `folder`, and leave it open."""
-        from scancell.output.run_files import write_run  # noqa: PLC0415
-        from scancell.reconstruction.cloud_files import parse_formats  # noqa: PLC0415
-
         formats = parse_formats(",".join(formats), "formats")
-        made = self.deviation, self.coverage, self.unseen
-        write_run(self, *made, folder, Stopwatch(self.timings), formats, frame, command_line)
+        deviation, coverage, unseen = self.deviation, self.coverage, self.unseen
+        run, watch, world = self._run(formats, frame, command_line), Stopwatch(self.timings), self.world
+        with watch.measure("write"):
+            belt = self.setup.cell.part.arrival if self.setup.scan.belt else None
+            moving = f" (moves with {belt.stands_on})" if belt and frame in ("part", "belt") else ""
+            comments = (f"scancell scan of {self.part}", f"frame {frame}{moving}")
+            pose = self.frame_from_part(frame)
+            for suffix in formats:
+                write_cloud(folder.path(f"cloud.{suffix}"), self.cloud, comments, pose)
+            write_recording(self.recording, folder.path("recording.parquet"))
+            index = self.recording.measured.index
+            write_profiles(self.profiles, index, self.camera_names, folder.path("profiles.parquet"))
+            if self.plan is not None:
+                write_json(folder.path("plan.json"), plan_json(self.plan))
+            figures = deviation.as_json(self.camera_names, self.segment_names)
+            covered = {**coverage.as_json(), "unseen": unseen.shares}
+            write_json(folder.path("deviation.json"), {**figures, "coverage": covered})
+            folder.path("resolved.toml").write_text(resolved_toml(self.setup, run))
+            files = [file for file in (world.part_file, world.recording_file) if file is not None]
+            run |= {"fmu_token": self.fmu_token, "warnings": list(self.warnings), "points": self.dropped.as_json()}
+            write_json(folder.path("manifest.json"), manifest(self.setup, files, run))
+        with watch.measure("draw"):
+            self._sheet().write(folder.path("deviation.png"))
+            for sample in self.sample_images:
+                title = f"profile {sample.trigger}"
+                sheet = exposure_picture(sample.images, world.sensor, title, sample.background)
+                sheet.write(folder.path(f"images/profile_{sample.trigger:05d}.png"))
+            self._report(figures).write(folder.path("deviation.html"))
+
+    def _run(self, formats: Sequence[str], frame: CloudFrame, command_line: Sequence[str] | None) -> dict[str, Any]:
+        """The inputs and options of the scan, from which the run can be repeated."""
+        world = self.world
+        run: dict[str, Any] = {
+            "part": str(world.part_file.absolute()) if world.part_file else world.part,
+            "unit": world.unit,
+            "engine": self.engine,
+            "as_built": list(world.as_built),
+            "seed": world.seed,
+            "formats": list(formats),
+            "frame": frame,
+            "command_line": command_words(command_line),
+        }
+        if world.recording_file is not None:
+            run["recording"] = str(world.recording_file.absolute())
+        if self.plan is not None and self.plan.source:
+            run["plan"] = self.plan.source
+        if world.estimated_sensor is not None:
+            run["estimated_sensor"] = plain_data(world.estimated_sensor)
+        return run
+
+    def _report(self, figures: Mapping[str, Any]) -> DeviationReport:
+        """The page of the deviations, with the `figures` of ``deviation.json`` by camera and view."""
+        camera, segment, names = self.cloud.camera, self.cloud.segment, self.camera_names
+        share = (self.coverage.surface_fraction, "surface")
+        if self.coverage.measurable.any():
+            share = (self.coverage.fraction, "measurable surface")
+        tables = {
+            "By camera": [{"camera": name, **own} for name, own in figures["by_camera"].items()],
+            "By view": figures["by_segment"],
+        }
+        about = {
+            "scancell": build_version(),
+            "part": self.part,
+            "engine": self.engine,
+            "deviations of the true cell": ", ".join(self.as_built) or "none",
+            "seed": str(self.seed),
+        }
+        return DeviationReport(
+            self.part,
+            self.cloud.points_in_part,
+            self.deviation,
+            self.nominal.part,
+            self.unseen,
+            share,
+            tables,
+            lambda row: f"{names[camera[row]]}, view {segment[row]}",
+            self.warnings,
+            about,
+        )
+
+    def _sheet(self) -> Sheet:
+        part, share = self.nominal.part, self.coverage.fraction
+        return deviation_picture(
+            self.cloud.points_in_part, self.deviation, part, name=self.part, coverage_fraction=share
+        )
 
     def picture(self) -> bytes:
         """The deviation picture as PNG."""
-        from scancell.output.deviation_report import deviation_picture  # noqa: PLC0415
-
-        cloud, part, share = self.cloud.points_in_part, self.nominal.part, self.coverage.fraction
-        return png_bytes(
-            lambda path: deviation_picture(path, cloud, self.deviation, part, name=self.part, coverage_fraction=share)
-        )
+        return self._sheet().png()
 
     def __repr__(self) -> str:
         return (
@@ -283,8 +355,8 @@ class ScanResult(ScanData, Result):
 
 @checked_fields
 @dataclass(frozen=True, eq=False, repr=False)
-class ShotResult(Profile, Result):
-    """One exposure from a given pose.
+class ShotResult(Profile, SavedResult):
+    """One exposure from a given pose; `save` writes ``profile.csv`` and the images.
 
     Attributes
     ----------
@@ -328,25 +400,19 @@ class ShotResult(Profile, Result):
 
     def picture(self) -> bytes | None:
         """The images with the stripe that was found, as PNG; None of the geometric engine."""
-        from scancell.output.image_files import draw_stripes  # noqa: PLC0415
-
         images = self.images
         if images is None:
             return None
-        return png_bytes(lambda path: draw_stripes(images.images, self.world.sensor, path, "shot", images.background))
+        return exposure_picture(images.images, self.world.sensor, "shot", images.background).png()
 
-    @checked_arguments
-    def save(self, folder: str | Path) -> list[Path]:
-        """Write ``profile.csv`` and the images atomically.
-
-        Raises
-        ------
-        OutputError
-            If the folder cannot be written.
-        """
-        from scancell.output.run_files import write_shot  # noqa: PLC0415
-        from scancell.output.run_folder import RunFolder  # noqa: PLC0415
-
-        with RunFolder(Path(folder)) as run:
-            write_shot(run, self.profile, self.rows, self.points_in_part, self.images, self.world.sensor)
-        return run.paths
+    def _write(self, folder: RunFolder, command_line: list[str]) -> None:
+        sensor, images = self.world.sensor, self.images
+        write_profile_csv(folder.path("profile.csv"), self.profile, self.rows, self.points_in_part)
+        if images is None:
+            return
+        files = FrameFiles(folder, "", [camera.name for camera in sensor.cameras])
+        files.add("image", images.images)
+        if images.background is not None:
+            files.add("image", images.background, "off", "laser_off")
+        files.finish()
+        exposure_picture(images.images, sensor, "shot", images.background).write(folder.path("stripes.png"))

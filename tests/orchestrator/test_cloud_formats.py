@@ -15,7 +15,7 @@ from scancell.errors import DescriptionError, MeshError, OutputError
 from scancell.files import atomic_write
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import FORMATS, parse_formats, read_ply, write_cloud, write_ply
-from scancell.reconstruction.cloud_files.record import WITHOUT_SATURATED, record_of
+from scancell.reconstruction.cloud_files.formats import WITHOUT_SATURATED, record_of
 
 SAME = ("intensity", "quality", "camera", "column", "segment", "profile", "saturated")
 

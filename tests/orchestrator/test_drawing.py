@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scancell.output.surface_view import interpolated_colours, ticks
+from scancell.output.sheet import interpolated_colours, ticks
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ class KnownMap(ConfigurationMap):
 
 
 def drawn(forbidden: float, motion: TableMotion | None, folder: Path) -> np.ndarray:
-    map_picture.draw_map(KnownMap(forbidden), "path", "a", 4.0, motion, folder / "map.png")
+    map_picture.map_picture(KnownMap(forbidden), "path", "a", 4.0, motion).write(folder / "map.png")
     return np.asarray(Image.open(folder / "map.png"))
 
 

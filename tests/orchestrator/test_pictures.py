@@ -15,7 +15,9 @@ from scancell.evaluation.deviation import Deviation
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, sample_surface
 from scancell.output.deviation_report import colour_limit_um, deviation_colours, deviation_picture
-from scancell.output.surface_view import Sheet, SurfaceView, _font, sharp_edges, stripe_picture, ticks, view_axes
+from scancell.output.sheet import Sheet, _font, ticks
+from scancell.output.stripe_picture import stripe_picture
+from scancell.output.surface_view import SurfaceView, sharp_edges, view_axes
 
 
 def box(size: tuple[float, float, float], shift: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Mesh:
@@ -41,7 +43,7 @@ def test_deviation_picture_of_many_few_and_no_points(tmp_path: Path, count: int)
     offset = 1e-6 * np.arange(count)
     face = np.zeros(count, np.int64)
     deviation = Deviation.of(cloud_of(points), offset, face)
-    deviation_picture(tmp_path / "deviation.png", points, deviation, BOX, name="box", coverage_fraction=0.5)
+    deviation_picture(points, deviation, BOX, name="box", coverage_fraction=0.5).write(tmp_path / "deviation.png")
     image = imread(tmp_path / "deviation.png")
     assert image.shape[0] > 800 and image.shape[1] > 1200
     assert [entry.name for entry in tmp_path.iterdir()] == ["deviation.png"]
@@ -50,7 +52,9 @@ def test_deviation_picture_of_many_few_and_no_points(tmp_path: Path, count: int)
 def test_a_picture_that_cannot_be_written_is_an_output_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("mine")
     with pytest.raises(OutputError, match=r"file"):
-        stripe_picture(tmp_path / "file" / "a.png", [np.zeros((40, 80), np.uint16)], [(np.zeros(0),) * 2], names=["a"])
+        stripe_picture([np.zeros((40, 80), np.uint16)], [(np.zeros(0),) * 2], names=["a"]).write(
+            tmp_path / "file" / "a.png"
+        )
 
 
 @pytest.mark.parametrize("d95", [3e-10, 1e-9, 3.1e-7, 8e-6, 2e-3])
@@ -81,7 +85,7 @@ def test_stripe_picture_takes_any_number_of_cameras_and_no_peaks(tmp_path: Path)
     for count in (1, 2, 3):
         path = tmp_path / f"{count}.png"
         peaks = [found] * (count - 1) + [nothing]
-        stripe_picture(path, [image] * count, peaks, names=[f"camera {i}" for i in range(count)], title="t")
+        stripe_picture([image] * count, peaks, names=[f"camera {i}" for i in range(count)], title="t").write(path)
         assert imread(path).shape[1] > 600 * count
 
 
@@ -187,7 +191,7 @@ def test_text_is_anchored_at_its_position() -> None:
 def test_the_found_stripe_is_drawn_where_it_is(tmp_path: Path) -> None:
     image = np.full((96, 128), 4, np.uint16)
     columns = np.concatenate([np.arange(10.0, 50.0), np.arange(70.0, 120.0)])
-    stripe_picture(tmp_path / "a.png", [image], [(columns, np.full(90, 30.0))], names=["a"])
+    stripe_picture([image], [(columns, np.full(90, 30.0))], names=["a"]).write(tmp_path / "a.png")
     picture = imread(tmp_path / "a.png")
     left = np.flatnonzero((picture[130:600] == 0).all(2).mean(0) > 0.5)  # the dark image on its paper
     orange = (picture[..., 0] > 200) & (picture[..., 2] < 120)

@@ -15,7 +15,7 @@ import pytest
 
 import scancell
 from scancell.reconstruction.cloud_files import FORMATS
-from scancell.reconstruction.cloud_files.record import RECORD
+from scancell.reconstruction.cloud_files.formats import RECORD
 
 ROOT = Path(__file__).resolve().parents[2]
 SCHEMAS = sorted((ROOT / "docs" / "schemas").glob("*.schema.json"))

@@ -1,4 +1,4 @@
-"""What the reports of both calibrations have in common: the picture, the manifest, and the comparison with truth."""
+"""What the reports of all calibrations have in common: files, the picture, and the comparison with truth."""
 
 from __future__ import annotations
 
@@ -10,48 +10,59 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.config.loading import Setup
-from scancell.files import png_bytes
-from scancell.output.residual_picture import residual_picture
 from scancell.output.run_files import write_json
-from scancell.output.run_folder import RunFolder, command_words, manifest
-from scancell.values import Result
+from scancell.output.run_folder import RunFolder, SavedResult, manifest
+from scancell.output.sheet import INK, SOFT, Axes, Sheet, ticks
+
+_SHARES = (0.025, 0.25, 0.5, 0.75, 0.975)
+_WIDE, _NARROW = "#c9d8ea", "#6f94bd"
 
 
-class SavedCalibration(Result):
+class SavedCalibration(SavedResult):
     """A calibration from a setup; `inputs` and `run` are the files and settings for the manifest."""
 
     setup: Setup
     inputs: Sequence[Path]
     run: Mapping[str, Any]
+    _picture_name = "residuals.png"
 
     @property
     def _distances(self) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
         """Distances (n,) of the points from the measured surface, m, and the exposure of each."""
         raise NotImplementedError
 
-    def _write(self, folder: RunFolder) -> None:
-        """Write all files but the manifest."""
-        raise NotImplementedError
-
     def picture(self) -> bytes:
         """Distances of the points from the measured surface by exposure, as PNG."""
-        return png_bytes(lambda path: residual_picture(path, *self._distances))
+        return residual_picture(*self._distances).png()
 
-    def save(self, folder: str | Path, command_line: Sequence[str] | None = None) -> list[Path]:
-        """Write the calibrated description, figures, measured points, picture and manifest; return the files.
+    def _write(self, folder: RunFolder, command_line: list[str]) -> None:
+        write_json(folder.path("calibration.json"), self.figures)
+        residual_picture(*self._distances).write(folder.path(self._picture_name))
+        entries = {**self.run, "command_line": command_line}
+        write_json(folder.path("manifest.json"), manifest(self.setup, self.inputs, entries))
 
-        `command_line`: words that the manifest keeps; by default those of this process.
 
-        Raises
-        ------
-        OutputError
-            If the `folder` cannot be written.
-        """
-        with RunFolder(Path(folder)) as run:
-            self._write(run)
-            entries = {**self.run, "command_line": command_words(command_line)}
-            write_json(run.path("manifest.json"), manifest(self.setup, self.inputs, entries))
-        return run.paths
+def residual_picture(residuals: NDArray[np.float64], frame: NDArray[np.integer]) -> Sheet:
+    """Picture of residuals (k,), m, by exposure (k,): median, and the ranges of the central 50 % and 95 %."""
+    numbers = np.unique(frame)
+    order = np.argsort(frame, kind="stable")
+    parts = np.split(1e6 * residuals[order], np.searchsorted(frame[order], numbers[1:]))
+    quantiles = np.array([np.quantile(part, _SHARES) for part in parts])
+    low, high = min(float(quantiles.min()), 0.0), max(float(quantiles.max()), 0.0)
+    margin = 0.08 * (high - low) + 1e-3
+    sheet, limits = Sheet(1120, 460), (0.5, len(numbers) + 0.5)
+    axes = Axes(
+        sheet, (84, 84, 1090, 390), limits, (low - margin, high + margin), ("exposure", "distance (um)"),
+        "Distance of the points from the measured surface after calibration",
+        [("central 95 %", _WIDE), ("central 50 %", _NARROW), ("median", INK)],
+        [(value, f"{value:.0f}") for value, _ in ticks(1, len(numbers), 10) if value == round(value)],
+    )  # fmt: skip
+    for number, (lowest, lower, median, upper, highest) in enumerate(quantiles.tolist(), 1):
+        axes.bar(number - 0.35, number + 0.35, lowest, highest, _WIDE)
+        axes.bar(number - 0.35, number + 0.35, lower, upper, _NARROW)
+        axes.line([(number - 0.35, median), (number + 0.35, median)], INK)
+    axes.line([(limits[0], 0.0), (limits[1], 0.0)], SOFT, 1)
+    return sheet
 
 
 def comparison_text(true: float | None, value: float, half_width: float) -> str:

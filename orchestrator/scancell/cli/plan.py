@@ -112,18 +112,18 @@ def _line_of(figures: dict[str, str | float]) -> str:
 def _draw(placed: PlacedPath, branch: str, file: Path, all_branches: bool) -> list[str]:
     """Draw the map of the branch that was chosen, and on request those of the others."""
     from scancell.files import name_for_file  # noqa: PLC0415
-    from scancell.output.map_picture import draw_map  # noqa: PLC0415
+    from scancell.output.map_picture import map_picture  # noqa: PLC0415
 
     chosen = placed.lattice.map
     chosen.require_all()
-    draw_map(chosen, placed.view.name, branch, placed.run.duration, placed.motion, file)
+    map_picture(chosen, placed.view.name, branch, placed.run.duration, placed.motion).write(file)
     files = [str(file)]
     for number, name in enumerate(placed.branch_names if all_branches else ()):
         if number != chosen.branch:
             other = chosen.of_branch(number)
             other.require_all()
             files.append(str(file.with_stem(f"{file.stem}_{name_for_file(name)}")))
-            draw_map(other, placed.view.name, name, placed.run.duration, None, Path(files[-1]))
+            map_picture(other, placed.view.name, name, placed.run.duration, None).write(files[-1])
     return files
 
 

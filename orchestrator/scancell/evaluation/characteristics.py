@@ -42,6 +42,7 @@ _NONE = -1
 _MOST_FORM = 0.95  # share of the points of the 95 % figures
 _PARALLEL = 1e-6  # rad: nominal angle between planes below which they have a distance and no angle
 _LEAST_OPENING = 0.1  # length of the sum of the normals of two flanks
+_STEP = 1e-6  # m and 1, of numerical derivatives
 _ACROSS = np.cos(1e-3)  # between their bisector and the normal of the plane above them
 _FITS: dict[str, Callable[..., Fit]] = {
     "plane": fit_plane,
@@ -370,7 +371,8 @@ def _groove_depth(a: FittedFace, b: FittedFace, top: FittedFace) -> Iterator[Cha
         return
     three = (a, b, top)
     start = np.concatenate([one.fit.parameters for one in three])
-    gradient = np.array([_slope(start, place) for place in range(len(start))])
+    steps = _STEP * np.eye(len(start))
+    gradient = np.array([(_depth(start + step) - _depth(start - step)) / (2 * _STEP) for step in steps])
     variance = sum(g @ one.fit.covariance @ g for g, one in zip(np.split(gradient, 3), three, strict=True))
     nominal = _depth(np.concatenate([part for one in three for part in (one.face.point, one.face.axis)]))
     where = f"{_pair(a, b)} / {top.face.name}"
@@ -385,12 +387,6 @@ def _depth(planes: Array) -> float:
     middle = (points[0] + points[1]) / 2
     foot = np.linalg.solve(matrix, [normals[0] @ points[0], normals[1] @ points[1], along @ middle])
     return float((points[2] - foot) @ normals[2])
-
-
-def _slope(planes: Array, place: int) -> float:
-    step = np.zeros_like(planes)
-    step[place] = 1e-6
-    return (_depth(planes + step) - _depth(planes - step)) / 2e-6
 
 
 def _perpendicular(vector: Array, direction: Array) -> Array:

@@ -12,17 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
-from scancell.arguments import checked_arguments
 from scancell.config.choices import Align
 from scancell.errors import FitError
 from scancell.evaluation.alignment import DatumPlane, best_fit_of_starts, check_request, datum_fit
 from scancell.evaluation.deviation import Deviation, DeviationFigures, figures_by_label
-from scancell.files import png_bytes
 from scancell.geometry import pose
 from scancell.geometry.mesh import METRES_PER_UNIT, Mesh, Regions, sample_surface, smooth_regions
 from scancell.geometry.shapes import PartSurface, ShapeMesh
+from scancell.output.run_folder import RunFolder, SavedResult
 from scancell.sensor import MeshSurface
-from scancell.values import Result
 
 Array = NDArray[np.float64]
 
@@ -41,7 +39,7 @@ _LISTED = 100  # regions with figures of their own
 _SHOWN = 12  # of them in the summary
 
 
-class Evaluation(Result):
+class Evaluation(SavedResult):
     """A comparison of a cloud with a mesh or an artefact."""
 
     align: Align
@@ -61,32 +59,21 @@ class Evaluation(Result):
         """What the picture shows: points (n, 3) in the part, m, their deviations, and the mesh."""
         raise NotImplementedError
 
-    @checked_arguments
-    def save(self, folder: str | Path) -> list[Path]:
-        """Write ``evaluation.json``, ``.csv``, ``.png`` and ``.html`` into `folder`, all or none; return their paths.
-
-        Raises `OutputError` if the folder cannot be written.
-        """
+    def _write(self, folder: RunFolder, command_line: list[str]) -> None:
         from scancell.output.run_files import write_json  # noqa: PLC0415  (files are optional)
-        from scancell.output.run_folder import RunFolder  # noqa: PLC0415
         from scancell.output.tables import columns_of, write_csv  # noqa: PLC0415
 
-        with RunFolder(Path(folder)) as files:
-            write_json(files.path("evaluation.json"), self.figures)
-            write_csv(files.path("evaluation.csv"), columns_of(self.rows()))
-            self._draw(files.path("evaluation.png"))
-            self._write_report(files.path("evaluation.html"))
-        return files.paths
+        write_json(folder.path("evaluation.json"), self.figures)
+        write_csv(folder.path("evaluation.csv"), columns_of(self.rows()))
+        folder.path("evaluation.png").write_bytes(self.picture())
+        self._write_report(folder.path("evaluation.html"))
 
     def picture(self) -> bytes:
         """The deviations on the part, as PNG."""
-        return png_bytes(self._draw)
-
-    def _draw(self, path: Path) -> None:
         from scancell.output.deviation_report import deviation_picture  # noqa: PLC0415  (imports OpenCV)
 
         points, deviation, mesh = self._drawn()
-        deviation_picture(path, points, deviation, mesh, name=Path(mesh.source).stem)
+        return deviation_picture(points, deviation, mesh, name=Path(mesh.source).stem).png()
 
     def _write_report(self, path: Path) -> None:
         from scancell.evaluation.deviation import UnseenSurface  # noqa: PLC0415  (imports planning)
@@ -347,9 +334,10 @@ class _DatumFaces:
                 raise FitError(f"region {number} of {self.mesh.source} is not one of its plane regions", key="datum")
             planes[number] = self._plane(number)
             if measured_area(planes[number][1]) < _DATUM_AREA:
+                measured = ", ".join(self._text(n) for n in self._measured()[:_NAMED])
                 raise FitError(
                     f"{self._text(number)} of {self.mesh.source} was not measured: {len(planes[number][1])} "
-                    f"points lie on it; {self._measured_text()}",
+                    f"points lie on it; measured: {measured or 'no plane region'}",
                     key="datum",
                 )
         return planes
@@ -384,9 +372,6 @@ class _DatumFaces:
             others = MeshSurface(self.mesh.vertices, self.mesh.faces[~own])
             points = points[np.abs(others.signed_distances(points, self.threads)[0]) > _DATUM_EDGE]
         return DatumPlane(self.regions.centres[number], self.regions.normals[number]), points
-
-    def _measured_text(self) -> str:
-        return "measured: " + (", ".join(self._text(n) for n in self._measured()[:_NAMED]) or "no plane region")
 
     def _text(self, number: int) -> str:
         return f"region {number} ({region_text(self.regions, number)})"

@@ -87,47 +87,33 @@ class PlaneReading:
             return PlaneFigures(0, nothing, nothing, nothing, nothing, nothing, nothing, 1.0)
         centre = np.median(self.signed)
         spread = _TO_SIGMA * np.median(np.abs(self.signed - centre))
+        residual = self.signed - self.block_means().ravel()[self._block()]
+        count = np.bincount(self.frame, minlength=self.exposures)
+        means = np.bincount(self.frame, self.signed, minlength=self.exposures)[count > 0] / count[count > 0]
         far = np.abs(self.signed - centre) > _OUTLIER * max(float(spread), 1e-12)
         return PlaneFigures(
             points=len(self.signed),
             bias=float(self.signed.mean()),
             std=float(self.signed.std()),
-            noise=self._noise(),
+            noise=float(np.sqrt((residual**2).mean())),
             repeatability_of_point=self._repeatability_of_point(),
-            repeatability_of_mean=float(self._means().std(ddof=1)) if self.exposures > 1 else nothing,
+            repeatability_of_mean=float(means.std(ddof=1)) if self.exposures > 1 else nothing,
             outlier_rate=float(far.mean()),
             missing_rate=self._missing(),
         )
 
     def block_means(self) -> Array:
         """Signed distance (k, 16), averaged over equal blocks of the line for each of k cameras; NaN where empty."""
-        number, total = self._blocks()
+        block, size = self._block(), (int(self.camera.max(initial=0)) + 1) * _BLOCKS
         with np.errstate(invalid="ignore"):
-            return total / number
-
-    def _blocks(self) -> tuple[NDArray[np.integer], Array]:
-        """Number of points and sum of their signed distances (k, 16) by camera and block."""
-        block, cameras = self._block(), int(self.camera.max(initial=0)) + 1
-        size = cameras * _BLOCKS
-        number = np.bincount(block, minlength=size)
-        total = np.bincount(block, self.signed, minlength=size)
-        return np.asarray(number.reshape(-1, _BLOCKS)), np.asarray(total.reshape(-1, _BLOCKS), float)
+            means = np.bincount(block, self.signed, minlength=size) / np.bincount(block, minlength=size)
+        return np.asarray(means.reshape(-1, _BLOCKS))
 
     def _block(self) -> NDArray[np.int64]:
         """Number (n,) of the block of each point among those of all cameras."""
         low, high = self.line
         place = np.clip(((self.points_in_sensor[:, 1] - low) / (high - low) * _BLOCKS).astype(int), 0, _BLOCKS - 1)
         return np.asarray(self.camera * _BLOCKS + place)
-
-    def _noise(self) -> float:
-        residual = self.signed - self.block_means().ravel()[self._block()]
-        return float(np.sqrt((residual**2).mean()))
-
-    def _means(self) -> Array:
-        """Mean signed distance of each exposure that has points."""
-        number = np.bincount(self.frame, minlength=self.exposures)
-        total = np.bincount(self.frame, self.signed, minlength=self.exposures)
-        return np.asarray(total[number > 0] / number[number > 0])
 
     def _repeatability_of_point(self) -> float:
         """Root mean square, over pixel columns, of the standard deviation over the exposures."""

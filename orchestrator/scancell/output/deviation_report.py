@@ -13,17 +13,19 @@ from numpy.typing import NDArray
 
 from scancell.evaluation.deviation import Deviation, DeviationFigures, Outliers, UnseenSurface, find_outliers
 from scancell.geometry.mesh import Mesh
-from scancell.output.surface_view import (
+from scancell.output.sheet import (
+    COLOURS,
     INK,
     SOFT,
+    TEXT_SIZE,
+    Axes,
     Pixels,
     Sheet,
-    SurfaceView,
     interpolated_colours,
     text_width,
     ticks,
-    view_axes,
 )
+from scancell.output.surface_view import SurfaceView, view_axes
 from scancell.output.web_page import packed, packed_mesh, quantised, script_data, table, write_filled
 
 Array = NDArray[np.float64]
@@ -57,25 +59,14 @@ _REASON_COLOURS = ("#9aa0a6", "#5f6670", "#8e44ad", "#c2185b", "#e08a00", "#7a52
 
 
 def deviation_picture(
-    path: str | Path,
-    points_in_part: Array,
-    deviation: Deviation,
-    mesh: Mesh,
-    *,
-    name: str,
-    coverage_fraction: float | None = None,
-) -> None:
-    """Draw the deviation of points (n, 3), m, from `mesh` in the same frame, and write it as PNG.
+    points_in_part: Array, deviation: Deviation, mesh: Mesh, *, name: str, coverage_fraction: float | None = None
+) -> Sheet:
+    """Picture of the deviation of points (n, 3), m, from `mesh` in the same frame, with a histogram and its figures.
 
     Each view draws at most 150 000 points, evenly chosen; the histogram and the figures hold all of them.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
     """
-    sheet = Sheet(_WIDTH, _HEIGHT)
-    limit = colour_limit_um(deviation.figures.d95)
+    sheet, figures = Sheet(_WIDTH, _HEIGHT), deviation.figures
+    limit = colour_limit_um(figures.d95)
     view = SurfaceView(
         mesh,
         points_in_part,
@@ -87,9 +78,15 @@ def deviation_picture(
     for number, (azimuth, elevation) in enumerate(_VIEWS):
         _draw_view(sheet, view, azimuth, elevation, _LEFT + number * width, width)
     _draw_colour_bar(sheet, limit, "+ outside the material" if deviation.is_signed else "the mesh is open: no inside")
-    _draw_histogram(sheet, deviation, limit)
-    _write_title(sheet, name, deviation.figures, coverage_fraction)
-    sheet.write(path)
+    _draw_histogram(sheet, deviation)
+    facts = [f"{figures.count:,} points"]
+    if coverage_fraction is not None and np.isfinite(coverage_fraction):
+        facts.append(f"{100 * coverage_fraction:.1f} % of the measurable surface covered")
+    if figures.count:
+        facts += [f"RMS {um_text(figures.rms)}", f"D95 % {um_text(figures.d95)}"]
+    sheet.text(_LEFT, 52, f"{name}: deviation from CAD", 28, bold=True)
+    sheet.text(_LEFT, 88, "  ·  ".join(facts), 19, SOFT)
+    return sheet
 
 
 def deviation_colours(values_um: Array, limit: float) -> Array:
@@ -108,17 +105,15 @@ def _draw_view(sheet: Sheet, view: SurfaceView, azimuth: float, elevation: float
     middle = left + width // 2
     height = (_VIEW_TOP + _VIEW_BOTTOM - image.shape[0]) // 2
     sheet.image(image, middle - image.shape[1] // 2, height)
-    sheet.text(middle, _VIEW_TOP - 16, f"from azimuth {azimuth:.0f}°, elevation {elevation:.0f}°", 15, SOFT, "ms")
-    length_mm = _round_below((width - 40) / 4 / px_per_m * 1e3)
+    sheet.text(
+        middle, _VIEW_TOP - 16, f"from azimuth {azimuth:.0f}°, elevation {elevation:.0f}°", colour=SOFT, anchor="ms"
+    )
+    longest_mm = (width - 40) / 4 / px_per_m * 1e3
+    decade = 10.0 ** np.floor(np.log10(longest_mm))
+    length_mm = float(max(step * decade for step in (1, 2, 5) if step * decade <= longest_mm))
     end, y = left + 22 + length_mm * 1e-3 * px_per_m, _VIEW_BOTTOM + 36
     sheet.rectangle(left + 22, y - 1, end, y + 1, INK)
-    sheet.text(end + 9, y, f"{length_mm:g} mm", 16.5, INK, "lm")
-
-
-def _round_below(length: float) -> float:
-    """The largest of 1, 2, 5, 10, 20, … that is not above."""
-    decade = 10.0 ** np.floor(np.log10(length))
-    return float(max(step * decade for step in (1, 2, 5) if step * decade <= length))
+    sheet.text(end + 9, y, f"{length_mm:g} mm", anchor="lm")
 
 
 def _draw_colour_bar(sheet: Sheet, limit: float, sign: str) -> None:
@@ -136,9 +131,9 @@ def _draw_colour_bar(sheet: Sheet, limit: float, sign: str) -> None:
     for value, label in ticks(-limit, limit, 8):
         y = (top + bottom) / 2 - value / limit * (bottom - top) / 2
         sheet.line([(right, y), (right + 5, y)], INK)
-        sheet.text(right + 10, y, label, 16.5, INK, "lm")
-        widest = max(widest, text_width(label, 16.5))
-    sheet.text_upwards(right + 26 + widest, (top + bottom) / 2, f"deviation, µm   ({sign})", 16.5)
+        sheet.text(right + 10, y, label, anchor="lm")
+        widest = max(widest, text_width(label))
+    sheet.text_upwards(right + 26 + widest, (top + bottom) / 2, f"deviation, µm   ({sign})")
 
 
 def colour_limit_um(d95: float) -> float:
@@ -151,76 +146,59 @@ def colour_limit_um(d95: float) -> float:
     return float(next(step * decade for step in (1, 1.5, 2, 3, 5, 7, 10) if typical <= step * decade * (1 + 1e-9)))
 
 
-def _draw_histogram(sheet: Sheet, deviation: Deviation, limit: float) -> None:
-    distance, width = deviation.distance, 2.0 * limit
-    counts, edges = np.histogram(distance, bins=_PICTURE_BINS, range=(-1e-6 * width, 1e-6 * width))
-    edges *= 1e6
-    below, above = int(np.sum(distance < -1e-6 * width)), int(np.sum(distance > 1e-6 * width))
-    counts[0] += below
-    counts[-1] += above
-    share = 100.0 * counts / max(len(distance), 1)
-    top = 1.05 * max(float(share.max()), 1e-9)
-    x = _LEFT + (edges + width) / (2 * width) * (_RIGHT - _LEFT)
-    y = _PLOT_BOTTOM - share / top * (_PLOT_BOTTOM - _PLOT_TOP)
-    for value, label in ticks(0.0, top, 6) if len(distance) else ():
-        at = _PLOT_BOTTOM - value / top * (_PLOT_BOTTOM - _PLOT_TOP)
-        sheet.line([(_LEFT, at), (_RIGHT, at)], "#e4e6ea")
-        sheet.line([(_LEFT - 6, at), (_LEFT, at)], INK)
-        sheet.text(_LEFT - 11, at, label, 16.5, INK, "rm")
-    paint = deviation_colours((edges[:-1] + edges[1:]) / 2, limit)
-    for left, right, height, colour in zip(x[:-1].round(), x[1:].round(), y.round(), paint, strict=True):
-        if height < _PLOT_BOTTOM:
-            sheet.rectangle(left, height, right, _PLOT_BOTTOM, hex_colour(colour))
-    outline = np.stack([np.repeat(x, 2)[1:-1].round(), np.repeat(y, 2).round()], 1)
-    sheet.line([(_LEFT, _PLOT_BOTTOM), *map(tuple, outline.tolist()), (_RIGHT, _PLOT_BOTTOM)], INK)
-    sheet.line([(_LEFT, _PLOT_TOP - 4), (_LEFT, _PLOT_BOTTOM), (_RIGHT, _PLOT_BOTTOM)], INK)
-    for value, label in ticks(-width, width, 8):
-        at = _LEFT + (value + width) / (2 * width) * (_RIGHT - _LEFT)
-        sheet.line([(at, _PLOT_BOTTOM), (at, _PLOT_BOTTOM + 6)], INK)
-        sheet.text(at, _PLOT_BOTTOM + 25, label, 16.5, INK, "ms")
-    beyond = below + above
-    note = f"   ({beyond:,} points beyond ±{width:g} µm count in the end bars)" if beyond else ""
-    sheet.text((_LEFT + _RIGHT) / 2, _PLOT_BOTTOM + 50, f"deviation, µm{note}", 16.5, INK, "ms")
-    sheet.text_upwards(_LEFT - 62, (_PLOT_TOP + _PLOT_BOTTOM) / 2, "share of points, %", 16.5)
-    if deviation.figures.count:
-        _draw_lines(sheet, deviation.figures, width)
-    _write_table(sheet, deviation.figures)
+def _distribution(deviation: Deviation, bins: int) -> tuple[NDArray[np.int64], Array, str]:
+    """Number of points (k,) by deviation within twice the colour scale, edges (k + 1,) in µm, and what lies beyond.
+
+    The end bins count the points beyond.
+    """
+    limit = 2.0 * colour_limit_um(deviation.figures.d95)
+    distance = 1e6 * deviation.distance
+    counts, edges = np.histogram(np.clip(distance, -limit, limit), bins, (-limit, limit))
+    beyond = int((np.abs(distance) > limit).sum())
+    return counts, edges, f"   ({beyond:,} points beyond ±{limit:g} µm count in the end bars)" if beyond else ""
 
 
-def _draw_lines(sheet: Sheet, figures: DeviationFigures, width: float) -> None:
-    mean, rms, d95 = (1e6 * value for value in (figures.mean, figures.rms, figures.d95))
-    y = _PLOT_TOP + 16
-    for places, label, colour, dash, gap in (
-        ((mean,), f"mean {um_text(figures.mean)}", "#111111", 0, 0),
-        ((-rms, rms), f"± RMS {um_text(figures.rms)}", "#1f5fa8", 10, 5),
-        ((-d95, d95), f"± D95 % {um_text(figures.d95)}", "#b3261e", 3, 3),
-    ):
-        for place in places:
-            if abs(place) <= width:
-                at = _LEFT + (place + width) / (2 * width) * (_RIGHT - _LEFT)
-                sheet.dashes((at, _PLOT_TOP - 4), (at, _PLOT_BOTTOM), colour, dash, gap)
-        sheet.rectangle(_LEFT + 12, y - 11, _LEFT + 62 + text_width(label, 16.5), y + 11, "#ffffff")
-        sheet.dashes((_LEFT + 16, y), (_LEFT + 51, y), colour, dash, gap)
-        sheet.text(_LEFT + 60, y, label, 16.5, INK, "lm")
-        y += 26
-
-
-def _write_table(sheet: Sheet, figures: DeviationFigures) -> None:
-    named = {
-        "mean": figures.mean,
-        "standard deviation": figures.standard_deviation,
-        "RMS": figures.rms,
-        "D95 %": figures.d95,
-        "D99.9 %": figures.d99_9,
-        "maximum": figures.maximum,
-        "minimum": figures.minimum,
+def _draw_histogram(sheet: Sheet, deviation: Deviation) -> None:
+    counts, edges, beyond = _distribution(deviation, _PICTURE_BINS)
+    figures, width = deviation.figures, edges[-1]
+    share = 100.0 * counts / max(figures.count, 1)
+    top = 1.05 * float(share.max()) or 1.0
+    lines = {
+        f"mean {um_text(figures.mean)}": ([figures.mean], INK),
+        f"± RMS {um_text(figures.rms)}": ([-figures.rms, figures.rms], COLOURS[0]),
+        f"± D95 % {um_text(figures.d95)}": ([-figures.d95, figures.d95], COLOURS[3]),
     }
-    rows = [("points", f"{figures.count:,}"), *((label, um_text(value)) for label, value in named.items())]
-    for i, (label, value) in enumerate(rows):
-        y = _PLOT_TOP + 12 + 30 * i
-        for right, text, colour in ((_RIGHT - 150, label, SOFT), (_RIGHT - 2, value, INK)):
-            sheet.rectangle(right - text_width(text, 16.5) - 3, y - 11, right + 2, y + 11, "#ffffff")
-            sheet.text(right, y, text, 16.5, colour, "rm")
+    legend = [(label, colour) for label, (_, colour) in lines.items()] if figures.count else []
+    box, labels = (_LEFT, _PLOT_TOP, _RIGHT, _PLOT_BOTTOM), (f"deviation, µm{beyond}", "share of points, %")
+    axes = Axes(sheet, box, (-width, width), (0.0, top), labels, "", legend)
+    paint = deviation_colours((edges[:-1] + edges[1:]) / 2, width / 2)
+    for left, right, height, colour in zip(edges[:-1], edges[1:], share, paint, strict=True):
+        if height:
+            axes.bar(left, right, 0.0, height, hex_colour(colour))
+    steps = zip(np.repeat(edges, 2), [0.0, *np.repeat(share, 2), 0.0], strict=True)
+    axes.line(steps, INK, 1)
+    for places, colour in lines.values():
+        for place in 1e6 * np.array(places):
+            if abs(place) <= width:
+                axes.line([(place, 0.0), (place, top)], colour)
+    for number, (title, text) in enumerate(figure_texts(figures)):
+        y = _PLOT_TOP + 12 + 30 * number
+        sheet.text(_RIGHT - 150, y, title, TEXT_SIZE, SOFT, "rm", halo="#ffffff")
+        sheet.text(_RIGHT - 2, y, text, TEXT_SIZE, INK, "rm", halo="#ffffff")
+
+
+def figure_texts(figures: DeviationFigures) -> list[tuple[str, str]]:
+    """Names and values of the figures."""
+    return [
+        ("points", f"{figures.count:,}"),
+        ("mean", _signed(figures.mean)),
+        ("standard deviation", um_text(figures.standard_deviation)),
+        ("RMS", um_text(figures.rms)),
+        ("95 % within", um_text(figures.d95)),
+        ("99.9 % within", um_text(figures.d99_9)),
+        ("maximum", _signed(figures.maximum)),
+        ("minimum", _signed(figures.minimum)),
+    ]
 
 
 def um_text(value: float) -> str:
@@ -232,17 +210,6 @@ def um_text(value: float) -> str:
         return "< 0.0001 µm"
     decimals = 0 if size >= 100 else 1 if size >= 10 else 2 if size >= 0.1 else 4
     return f"{1e6 * value:,.{decimals}f} µm"
-
-
-def _write_title(sheet: Sheet, name: str, figures: DeviationFigures, coverage_fraction: float | None) -> None:
-    facts = [f"{figures.count:,} points"]
-    if coverage_fraction is not None and np.isfinite(coverage_fraction):
-        facts.append(f"{100 * coverage_fraction:.1f} % of the measurable surface covered")
-    if figures.count:
-        facts.append(f"RMS {um_text(figures.rms)}")
-        facts.append(f"D95 % {um_text(figures.d95)}")
-    sheet.text(_LEFT, 52, f"{name}: deviation from CAD", 28, INK, bold=True)
-    sheet.text(_LEFT, 88, "  ·  ".join(facts), 19, SOFT)
 
 
 @dataclass(frozen=True)
@@ -351,34 +318,20 @@ class DeviationReport:
         return f"{rule}{table(head, rows, attributes)}{text}"
 
     def _unseen_table(self) -> str:
-        unseen = self.unseen
+        unseen, colours = self.unseen, dict(zip(self.unseen.reasons, _REASON_COLOURS, strict=False))
         rows = [
             ["", reason, f"{100 * share:.2f} %", f"{1e6 * share * unseen.area:,.0f}"]
             for reason, share in unseen.shares.items()
         ]
-        attributes = [f'style="--c: {self._reason_colour(reason)}"' for reason in unseen.shares]
+        attributes = [f'style="--c: {colours[reason]}"' for reason in unseen.shares]
         return table(("", "surface without points", "share of the part", "mm²"), rows, attributes)
 
-    def _reason_colour(self, reason: str) -> str:
-        return _REASON_COLOURS[self.unseen.reasons.index(reason) % len(_REASON_COLOURS)]
-
     def _figures(self) -> str:
-        figures = self.deviation.figures
-        rows = [
-            ("points", f"{figures.count:,}"),
-            ("mean", _signed(figures.mean)),
-            ("standard deviation", um_text(figures.standard_deviation)),
-            ("RMS", um_text(figures.rms)),
-            ("95 % within", um_text(figures.d95)),
-            ("99.9 % within", um_text(figures.d99_9)),
-            ("maximum", _signed(figures.maximum)),
-            ("minimum", _signed(figures.minimum)),
-        ]
-        parts = [table(("deviation of all points", ""), rows)]
+        parts = [table(("deviation of all points", ""), figure_texts(self.deviation.figures))]
         for title, own in self.tables.items():
             if own:
                 head = list(own[0])
-                cells = [[_cell(row[key]) for key in head] for row in own]
+                cells = [[row[key] for key in head] for row in own]
                 parts.append(
                     f"<h2>{html.escape(title)}</h2>"
                     f'<div class="wide">{table([_column_title(key) for key in head], cells)}</div>'
@@ -401,7 +354,7 @@ class DeviationReport:
             "outliers": self._packed_points(outliers.rows[:_MOST_MARKED]),
             "unseen": {
                 **quantised(self.unseen.samples_in_part, "points"),
-                "colours": [_rgb(_REASON_COLOURS[k % len(_REASON_COLOURS)]) for k in range(len(self.unseen.reasons))],
+                "colours": [list(bytes.fromhex(colour[1:])) for colour in _REASON_COLOURS],
                 "reason": packed(self.unseen.reason, "u1"),
                 "spacing": float(np.sqrt(self.unseen.area / max(self.unseen.total, 1))),
             },
@@ -421,11 +374,9 @@ def _drawn_text(drawn: int, total: int, marked: int, outliers: Outliers) -> str:
 
 
 def _histogram(deviation: Deviation) -> str:
-    """SVG of the distribution within twice the colour scale; what lies beyond is counted in the end bars."""
-    limit = colour_limit_um(deviation.figures.d95)
-    distance = 1e6 * deviation.distance
-    counts, edges = np.histogram(np.clip(distance, -2 * limit, 2 * limit), _BINS, (-2 * limit, 2 * limit))
-    beyond = int((np.abs(distance) > 2 * limit).sum())
+    """SVG of the distribution within twice the colour scale."""
+    counts, edges, beyond = _distribution(deviation, _BINS)
+    limit = edges[-1] / 2
     height = 150 * counts / max(int(counts.max()), 1)
     colours = deviation_colours((edges[:-1] + edges[1:]) / 2, limit)
     width = 648 / _BINS
@@ -438,12 +389,11 @@ def _histogram(deviation: Deviation) -> str:
         for share, anchor in ((-1, "start"), (-0.5, "middle"), (0.5, "middle"), (1, "end"))
         for value in (2 * limit * share,)
     )
-    note = f" ({beyond:,} points beyond are counted in the end bars)" if beyond else ""
     return (
         '<svg viewBox="0 0 648 200" role="img" aria-label="histogram of the deviations">'
         f'{bars}<path d="M0 160H648M324 160V166" stroke="#222"/>{labels}'
         '<text x="324" y="178" text-anchor="middle">0</text>'
-        f'<text x="324" y="196" text-anchor="middle">deviation, µm{note}</text></svg>'
+        f'<text x="324" y="196" text-anchor="middle">deviation, µm{beyond}</text></svg>'
     )
 
 
@@ -462,15 +412,3 @@ def _column_title(key: str) -> str:
             unit = {"um": "µm", "deg": "°", "percent": "%"}.get(suffix, suffix)
             return f"{key.removesuffix(f'_{suffix}').replace('_', ' ')}, {unit}"
     return key.replace("_", " ")
-
-
-def _cell(value: Any) -> str:
-    if value is None or (isinstance(value, float) and not np.isfinite(value)):
-        return ""
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    return f"{value:,}" if isinstance(value, int) else str(value)
-
-
-def _rgb(colour: str) -> list[int]:
-    return [int(colour[k : k + 2], 16) for k in (1, 3, 5)]

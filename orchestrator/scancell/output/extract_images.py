@@ -122,7 +122,9 @@ def extract(
             cloud = _cloud(found.profiles)
             write_ply(folder.path("profiles.ply"), cloud, ("points in the sensor frame, profile counts the exposures",))
             if peaks:
-                _write_peaks(folder.path("peaks.csv"), found.peaks, sets)
+                columns = {name + unit: found.peaks[name].astype(float) for name, unit in _PEAK_COLUMNS.items()}
+                near = np.zeros(len(found.peaks["flags"]), bool)
+                _write_table(folder.path("peaks.csv"), found.peaks, sets, columns, near)
         figures = _figures(found, sets, len(names))
         if sheet_um is not None:
             figures["sheet_deviation"] = _sheet_figures(found.profiles["sheet_deviation"], sheet_um)
@@ -291,12 +293,6 @@ def _write_profiles(path: Path, profiles: Mapping[str, NDArray[Any]], sets: Imag
         columns["sheet_deviation_mm"] = profiles["sheet_deviation"] * _MM
         far = np.abs(profiles["sheet_deviation"]) * 1e6 > sheet_um
     _write_table(path, profiles, sets, columns, far)
-
-
-def _write_peaks(path: Path, peaks: Mapping[str, NDArray[Any]], sets: ImageSet) -> None:
-    """Every peak that was found, with flags for the reasons why it was not used."""
-    columns = {name + unit: peaks[name].astype(float) for name, unit in _PEAK_COLUMNS.items()}
-    _write_table(path, peaks, sets, columns, np.zeros(len(peaks["flags"]), bool))
 
 
 def _write_table(

@@ -18,7 +18,6 @@ from scancell.config.sensor import SensorDescription
 from scancell.errors import ImageError, OutputError
 from scancell.files import require_file
 from scancell.output.run_folder import RunFolder
-from scancell.output.surface_view import stripe_picture
 from scancell.scanning.sense import ExposureImages
 
 INDEX = "frames.csv"
@@ -342,22 +341,3 @@ class ImageWriter:
         """Write the index of each folder."""
         self._images.finish()
         self._background.finish()
-
-
-def draw_stripes(
-    images: NDArray[np.uint16],
-    sensor: sensor_rt.Sensor,
-    path: Path,
-    title: str,
-    background: NDArray[np.uint16] | None = None,
-) -> None:
-    """Draw the images (cameras, H, W) of an exposure with the extracted stripe into one picture.
-
-    `background` are laser-off images of the same shape to subtract before extraction.
-    """
-    peaks = sensor_rt.extract(images[None], sensor, background=None if background is None else background[None])
-    found = [
-        (np.asarray(peaks.column)[peaks.camera == k], np.asarray(peaks.row)[peaks.camera == k])
-        for k in range(len(sensor.cameras))
-    ]
-    stripe_picture(path, list(images), found, names=[camera.name for camera in sensor.cameras], title=title)

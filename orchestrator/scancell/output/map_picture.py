@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.output.surface_view import INK, SOFT, Sheet, resized, text_width, ticks
+from scancell.output.sheet import SOFT, Axes, Sheet, resized
 from scancell.planning.path_map.configuration_map import CAUSES, ConfigurationMap
 from scancell.planning.path_map.table_motion import TableMotion
 
@@ -27,33 +25,31 @@ _MOTION = "#1f6fff"  # unlike every cause, and unlike the greens of the free cel
 _LOW, _HIGH = np.array([232, 245, 220]), np.array([46, 139, 87])
 
 
-def draw_map(
-    map_: ConfigurationMap, name: str, branch: str, duration: float, motion: TableMotion | None, file: Path
-) -> None:
-    """Write a PNG: quality of the free cells in green, forbidden ones by their constraint, the motion as a line.
+def map_picture(map_: ConfigurationMap, name: str, branch: str, duration: float, motion: TableMotion | None) -> Sheet:
+    """Picture of a map: quality of the free cells in green, forbidden ones by constraint, the motion as a line.
 
     The plane map is also shown as a cylinder, whose axis is the time and where the table angle closes, from two sides.
     Cells that were not evaluated are grey; evaluate the whole map first for a complete picture.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
     """
     sheet = Sheet(_WIDTH, _HEIGHT)
-    sheet.text(_LEFT, 28, f"{name}: table angle along the path, branch {branch}", 18, bold=True)
     cost = f"cost of the motion {motion.cost:.3f}" if motion is not None else "no motion chosen in this branch"
-    sheet.text(_LEFT, 50, f"{map_.columns} x {map_.rows} cells, {cost}", 14, SOFT)
+    sheet.text(_LEFT, 48, f"{map_.columns} x {map_.rows} cells, {cost}", colour=SOFT)
+    angles = [(float(degrees), f"{degrees}") for degrees in (0, 90, 180, 270, 360)]
+    box, labels = (
+        (_LEFT, _TOP, _LEFT + _PLOT_WIDTH, _TOP + _PLOT_HEIGHT),
+        ("time along the path (s)", "table angle (deg)"),
+    )
+    title = f"{name}: table angle along the path, branch {branch}"
+    axes = Axes(sheet, box, (0.0, duration), (0.0, 360.0), labels, title, y_ticks=angles)
     pixels = map_pixels(map_)
     sheet.image(resized(pixels, _PLOT_WIDTH, _PLOT_HEIGHT, sharp=True), _LEFT, _TOP)
-    sheet.rectangle(_LEFT - 1, _TOP - 1, _LEFT + _PLOT_WIDTH, _TOP + _PLOT_HEIGHT, outline=SOFT)
-    _axes(sheet, duration)
     for number, middle in enumerate((90.0, 270.0)):
         _cylinder(sheet, pixels, _LEFT + number * (_PLOT_WIDTH - _LENGTH - 2 * _DEPTH), middle, motion)
     if motion is not None:
-        _motion(sheet, motion.angle)
-    _legend(sheet, map_, motion is not None)
-    sheet.write(file)
+        for line in motion_lines(motion.angle):
+            axes.line([(duration * x, 360 * (1 - y)) for x, y in line], _MOTION, 4)
+    sheet.legend(_LEFT, _HEIGHT - 26, [*map_legend(map_), *([("motion", _MOTION)] if motion is not None else [])])
+    return sheet
 
 
 def map_pixels(map_: ConfigurationMap) -> Pixels:
@@ -62,24 +58,6 @@ def map_pixels(map_: ConfigurationMap) -> Pixels:
     pixels = np.where(quality > 0, _LOW + quality * (_HIGH - _LOW), _COLOURS[map_.cause]).astype(np.uint8)
     pixels[np.isnan(map_.quality)] = _UNKNOWN
     return np.ascontiguousarray(pixels.transpose(1, 0, 2)[::-1])
-
-
-def _axes(sheet: Sheet, duration: float) -> None:
-    for degrees in (0, 90, 180, 270, 360):
-        y = _TOP + _PLOT_HEIGHT * (1 - degrees / 360)
-        sheet.line([(_LEFT - 6, y), (_LEFT, y)], INK)
-        sheet.text(_LEFT - 10, y + 5, f"{degrees}", 13, anchor="rs")
-    for value, label in ticks(0.0, duration, 8):
-        x = _LEFT + _PLOT_WIDTH * value / duration
-        sheet.line([(x, _TOP + _PLOT_HEIGHT), (x, _TOP + _PLOT_HEIGHT + 6)], INK)
-        sheet.text(x, _TOP + _PLOT_HEIGHT + 22, label, 13, anchor="ms")
-    sheet.text(_LEFT + _PLOT_WIDTH / 2, _TOP + _PLOT_HEIGHT + 44, "time along the path (s)", 14, anchor="ms")
-    sheet.text_upwards(24, _TOP + _PLOT_HEIGHT / 2, "table angle (deg)", 14)
-
-
-def _motion(sheet: Sheet, angle: NDArray[np.float64]) -> None:
-    for line in motion_lines(angle):
-        sheet.line([(_LEFT + _PLOT_WIDTH * x, _TOP + _PLOT_HEIGHT * y) for x, y in line], _MOTION, 4)
 
 
 def motion_lines(angle: NDArray[np.float64]) -> list[list[tuple[float, float]]]:
@@ -107,7 +85,7 @@ def _cylinder(sheet: Sheet, pixels: Pixels, left: int, middle: float, motion: Ta
     shown = np.where(((along >= 0) & (along < 1))[..., None], shaded, shown)
     top = _CYLINDER_TOP
     sheet.image(np.ascontiguousarray(shown.astype(np.uint8)), left, top)
-    sheet.text(left + _LENGTH / 2, top - 14, f"seen from table angle {middle:.0f}\N{DEGREE SIGN}", 14, anchor="ms")
+    sheet.text(left + _LENGTH / 2, top - 14, f"seen from table angle {middle:.0f}\N{DEGREE SIGN}", anchor="ms")
     if motion is None:
         return
     from_middle = np.mod(motion.angle - np.radians(middle) + np.pi, 2 * np.pi) - np.pi
@@ -126,11 +104,3 @@ def map_legend(map_: ConfigurationMap) -> list[tuple[str, str]]:
     if map_.evaluated < map_.quality.size:
         shown.append(("not evaluated", _UNKNOWN))
     return [(name, "#" + "".join(f"{int(c):02x}" for c in colour)) for name, colour in shown]
-
-
-def _legend(sheet: Sheet, map_: ConfigurationMap, has_motion: bool) -> None:
-    x = float(_LEFT)
-    for name, colour in [*map_legend(map_), *([("motion", _MOTION)] if has_motion else [])]:
-        sheet.rectangle(x, _HEIGHT - 34, x + 16, _HEIGHT - 18, colour, SOFT)
-        sheet.text(x + 22, _HEIGHT - 20, name, 14)
-        x += 22 + text_width(name, 14) + 22

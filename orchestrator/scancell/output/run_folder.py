@@ -21,6 +21,7 @@ from types import ModuleType, TracebackType
 from typing import Any, Self
 
 import scancell
+from scancell.arguments import checked_arguments
 from scancell.cell.fmu_file import runtime_dir
 from scancell.config.files import file_entries, plain_data, toml_text
 from scancell.config.loading import Setup
@@ -71,6 +72,29 @@ class RunReport(Result):
     def summary(self) -> str:
         """The lines of text."""
         return "\n".join(self.lines)
+
+
+class SavedResult(Result):
+    """Base of results that are saved as a folder of files, all or none."""
+
+    def _write(self, folder: RunFolder, command_line: list[str]) -> None:
+        """Write the files; a manifest keeps the words of the command line."""
+        raise NotImplementedError
+
+    @checked_arguments
+    def save(self, folder: str | Path, command_line: Sequence[str] | None = None) -> list[Path]:
+        """Write figures, tables, pictures and manifest, as far as the result has them, and return their paths.
+
+        `command_line`: words that the manifest keeps; by default those of this process.
+
+        Raises
+        ------
+        OutputError
+            If the folder cannot be written.
+        """
+        with RunFolder(Path(folder)) as run:
+            self._write(run, command_words(command_line))
+        return run.paths
 
 
 def run_into(out: Path, work: Callable[[RunFolder, Stopwatch], RunReport]) -> RunReport:

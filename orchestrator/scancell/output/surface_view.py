@@ -2,29 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import cache
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
 
 from scancell import sensor as sensor_rt
-from scancell.files import atomic_write
 from scancell.geometry.mesh import Mesh, clustered
 from scancell.geometry.mesh_files import weld
+from scancell.output.sheet import Pixels, resized
 
 Array = NDArray[np.float64]
-
-Point = tuple[float, float]
-
-INK = "#222831"
-SOFT = "#7d8590"
-
 Index = NDArray[np.int64]
-Pixels = NDArray[np.uint8]
 
 _INK = (34, 40, 49)
 _FINE = 2  # pixels of the drawing along each side of a pixel of the image, which smooths outlines
@@ -38,137 +28,6 @@ _LIFT = 30e-6  # m off the surface where lines of sight start; clouds lie that c
 _RIM_PX = 4  # of the image, around the part
 _REACH = 2 * _FINE  # px by which marks reach beyond their middle at most
 _FACING = 0.05  # least cosine between line of sight and normal at which points are drawn
-
-_FOUND = "#ff5a36"
-_FRAME = "#38c6f4"
-_PAPER = "#15181d"
-_TEXT = "#e8eaee"
-_WIDTH = 720  # px per camera
-_GAP = 18  # px between pictures and around them
-_HEAD = 92  # px above the images
-_BETWEEN = 46  # px between image and close-up
-_ZOOM_PX = (64, 26)  # width and height of the close-up
-_CLOSE_UP_FINE = 3  # pixels drawn along each side of a pixel of the close-up, which smooths the marks
-_GAMMA = 0.55  # lifts the flanks of the stripe and the ambient light out of the dark
-
-
-class Sheet:
-    """An image of `width` × `height` px; x grows to the right and y downwards from the upper left corner."""
-
-    def __init__(self, width: int, height: int, background: str = "#ffffff") -> None:
-        self._image = Image.new("RGB", (width, height), background)
-        self._draw = ImageDraw.Draw(self._image)
-
-    @classmethod
-    def of(cls, pixels: Pixels) -> Sheet:
-        """A sheet that shows an image (height, width, 3)."""
-        sheet = cls(pixels.shape[1], pixels.shape[0])
-        sheet.image(pixels, 0, 0)
-        return sheet
-
-    @property
-    def pixels(self) -> Pixels:
-        """(height, width, 3)."""
-        return np.asarray(self._image)
-
-    def text(
-        self, x: float, y: float, text: str, size: float, colour: str = INK, anchor: str = "ls", bold: bool = False
-    ) -> None:
-        """Write a line of text `size` px high.
-
-        `anchor` is the point of the text at (x, y): l, m or r for its left end, middle or right end, and s, m or a for
-        its base line, middle or top.
-        """
-        self._draw.text((x, y), text, colour, _font(size, bold), anchor)
-
-    def text_upwards(self, x: float, y: float, text: str, size: float, colour: str = INK) -> None:
-        """Write a line of text that reads upwards, its middle at (x, y)."""
-        left, _, right, bottom = _font(size, False).getbbox(text, anchor="la")
-        label = Image.new("L", (int(right - left) + 2, int(bottom) + 2), 0)
-        ImageDraw.Draw(label).text((0, 0), text, 255, _font(size, False))
-        label = label.rotate(90, expand=True)
-        self._image.paste(colour, (int(x - label.width / 2), int(y - label.height / 2)), label)
-
-    def line(self, points: Sequence[Point], colour: str, width: int = 1) -> None:
-        """Join points by straight lines."""
-        self._draw.line(points, colour, width, "curve" if width > 1 and len(points) > 2 else None)
-
-    def dashes(
-        self, start: Point, end: Point, colour: str, dash: float = 0.0, gap: float = 0.0, width: int = 2
-    ) -> None:
-        """A horizontal or vertical line, downwards or to the right, in dashes or (`dash` 0) whole."""
-        (x0, y0), (x1, y1) = start, end
-        length, upright = max(x1 - x0, y1 - y0), y1 - y0 > x1 - x0
-        for begin in np.arange(0, length, dash + gap) if dash else [0.0]:
-            stop = min(begin + dash, length) if dash else length
-            if upright:
-                self._draw.rectangle((x0 - width // 2, y0 + begin, x0 - width // 2 + width - 1, y0 + stop - 1), colour)
-            else:
-                self._draw.rectangle((x0 + begin, y0 - width // 2, x0 + stop - 1, y0 - width // 2 + width - 1), colour)
-
-    def rectangle(
-        self, left: float, top: float, right: float, bottom: float, fill: str | None = None,
-        outline: str | None = None, width: int = 1,
-    ) -> None:  # fmt: skip
-        """A rectangle; the sides lie in it."""
-        self._draw.rectangle((left, top, right, bottom), fill, outline, width)
-
-    def polygon(self, points: Sequence[Point], fill: str) -> None:
-        """A filled polygon."""
-        self._draw.polygon(points, fill)
-
-    def dot(self, x: float, y: float, radius: float, colour: str) -> None:
-        """A filled circle."""
-        self._draw.ellipse((x - radius, y - radius, x + radius, y + radius), colour)
-
-    def image(self, pixels: Pixels, left: int, top: int) -> None:
-        """Put an image (height, width, 3) down."""
-        self._image.paste(Image.fromarray(pixels), (left, top))
-
-    def write(self, path: str | Path) -> None:
-        """Write a PNG file.
-
-        Raises
-        ------
-        OutputError
-            If it cannot be written.
-        """
-        with atomic_write(path) as temporary:
-            self._image.save(temporary, "png", compress_level=2)
-
-
-def resized(pixels: Pixels, width: int, height: int, sharp: bool = False) -> Pixels:
-    """An image (h, w, 3) at another size; `sharp` keeps the edges of its pixels."""
-    how = Image.Resampling.NEAREST if sharp else Image.Resampling.BOX
-    return np.asarray(Image.fromarray(pixels).resize((width, height), how))
-
-
-def text_width(text: str, size: float, bold: bool = False) -> float:
-    """Width (px) of a line of text."""
-    return float(_font(size, bold).getlength(text))
-
-
-@cache
-def _font(size: float, bold: bool) -> ImageFont.FreeTypeFont:
-    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
-    return ImageFont.truetype(Path(__file__).parent / "fonts" / name, size, layout_engine=ImageFont.Layout.BASIC)
-
-
-def interpolated_colours(colours: NDArray[np.float64]) -> NDArray[np.float64]:
-    """256 colours (256, 3), linearly between evenly spaced ones (n, 3)."""
-    at = np.linspace(0, len(colours) - 1, 256)
-    return np.stack([np.interp(at, np.arange(len(colours)), channel) for channel in colours.T], 1)
-
-
-def ticks(low: float, high: float, most: int) -> list[tuple[float, str]]:
-    """At most `most` + 1 round values (steps of 1, 2, 2.5 or 5) between two limits, and how to write them."""
-    raw = (high - low) / most
-    decade = 10.0 ** np.floor(np.log10(raw))
-    step = next(factor * decade for factor in (1, 2, 2.5, 5, 10) if factor * decade >= raw * (1 - 1e-9))
-    first, last = np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9)
-    decimals = next(n for n in range(20) if abs(round(step, n) - step) < 1e-6 * step)
-    values = [step * k for k in range(int(first), int(last) + 1)]
-    return [(value, f"{value:.{decimals}f}".replace("-", "\N{MINUS SIGN}")) for value in values]
 
 
 def view_axes(azimuth_deg: float, elevation_deg: float) -> Array:
@@ -337,116 +196,3 @@ def sharp_edges(mesh: Mesh) -> tuple[Array, Array]:
     corner = order[same[sharp]]
     ends = mesh.vertices[first[np.stack([tail[corner], head[corner]], 1)]]
     return ends, mesh.normals[one[sharp]] + mesh.normals[other[sharp]]
-
-
-def stripe_picture(
-    path: str | Path,
-    images: Sequence[NDArray[np.integer]],
-    peaks: Sequence[tuple[Array, Array]],
-    *,
-    names: Sequence[str],
-    title: str = "",
-) -> None:
-    """Per camera its whole image with the found stripe as a line, and below a close-up with every single peak.
-
-    Parameters
-    ----------
-    images
-        (H, W) digital numbers, one per camera.
-    peaks
-        Columns and rows (px, an integer is a pixel's centre) of the peaks found, one pair of arrays per camera.
-    names
-        Name of each camera.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
-    """
-    height = max(round(image.shape[0] / image.shape[1] * _WIDTH) for image in images)
-    close_height = round(_ZOOM_PX[1] / _ZOOM_PX[0] * _WIDTH)
-    close_top = _HEAD + height + _BETWEEN
-    sheet = Sheet((_WIDTH + _GAP) * len(images) + _GAP, close_top + close_height + _GAP, _PAPER)
-    sheet.text(_GAP, 38, title, 21, _TEXT, bold=True)
-    for number, (image, (columns, rows), name) in enumerate(zip(images, peaks, names, strict=True)):
-        left = _GAP + number * (_WIDTH + _GAP)
-        grey = _grey(image)
-        sheet.text(left, _HEAD - 10, _caption(image, columns, name), 15, _TEXT)
-        sheet.image(_whole(grey, columns, rows), left, _HEAD)
-        _legend(sheet, left + _WIDTH, _HEAD, "found stripe")
-        if not len(columns):
-            continue
-        corner = _close_up(columns, rows, image.shape)
-        scale = _WIDTH / image.shape[1]
-        x, y = left + (corner[0] + 0.5) * scale, _HEAD + (corner[1] + 0.5) * scale
-        sheet.rectangle(x, y, x + _ZOOM_PX[0] * scale, y + _ZOOM_PX[1] * scale, outline=_FRAME, width=2)
-        sheet.text(left, close_top - 9, f"close-up, {_ZOOM_PX[0]} × {_ZOOM_PX[1]} px", 15, _FRAME)
-        sheet.image(_close(grey, columns, rows, corner, close_height), left, close_top)
-        sheet.rectangle(left, close_top, left + _WIDTH - 1, close_top + close_height - 1, outline=_FRAME, width=2)
-        _legend(sheet, left + _WIDTH, close_top, "peak")
-    sheet.write(path)
-
-
-def _whole(grey: Pixels, columns: Array, rows: Array) -> Pixels:
-    """The image (height, `_WIDTH`, 3) with a line along the stripe, broken where it is torn."""
-    height, width = grey.shape[:2]
-    shown = (_WIDTH, round(height / width * _WIDTH))
-    small = width <= _WIDTH
-    # Drawn in the finer of both sizes: making it smaller smooths the line.
-    sheet = Sheet.of(resized(grey, *shown, sharp=True) if small else grey)
-    scale = _WIDTH / width if small else 1.0
-    order = np.argsort(columns, kind="stable")
-    x, y = columns[order].astype(float), rows[order].astype(float)
-    torn = np.flatnonzero((np.diff(x) > 1.5) | (np.abs(np.diff(y)) > 4.0)) + 1
-    points = np.stack([(x + 0.5) * scale, (y + 0.5) * scale], 1)
-    for piece in np.split(points, torn):
-        if len(piece) > 1:
-            sheet.line([(px, py) for px, py in piece.tolist()], _FOUND, 2)
-    return sheet.pixels if small else resized(sheet.pixels, *shown)
-
-
-def _close(grey: Pixels, columns: Array, rows: Array, corner: tuple[float, float], height: int) -> Pixels:
-    """The pixels from `corner` on, each of them visible, with a dot at each peak."""
-    x0, y0 = corner
-    left, top = round(x0 + 0.5), round(y0 + 0.5)
-    cut = np.zeros((_ZOOM_PX[1], _ZOOM_PX[0], 3), np.uint8)  # images may be smaller
-    inside = grey[top : top + _ZOOM_PX[1], left : left + _ZOOM_PX[0]]
-    cut[: inside.shape[0], : inside.shape[1]] = inside
-    sheet = Sheet.of(resized(cut, _WIDTH * _CLOSE_UP_FINE, height * _CLOSE_UP_FINE, sharp=True))
-    scale = _WIDTH * _CLOSE_UP_FINE / _ZOOM_PX[0]
-    near = (columns > x0) & (columns < x0 + _ZOOM_PX[0]) & (rows > y0) & (rows < y0 + _ZOOM_PX[1])
-    for x, y in zip(columns[near], rows[near], strict=True):
-        sheet.dot((x - x0) * scale, (y - y0) * scale, 3.0 * _CLOSE_UP_FINE, _FOUND)
-    return resized(sheet.pixels, _WIDTH, height)
-
-
-def _legend(sheet: Sheet, right: float, top: float, label: str) -> None:
-    left = right - 62 - text_width(label, 14)
-    sheet.rectangle(left, top + 8, right - 8, top + 34, "#101215")
-    if label == "peak":
-        sheet.dot(left + 22, top + 21, 3, _FOUND)
-    else:
-        sheet.line([(left + 8, top + 21), (left + 36, top + 21)], _FOUND, 2)
-    sheet.text(left + 44, top + 21, label, 14, _TEXT, "lm")
-
-
-def _caption(image: NDArray[np.integer], columns: Array, name: str) -> str:
-    size = f"{image.shape[1]} × {image.shape[0]} px"
-    return f"camera {name}   {size}, brightest {int(image.max())} DN, {len(columns)} peaks"
-
-
-def _grey(image: NDArray[np.integer]) -> Pixels:
-    """Greys (H, W, 3): black is the image's own background, white the brightest ten-thousandth."""
-    count = np.cumsum(np.bincount(image.ravel()))
-    black, white = np.searchsorted(count, np.array([0.01, 0.9999]) * image.size)
-    value = np.clip((np.arange(len(count)) - black) / max(white - black, 1), 0, 1)
-    grey = (255 * value**_GAMMA).astype(np.uint8)[image]
-    return np.repeat(grey[:, :, None], 3, axis=2)
-
-
-def _close_up(columns: Array, rows: Array, shape: tuple[int, ...]) -> tuple[float, float]:
-    """Upper left corner of the close-up, around the middle peak, moved inside the image."""
-    middle = np.argsort(columns, kind="stable")[len(columns) // 2]
-    x = np.clip(np.round(columns[middle]) - _ZOOM_PX[0] / 2, 0, max(shape[1] - _ZOOM_PX[0], 0))
-    y = np.clip(np.round(rows[middle]) - _ZOOM_PX[1] / 2, 0, max(shape[0] - _ZOOM_PX[1], 0))
-    return float(x) - 0.5, float(y) - 0.5

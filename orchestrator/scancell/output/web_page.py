@@ -20,16 +20,18 @@ Array = NDArray[np.float64]
 
 _MANY_FACES = 25_000  # from which on a mesh is shown by a coarser one
 _CELLS = 120  # of that mesh along the largest extent
-_WEBGL = Path(__file__).with_name("webgl.js")
+_WEBGL, STYLE = Path(__file__).with_name("webgl.js"), Path(__file__).with_name("page.css")
 _PLACE = re.compile(r"@([A-Z]+)@")
 
 
 def write_filled(template: Path, out: str | Path, **texts: str) -> int:
-    """Write a template with ``@NAME@`` replaced by texts, and ``@WEBGL@`` by the functions of 3D pages; return bytes.
+    """Write a template with ``@NAME@`` replaced by texts, and return bytes.
+
+    ``@WEBGL@`` are the functions of 3D pages, and ``@STYLE@`` is the style of all reports.
 
     Raises `OutputError` if the file cannot be written.
     """
-    texts["WEBGL"] = _WEBGL.read_text(encoding="utf-8")
+    texts |= {"WEBGL": _WEBGL.read_text(encoding="utf-8"), "STYLE": STYLE.read_text(encoding="utf-8")}
     text = _PLACE.sub(lambda found: texts[found[1]], template.read_text(encoding="utf-8"))
     with atomic_write(out) as temporary:
         temporary.write_text(text, encoding="utf-8")
@@ -41,15 +43,29 @@ def script_data(content: Any) -> str:
     return json.dumps(content, separators=(",", ":")).replace("<", "\\u003c")
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[str]], row_attributes: Sequence[str] = ()) -> str:
-    """An HTML table of texts, which are escaped; the first column is text and the others are figures."""
+def table(head: Sequence[str], rows: Iterable[Sequence[Any]], row_attributes: Sequence[str] = ()) -> str:
+    """An HTML table of texts, which are escaped, and figures as of `format_figure`."""
     titles = "".join(f"<th>{html.escape(title)}</th>" for title in head)
     lines = []
     for number, row in enumerate(rows):
         attributes = f" {row_attributes[number]}" if row_attributes else ""
-        cells = "".join(f"<td>{html.escape(value)}</td>" for value in row)
+        cells = "".join(
+            f"<td>{html.escape(value)}</td>" if isinstance(value, str) else f'<td class="n">{format_figure(value)}</td>'
+            for value in row
+        )
         lines.append(f"<tr{attributes}>{cells}</tr>")
     return f"<table><thead><tr>{titles}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
+
+
+def format_figure(value: Any) -> str:
+    """A number with four digits, a list of numbers as an interval, a dash for None."""
+    if value is None:
+        return "–"
+    if isinstance(value, list | tuple):
+        return " … ".join(map(format_figure, value))
+    if isinstance(value, int) or abs(value) >= 1e4:
+        return f"{value:,.0f}"
+    return f"{value:.4g}"
 
 
 def displayed(mesh: Mesh) -> Mesh:

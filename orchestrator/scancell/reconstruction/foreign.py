@@ -193,7 +193,9 @@ class Footprint:
         """Which low points (n, 3) are the part's, (n,), and where position and height contradict each other, (n,)."""
         shape = np.array(self.covered.shape)
         index = np.floor((points_in_table[:, :2] - self.corner) / self.step)
-        rows = np.flatnonzero(((index >= 0) & (index < shape)).all(1) & (points_in_table[:, 2] > self._floor))
+        rows = np.flatnonzero(
+            ((index >= 0) & (index < shape)).all(1) & (points_in_table[:, 2] > self.base - self.tolerance)
+        )
         cell = tuple(index[rows].astype(np.intp).T)
         height, sure = points_in_table[rows, 2], self.surely_covered[cell]
         top = np.where(sure, self.lowest_top[cell], self.highest_top[cell])
@@ -205,10 +207,6 @@ class Footprint:
         kept[rows] = high | (near & sure)
         ambiguous[rows] = near & (high != self.covered[cell])
         return kept, ambiguous
-
-    @property
-    def _floor(self) -> float:
-        return self.base - self.tolerance
 
 
 def footprint_of(part: Mesh, table_from_part: Array, lowest: float, tolerance: float = TOLERANCE) -> Footprint | None:

@@ -19,21 +19,19 @@ from scancell.calibration.cell.scan import readings_of
 from scancell.cell.recording import integers, numbers, read_any_recording, read_table, refuse_value
 from scancell.config.loading import Setup, load_resolved
 from scancell.errors import DescriptionError, EmptyScanError
-from scancell.files import png_bytes
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, sharp_edges
 from scancell.geometry.shapes import PartSurface
 from scancell.nominal.parts import load_part
-from scancell.output.comparison_picture import comparison_picture
 from scancell.output.run_files import write_json
-from scancell.output.run_folder import RunFolder, command_words, manifest
+from scancell.output.run_folder import RunFolder, SavedResult, manifest
+from scancell.output.sheet import COLOURS, SOFT, Axes, Sheet
 from scancell.progress import Progress, ProgressCallback, as_progress
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.recorded.measurements import Measurements, read_table_of
 from scancell.recorded.reconstruct import MeasuredCell, ReconstructedData, reconstruct_measurements
 from scancell.scanning.sense import expose
 from scancell.scanning.world import build_scene, make_sensor, still_exposures, visible_bodies
-from scancell.values import Result
 
 Array = NDArray[np.float64]
 
@@ -48,6 +46,8 @@ _LEAST = 50  # points of a bin
 _NEIGHBOURS = 2  # columns between points whose difference is noise
 _SAME_POSITION, _SAME_TURN = 50e-6, np.radians(0.01)  # of poses that repeat
 _LARGEST_MM, _LARGEST_DN, _LARGEST_S = 1e9, 1e9, 1e6  # values of a table of profiles
+_PANEL = 470  # px, width of a plot of the picture
+_SERIES = {"real": COLOURS[1], "simulated": COLOURS[0]}
 _NORMAL = 1.4826  # standard deviation by the median of absolute values
 
 
@@ -162,7 +162,7 @@ class Pair:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ComparisonResult(Result):
+class ComparisonResult(SavedResult):
     """Comparison of real and simulated measurements of a part.
 
     Attributes
@@ -295,34 +295,49 @@ class ComparisonResult(Result):
 
     def picture(self) -> bytes:
         """Quantiles, noise by angle and shape along the profile, as PNG."""
-        return png_bytes(self._draw)
+        return self._sheet().png()
 
-    def _draw(self, path: Path) -> None:
-        noise, shape = self.noise_by_angle, self.shape
-        comparison_picture(
-            path,
-            1e6 * self.quantiles,
-            (_middles(noise, 180 / np.pi), [(one.real, one.simulated) for one in noise]),
-            (_middles(shape, 1e3), [(one.real, one.simulated) for one in shape]),
-        )
+    def _sheet(self) -> Sheet:
+        sheet, quantiles = Sheet(3 * _PANEL, 470), 1e6 * self.quantiles
+        limits = _padded(quantiles.ravel())
+        axes = Axes(sheet, _box(0), limits, limits, ("real (um)", "simulated (um)"), "Quantiles of the distances")
+        axes.line([(end, end) for end in limits], SOFT, 1)
+        axes.dots(quantiles.tolist(), COLOURS[0])
+        for number, (title, label, pairs, scale, least) in enumerate(
+            [
+                ("Noise from point to point", "angle of incidence (deg)", self.noise_by_angle, 180 / np.pi, [0.0]),
+                ("Mean distance along the profile", "y (mm)", self.shape, 1e3, []),
+            ],
+            1,
+        ):
+            middles = [scale * (one.low + one.high) / 2 for one in pairs]
+            known = [value for one in pairs for value in (one.real, one.simulated) if value is not None]
+            limits = _padded([*known, *least] or [0.0])
+            axes = Axes(sheet, _box(number), _padded(middles), limits, (label, "um"), title, _SERIES.items())
+            for name, colour in _SERIES.items():
+                values = [getattr(one, name) for one in pairs]
+                points = [(x, y) for x, y in zip(middles, values, strict=True) if y is not None]
+                axes.line(points, colour)
+                axes.dots(points, colour)
+        return sheet
 
-    @checked_arguments
-    def save(self, folder: str | Path, *, command_line: Sequence[str] | None = None) -> list[Path]:
-        """Write ``comparison.json``, ``comparison.png`` and the manifest atomically; return the files.
+    def _write(self, folder: RunFolder, command_line: list[str]) -> None:
+        write_json(folder.path("comparison.json"), self.figures)
+        self._sheet().write(folder.path("comparison.png"))
+        entries = {**self.run, "command_line": command_line}
+        write_json(folder.path("comparison_manifest.json"), manifest(self.setup, self.inputs, entries))
 
-        `command_line`: words that the manifest keeps; by default those of this process.
 
-        Raises
-        ------
-        OutputError
-            If the folder cannot be written.
-        """
-        with RunFolder(Path(folder)) as files:
-            write_json(files.path("comparison.json"), self.figures)
-            self._draw(files.path("comparison.png"))
-            entries = {**self.run, "command_line": command_words(command_line)}
-            write_json(files.path("comparison_manifest.json"), manifest(self.setup, self.inputs, entries))
-        return files.paths
+def _box(number: int) -> tuple[int, int, int, int]:
+    """Rectangle of a plot of the picture, px."""
+    return number * _PANEL + 84, 84, (number + 1) * _PANEL - 20, 400
+
+
+def _padded(values: Sequence[float] | Array) -> tuple[float, float]:
+    """Limits of an axis for values (n,)."""
+    low, high = float(min(values)), float(max(values))
+    room = 0.06 * (high - low) + 1e-6
+    return low - room, high + room
 
 
 @checked_arguments
@@ -485,11 +500,6 @@ def _scatter_of_means(one: Residuals, groups: list[list[int]]) -> tuple[float, i
             squares += float(np.var(means)) * len(means)
             degrees += len(means) - 1
     return (float(np.sqrt(squares / degrees)) if degrees else float("nan")), degrees
-
-
-def _middles(pairs: Sequence[Pair], scale: float) -> list[float]:
-    """Middles of the ranges of figures."""
-    return [scale * (one.low + one.high) / 2 for one in pairs]
 
 
 def _rms(distance: Array) -> float:

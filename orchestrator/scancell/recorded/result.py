@@ -29,12 +29,13 @@ from scancell.evaluation.deviation import (
     profile_spacing,
     unseen_surface,
 )
-from scancell.files import arrow_table, png_bytes
+from scancell.files import arrow_table
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.parts import load_part
 from scancell.output.deviation_report import DeviationReport, deviation_picture
 from scancell.output.run_files import OPTIONAL_FILES, covariance_columns, write_json, write_profiles
 from scancell.output.run_folder import RunFolder, build_version, command_words, manifest, resolved_toml
+from scancell.output.sheet import Sheet
 from scancell.planning.model import with_table
 from scancell.progress import Progress, ProgressCallback, as_progress
 from scancell.reconstruction.cloud import Cloud
@@ -124,15 +125,18 @@ class ReconstructionResult(Result):
     def figures(self) -> dict[str, Any]:
         """Plain figures, in the units that their names state."""
         data = self.data
-        sigma = 1e6 * np.asarray(self.cloud.sigma, float)
-        latency = data.latency
+        latency, systematic = data.latency, None
+        if data.systematic is not None:
+            # Standard deviations along the directions of largest uncertainty.
+            largest = np.sqrt(np.maximum(np.linalg.eigvalsh(data.systematic)[:, -1], 0.0))
+            systematic = 1e6 * float(np.median(largest))
         return {
             "exposures": len(data.found.index),
             "points": len(self.cloud),
             "frame": data.measured_cell.frame,
             "dropped": data.made.dropped.as_json(),
-            "sigma_median_um": float(np.median(sigma)),
-            "systematic_sigma_median_um": None if data.systematic is None else 1e6 * _median_sigma(data.systematic),
+            "sigma_median_um": 1e6 * float(np.median(np.asarray(self.cloud.sigma, float))),
+            "systematic_sigma_median_um": systematic,
             "latency_ms": 1e3 * latency.value,
             "latency_half_width_ms": None if latency.half_width is None else 1e3 * latency.half_width,
             "deviation": None if self.deviation is None else self.deviation.figures.as_um(),
@@ -158,11 +162,10 @@ class ReconstructionResult(Result):
 
     def picture(self) -> bytes | None:
         """The deviation picture as PNG; None without a part."""
-        return None if self.part is None else png_bytes(self._draw)
+        return None if self.part is None or self.deviation is None else self._sheet(self.part, self.deviation).png()
 
-    def _draw(self, path: Path) -> None:
-        assert self.part is not None and self.deviation is not None
-        deviation_picture(path, self.cloud.points_in_part, self.deviation, self.part, name=Path(self.part.source).name)
+    def _sheet(self, part: Mesh, deviation: Deviation) -> Sheet:
+        return deviation_picture(self.cloud.points_in_part, deviation, part, name=Path(part.source).name)
 
     def _deviation_figures(self, deviation: Deviation) -> dict[str, Any]:
         return deviation.as_json(self.camera_names, {1: "measured"})
@@ -231,7 +234,7 @@ class ReconstructionResult(Result):
                 write_recording(recording, files.path("recording.parquet"))
             if self.part is not None and self.deviation is not None:
                 write_json(files.path("deviation.json"), self._deviation_figures(self.deviation))
-                self._draw(files.path("deviation.png"))
+                self._sheet(self.part, self.deviation).write(files.path("deviation.png"))
                 self._report(self.part, self.deviation).write(files.path("deviation.html"))
             write_json(files.path("reconstruction.json"), self.figures)
             files.path("resolved.toml").write_text(resolved_toml(self.setup, run))
@@ -271,11 +274,6 @@ class ReconstructionResult(Result):
 
     def __repr__(self) -> str:
         return f"ReconstructionResult({len(self.data.found.index)} exposures, {len(self.cloud)} points)"
-
-
-def _median_sigma(covariance: Array) -> float:
-    """Median of the standard deviations along the directions of largest uncertainty, m, of covariances (n, 3, 3)."""
-    return float(np.median(np.sqrt(np.maximum(np.linalg.eigvalsh(covariance)[:, -1], 0.0))))
 
 
 def calibrated_setup(

@@ -303,15 +303,11 @@ def _notes(kind: str, factors: int, rows: Rows, sensitivity: dict[str, dict[str,
         notes.append(
             f"{trials} trials for {factors} factors: too few for reliable shares; {recommended} or more are recommended"
         )
-    unsettled = [name for name, found in fitted.items() if _is_wide(found["budget"][0])]
+    largest = {name: found["budget"][0] for name, found in fitted.items()}
+    unsettled = [name for name, row in largest.items() if np.ptp(row["share_interval"]) > row["share"]]
     if unsettled:
         notes.append(f"the interval of the largest share is wider than the share itself: {', '.join(unsettled)}")
     return notes
-
-
-def _is_wide(row: dict[str, Any]) -> bool:
-    low, high = row["share_interval"]
-    return bool(high - low > row["share"])
 
 
 def _contributions(
@@ -329,7 +325,8 @@ def _contributions(
         cube = (design(study.design, [None] * len(labels), study.seed) - low) / (high - low)
         effects = morris_effects(cube, outputs, study.design.levels, study.probability, seed)
         return {"morris": _ranked(_named(labels, effects), "mean_magnitude")}
-    if kind == "one_at_a_time" and whole and _all_numbers(rows, len(labels)):
+    are_numbers = all(isinstance(value, int | float) for row in rows.plain for value in row["values"][: len(labels)])
+    if kind == "one_at_a_time" and whole and are_numbers:
         slopes = _named(labels, _slopes(study, population, rows, outputs))
         return {"budget": _ranked([row for row in slopes if np.isfinite(row["slope"])], "share")}
     return _budget(study, labels, population, rows, outputs)
@@ -363,10 +360,6 @@ def _slopes(study: StudyDescription, population: Population, rows: Rows, outputs
     levels = [study.design.levels if found is None else len(found) for found in listed]
     spreads = [float(np.std(np.asarray(drawn, float))) for drawn in population.values]
     return one_at_a_time_budget(values, outputs, levels, spreads, study.probability, hashed(study.seed, 3, 0) >> 33)
-
-
-def _all_numbers(rows: Rows, factors: int) -> bool:
-    return all(isinstance(row["values"][j], int | float) for row in rows.plain for j in range(factors))
 
 
 def _design_size(study: StudyDescription) -> int:

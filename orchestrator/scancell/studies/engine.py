@@ -338,8 +338,11 @@ def run_tasks(
     """
     began = time.perf_counter()
     outcome = RunOutcome()
-    chosen = _shard(tasks, target.shard)
-    _make_folder(job.folder)
+    chosen = tasks if target.shard is None else tasks[target.shard[0] - 1 :: target.shard[1]]
+    try:
+        job.folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot be written: {error.strerror}", file=job.folder) from None
     job.store.sweep()
     progress.stage("running", len(chosen), unit)
     todo = []
@@ -381,17 +384,6 @@ def _reports(
             announce(dashboard)
 
     yield from run_on_dask(job, todo, target, started)
-
-
-def _shard(tasks: Sequence[Task], shard: tuple[int, int] | None) -> Sequence[Task]:
-    return tasks if shard is None else tasks[shard[0] - 1 :: shard[1]]
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot be written: {error.strerror}", file=folder) from None
 
 
 def chunks(count: int, size: int) -> Iterable[range]:

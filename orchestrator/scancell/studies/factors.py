@@ -371,13 +371,14 @@ class Factors:
         """
         parse_as_built(self._study.as_built, units)
         as_built_sensor(self._setup.sensor, self._study.as_built)
+        described = self._study.factor
         for j, ((path, mode), nominal) in enumerate(zip(self._paths, self._nominals, strict=True)):
             try:
                 if mode != "absolute":
                     # Its message about an unknown key is better than one about the nominal value.
                     self._check_result(path, 0.0 if nominal is None else nominal, units)
                 self._check_nominal(mode, nominal, j)
-                for value in self._probes(j):
+                for value in extremes(described[j].distribution) if j < len(described) else [0.0]:
                     result = value if mode == "absolute" else _changed(nominal, mode, value)
                     self._check_result(path, result, units)
             except DescriptionError as error:
@@ -393,10 +394,6 @@ class Factors:
         whole = j < len(self._study.factor) and isinstance(self._study.factor[j].distribution, DiscreteDescription)
         if isinstance(nominal, int) and not whole:
             raise DescriptionError(f"its nominal value {nominal} must stay a whole number; use a discrete distribution")
-
-    def _probes(self, j: int) -> list[Value]:
-        factors = self._study.factor
-        return extremes(factors[j].distribution) if j < len(factors) else [0.0]
 
     def _check_result(self, path: str, result: Value, units: Units) -> None:
         """Check one factor at this value, all others at nominal."""

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.errors import require
+from scancell.output.sheet import COLOURS, EDGE, INK
+from scancell.output.web_page import STYLE, format_figure, table
 from scancell.studies.analysis import Rows, independent_rows
 
 require("matplotlib", "studies")
@@ -29,17 +31,19 @@ _UNEXPLAINED = {
     True: "unexplained (noise, higher-order effects)",
     False: "unexplained (noise, interactions)",
 }
-INK, GREY, BLUE, ORANGE = "#222222", "#9aa3ad", "C0", "C1"  # C: colours of the style
+BLUE, ORANGE = COLOURS[:2]
 _MAX_POINTS = 1500
 
 
 def study_page(analysis: dict[str, Any], rows: Sequence[dict[str, Any]], about: dict[str, str]) -> str:
     """HTML of the whole report; `about` has versions and sources."""
-    failed = [[row["trial"], row["seed"], row["message"]] for row in analysis["failed"]]
+    kind, count = analysis["design"]["kind"].replace("_", " "), len(analysis["factors"])
+    subtitle = f"{kind} design, {count} factors, {analysis['trials']} trials"
+    failed = [[row["trial"], str(row["seed"]), row["message"]] for row in analysis["failed"]]
     return rendered(
         "study.html.j2",
         title=analysis["name"],
-        subtitle=_subtitle(analysis),
+        subtitle=subtitle + (f", {len(failed)} of them failed" if failed else ""),
         notes=analysis["notes"],
         answers=study_answers(analysis),
         engines=[_engine(name, found, rows, analysis) for name, found in analysis["engines"].items()],
@@ -97,29 +101,13 @@ def _most_important(found: dict[str, Any], probability: float) -> str:
 
 
 def rendered(template: str, **values: Any) -> str:
-    """HTML of a template of this folder, which may use the filter ``figure``."""
-    jinja2 = require("jinja2", "studies")
+    """HTML of a template of this folder, which may use the function ``table`` and the filter ``figure``."""
+    jinja2, markup = require("jinja2", "studies"), require("markupsafe", "studies").Markup
     loader = jinja2.FileSystemLoader(_TEMPLATES)
     environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, undefined=jinja2.StrictUndefined)
     environment.filters["figure"] = format_figure
-    return str(environment.get_template(template).render(**values))
-
-
-def format_figure(value: Any) -> str:
-    """A number with four digits, a list of numbers as an interval, a dash for None."""
-    if value is None:
-        return "–"
-    if isinstance(value, list | tuple):
-        return " … ".join(map(format_figure, value))
-    if isinstance(value, int) or abs(value) >= 1e4:
-        return f"{value:.0f}"
-    return f"{value:.4g}"
-
-
-def _subtitle(analysis: dict[str, Any]) -> str:
-    kind, count = analysis["design"]["kind"].replace("_", " "), len(analysis["factors"])
-    failed = f", {len(analysis['failed'])} of them failed" if analysis["failed"] else ""
-    return f"{kind} design, {count} factors, {analysis['trials']} trials{failed}"
+    environment.globals["table"] = lambda *given: markup(table(*given))
+    return str(environment.get_template(template).render(style=STYLE.read_text(encoding="utf-8"), **values))
 
 
 def _engine(
@@ -167,19 +155,18 @@ def _sensitivity(
         drawings.append(_distribution_plot(values[drawn], statistics, name))
         drawings.append(_convergence_plot(found["convergence"], name))
     drawings.extend(_contributions(name, found, analysis["probability"]))
-    table = found.get("budget") or found.get("morris") or []
-    chosen = [row["factor"] for row in table][:_MAX_SCATTERED] or analysis["factors"][:_MAX_SCATTERED]
+    ranked = found.get("budget") or found.get("morris") or []
+    chosen = [row["factor"] for row in ranked][:_MAX_SCATTERED] or analysis["factors"][:_MAX_SCATTERED]
     positions = [analysis["factors"].index(label) for label in chosen]
     columns = [[row["values"][j] for row, ok in zip(own.plain, good, strict=True) if ok] for j in positions]
     drawings.append(_scatter_plots(chosen, columns, values[good], name))
-    markup = require("markupsafe", "studies").Markup
-    head, rows = _budget_table(table, found)
+    head, rows = _budget_table(ranked, found)
     return {
         "name": name,
         "explained": found.get("explained"),
         "predicted": found.get("predicted"),
         "regression": found.get("regression"),
-        "drawings": [markup(drawing) for drawing in drawings],
+        "drawings": drawings,
         "head": head,
         "rows": rows,
     }
@@ -202,12 +189,12 @@ def _contributions(name: str, found: dict[str, Any], probability: float) -> Iter
         yield _bar_plot([r["factor"] for r in rows], shares, f"share of the variance of {name}")
 
 
-def _budget_table(table: Sequence[dict[str, Any]], found: dict[str, Any]) -> tuple[list[str], list[list[Any]]]:
+def _budget_table(ranked: Sequence[dict[str, Any]], found: dict[str, Any]) -> tuple[list[str], list[list[Any]]]:
     """Head and rows: the factors by rank and, last, the unexplained share."""
-    if not table:
+    if not ranked:
         return [], []
-    keys = [key for key in table[0] if key != "factor"]
-    rows = [[rank, row["factor"], *(row[key] for key in keys)] for rank, row in enumerate(table, 1)]
+    keys = [key for key in ranked[0] if key != "factor"]
+    rows = [[rank, row["factor"], *(row[key] for key in keys)] for rank, row in enumerate(ranked, 1)]
     if "unexplained" in found:
         label = _UNEXPLAINED["interactions" in found["regression"]]
         rows.append([None, label, *(found["residual"][key] for key in keys)])
@@ -280,7 +267,7 @@ def _bar_plot(names: Sequence[str], series: Mapping[str, tuple[Array, Array | No
             )
         axes.set(yticks=place, yticklabels=list(names), xlabel=label)
         axes.invert_yaxis()
-        axes.axvline(0, color=GREY, linewidth=0.8)
+        axes.axvline(0, color=EDGE, linewidth=0.8)
         if len(series) > 1:
             axes.legend()
 

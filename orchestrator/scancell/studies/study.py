@@ -354,13 +354,13 @@ class Study(ScanSeries):
                 key="ray_traced_trials",
                 value=described.ray_traced_trials,
             )
-        trials = [Trial(n, self._seed(n), described.engine, row) for n, row in enumerate(values, 1)]
+        is_common = described.noise == "common"
+        trials = [
+            Trial(n, trial_seed(described.seed, _COMMON_SEED_TRIAL if is_common else n), described.engine, row)
+            for n, row in enumerate(values, 1)
+        ]
         again = trials[: described.ray_traced_trials]
         return trials + [Trial(count + trial.number, trial.seed, "ray-traced", trial.values) for trial in again]
-
-    def _seed(self, trial: int) -> int:
-        common = self.description.noise == "common"
-        return trial_seed(self.description.seed, _COMMON_SEED_TRIAL if common else trial)
 
     def _inputs(self) -> dict[str, str]:
         return {"part": str(self.part)}

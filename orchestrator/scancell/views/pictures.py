@@ -17,7 +17,7 @@ from scancell.arguments import Threads, Within, checked_arguments
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.nominal.cell import Body
-from scancell.output.surface_view import INK, Sheet, text_width
+from scancell.output.sheet import INK, Sheet, text_width
 from scancell.output.web_page import packed, packed_mesh, quantised, script_data, write_filled
 from scancell.progress import Progress, ProgressCallback, as_progress
 from scancell.views import shading
@@ -169,7 +169,9 @@ def picture(
     at 100% of the scan
     """
     run = _opened(run)
-    at = _last_exposure(run) if time is None else time
+    exposures, end = run.motion.exposures, run.motion.duration
+    last = min(float(exposures[-1]), end) if len(exposures) else end
+    at = last if time is None else time
     if not run.motion.start <= at <= run.motion.duration:
         raise DescriptionError(key="time", value=at, expected=f"{run.motion.start:g} to {run.motion.duration:g} s")
     Sheet.of(run_pictures(run, view, size, colour, threads).at(at)).write(out)
@@ -232,12 +234,6 @@ def animate(
             add(frame)
             reported.advance(1)
     return count
-
-
-def _last_exposure(run: RecordedRun) -> float:
-    """Its time, s, within the run; that of the end where a program took none."""
-    exposures, end = run.motion.exposures, run.motion.duration
-    return min(float(exposures[-1]), end) if len(exposures) else end
 
 
 def _opened(run: str | Path | RecordedRun) -> RecordedRun:

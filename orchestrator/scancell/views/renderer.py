@@ -14,7 +14,7 @@ from scancell.evaluation.deviation import deviation_from_mesh
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.output.deviation_report import colour_limit_um, deviation_colours
-from scancell.output.surface_view import interpolated_colours
+from scancell.output.sheet import interpolated_colours
 from scancell.reconstruction.cloud import Cloud
 from scancell.views import shading
 from scancell.views.camera import LaserSheet, PinholeCamera
@@ -176,7 +176,8 @@ class _View:
         rows, bright = laser.stripe(eye, directions, depth, self._camera.focal_px)
         points = eye + depth[rows, None] * directions[rows]
         # The ray ends before the surface by more than rounding, by less than anyone sees.
-        end = points + 4 * _LIFT * _unit(source - points)
+        towards = source - points
+        end = points + 4 * _LIFT * towards / np.linalg.norm(towards, axis=-1, keepdims=True)
         bright *= ~self._blocked(np.broadcast_to(source, end.shape), end, self._laser_poses)
         stripe[rows] = bright
         light[rows] += bright[:, None] * (_STRIPE - light[rows])
@@ -188,10 +189,6 @@ class _View:
         if not len(start):
             return np.zeros(0, bool)
         return np.asarray(sensor_rt.occluded(self._scene, poses, start, end, 1))
-
-
-def _unit(vectors: Array) -> Array:
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
 def _shadow_box(bodies: Sequence[PaintedBody], poses: Array, floor_z: float) -> tuple[Array, Array]:

@@ -31,8 +31,6 @@ from scancell.config.loading import Setup, load_setup
 from scancell.config.sensor import SensorDescription
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
-from scancell.output.residual_picture import residual_picture
-from scancell.output.run_files import write_json
 from scancell.output.run_folder import RunFolder
 from scancell.progress import Progress, ProgressCallback, as_progress
 
@@ -215,11 +213,10 @@ class BoardCalibrationReport(SavedCalibration):
         boards = rig.camera_from_board(problem.flange)[problem.stripe_view]
         return pose.transform_each(pose.inverse(boards), stripe)[:, 2], problem.stripe_view
 
-    def _write(self, folder: RunFolder) -> None:
+    def _write(self, folder: RunFolder, command_line: list[str]) -> None:
+        super()._write(folder, command_line)
         if self.sensor is not None:
             self.sensor.to_toml(folder.path("calibrated_sensor.toml"))
-        write_json(folder.path("calibration.json"), self.figures)
-        residual_picture(folder.path("residuals.png"), *self._distances)
 
 
 @checked_arguments

@@ -25,7 +25,6 @@ from scancell.config.table_format import read_format, recognised_format
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import ShapeMesh
-from scancell.output.residual_picture import residual_picture
 from scancell.output.run_files import write_json
 from scancell.output.run_folder import RunFolder, resolved_toml
 from scancell.planning.plan import plan_json
@@ -266,13 +265,12 @@ class CalibrationReport(SavedCalibration):
     def _distances(self) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
         return self.result.residuals, self.result.frame
 
-    def _write(self, folder: RunFolder) -> None:
+    def _write(self, folder: RunFolder, command_line: list[str]) -> None:
+        super()._write(folder, command_line)
         if self.calibration.plan is not None:
             write_json(folder.path("plan.json"), plan_json(self.calibration.plan))
         self.cell.to_toml(folder.path("calibrated.toml"))
-        write_json(folder.path("calibration.json"), self.figures)
         write_points(self.calibration.problem.observations, folder.path("points.parquet"))
-        residual_picture(folder.path("residuals.png"), *self._distances)
         folder.path("resolved.toml").write_text(resolved_toml(self.setup, self.run))
 
 

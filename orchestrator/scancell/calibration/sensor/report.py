@@ -22,8 +22,6 @@ from scancell.config.loading import Setup, as_built_sensor, require_sensor_words
 from scancell.config.sensor import SensorDescription
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
-from scancell.output.residual_picture import residual_picture
-from scancell.output.run_files import write_json
 from scancell.output.run_folder import RunFolder
 from scancell.progress import Progress
 
@@ -95,6 +93,7 @@ class SensorCalibrationReport(SavedCalibration):
     run: Mapping[str, Any]
     built: SensorDescription | None = None
     probability: float = 0.95
+    _picture_name = "distances.png"
 
     @property
     def sensor(self) -> SensorDescription:
@@ -186,11 +185,10 @@ class SensorCalibrationReport(SavedCalibration):
     def _distances(self) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
         return self.result.distances, self.result.exposure
 
-    def _write(self, folder: RunFolder) -> None:
+    def _write(self, folder: RunFolder, command_line: list[str]) -> None:
+        super()._write(folder, command_line)
         self.sensor.to_toml(folder.path("calibrated_sensor.toml"))
-        write_json(folder.path("calibration.json"), self.figures)
         write_exposures(self.exposures, folder.path("peaks.parquet"))
-        residual_picture(folder.path("distances.png"), *self._distances)
 
     @property
     def _rms(self) -> float:

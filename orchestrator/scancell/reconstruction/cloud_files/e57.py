@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from scancell.errors import require
 from scancell.reconstruction.cloud import Cloud
-from scancell.reconstruction.cloud_files.record import record_of
+from scancell.reconstruction.cloud_files.formats import record_of
 
 libe57 = require("pye57", "formats").libe57
 

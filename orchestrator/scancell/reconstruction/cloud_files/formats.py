@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
@@ -13,18 +14,37 @@ from numpy.typing import NDArray
 from scancell.errors import DescriptionError, MeshError
 from scancell.files import atomic_write, require_file
 from scancell.reconstruction.cloud import Cloud
-from scancell.reconstruction.cloud_files.record import (
-    MM,
-    RECORD,
-    UNITS,
-    WITHOUT_SATURATED,
-    cloud_of_record,
-    record_of,
-    require_bounded,
-)
 from scancell.text_table import decoded, lines_of, numbers_of_lines
 
 Array = NDArray[np.float64]
+
+MM = 1e3
+_LARGEST_MM, _LATEST = 1e9, 1e10  # of a position, mm, and a time, s
+UNITS = "x y z sigma in mm, time in s; normals towards the sensor"
+
+# Positions in double precision: far from the origin single precision would lose micrometres.
+RECORD = np.dtype(
+    [
+        ("x", "<f8"),
+        ("y", "<f8"),
+        ("z", "<f8"),
+        ("nx", "<f4"),
+        ("ny", "<f4"),
+        ("nz", "<f4"),
+        ("sigma", "<f4"),
+        ("intensity", "<f4"),
+        ("quality", "<f4"),
+        ("camera", "u1"),
+        ("column", "<i4"),
+        ("segment", "<i4"),
+        ("profile", "<i4"),
+        ("time", "<f8"),
+        ("saturated", "u1"),
+    ]
+)
+# Of files by earlier versions.
+WITHOUT_SATURATED = np.dtype([(name, RECORD[name].str) for name in (RECORD.names or ())[:-1]])
+_SAME_IN_RECORD = ("intensity", "quality", "camera", "column", "segment", "profile", "time", "saturated")
 
 _PCD_TYPES = {"f": "F", "i": "I", "u": "U"}
 _PCD_NAMES = {"nx": "normal_x", "ny": "normal_y", "nz": "normal_z"}
@@ -42,6 +62,47 @@ _SIZES = {"F": (4, 8), "I": (1, 2, 4, 8), "U": (1, 2, 4, 8)}
 _HEADER = 1 << 20  # bytes in which a header ends
 _MOST_POINTS = 2**31
 _MOST_COUNT = 1 << 20  # values of a field
+
+
+def record_of(cloud: Cloud) -> NDArray[Any]:
+    """Records (n,) of type `RECORD` of a cloud, mm and s."""
+    record = np.zeros(len(cloud), RECORD)
+    for axis, name in enumerate("xyz"):
+        record[name] = cloud.points_in_part[:, axis] * MM
+        record[f"n{name}"] = cloud.normals[:, axis]
+    record["sigma"] = cloud.sigma * MM
+    for name in _SAME_IN_RECORD:
+        record[name] = getattr(cloud, name)
+    return record
+
+
+def require_bounded(cloud: Cloud, path: Path) -> Cloud:
+    """The cloud of a file, whose positions and times are finite and bounded; else raises `MeshError`."""
+    for name, values, largest in (("x, y, z", cloud.points_in_part * MM, _LARGEST_MM), ("time", cloud.time, _LATEST)):
+        wrong = np.flatnonzero(~(np.abs(values.reshape(len(values), -1)) <= largest).all(1))
+        if len(wrong):
+            row = int(wrong[0])
+            expected = f"finite numbers from {-largest:g} to {largest:g}"
+            raise MeshError(file=path, key=f"{name} of point {row + 1}", value=values[row].tolist(), expected=expected)
+    return cloud
+
+
+def cloud_of_record(record: NDArray[Any]) -> Cloud:
+    """Cloud of records (n,), see `record_of`; of type `WITHOUT_SATURATED`, no point is saturated."""
+    names = record.dtype.names or ()
+    return Cloud(
+        points_in_part=np.stack([record[name] for name in "xyz"], -1) / MM,
+        normals=np.stack([record[f"n{name}"] for name in "xyz"], -1).astype(float),
+        sigma=record["sigma"] / MM,
+        intensity=record["intensity"].astype(float),
+        quality=record["quality"].astype(float),
+        camera=record["camera"].astype(np.int32),
+        column=record["column"].astype(np.int32),
+        profile=record["profile"].astype(np.int64),
+        segment=record["segment"].astype(np.int32),
+        time=record["time"].astype(float),
+        saturated=record["saturated"].astype(bool) if "saturated" in names else np.zeros(len(record), bool),
+    )
 
 
 def write_npz(path: Path, cloud: Cloud, comments: Sequence[str]) -> None:

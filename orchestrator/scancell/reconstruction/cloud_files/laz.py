@@ -9,7 +9,7 @@ import numpy as np
 
 from scancell.errors import require
 from scancell.reconstruction.cloud import Cloud
-from scancell.reconstruction.cloud_files.record import RECORD, UNITS, record_of
+from scancell.reconstruction.cloud_files.formats import RECORD, UNITS, record_of
 
 laspy = require("laspy", "formats")
 require("lazrs", "formats")

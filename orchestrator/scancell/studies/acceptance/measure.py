@@ -260,7 +260,9 @@ class Measuring:
             progress.advance(1)
             try:
                 scan = self._scan(mesh, station, trial)
-                evaluation = self._evaluated(scan, group)
+                points = scan.cloud.points_in_part
+                chosen = np.linspace(0, len(points) - 1, min(len(points), self.programme.points)).astype(int)
+                evaluation = evaluate_against_artefact(points[chosen], group, guard=GUARD * self.scale)
             except (PlanningError, EmptyScanError, FitError) as error:
                 what = f"{station.artefact}, {station.position}, {station.mode}: {error}"
                 # Without drawn factors all repeats have the same plan.
@@ -309,11 +311,6 @@ class Measuring:
             return len(self._scan(mesh, station, quiet).cloud)
         except (PlanningError, EmptyScanError):
             return 0
-
-    def _evaluated(self, scan: ScanResult, group: ShapeGroup) -> ArtefactEvaluation:
-        points = scan.cloud.points_in_part
-        chosen = np.linspace(0, len(points) - 1, min(len(points), self.programme.points)).astype(int)
-        return evaluate_against_artefact(points[chosen], group, guard=GUARD * self.scale)
 
 
 def _quiet(inputs: Inputs) -> Inputs:
