@@ -180,9 +180,17 @@ class Task:
     request: Any = None
 
 
+# Preparations in the digests of stored results, which stay valid when a function moves to another module.
+_DIGEST_NAMES = {
+    "open_trials": "scancell.studies.trial.open_trials",
+    "open_batch_worker": "scancell.studies.batch_worker.open_batch_worker",
+}
+
+
 def request_digest(open_worker: OpenWorker, spec: Mapping[str, Any]) -> str:
     """Digest of a worker's preparation from plain data."""
-    return digest_of(f"{open_worker.__module__}.{open_worker.__qualname__}", spec)
+    name = open_worker.__qualname__
+    return digest_of(_DIGEST_NAMES.get(name, f"{open_worker.__module__}.{name}"), spec)
 
 
 @dataclass(frozen=True)
