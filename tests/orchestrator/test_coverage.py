@@ -134,6 +134,8 @@ def test_profile_spacing_is_the_travel_of_the_sheet_over_the_part() -> None:
     assert profile_spacing(points, jumping, np.arange(720) // 2 * 2) > 0.04
     assert profile_spacing(points, sensor, np.arange(720)) == pytest.approx(expected, rel=1e-3)
     assert profile_spacing(points, sensor[:1], segment[:1]) == 1e-3
+    # Repeated exposures at one pose do not move.
+    assert profile_spacing(points, np.repeat(sensor[:1], 4, 0), segment[:4]) == 1e-3
 
 
 def test_one_turn_from_above_leaves_gaps_and_further_turns_add_to_it() -> None:

@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 _TOLERANCE_SPACINGS = 1.5  # of the profiles; dense profiles need half of one
+_SPACING_AT_REST = 1e-3  # m: of a single exposure, and of exposures that are repeated at one pose
 _LARGEST_TOLERANCE = 1.5e-3  # m
 _LEAST_COSINE = 0.5  # between the normals of sample and point
 _MOST_PAIRS = 200  # of successive exposures of which the spacing is the median
@@ -161,7 +162,7 @@ def profile_spacing(points_in_part: Array, part_from_sensor: Array, segment: NDA
     """
     count = len(part_from_sensor) - 1
     if count < 1:
-        return 1e-3
+        return _SPACING_AT_REST
     rows = np.unique(np.linspace(0, count - 1, min(count, _MOST_PAIRS)).round().astype(np.int64))
     points = points_in_part[:: max(1, len(points_in_part) // _HULL_POINTS)]
     # Distance from the sheet X = 0 of the sensor: linear in the point.
@@ -170,7 +171,7 @@ def profile_spacing(points_in_part: Array, part_from_sensor: Array, segment: NDA
     largest = np.abs(points @ step[:, :3].T + step[:, 3]).max(0)
     same = segment[rows] == segment[rows + 1]
     # The median ignores the jumps between the views of stop-and-look programs.
-    return float(np.median(largest[same] if same.any() else largest))
+    return float(np.median(largest[same] if same.any() else largest)) or _SPACING_AT_REST
 
 
 @dataclass(frozen=True)
