@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "sensor_rt/render/integrator/block_grid.h"
+#include "sensor_rt/render/lamps/block_grid.h"
 
 namespace sensor_rt {
 namespace {

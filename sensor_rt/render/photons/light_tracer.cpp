@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "sensor_rt/render/reference/path_random.h"
+#include "sensor_rt/render/paths/path_random.h"
 #include "sensor_rt/tracing/surface_point.h"
 
 namespace sensor_rt {

@@ -1,9 +1,9 @@
-#include "sensor_rt/render/reference/path_tracer.h"
+#include "sensor_rt/render/paths/path_tracer.h"
 
 #include <numeric>
 
-#include "sensor_rt/render/reference/path_random.h"
-#include "sensor_rt/render/reference/subsurface_walks.h"
+#include "sensor_rt/render/paths/path_random.h"
+#include "sensor_rt/render/paths/subsurface_walks.h"
 
 namespace sensor_rt {
 

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "sensor_rt/render/exposure_views.h"
-#include "sensor_rt/render/integrator/pixel_rays.h"
+#include "sensor_rt/render/lamps/pixel_rays.h"
 #include "sensor_rt/render/row_views.h"
 #include "sensor_rt/tracing/lamps.h"
 

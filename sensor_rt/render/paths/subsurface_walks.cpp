@@ -1,4 +1,4 @@
-#include "sensor_rt/render/reference/subsurface_walks.h"
+#include "sensor_rt/render/paths/subsurface_walks.h"
 
 #include <algorithm>
 #include <cmath>

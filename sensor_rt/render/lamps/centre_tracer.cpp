@@ -1,4 +1,4 @@
-#include "sensor_rt/render/integrator/centre_tracer.h"
+#include "sensor_rt/render/lamps/centre_tracer.h"
 
 #include <cmath>
 

@@ -4,7 +4,7 @@
 #include <cstdint>
 
 #include "sensor_rt/render/exposure_views.h"
-#include "sensor_rt/render/reference/path_random.h"
+#include "sensor_rt/render/paths/path_random.h"
 #include "sensor_rt/tracing/surface_point.h"
 
 namespace sensor_rt {

@@ -1,4 +1,4 @@
-#include "sensor_rt/render/integrator/reflected_lamps.h"
+#include "sensor_rt/render/lamps/reflected_lamps.h"
 
 #include <algorithm>
 #include <cmath>

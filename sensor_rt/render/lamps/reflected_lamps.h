@@ -3,9 +3,9 @@
 
 #include <cstdint>
 
-#include "sensor_rt/render/integrator/block_grid.h"
-#include "sensor_rt/render/integrator/centre_tracer.h"
-#include "sensor_rt/render/reference/path_tracer.h"
+#include "sensor_rt/render/lamps/block_grid.h"
+#include "sensor_rt/render/lamps/centre_tracer.h"
+#include "sensor_rt/render/paths/path_tracer.h"
 
 namespace sensor_rt {
 

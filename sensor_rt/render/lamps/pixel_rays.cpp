@@ -1,4 +1,4 @@
-#include "sensor_rt/render/integrator/pixel_rays.h"
+#include "sensor_rt/render/lamps/pixel_rays.h"
 
 #include "sensor_rt/geometry/multiversion.h"
 

@@ -1,10 +1,10 @@
-#include "sensor_rt/render/integrator/lamp_filler.h"
+#include "sensor_rt/render/lamps/lamp_filler.h"
 
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
 
-#include "sensor_rt/render/integrator/block_grid.h"
+#include "sensor_rt/render/lamps/block_grid.h"
 
 namespace sensor_rt {
 namespace {

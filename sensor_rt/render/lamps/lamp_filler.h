@@ -1,8 +1,8 @@
 // Lamp light on entire images.
 #pragma once
 
-#include "sensor_rt/render/integrator/centre_tracer.h"
-#include "sensor_rt/render/integrator/reflected_lamps.h"
+#include "sensor_rt/render/lamps/centre_tracer.h"
+#include "sensor_rt/render/lamps/reflected_lamps.h"
 
 namespace sensor_rt {
 

@@ -5,7 +5,7 @@
 
 #include "sensor_rt/render/emitter/speckle.h"
 #include "sensor_rt/render/exposure_views.h"
-#include "sensor_rt/render/integrator/pixel_rays.h"
+#include "sensor_rt/render/lamps/pixel_rays.h"
 #include "sensor_rt/render/row_views.h"
 #include "sensor_rt/tracing/lamps.h"
 
