@@ -5,8 +5,8 @@
 
 #include "sensor_rt/render/lamps/block_grid.h"
 #include "sensor_rt/render/lamps/lamp_filler.h"
-#include "sensor_rt/render/photons/light_tracer.h"
 #include "sensor_rt/render/paths/path_tracer.h"
+#include "sensor_rt/render/photons/light_tracer.h"
 #include "sensor_rt/render/stripe/stripe_raster.h"
 #include "sensor_rt/scene/bsdf/subsurface.h"
 
