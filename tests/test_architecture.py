@@ -23,6 +23,7 @@ TIERS = [
         "text_table",
         "progress",
         "stopwatch",
+        "arrays",
         "values",
         "geometry",
         "sensor",

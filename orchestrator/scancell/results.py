@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scancell.arguments import Count, checked_arguments, checked_fields
 from scancell.cell.recording import write_recording
@@ -45,8 +44,6 @@ from scancell.visibility.surface_search import (
     measurable_surface,
     unknown_surface,
 )
-
-Array = NDArray[np.float64]
 
 
 @checked_fields

@@ -14,12 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.errors import DescriptionError
 from scancell.files import read_file
-
-Array = NDArray[np.float64]
 
 _MARKS = ((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe", "utf-16-le"), (b"\xfe\xff", "utf-16-be"))
 _COMMENTS = ("#", "//", "%", "!")

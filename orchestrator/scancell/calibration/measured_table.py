@@ -16,6 +16,7 @@ import pyarrow.csv
 import pyarrow.parquet
 from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.cell.recording import read_table
 from scancell.config.table_format import AxisDescription, Column, FormatDescription, head_of
 from scancell.errors import DescriptionError, require
@@ -32,8 +33,6 @@ from scancell.text_table import (
     split_line,
     text_table,
 )
-
-Array = NDArray[np.float64]
 
 _YAML = (".yaml", ".yml")
 _LARGEST = 1e12  # of any unit

@@ -8,15 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.calibration.measured_table import MeasuredTable
 from scancell.errors import CalibrationError, DescriptionError
 from scancell.files import read_file, require_file
 from scancell.geometry.orientation import CONVENTIONS, PoseReading, StatedPoses, better_reading
 from scancell.text_table import decoded, text_table
-
-Array = NDArray[np.float64]
 
 PREFIX = "flange_"
 _MOST_WRONG = 1 / 3  # of the poses: more are no exceptions

@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.geometry.least_squares import NormalEquations, without
-
-Array = NDArray[np.float64]
 
 # Bounds of logarithms of variances: of measurements relative to the stated one, and of modes in their units.
 _BOUNDS_OF_GROUPS = (-12.0, 12.0)

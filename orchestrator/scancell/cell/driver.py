@@ -8,9 +8,10 @@ from enum import IntEnum
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from scancell.arguments import Rigid, Shape, Within
+from scancell.arrays import Array
 from scancell.cell.instance import PATIENCE_US, CellInstance, RecordBatches, RecordCollector
 from scancell.cell.program import BeltRun, Program, Segment, TriggerKind, temporary_program_file
 from scancell.cell.recording import Recording
@@ -23,8 +24,6 @@ from scancell.errors import CellError, CommandError, DescriptionError
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell, flange_from_tool
 from scancell.nominal.parts import pose_matrix
-
-Array = NDArray[np.float64]
 
 # Arguments of commands, SI units and radians.
 Tool = str  # whose pose is commanded: sensor, gripper, or a tool of the description

@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 import scancell.cell
 from scancell.arguments import checked_arguments
+from scancell.arrays import Array
 from scancell.cell.fmu_package.contents import (
     FmiVersion,
     FmuOptions,
@@ -45,8 +46,6 @@ from scancell.nominal.cell import NominalCell, fmu_frame
 from scancell.nominal.parts import housing_mesh, pose_json, pose_matrix, start_width, tool_matrix
 from scancell.proximity.scene import cell_scene
 from scancell.values import Closing
-
-Array = NDArray[np.float64]
 
 # Keys of the cell's description that list sensors; the FMU reads each from a key in the plural.
 SENSOR_KEYS = tuple(

@@ -22,11 +22,10 @@ from fmpy.fmi3 import FMU3Slave
 from numpy.typing import ArrayLike, NDArray
 
 from scancell.arguments import checked_arguments
+from scancell.arrays import Array
 from scancell.cell.recording import INTEGER_COLUMNS, Recording, RecordLayout
 from scancell.errors import CellError, DescriptionError
 from scancell.values import Closing
-
-Array = NDArray[np.float64]
 
 _STATUS_WARNING = 1
 _DOUBLES = POINTER(c_double)

@@ -20,12 +20,11 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from scancell.arguments import checked_arguments
+from scancell.arrays import Array
 from scancell.errors import DescriptionError
 from scancell.files import RECORDING_VERSION, arrow_table, atomic_write, require_file, require_format_version
 from scancell.geometry import pose
 from scancell.values import Value
-
-Array = NDArray[np.float64]
 
 _PARTS_OF_POSE = (("position", 3), ("orientation", 4), ("velocity", 3), ("angular_velocity", 3))
 _TRUTH = "trigger.truth."

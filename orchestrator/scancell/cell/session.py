@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scancell.arguments import Count, Duration, Length, Share, checked_arguments, checked_value
+from scancell.arrays import Array
 from scancell.cell.driver import (
     TRIGGER_MODES,
     BeltSpeed,
@@ -48,8 +49,6 @@ from scancell.cell.recording import Recording
 from scancell.errors import CommandError
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell, flange_from_tool, world_from_frame
-
-Array = NDArray[np.float64]
 
 _AT_START = 1e-6  # rad
 _MOST_STOPPING = 5.0  # s; the slowest axis of any sensible cell brakes faster

@@ -9,9 +9,9 @@ from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, model_validator
 
+from scancell.arrays import Array
 from scancell.config.description import (
     Bandwidth,
     Coordinate,
@@ -22,8 +22,6 @@ from scancell.config.description import (
     si_value,
     to_si,
 )
-
-Array = NDArray[np.float64]
 
 _SMALLEST_IMAGE = 16  # px
 _Pixels = Annotated[int, Field(ge=_SMALLEST_IMAGE, le=16_384)]

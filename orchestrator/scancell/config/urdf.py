@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.config.description import validate
 from scancell.config.robot import MAX_JOINTS, RobotDescription
 from scancell.errors import DescriptionError
@@ -26,8 +27,6 @@ from scancell.geometry import pose
 from scancell.geometry.arm import Chain, dh_from_axes
 from scancell.geometry.mesh import MassProperties
 from scancell.geometry.mesh_files import FORMATS, read_mesh, write_stl
-
-Array = NDArray[np.float64]
 
 _ROUNDED, _EXACT = 1e-5, 1e-12  # rad: rounding of pi to decimal places, and that of computed angles
 _UNIT = 1e-3  # by which the length of a quaternion may differ from 1

@@ -13,14 +13,12 @@ from itertools import permutations, product
 from typing import get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.config.choices import Align
 from scancell.errors import DescriptionError, FitError
 from scancell.geometry import pose
 from scancell.geometry.fits import fit_plane
-
-Array = NDArray[np.float64]
 
 # Signed distances (n,), m, of points (n, 3) from a surface, and its unit normals (n, 3) there.
 Distances = Callable[[Array], tuple[Array, Array]]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.config.choices import Align
 from scancell.errors import FitError
 from scancell.evaluation.alignment import (
@@ -33,8 +34,6 @@ from scancell.evaluation.mesh_evaluation import Evaluation, alignment_json
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, sample_surface
 from scancell.geometry.shapes import PartSurface, ShapeGroup
-
-Array = NDArray[np.float64]
 
 REACH = 2e-3  # m
 GUARD = 1e-3  # m

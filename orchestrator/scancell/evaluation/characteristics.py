@@ -17,6 +17,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.geometry import pose
 from scancell.geometry.fits import (
     ConeFit,
@@ -30,8 +31,6 @@ from scancell.geometry.fits import (
     fit_sphere,
 )
 from scancell.geometry.shapes import Box, Cone, Cylinder, PlacedShape, Plane, Ring, ShapeGroup, Sphere
-
-Array = NDArray[np.float64]
 
 Kind = Literal["plane", "sphere", "cylinder", "cone"]
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from scancell import sensor as sensor_rt
+from scancell.arrays import Array, Flags
 from scancell.config.sensor import SensorDescription
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
@@ -20,9 +21,6 @@ from scancell.planning.views.coverage import GRAZING, OCCLUDED, OUT_OF_RANGE, SE
 from scancell.reconstruction.cloud import Cloud
 from scancell.values import Value
 from scancell.visibility.surface_search import MeasurableSurface
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 _TOLERANCE_SPACINGS = 1.5  # of the profiles; dense profiles need half of one
 _SPACING_AT_REST = 1e-3  # m: of a single exposure, and of exposures that are repeated at one pose

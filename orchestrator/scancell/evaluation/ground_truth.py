@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
+from scancell.arrays import Array
 from scancell.cell.recording import Recording
 from scancell.config.sensor import (
     ExtractionDescription,
@@ -31,7 +32,6 @@ from scancell.reconstruction.cloud import Cloud
 from scancell.scanning.sense import SensedProfiles, expose
 from scancell.scanning.world import build_scene, exposures_from_truth, make_sensor, true_poses
 
-Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _BATCH = 64  # exposures at a time

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
+from scancell.arrays import Array
 from scancell.config.choices import Align
 from scancell.errors import FitError
 from scancell.evaluation.alignment import DatumPlane, best_fit_of_starts, check_request, datum_fit
@@ -21,8 +22,6 @@ from scancell.geometry.mesh import METRES_PER_UNIT, Mesh, Regions, sample_surfac
 from scancell.geometry.shapes import PartSurface, ShapeMesh
 from scancell.output.run_folder import RunFolder, SavedResult
 from scancell.sensor import MeshSurface
-
-Array = NDArray[np.float64]
 
 _DATUM_REACH = 1e-3  # m: points farther from a datum plane do not belong to it
 _DATUM_EDGE = 0.5e-3  # m: points nearer to another region do not, either

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
+from scancell.arrays import Array
 from scancell.config.choices import Engine
 from scancell.config.loading import as_built_sensor
 from scancell.config.material import PRESETS
@@ -22,8 +23,6 @@ from scancell.geometry import pose
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.sense import expose
 from scancell.scanning.world import make_sensor
-
-Array = NDArray[np.float64]
 
 MATT = PRESETS["matt_white"].reflectance
 _SIZE = 6.0  # edge of the target over its distance

@@ -9,8 +9,9 @@ from math import inf
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from scancell.arrays import Array
 from scancell.cell.recording import Recording
 from scancell.config.files import assets_dir
 from scancell.evaluation.deviation import deviation_from_mesh
@@ -22,8 +23,6 @@ from scancell.nominal.parts import pose_matrix
 from scancell.programs.program import ProgramRun
 from scancell.reconstruction.cloud import Cloud
 from scancell.scanning.world import World
-
-Array = NDArray[np.float64]
 
 _MM = 1e3
 _FLANGE = "link6"

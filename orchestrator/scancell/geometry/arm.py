@@ -10,12 +10,11 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scancell.arrays import Array
 from scancell.geometry import numeric_ik, pose, spherical_wrist
 from scancell.geometry.continuation import SixJoints
 from scancell.geometry.tree import Joint as TreeJoint
 from scancell.geometry.tree import Tree
-
-Array = NDArray[np.float64]
 
 _NEARLY_PARALLEL = 0.1  # sine of the angle below which two axes count as nearly parallel
 _NO_LENGTH, _EXACT = 1e-10, 1e-12  # m, rad: what is below is rounding

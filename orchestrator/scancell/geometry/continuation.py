@@ -21,9 +21,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.errors import DescriptionError
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 STARTS = 3  # poses from which paths may begin

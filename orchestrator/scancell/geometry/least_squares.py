@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from scancell.arrays import Array
+
 S = TypeVar("S")
 
 _SETTLED = 1e-10  # predicted decrease of the sum of squares that moves no unknown any more

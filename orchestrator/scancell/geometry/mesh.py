@@ -13,13 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.arguments import Shape, checked_arguments, checked_fields
+from scancell.arrays import Array
 from scancell.errors import MeshError
 from scancell.geometry import orientation, pose
 from scancell.geometry.mesh_files import FORMATS, Vertices, read_mesh, weld, weld_seams
 from scancell.geometry.orientation import Orientation, Winding, connected_components
 from scancell.values import Value
-
-Array = NDArray[np.float64]
 
 _SHARP_DEG = 30.0  # angle between faces from which on their edge separates regions
 _FLAT_COSINE = np.cos(np.radians(0.5))  # of all normals of a plane region with their mean

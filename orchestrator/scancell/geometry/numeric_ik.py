@@ -6,12 +6,10 @@ from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.geometry import continuation, pose
 from scancell.geometry.continuation import SixJoints
-
-Array = NDArray[np.float64]
 
 SAME = 1e-6  # rad: solutions nearer than this count as one
 

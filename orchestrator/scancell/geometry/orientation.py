@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.geometry import pose
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
 
 Faces = NDArray[np.int64]
 Mask = NDArray[np.bool_]

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from scancell.arrays import Array, Indices
+
 Mask = NDArray[np.bool_]
 
 ROUNDING = 1e-6  # of the largest coordinate: a few last digits of single precision

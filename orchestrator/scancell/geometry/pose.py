@@ -33,9 +33,9 @@ Half of the way between two poses:
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from scancell.arrays import Array
 
 _SMALL = 1e-4  # rad: below, the truncated series are exact to machine precision
 

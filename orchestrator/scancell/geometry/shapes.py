@@ -9,11 +9,10 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scancell.arrays import Array
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh, joined
 from scancell.sensor import MeshSurface
-
-Array = NDArray[np.float64]
 
 _BLOCK = 1 << 15  # points worked on at a time, which stay in the cache
 CHORD_ERROR = 10e-6  # m: default distance of a tessellation from its shape

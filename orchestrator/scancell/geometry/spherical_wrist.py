@@ -8,11 +8,9 @@ included. Lengths in metres, angles in radians.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.geometry import pose
-
-Array = NDArray[np.float64]
 
 BRANCH_NAMES = tuple(
     f"{shoulder}-{elbow}-{wrist}"

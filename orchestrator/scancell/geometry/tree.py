@@ -7,11 +7,10 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from scancell.arrays import Array
 from scancell.geometry import pose
-
-Array = NDArray[np.float64]
 
 WORLD = "world"  # the frame that carries the first joints
 

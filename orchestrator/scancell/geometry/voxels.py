@@ -7,10 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scancell.arrays import Array, Flags
 from scancell.geometry.mesh import Mesh
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 MAX_VOXELS = 50_000_000
 

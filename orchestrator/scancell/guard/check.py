@@ -11,16 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
+from scancell.arrays import Array, Flags
 from scancell.guard.parts import STILL, FreePath, JogLimits, NearPairs, Section, ShownPath, Tool, UnseenApproach, almost
 from scancell.guard.stopping import Hypothesis, Path, Predictor, Stop, WorstCase, braking_time, latest_stop
 from scancell.nominal.cell import NominalCell
 from scancell.proximity.motion_check import Budget, MotionBounds, MotionCheck, MotionClash
 from scancell.proximity.scene import ProximityScene
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 _PIECES = 4  # straight in the axes, of a predicted motion
 _PARTS = 64  # of a motion in which the contact is looked for

@@ -15,16 +15,15 @@ from functools import cache
 from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from scancell.arrays import Array
 from scancell.errors import MessageError
 from scancell.geometry import pose
 from scancell.guard.messages import CellState, GuardMessage, Packet, decode
 from scancell.guard.parts import Tool
 from scancell.guard.stopping import Hypothesis, Identification, Kind, MeasuredState, Path
 from scancell.nominal.cell import NominalCell
-
-Array = NDArray[np.float64]
 
 SILENCE = 0.5  # s after which another cell may open a session
 LEAST_PERIOD = 1e-4  # s between the times of two states

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scancell.arguments import Length, Shape, Threads, Within, checked_arguments, checked_fields, checked_value
+from scancell.arrays import Array
 from scancell.cell.driver import Mode, MonitorSpeed, Operation
 from scancell.cell.instance import CellInstance
 from scancell.config.robot import RobotDescription
@@ -32,8 +33,6 @@ from scancell.nominal.cell import NominalCell
 from scancell.progress import Pace
 from scancell.proximity.motion_check import MotionCheck, MotionClash
 from scancell.proximity.scene import cell_scene
-
-Array = NDArray[np.float64]
 
 _POLL_CYCLES = 2  # of the controller; it answers position queries no faster
 _EMERGENCY = 3  # controller.state

@@ -16,12 +16,11 @@ from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from scancell.arrays import Array
 from scancell.cell.driver import Mode, Operation
 from scancell.errors import MessageError
-
-Array = NDArray[np.float64]
 
 MAGIC = b"SCGD"
 VERSION = 2

@@ -11,9 +11,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from scancell.arguments import checked_arguments
+from scancell.arrays import Array, Flags
 from scancell.config.cell import CellDescription
 from scancell.config.description import si_value
 from scancell.config.robot import RobotDescription
@@ -25,9 +26,6 @@ from scancell.nominal.cell import Body, NominalCell
 from scancell.nominal.parts import pose_matrix
 from scancell.proximity.motion_check import Budget, MotionBounds, MotionCheck, MotionClash, arm_motion
 from scancell.proximity.scene import ProximityScene, arm_chain
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 _OPENED = 0.5e-3  # m by which the fingers open to release a part
 _NEAR_GRIP = 0.02  # m: a part farther from the space between the fingers is not what they hold

@@ -14,11 +14,10 @@ from enum import Enum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scancell.arrays import Array
 from scancell.geometry import pose
 from scancell.guard.parts import JogLimits, Tool
 from scancell.nominal.cell import NominalCell
-
-Array = NDArray[np.float64]
 
 _STEPS = 8  # of Newton's method
 _FOUND = 1e-6  # m and rad: poses that are met; one step further the error is that squared

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.arguments import checked_arguments, checked_value
+from scancell.arrays import Array
 from scancell.cell.recording import Recording
 from scancell.config.choices import Engine
 from scancell.config.files import Assignments, assignments
@@ -26,7 +27,6 @@ from scancell.scanning.session import ScanSession, measure_profile
 from scancell.scanning.world import ExposureControl, World
 from scancell.values import Closing
 
-Array = NDArray[np.float64]
 T = TypeVar("T", bound=np.generic)
 
 _PATIENCE = 0.1  # s, period at which a waiting feed checks whether it was closed

@@ -10,9 +10,9 @@ from time import monotonic
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scancell.arguments import Shape, Within, checked_arguments
+from scancell.arrays import Array
 from scancell.errors import CommandError, DescriptionError
 from scancell.live.cell import LiveCell
 from scancell.live.state import process_goes_on, ready_to_move, while_stepping
@@ -22,7 +22,6 @@ from scancell.planning.plan import Plan
 from scancell.progress import CallbackProgress
 from scancell.scanning.session import ScanSession
 
-Array = NDArray[np.float64]
 Index = Annotated[int, Within(0)]
 Axes = Annotated[Array, Shape((None,))]
 Stage = Literal["none", "planning", "evaluating", "ready", "failed"]

@@ -15,6 +15,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.cell.driver import Mode, Operation, refusal
 from scancell.cell.instance import CellInstance
 from scancell.cell.recording import RecordLayout
@@ -24,8 +25,6 @@ from scancell.live.commands import Command, CommandKind
 from scancell.nominal.cell import fmu_frame
 from scancell.progress import CallbackProgress, Progress
 from scancell.scanning.session import SEEN, ScanSession
-
-Array = NDArray[np.float64]
 
 Poses = Mapping[str, Array]
 

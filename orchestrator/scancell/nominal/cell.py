@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scancell.arguments import checked_arguments
+from scancell.arrays import Array
 from scancell.config.cell import CellDescription, PartDescription, TableDescription
 from scancell.config.description import PoseDescription, si_value, to_si
 from scancell.config.devices import ConveyorDescription, FurtherPartDescription, LightDescription
@@ -36,8 +37,6 @@ from scancell.nominal.parts import (
     tool_matrix,
 )
 from scancell.values import Value
-
-Array = NDArray[np.float64]
 
 # Shares of the friction that turning and speeding up may each take at the part's farthest point: together half of it,
 # because the pressure under the part is not even.

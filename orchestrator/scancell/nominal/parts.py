@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.arguments import checked_arguments
+from scancell.arrays import Array
 from scancell.config.artefact import ArtefactDescription
 from scancell.config.cell import FixtureDescription, MaterialRegionDescription, PartDescription, ToolDescription
 from scancell.config.description import PoseDescription, si_value, to_si
@@ -22,8 +23,6 @@ from scancell.files import file_state, require_file
 from scancell.geometry import pose
 from scancell.geometry.mesh import FORMATS, METRES_PER_UNIT, Mesh, box_mesh, joined, load_mesh
 from scancell.geometry.shapes import Box, Cone, Cylinder, PlacedShape, Plane, Ring, Shape, ShapeGroup, ShapeMesh, Sphere
-
-Array = NDArray[np.float64]
 
 PART_FORMATS = (*FORMATS, ".toml")
 

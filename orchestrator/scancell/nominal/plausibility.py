@@ -7,8 +7,8 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.config.cell import TableDescription
 from scancell.config.description import si_value
 from scancell.config.loading import Setup
@@ -26,8 +26,6 @@ from scancell.geometry import pose
 from scancell.geometry.arm import Arm, Joint
 from scancell.geometry.mesh import Mesh, load_mesh
 from scancell.sensor import Camera, Sensor
-
-Array = NDArray[np.float64]
 
 _PLATTER_SHARE = 0.02  # of the radius: by which the platter's mesh may differ from its dimensions
 _GAP_MM = 10.0  # links of real arms meet closer than this at their joints

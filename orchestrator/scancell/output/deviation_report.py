@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.evaluation.deviation import Deviation, DeviationFigures, Outliers, UnseenSurface, find_outliers
 from scancell.geometry.mesh import Mesh
 from scancell.output.sheet import (
@@ -27,8 +28,6 @@ from scancell.output.sheet import (
 )
 from scancell.output.surface_view import SurfaceView, view_axes
 from scancell.output.web_page import packed, packed_mesh, quantised, script_data, table, write_filled
-
-Array = NDArray[np.float64]
 
 _VIEWS = ((-55.0, 35.0), (125.0, 35.0))  # azimuth, elevation in degrees
 _PICTURE_BINS = 161

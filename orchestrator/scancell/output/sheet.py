@@ -14,7 +14,6 @@ from PIL import Image, ImageDraw, ImageFont
 
 from scancell.files import atomic_write
 
-Array = NDArray[np.float64]
 Point = tuple[float, float]
 Pixels = NDArray[np.uint8]
 Tick = tuple[float, str]

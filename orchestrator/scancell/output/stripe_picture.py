@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
+from scancell.arrays import Array
 from scancell.output.sheet import TITLE_SIZE, Pixels, Sheet, resized
-
-Array = NDArray[np.float64]
 
 _FOUND = "#ff5a36"
 _FRAME = "#38c6f4"

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
+from scancell.arrays import Array
 from scancell.geometry.mesh import Mesh, clustered
 from scancell.geometry.mesh_files import weld
 from scancell.output.sheet import Pixels, resized
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _INK = (34, 40, 49)

@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from scancell.arrays import Array
 from scancell.files import atomic_write
 from scancell.geometry.mesh import Mesh, clustered
-
-Array = NDArray[np.float64]
 
 _MANY_FACES = 25_000  # from which on a mesh is shown by a coarser one
 _CELLS = 120  # of that mesh along the largest extent

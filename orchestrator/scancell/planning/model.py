@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scancell import sensor as sensor_rt
+from scancell.arrays import Array
 from scancell.errors import PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, ReducedMesh, reduced
@@ -20,8 +21,6 @@ from scancell.planning.motion.trajectory import Limits
 from scancell.progress import NullProgress, Progress
 from scancell.proximity.motion_check import MotionCheck
 from scancell.proximity.scene import Clash, ProximityScene, arm_chain, cell_scene
-
-Array = NDArray[np.float64]
 
 # Units of work, about seconds of one core of 2020.
 POSE = 5e-6  # inverse kinematics of a pose in closed form

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from scancell.arguments import checked_arguments
+from scancell.arrays import Array
 from scancell.cell.program import BeltRun, Program, Segment, TriggerKind, TriggerRule, program_data
 from scancell.config.description import Description, validate
 from scancell.errors import DescriptionError
@@ -21,8 +22,6 @@ from scancell.files import PLAN_VERSION, atomic_write, read_json, require_format
 from scancell.planning.path_map.path_planner import PlacedPath
 from scancell.planning.views.coverage import CoverageReport
 from scancell.values import Value
-
-Array = NDArray[np.float64]
 
 _LARGEST = 1e6  # rad, s, m or m/s; that of angles is also the FMU's
 _Value = Annotated[float, Field(ge=-_LARGEST, le=_LARGEST, allow_inf_nan=False)]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scancell.arrays import Flags
 from scancell.config.description import si_value
 from scancell.config.scan import BeltDescription, ScanDescription
 from scancell.errors import PlanningError
@@ -23,9 +23,6 @@ from scancell.planning.views.belt import belt_run, range_warnings, spacing_and_c
 from scancell.planning.views.coverage import CHOICE_SHARE, CoveragePlanner, Sight
 from scancell.planning.views.placement import Infeasible, Placed, PlacedSweep, Placer
 from scancell.planning.views.views import Surface, Sweep, exposure_counts, sample_part, seen_by
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 # Replacements of an infeasible sweep: changes of elevation (rad) and of distance (m).
 _ALTERNATIVES = ((0.0, 0.015), (0.0, 0.03), *((np.radians(k), 0.0) for k in (15, 30, 45)))

@@ -7,8 +7,8 @@ from itertools import combinations, product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scancell.arrays import Flags
 from scancell.config.cell import CellDescription, PartDescription
 from scancell.config.devices import FurtherPartDescription
 from scancell.config.scan import CoverageDescription
@@ -25,8 +25,6 @@ from scancell.planning.views.views import sample_part
 from scancell.progress import Progress
 from scancell.values import Result, Value
 from scancell.visibility.surface_search import MeasurableSurface, measurable_surface
-
-Flags = NDArray[np.bool_]
 
 _SAMPLES = 2500
 _MOST_RESTS = 10  # resting poses that are examined, the hardest to tip over first

@@ -19,6 +19,7 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arrays import Array, Flags, Indices
 from scancell.config.description import si_value
 from scancell.config.material import Material
 from scancell.config.scan import OccupiedDescription
@@ -31,10 +32,6 @@ from scancell.nominal.cell import OCCUPIED, Body, NominalCell
 from scancell.planning.model import SensorRange
 from scancell.reconstruction.cloud_files.read import read_cloud_file
 from scancell.sensor import closest_points
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Indices = NDArray[np.int64]
 
 _KIND = "scancell voxels 1"
 _FRAMES = ("world", "table", "fixed")

@@ -24,17 +24,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from scancell.arguments import Length, Share, checked_arguments
+from scancell.arrays import Array
 from scancell.cell.driver import Tool, WorldFromTool
 from scancell.config.choices import Engine
 from scancell.geometry import pose
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import write_cloud
 from scancell.scanning.session import Profile, ScanSession
-
-Array = NDArray[np.float64]
 
 mm = 1e-3
 deg = float(np.pi / 180)

@@ -13,18 +13,14 @@ from pathlib import Path
 from threading import RLock
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from scancell.arguments import Within
+from scancell.arrays import Array
 from scancell.cell.driver import Tool
 from scancell.config.devices import NAME_PATTERN
 from scancell.errors import DescriptionError, OutputError, ScancellError
 from scancell.files import atomic_write, first_free, read_text
 from scancell.geometry import pose
 from scancell.programs.robot import deg, mm
-
-Array = NDArray[np.float64]
 
 CommandName = Literal["move_joints", "move_line", "scan_line", "turn_table", "open_gripper", "close_gripper", "wait"]
 

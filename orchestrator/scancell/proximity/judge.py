@@ -14,13 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scancell.arrays import Array
 from scancell.errors import CellError
 from scancell.geometry.mesh import Mesh, clustered, sample_surface
 from scancell.nominal.cell import NominalCell
 from scancell.proximity.scene import Clash
 from scancell.sensor import closest_points
-
-Array = NDArray[np.float64]
 
 _STILL = 1e-9  # m and rad: pairs that moved less since they were last checked are not checked again
 _TOUCHING = 1e-6  # m: bodies that are closer at the start touch each other

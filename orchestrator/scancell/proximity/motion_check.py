@@ -13,16 +13,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from scancell.arrays import Array, Flags
 from scancell.geometry import pose
 from scancell.geometry.tree import WORLD, Tree
 from scancell.nominal.cell import Body, NominalCell
 from scancell.proximity._native import CellMotion, MotionProof
 from scancell.proximity.scene import Clash, ProximityScene
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 _KINDS = {"fixed": 0, "revolute": 1, "prismatic": 2}
 _WORLD = -1  # as the parent of a joint, or the frame of a body

@@ -9,11 +9,10 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scancell.arrays import Array
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import OCCUPIED, Body, NominalCell
 from scancell.proximity._native import PairDistances
-
-Array = NDArray[np.float64]
 
 _ON_ARM = ("link", "sensor", "finger")
 _CONTACT = 1e-9  # m: bodies closer than this intersect

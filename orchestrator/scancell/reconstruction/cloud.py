@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.arguments import Shape, checked_arguments, checked_fields
+from scancell.arrays import Array
 from scancell.config.choices import Reconstruction
 from scancell.errors import DescriptionError, FitError, MeshError, require
 from scancell.files import atomic_write
 from scancell.geometry.mesh import FORMATS, Mesh
 from scancell.values import Value
-
-Array = NDArray[np.float64]
 
 _VECTORS = Shape((None, 3), finite=False)
 _NUMBERS, _INTEGERS, _BOOLEANS = Shape((None,), finite=False), Shape((None,), int), Shape((None,), bool)

@@ -16,13 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
+from scancell.arrays import Array, Flags
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import NominalCell
 from scancell.sensor import closest_points
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 TOLERANCE = 1e-3  # m: more than as-built errors move points, less than parts stand apart
 _CONTACT = 1.5  # tolerances between surfaces of neighbour and part up to which points count as the part's

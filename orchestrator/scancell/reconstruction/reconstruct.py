@@ -14,13 +14,12 @@ from typing import Any, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.geometry import pose
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.foreign import TOLERANCE, Footprint, Neighbours, foreign_points
 from scancell.sensor import PEAK_FLAGS, estimate_normals
 from scancell.values import Value
-
-Array = NDArray[np.float64]
 
 _NODES = 17  # poses per frame between which points of a rolling shutter are interpolated
 _BLOCK = 1 << 14  # points that are transformed at a time

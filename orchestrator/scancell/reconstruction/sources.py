@@ -6,14 +6,12 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.errors import DescriptionError
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import read_cloud
 from scancell.reconstruction.cloud_files.read import CloudFile, read_cloud_file
-
-Array = NDArray[np.float64]
 
 
 class HasCloud(Protocol):

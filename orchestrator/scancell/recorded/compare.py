@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from scancell.arguments import Seed, Threads, checked_arguments
+from scancell.arrays import Array
 from scancell.calibration.cell.kinematics import AxisReadings
 from scancell.calibration.cell.scan import readings_of
 from scancell.cell.recording import integers, numbers, read_any_recording, read_table, refuse_value
@@ -32,8 +33,6 @@ from scancell.recorded.measurements import Measurements, read_table_of
 from scancell.recorded.reconstruct import MeasuredCell, ReconstructedData, reconstruct_measurements
 from scancell.scanning.sense import expose
 from scancell.scanning.world import build_scene, make_sensor, still_exposures, visible_bodies
-
-Array = NDArray[np.float64]
 
 _BATCH = 16  # exposures at a time
 

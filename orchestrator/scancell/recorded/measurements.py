@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.calibration.board.views import pose_table
 from scancell.calibration.cell.kinematics import AxisReadings
 from scancell.calibration.cell.points import read_axes, read_points
@@ -28,8 +29,6 @@ from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.sense import row_time_offset
 from scancell.scanning.world import make_sensor
 from scancell.values import Value
-
-Array = NDArray[np.float64]
 
 _MOST_RAD = 2.0 * np.pi + 1e-6  # of an angle; degrees exceed it
 _MOST_NUMBER = 2**31 - 1

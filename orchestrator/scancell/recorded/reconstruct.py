@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.calibration.cell.kinematics import LATENCY, AxisReadings
 from scancell.calibration.cell.problem import Artefact, CalibrationProblem, Observations, surface_of
 from scancell.calibration.cell.report import start_of
@@ -35,8 +36,6 @@ from scancell.reconstruction.reconstruct import (
 from scancell.recorded.measurements import Measurements
 from scancell.recorded.uncertainty import ValueCovariance, by_poses, by_sensor, propagated
 from scancell.scanning.pipeline import envelope_of
-
-Array = NDArray[np.float64]
 
 AGREED = 2e-3  # m: median distance of points from the part up to which readings are taken to be right
 _WRONG = 3e-3  # m: and ten times the median, from which an exposure disagrees with the others

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scancell.arguments import LatencyMs, QuarterTurns, Threads, checked_arguments
+from scancell.arrays import Array
 from scancell.calibration.board.views import TABLES
 from scancell.cell.recording import Recording, RecordLayout, write_recording
 from scancell.config.cell import CellDescription
@@ -52,8 +52,6 @@ from scancell.recorded.reconstruct import (
 from scancell.recorded.uncertainty import ValueCovariance, read_calibration, with_sensor_at
 from scancell.values import Result
 from scancell.visibility.surface_search import unknown_surface
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
+from scancell.arrays import Array
 from scancell.calibration.sensor.problem import RADIUS_OFFSET, SensorParameters
 from scancell.config.cell import CellDescription, EstimatedDescription, EstimatedToolDescription
 from scancell.config.robot import MAX_JOINTS
@@ -23,8 +24,6 @@ from scancell.config.sensor import SensorDescription
 from scancell.errors import DescriptionError
 from scancell.files import read_json
 from scancell.geometry import pose
-
-Array = NDArray[np.float64]
 
 _STEP = 1e-5  # m, rad, s: half the interval of difference quotients by deviations of the cell
 _SENSOR_STEP = 1e-3  # of a parameter's tolerance: the same by keys of the sensor

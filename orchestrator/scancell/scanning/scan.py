@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scancell.arguments import checked_arguments
+from scancell.arrays import Array
 from scancell.cell.recording import Recording
 from scancell.config.choices import CloudFrame, Engine
 from scancell.config.loading import Setup
@@ -28,8 +28,6 @@ from scancell.scanning.pipeline import PreScanHook, ScanPipeline, envelope_of, m
 from scancell.scanning.sense import ExposureImages, OnImages, SensedProfiles, sample_rows
 from scancell.scanning.world import ExposureControl, World
 from scancell.values import Value
-
-Array = NDArray[np.float64]
 
 SAMPLE_IMAGES = 4
 

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from scancell.arguments import checked_arguments
+from scancell.arrays import Array
 from scancell.cell.driver import Operation
 from scancell.cell.instance import CellInstance, RecordBatches
 from scancell.cell.recording import Recording
@@ -39,8 +40,6 @@ from scancell.scanning.pipeline import ScanPipeline, measured_motion
 from scancell.scanning.sense import ExposureImages, SensedProfiles
 from scancell.scanning.world import ExposureControl, World
 from scancell.values import Value
-
-Array = NDArray[np.float64]
 
 _ANSWER_TIME = 0.003  # s of simulated time that the guard needs for an answer
 _BATCH = 16  # profiles of a line that are sensed together

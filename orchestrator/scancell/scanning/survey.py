@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.arguments import checked_arguments, checked_fields
+from scancell.arrays import Array
 from scancell.config.description import si_value
 from scancell.errors import DescriptionError, PlanningError
 from scancell.geometry import pose
@@ -30,8 +31,6 @@ from scancell.progress import Progress
 from scancell.scanning.pipeline import ScanPipeline
 from scancell.scanning.world import World
 from scancell.values import Result
-
-Array = NDArray[np.float64]
 
 _CHOICES = 2  # of arm branches and orientations that are tried for a pose: the nearest ones
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
+from scancell.arrays import Array
 from scancell.cell.fmu_file import cell_json
 from scancell.cell.recording import ExposureTruth, Recording
 from scancell.config.choices import Engine
@@ -27,8 +28,6 @@ from scancell.nominal.cell import Body, Lamp, NominalCell, as_estimated, fmu_fra
 from scancell.nominal.parts import Patch
 from scancell.progress import Progress
 from scancell.scanning.sense import OnImages, SensedProfiles, expose
-
-Array = NDArray[np.float64]
 
 # The housing of the sensor blocks neither its light nor its view.
 _INVISIBLE = frozenset({"sensor"})

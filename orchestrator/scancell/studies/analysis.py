@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.config.study import StudyDescription
 from scancell.errors import require
 from scancell.studies.budget import Fit, ShapleyForms, Terms, shares_of, undetected_factors, variance_budget
 from scancell.studies.factors import Population, design, hashed, middles, morris_problem, population_of
-
-Array = NDArray[np.float64]
 
 _RESAMPLES = 500
 

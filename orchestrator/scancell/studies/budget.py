@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import fdtrc
 
-Array = NDArray[np.float64]
+from scancell.arrays import Array
 
 MAX_EXACT_FACTORS = 10
 _PERMUTATIONS = 256  # each is used forwards and backwards

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import block_diag
 from scipy.special import ndtr, ndtri
 
+from scancell.arrays import Array
 from scancell.cell.fmu_file import parse_as_built
 from scancell.config.cell import CellDescription
 from scancell.config.description import Description, validate
@@ -38,8 +39,6 @@ from scancell.config.study import (
     VaryingScansDescription,
 )
 from scancell.errors import DescriptionError, require
-
-Array = NDArray[np.float64]
 
 _DRAWS = 1
 _TRIALS = 2

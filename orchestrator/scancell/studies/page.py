@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.errors import require
 from scancell.output.sheet import COLOURS, EDGE, INK
 from scancell.output.web_page import STYLE, format_figure, table
@@ -19,8 +19,6 @@ require("matplotlib", "studies")
 from matplotlib import style  # noqa: E402
 from matplotlib.axes import Axes  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
-
-Array = NDArray[np.float64]
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _MAX_LISTED = 50

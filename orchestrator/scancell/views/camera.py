@@ -9,12 +9,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scancell.arrays import Array
 from scancell.config.sensor import SensorDescription
 from scancell.geometry import pose
 from scancell.nominal.cell import Body
 from scancell.views.recorded_run import RecordedRun
-
-Array = NDArray[np.float64]
 
 _FIELD_DEG = 34.0  # of view along the longer side of the picture: that of a 60 mm lens, which distorts little
 _RIM = 0.05  # of the picture's width and height that framing leaves free on every side

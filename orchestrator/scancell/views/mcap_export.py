@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from scancell.arguments import checked_arguments
+from scancell.arrays import Array
 from scancell.errors import OutputError, require
 from scancell.evaluation.deviation import deviation_from_mesh
 from scancell.files import atomic_write
@@ -28,8 +29,6 @@ from scancell.progress import NullProgress, Progress
 from scancell.values import Closing
 from scancell.views.pictures import painted
 from scancell.views.recorded_run import RecordedRun
-
-Array = NDArray[np.float64]
 
 _FLOAT32 = 7  # foxglove.PackedElementField.FLOAT32
 

@@ -7,14 +7,13 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.cell.program import Program
 from scancell.cell.recording import Recording, RecordLayout
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell, fmu_frame
 from scancell.planning.plan import Plan
-
-Array = NDArray[np.float64]
 
 _CLOSE = 0.1  # s between exposures up to which the motion between them is interpolated
 _LIT = 0.05  # s around an exposure in which the laser counts as on

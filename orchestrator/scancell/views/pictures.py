@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scancell.arguments import Threads, Within, checked_arguments
+from scancell.arrays import Image
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.nominal.cell import Body
@@ -27,9 +27,6 @@ from scancell.views.renderer import ColourBy, ColouredCloud, PaintedBody, Render
 from scancell.views.shading import displayed
 from scancell.views.video import video_writer
 
-Array = NDArray[np.float64]
-
-Image = NDArray[np.uint8]
 Pixels = Annotated[int, Within(64, 7680)]
 
 _SECONDS = 10.0  # of an animation, unless its length or speed is given

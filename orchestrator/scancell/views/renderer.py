@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
+from scancell.arrays import Array
 from scancell.evaluation.deviation import deviation_from_mesh
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
@@ -19,8 +20,6 @@ from scancell.reconstruction.cloud import Cloud
 from scancell.views import shading
 from scancell.views.camera import LaserSheet, PinholeCamera
 from scancell.views.shading import SUN
-
-Array = NDArray[np.float64]
 
 Index = NDArray[np.int64]
 

@@ -6,10 +6,8 @@ Colours are linear light, 0 to 1; `displayed` turns them into pixels.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
+from scancell.arrays import Array, Image
 
 SUN = np.array([-0.30, -0.52, 0.80]) / np.linalg.norm([-0.30, -0.52, 0.80])  # towards it, in the world
 GRID = 0.1  # m between the lines on the floor

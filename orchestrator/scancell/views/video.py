@@ -9,13 +9,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image as Picture
 
+from scancell.arrays import Image
 from scancell.errors import DescriptionError, OutputError
 from scancell.files import atomic_write
-
-Image = NDArray[np.uint8]
 
 _CODEC = "VP90"
 _QUALITY = 65  # of WebP, 0 to 100

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
+from scancell.arrays import Array, Flags, Indices
 from scancell.config.sensor import SensorDescription, sensor_json
 from scancell.errors import OutputError
 from scancell.files import atomic_write
@@ -24,10 +25,6 @@ from scancell.geometry.mesh import Mesh, joined, sample_surface
 from scancell.nominal.cell import Body, NominalCell
 from scancell.progress import NullProgress, Progress
 from scancell.values import Value
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Indices = NDArray[np.int64]
 
 POSITION_STEP = 5e-3
 """Distance between neighbouring points of a field, m."""

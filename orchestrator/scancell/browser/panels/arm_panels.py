@@ -7,8 +7,8 @@ from html import escape
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.browser.panels.handles import ALARM, CALM, Debounce
 from scancell.browser.panels.operator_commands import OperatorCommands, can_jog, can_move
 from scancell.cell.driver import JogFrame
@@ -17,8 +17,6 @@ from scancell.geometry import pose
 from scancell.live.commands import JogJoints, JogSensor, MoveJoints, MoveLine
 from scancell.live.state import LiveState
 from scancell.nominal.cell import frame_names, tool_names, world_from_frame
-
-Array = NDArray[np.float64]
 
 _TABLE_DEG = 360.0  # range of the slider; the table has no limits: beyond it, whole turns are left out
 

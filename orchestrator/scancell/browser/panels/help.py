@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.browser.panels.handles import CALM, Follower, set_changed, small_html
 from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.browser.panels.scans import Scans
@@ -22,8 +22,6 @@ from scancell.live.camera import CameraFeed, CameraFrame
 from scancell.live.state import LiveState
 from scancell.programs.live_program import LiveProgram
 from scancell.programs.taught import TaughtFile
-
-Array = NDArray[np.float64]
 
 TABS = {
     "Exercise": "Items tick themselves off. They refer to the last program that was run; contacts are counted from the "

@@ -9,9 +9,9 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
+from scancell.arrays import Array
 from scancell.browser.panels.handles import SHOWN, report_errors, set_changed, show_message
 from scancell.browser.server.gate import Operators
 from scancell.cell.driver import Operation, Tool
@@ -24,7 +24,6 @@ from scancell.scanning.session import ScanSession
 if TYPE_CHECKING:
     import viser
 
-Array = NDArray[np.float64]
 
 OTHER_OPERATOR = "another browser controls the cell: take control first"
 

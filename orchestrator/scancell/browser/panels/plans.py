@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from scancell.arrays import Array
 from scancell.browser.panels.handles import ALARM, CALM, DIMMED, MARKED, Follower, set_changed
 from scancell.browser.panels.operator_commands import OperatorCommands, can_end, can_move
 from scancell.browser.scene.scene import CellScene
@@ -27,8 +28,6 @@ from scancell.output.map_picture import map_legend, map_pixels, motion_lines
 from scancell.planning.path_map.configuration_map import ConfigurationMap
 from scancell.planning.plan import Plan
 from scancell.views.motion import ProgramMotion
-
-Array = NDArray[np.float64]
 
 ALONG, ANGLE = "along the path, %", "table angle, deg"  # inputs that a click on the map sets
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.config.material import Material
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, decimated
@@ -21,7 +22,6 @@ from scancell.views.pictures import painted
 if TYPE_CHECKING:
     import viser
 
-Array = NDArray[np.float64]
 
 Vertices = NDArray[np.float32]
 Faces = NDArray[np.uint32]

@@ -6,14 +6,13 @@ from collections import deque
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from scancell.arrays import Array, Image
 
 if TYPE_CHECKING:
     import viser
 
-Array = NDArray[np.float64]
-
-Image = NDArray[np.uint8]
 
 MOST_POINTS = 5_000_000
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.config.cell import CellDescription
 from scancell.config.description import si_value
 from scancell.config.devices import (
@@ -23,7 +24,6 @@ from scancell.nominal.parts import pose_matrix
 if TYPE_CHECKING:
     import viser
 
-Array = NDArray[np.float64]
 
 FREE, DETECTED = (90, 140, 190), (30, 190, 80)  # of presence sensors
 _RAY, _DISCARDED, _BEAM = (235, 60, 50), (150, 150, 150), (230, 60, 60)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arrays import Array, Image
 from scancell.browser.scene.bodies import FORBIDDEN, PREVIEW, BodyNodes, Ghost, PairView, drawn_mesh
 from scancell.browser.scene.cloud import GrowingCloud, Trace
 from scancell.browser.scene.devices import BeltMarks, DeviceView, SensorView
@@ -30,7 +31,6 @@ from scancell.views.shading import SUN
 if TYPE_CHECKING:
     import viser
 
-Array = NDArray[np.float64]
 
 ViewName = Literal["cell", "part", "sensor"]
 VIEW_NAMES: tuple[ViewName, ...] = get_args(ViewName)
@@ -40,7 +40,6 @@ _CARRIED_BY = {"part": ("table", "part"), "sensor": ("sensor", "part")}  # frame
 _HEIGHT_PX = 800
 _SAMPLES = 200  # vertices of a body
 
-Image = NDArray[np.uint8]
 
 _JOGS = (Mode.JOINT_JOG, Mode.CARTESIAN_JOG)
 _ASPECT = 0.78  # of the first picture: what panels leave of a window of 1280 x 720 px

@@ -14,13 +14,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.config.sensor import SensorDescription
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
-
-Array = NDArray[np.float64]
 
 INTRINSICS = ("focal_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2")
 _WRITTEN = ("x_mm", "y_mm", "z_mm", "rotvec_1_deg", "rotvec_2_deg", "rotvec_3_deg")

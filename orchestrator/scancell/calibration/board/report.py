@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.arguments import Threads, checked_arguments
+from scancell.arrays import Array
 from scancell.calibration.board.problem import COUNT, VALUES, DescribedSensor, describe
 from scancell.calibration.board.solve import (
     LEAST_VIEWS,
@@ -33,8 +34,6 @@ from scancell.errors import CalibrationError
 from scancell.geometry import pose
 from scancell.output.run_folder import RunFolder
 from scancell.progress import Progress, ProgressCallback, as_progress
-
-Array = NDArray[np.float64]
 
 _STEP = 1e-4
 

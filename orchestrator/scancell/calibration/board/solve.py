@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.calibration.board.problem import COUNT, ERRORS, NAMES, BoardProblem, BoardView, Rig, met
 from scancell.calibration.variance_components import (
     Estimate,
@@ -22,8 +22,6 @@ from scancell.calibration.variance_components import (
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
 from scancell.geometry.least_squares import NormalEquations, minimise, undetermined
-
-Array = NDArray[np.float64]
 
 LEAST_VIEWS = 4
 _OUTLIER = 4.0  # standard deviations, of stripe points

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
+from scancell.arrays import Array
 from scancell.calibration.board.problem import BoardView
 from scancell.calibration.measured_table import MeasuredTable
 from scancell.calibration.pose_files import read_flange
@@ -22,7 +23,6 @@ from scancell.output.image_files import SUFFIXES
 from scancell.progress import Progress
 from scancell.scanning.world import make_sensor
 
-Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
 TABLES = ("poses.csv", "poses.parquet", "poses.yaml", "poses.yml")

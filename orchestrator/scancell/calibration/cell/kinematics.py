@@ -16,11 +16,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.cell.recording import later
 from scancell.geometry.arm import Chain
 from scancell.geometry.tree import Joint, Tree, z_along
-
-Array = NDArray[np.float64]
 
 TOOL = tuple(f"tool.{name}" for name in ("x", "y", "z", "rx", "ry", "rz"))
 TABLE = tuple(f"table.{name}" for name in ("x", "y", "rx", "ry"))

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.calibration.cell.kinematics import AxisReadings, written_unit
 from scancell.calibration.cell.problem import (
     REACH,
@@ -35,8 +36,6 @@ from scancell.geometry.mesh import Mesh
 from scancell.geometry.orientation import StatedPoses
 from scancell.geometry.shapes import ShapeMesh, Sphere
 from scancell.nominal.cell import NominalCell
-
-Array = NDArray[np.float64]
 
 _DEFAULT_SIGMA_UM = 10.0
 _SAME = 1e-9  # deg: readings of one exposure must agree

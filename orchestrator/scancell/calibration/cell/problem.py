@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
+from scancell.arrays import Array
 from scancell.calibration.cell.kinematics import LATENCY, UNIT, AxisReadings, CellKinematics, SensorPoses, written_unit
 from scancell.calibration.variance_components import (
     LeftOut,
@@ -19,7 +20,6 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import ShapeGroup, ShapeMesh
 
-Array = NDArray[np.float64]
 RobotNoise = Literal["none", "joints", "flange"]
 
 MOST_OBLIQUE = 0.15  # smallest cosine between the normal of a surface and the direction of a point's error

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.arguments import Seed, checked_fields
+from scancell.arrays import Array
 from scancell.calibration.cell.kinematics import (
     LATENCY,
     PLATTER,
@@ -67,8 +68,6 @@ from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.pipeline import ScanPipeline
 from scancell.scanning.scan import Scan
 from scancell.scanning.world import World
-
-Array = NDArray[np.float64]
 
 _TILT = np.radians(50.0)  # largest angle between the sensor's z and the normal of the surface that it looks at
 _RANGE_MARGIN = 0.15  # share of the measuring range that is left free at both ends

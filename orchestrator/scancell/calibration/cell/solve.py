@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.calibration.cell.kinematics import LATENCY, TOOL, UNIT, AxisReadings, CellKinematics, SensorPoses
 from scancell.calibration.cell.problem import (
     MOST_OBLIQUE,
@@ -35,8 +36,6 @@ from scancell.errors import CalibrationError
 from scancell.geometry import pose
 from scancell.geometry.fits.starts import algebraic_sphere
 from scancell.geometry.least_squares import NormalEquations, minimise, undetermined, without
-
-Array = NDArray[np.float64]
 
 _TRIALS = 200  # circles through three points of a profile
 _LEAST_CIRCLE_POINTS = 20  # on a circle

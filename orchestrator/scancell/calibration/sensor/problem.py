@@ -12,14 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
+from scancell.arrays import Array
 from scancell.config.files import plain_data, split_path
 from scancell.config.sensor import SensorDescription, sensor_json
 from scancell.errors import CalibrationError, DescriptionError
 from scancell.geometry import pose
 from scancell.geometry.least_squares import NormalEquations
 from scancell.geometry.shapes import Plane, ShapeGroup, Sphere
-
-Array = NDArray[np.float64]
 
 PEAK_SPACING = 8
 """Columns between stripe peaks: nearer ones share errors, add no accuracy, and would understate the covariance."""

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
+from scancell.arrays import Array
 from scancell.calibration.sensor import targets as sensor_targets
 from scancell.calibration.sensor.problem import Corners, SensorProblem, StripePeaks, TargetExposure, free_parameters
 from scancell.calibration.sensor.solve import SensorCalibration, solve
@@ -23,8 +23,6 @@ from scancell.geometry.shapes import ShapeGroup
 from scancell.nominal.cell import Body, Lamp
 from scancell.progress import NullProgress, Progress
 from scancell.scanning.world import build_scene, make_sensor
-
-Array = NDArray[np.float64]
 
 _BATCH = 8  # exposures in memory at a time
 _LAMP = Lamp("lamp", "world", "disc", pose.translation((0.0, 0.0, -0.05)), (0.08, 0.08), 1.0, 1.0, None)

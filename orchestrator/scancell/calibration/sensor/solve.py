@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.calibration.sensor.problem import (
     RADIUS_OFFSET,
     Block,
@@ -26,8 +27,6 @@ from scancell.config.sensor import SensorDescription
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
 from scancell.geometry.least_squares import NormalEquations, minimise, undetermined, without
-
-Array = NDArray[np.float64]
 
 # Measurements that determine a direction no better than the tolerances of the data sheet do not determine it.
 _LIMIT = 1.0

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.calibration.measured_table import MeasuredTable, write_measured_table
 from scancell.calibration.sensor.problem import PEAK_SPACING, Corners, SensorParameters, StripePeaks, TargetExposure
 from scancell.config.choices import SensorTarget
@@ -32,8 +33,6 @@ from scancell.geometry.shapes import PlacedShape, Plane, ShapeGroup, Sphere
 from scancell.nominal.cell import Body
 from scancell.nominal.parts import Patch, load_artefact
 from scancell.sensor import PEAK_FLAGS, PEAK_REJECTED
-
-Array = NDArray[np.float64]
 
 _BITS_OF_SQUARE = 8  # 6 of a marker with its border, and the margin around it
 _BITS_OF_MARKER = 6

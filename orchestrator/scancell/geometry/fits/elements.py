@@ -16,11 +16,9 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Self, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.geometry.least_squares import LinearResiduals, minimise
-
-Array = NDArray[np.float64]
 
 _TINY = 1e-300  # keeps quotients finite at points on the axis
 

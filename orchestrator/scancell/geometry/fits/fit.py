@@ -14,9 +14,10 @@ from typing import Literal, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from scancell.arrays import Array
 from scancell.errors import FitError
 from scancell.geometry.fits import starts
-from scancell.geometry.fits.elements import Array, Circle, CircleInPlane, Element, least_squares, minimum_zone
+from scancell.geometry.fits.elements import Circle, CircleInPlane, Element, least_squares, minimum_zone
 
 Criterion = Literal["least squares", "minimum zone"]
 E = TypeVar("E", bound=Element)

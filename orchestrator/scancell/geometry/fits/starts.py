@@ -6,8 +6,8 @@ from typing import TypeVar
 
 import numpy as np
 
+from scancell.arrays import Array
 from scancell.geometry.fits.elements import (
-    Array,
     Circle,
     Cone,
     Cylinder,

@@ -7,6 +7,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.cell.program import BeltRun, Program, Segment, TriggerRule
 from scancell.config.description import si_value
 from scancell.errors import PlanningError
@@ -21,8 +22,6 @@ from scancell.planning.plan import Plan
 from scancell.planning.views.placement import Placed, PlacedPass, PlacedPose, PlacedSweep, sweep_run
 from scancell.proximity.judge import Judge
 from scancell.proximity.scene import arm_chain
-
-Array = NDArray[np.float64]
 
 Parts = tuple[Program, NDArray[np.int64], Array]
 

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from itertools import pairwise, product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.errors import PlanningError
 from scancell.geometry import pose
 from scancell.planning.model import PlanningCell, describe
@@ -16,8 +16,6 @@ from scancell.planning.motion.timing import weak_motor
 from scancell.planning.views.placement import LIMIT_FRACTION
 from scancell.proximity.motion_check import MotionCheck
 from scancell.proximity.scene import Clash
-
-Array = NDArray[np.float64]
 
 _PIECE = 0.25  # rad: edges are proved and kept in pieces that move no axis by more
 _FARTHEST = 6  # pieces by which a tree grows towards a random configuration

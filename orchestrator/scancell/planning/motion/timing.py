@@ -11,12 +11,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.planning.model import PlanningCell
 from scancell.planning.motion import trajectory
-
-Array = NDArray[np.float64]
 
 FINER = 10  # points of the grid on which limits are checked in a cycle of the controller
 _MARGIN = 5e-3  # relative: at another phase of the grid, peaks of jerk measure up to 1 % more

@@ -5,15 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.cell.fmu_file import dynamics_json
 from scancell.config.cell import CellDescription
 from scancell.errors import CellError
 from scancell.geometry import pose
 from scancell.nominal.cell import arm_of
-
-Array = NDArray[np.float64]
 
 _SHARE = 0.8  # of the torque that gravity and friction leave: gears are elastic and oscillate
 

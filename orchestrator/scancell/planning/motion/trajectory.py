@@ -6,11 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import ruckig
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from scancell.arrays import Array
 from scancell.errors import PlanningError
-
-Array = NDArray[np.float64]
 
 # Largest acceleration and jerk of a speed that rises as 3 s² - 2 s³ over unit time to unit speed.
 _RAMP_ACCELERATION = 1.5

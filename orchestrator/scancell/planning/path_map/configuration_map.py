@@ -11,16 +11,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from scancell.arrays import Array, Flags, Indices
 from scancell.geometry import pose
 from scancell.planning.model import CELL, QUERY, PlanningCell, out_of_reach
 from scancell.planning.path_map import constraints
 from scancell.proximity.scene import Clash, ProximityScene
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 _BLOCK = 4096  # cells between two looks at the work
 ROTATION_LENGTH = 0.3  # m: weighs rotations against translations in singularity distances

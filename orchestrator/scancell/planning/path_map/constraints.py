@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from scancell.arrays import Array
 from scancell.geometry.arm import Arm
-
-Array = NDArray[np.float64]
 
 
 def joint_range(q: ArrayLike, lower: ArrayLike, upper: ArrayLike, gamma: ArrayLike = 1.0) -> Array:

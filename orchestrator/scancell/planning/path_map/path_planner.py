@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.config.description import si_value
 from scancell.config.scan import QualityDescription
 from scancell.errors import DescriptionError
@@ -27,7 +27,6 @@ from scancell.values import Value
 if TYPE_CHECKING:
     from scancell.planning.views.sensor_paths import SensorPath
 
-Array = NDArray[np.float64]
 
 _ROWS = 360  # table angles of a map in a turn
 _SAMPLES = 4  # poses in a step of the table's motion

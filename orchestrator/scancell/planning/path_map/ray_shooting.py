@@ -13,6 +13,7 @@ from collections import Counter
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scancell.arrays import Array, Indices
 from scancell.planning.model import describe
 from scancell.planning.path_map.configuration_map import (
     CAUSES,
@@ -26,9 +27,6 @@ from scancell.planning.path_map.configuration_map import (
     ConfigurationMap,
 )
 from scancell.planning.path_map.table_motion import Lattice, TableMotion
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 COARSE_ROWS = 72  # table angles of the coarse map in a turn
 COARSE_COLUMNS = 60  # about as many columns of it

@@ -11,11 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scancell.arrays import Array, Indices
 from scancell.config.scan import WeightsDescription
 from scancell.planning.path_map.configuration_map import ConfigurationMap
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 _LEVELS = 4  # quanta of the largest acceleration
 _LEAST_SPEEDS = 10  # quanta of the largest speed, at least

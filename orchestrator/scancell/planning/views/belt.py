@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.cell.program import BeltRun
 from scancell.config.description import si_value
 from scancell.config.scan import BeltDescription
@@ -16,8 +16,6 @@ from scancell.geometry.mesh import box_mesh
 from scancell.nominal.cell import NominalCell
 from scancell.nominal.parts import pose_matrix
 from scancell.planning.model import SensorRange
-
-Array = NDArray[np.float64]
 
 _MARGIN = 5e-3  # m of travel before and after the part that is scanned, too
 _LEAST_CROSSING = 0.2  # component along the belt of the unit normal of the laser sheet

@@ -22,6 +22,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arrays import Array, Flags, Indices
 from scancell.config.description import si_value
 from scancell.config.sensor import SensorDescription
 from scancell.errors import PlanningError
@@ -46,10 +47,6 @@ from scancell.visibility.surface_search import (
     measurable_surface,
     orientations,
 )
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Indices = NDArray[np.int64]
 
 Judgements = NDArray[np.int8]
 

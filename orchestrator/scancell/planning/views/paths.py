@@ -10,17 +10,14 @@ from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scancell.arrays import Array, Flags
 from scancell.config.description import si_value
 from scancell.errors import PlanningError
 from scancell.geometry import pose
 from scancell.planning.model import SensorRange, Work
 from scancell.planning.options import ScanOptions
 from scancell.planning.views.views import MIN_COSINE, Pass, Surface, Sweep, crossing_angles, seen_by, sweep_pose
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 _END_MARGIN = 1e-3  # m by which the laser line and a pass extend beyond the surface to cover
 _MAX_LINES = 2000  # beside one another at one elevation

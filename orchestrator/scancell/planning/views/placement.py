@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scancell.arrays import Array, Flags, Indices
 from scancell.geometry import pose
 from scancell.planning.model import PlanningCell, describe, out_of_reach, with_table
 from scancell.planning.motion import trajectory
@@ -17,10 +17,6 @@ from scancell.planning.motion.timing import slowdown
 from scancell.planning.path_map import constraints
 from scancell.planning.views.views import Pass, Sweep
 from scancell.proximity.motion_check import MotionClash
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Indices = NDArray[np.int64]
 
 # Fraction of the speed and acceleration limits of joints and table that planned motions use.
 LIMIT_FRACTION = 0.8

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
+from scancell.arrays import Array
 from scancell.config.description import PoseDescription, si_value
 from scancell.config.scan import (
     ContourDescription,
@@ -30,8 +30,6 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.parts import pose_matrix
 from scancell.planning.options import Spacing
-
-Array = NDArray[np.float64]
 
 _STEP = 2e-3  # m between poses
 _JOINED = 1e-6  # m: ends of segments of the section nearer than this are one point

@@ -11,16 +11,13 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scancell.arrays import Array, Flags
 from scancell.errors import PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, sample_surface
 from scancell.planning.model import SensorRange
 from scancell.planning.options import Spacing
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 # At grazing incidence the stripe is wide and dim: up to 78 degrees from the normal it is usable.
 MIN_COSINE = float(np.cos(np.radians(78)))

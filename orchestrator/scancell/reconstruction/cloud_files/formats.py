@@ -11,12 +11,11 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.errors import DescriptionError, MeshError
 from scancell.files import atomic_write, require_file
 from scancell.reconstruction.cloud import Cloud
 from scancell.text_table import decoded, lines_of, numbers_of_lines
-
-Array = NDArray[np.float64]
 
 MM = 1e3
 _LARGEST_MM, _LATEST = 1e9, 1e10  # of a position, mm, and a time, s

@@ -18,14 +18,13 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.errors import DescriptionError, MeshError, require
 from scancell.files import MAX_FILE_BYTES, read_file, require_file
 from scancell.geometry.mesh import METRES_PER_UNIT
 from scancell.geometry.mesh_files import read_ply_points
 from scancell.reconstruction.cloud_files.formats import read_pcd
 from scancell.text_table import TextTable, column_name, decoded, lines_of, numbers_of_lines, text_table
-
-Array = NDArray[np.float64]
 
 SUFFIXES = (".ply", ".pcd", ".las", ".laz", ".e57", ".npz", ".xyz", ".txt", ".asc", ".csv", ".pts")
 FARTHEST = 1e6  # m from the origin, beyond which no point is accepted

@@ -9,6 +9,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.config.artefact import ArtefactDescription
 from scancell.config.choices import Engine, ScanMode
 from scancell.config.description import validate
@@ -24,8 +25,6 @@ from scancell.progress import Progress
 from scancell.results import ScanResult
 from scancell.scanner import Scanner
 from scancell.studies.factors import Inputs, Value, trial_seed
-
-Array = NDArray[np.float64]
 
 ALL_ROUND = "all round"
 REPEATABILITY = "repeatability"  # in budgets: what no factor explains

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from scancell.arrays import Array
 from scancell.config.choices import Engine
 from scancell.config.loading import Setup
 from scancell.config.study import load_study
@@ -38,8 +38,6 @@ from scancell.studies.acceptance.measure import (
 from scancell.studies.analysis import summary
 from scancell.studies.budget import Terms, variance_budget
 from scancell.studies.factors import Factors, Inputs, population_of, trial_seed
-
-Array = NDArray[np.float64]
 
 PROBABILITY = 0.95
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scancell.config.cell import CellDescription
 from scancell.geometry.mesh import Mesh
@@ -22,8 +21,6 @@ from scancell.studies.guard.simulation import MotionRecord, Network, Simulation
 from scancell.studies.guard.strata import DECADES, FAULTS, Stratum, random_network, stratum_of
 from scancell.studies.guard.worlds import World, world_of
 from scancell.values import Closing
-
-Array = NDArray[np.float64]
 
 _SEEN = 0.02  # m: clearances of guarded runs are not looked for beyond
 _FALSE = 5e-3  # m beyond the stated distance

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.config.description import si_value, to_si
 from scancell.guard.parts import Tool
 from scancell.nominal.cell import NominalCell
@@ -24,8 +24,6 @@ from scancell.studies.guard.scenario import (
 from scancell.studies.guard.simulation import shifted
 from scancell.studies.guard.strata import MIXED, Stratum
 from scancell.studies.guard.worlds import World
-
-Array = NDArray[np.float64]
 
 _TRIES = 4000  # starts of a run
 _RANDOM = 60  # axes by which the usual clearances are known

@@ -9,15 +9,13 @@ from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.cell.driver import GripperMode, JogFrame, Mode, Operation
 from scancell.cell.instance import CellInstance
 from scancell.cell.program import Program, Segment, program_data
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
-
-Array = NDArray[np.float64]
 
 
 class Kind(StrEnum):

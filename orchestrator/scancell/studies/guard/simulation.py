@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scancell.arrays import Array
 from scancell.cell.fmu_file import ReusableCell, cell_json
 from scancell.cell.instance import CellInstance
 from scancell.config.cell import LinkDescription
@@ -22,8 +23,6 @@ from scancell.studies.guard.scenario import POSE_KEYS, Begun, Operator, Scenario
 from scancell.studies.guard.servers import Servers
 from scancell.studies.guard.worlds import World
 from scancell.values import Closing
-
-Array = NDArray[np.float64]
 
 SAMPLES = 4  # of the motion in a controller cycle that are judged
 _JUDGED = 0.2e-3  # m: points that are judged are no further apart, unless they are consecutive samples

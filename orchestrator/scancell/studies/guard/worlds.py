@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arrays import Array
 from scancell.cell.fmu_file import SENSOR_KEYS
 from scancell.config.cell import CellDescription
 from scancell.config.files import assets_dir
@@ -24,8 +25,6 @@ from scancell.nominal.parts import gripper_from_finger, pose_matrix
 from scancell.proximity.judge import Judge
 from scancell.proximity.scene import ProximityScene, arm_chain
 from scancell.scanning.session import settings_of, touching, with_finger_travel
-
-Array = NDArray[np.float64]
 
 _FOOT = (0.32, 0.05, 0.006)  # m: bounding boxes are centred on the table's axis
 _SEGMENTS = 14  # of the ring
