@@ -12,10 +12,9 @@ from scancell.config.loading import load_setup
 from scancell.geometry.mesh import decimated
 from scancell.nominal.cell import nominal_cell
 from scancell.scanning.session import settings_of
-from scancell.studies.guard.draws import Draw, Draws
+from scancell.studies.guard.draws import BLOCK, KINDS, LENGTHS, MIXED, Draw, Draws, stratum_of
 from scancell.studies.guard.scenario import JOGGED, Kind
 from scancell.studies.guard.simulation import MotionRecord, Simulation, shifted
-from scancell.studies.guard.strata import BLOCK, KINDS, LENGTHS, MIXED, stratum_of
 from scancell.studies.guard.worlds import World, described_cells, standing_parts, world_of
 
 CYCLE = 0.016

@@ -11,7 +11,7 @@ import tomli_w
 import trimesh
 from cells import ball, block, mesh_of
 
-from scancell.cli.plan import _write
+from scancell.cli.scan import _write
 from scancell.config.loading import load_setup
 from scancell.errors import MeshError, PlanningError
 from scancell.geometry import pose

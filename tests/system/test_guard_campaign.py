@@ -18,10 +18,10 @@ from scancell.guard.parts import Tool
 from scancell.nominal.cell import nominal_cell
 from scancell.scanning.session import settings_of
 from scancell.studies.guard.campaign import Campaign, RunRow, stated_distance
+from scancell.studies.guard.draws import BLOCK, DECADES, FAULTS, KINDS, LENGTHS
 from scancell.studies.guard.run import CampaignOptions, RowFile, run_campaign, summary, tables
 from scancell.studies.guard.scenario import Kind, Motion, Scenario
 from scancell.studies.guard.simulation import Network, Simulation
-from scancell.studies.guard.strata import BLOCK, DECADES, FAULTS, KINDS, LENGTHS
 from scancell.studies.guard.worlds import World, described_cells, standing_parts
 
 OPTIONS = CampaignOptions(None, str(PARTS / "free_form.stl"))

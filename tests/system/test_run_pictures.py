@@ -16,7 +16,7 @@ from scancell.errors import OutputError
 from scancell.geometry import pose
 from scancell.planning.plan import Plan
 from scancell.reconstruction.cloud_files import read_ply, write_cloud
-from scancell.views import pictures, video
+from scancell.views import pictures
 from scancell.views.camera import camera_path
 from scancell.views.motion import RunMotion
 from scancell.views.pictures import _in_order, run_pictures
@@ -210,7 +210,7 @@ def test_animated_picture_holds_the_frames(folder, tmp_path) -> None:
 
 
 def test_animated_picture_that_is_too_large_is_refused(run, tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr(video, "_MOST_BYTES", 5 * 64 * 64 * 3)
+    monkeypatch.setattr(pictures, "_MOST_BYTES", 5 * 64 * 64 * 3)
     with pytest.raises(OutputError, match="more than 1 GB of frames"):
         pictures.animate(run, tmp_path / "scan.webp", size=(64, 64), seconds=1)
     assert not list(tmp_path.iterdir())

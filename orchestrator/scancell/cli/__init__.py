@@ -16,7 +16,6 @@ from scancell.cli import (  # noqa: F401
     evaluate,
     fmu,
     guard,
-    plan,
     real,
     scan,
     series,

@@ -18,10 +18,9 @@ from scancell.guard.stopping import Hypothesis, Kind, Path
 from scancell.guard.transport import Link, faulty_link
 from scancell.nominal.cell import NominalCell
 from scancell.scanning.session import touching, with_finger_travel
+from scancell.studies.guard.draws import MIXED, Stratum
 from scancell.studies.guard.scenario import JOGGED, MOVED
-from scancell.studies.guard.servers import Servers
-from scancell.studies.guard.simulation import Network, Simulation
-from scancell.studies.guard.strata import MIXED, Stratum
+from scancell.studies.guard.simulation import Network, Servers, Simulation
 
 _POLL = 0.032  # s
 _SLOW = 0.01  # rad/s

@@ -19,8 +19,8 @@ from scancell.config.loading import load_setup
 from scancell.errors import DescriptionError
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.parts import load_part
+from scancell.studies.guard.draws import stratum_of
 from scancell.studies.guard.run import CampaignOptions, campaign_of
-from scancell.studies.guard.strata import stratum_of
 from scancell.studies.guard.worlds import standing_parts
 
 IGNORED = "ignored-pair"

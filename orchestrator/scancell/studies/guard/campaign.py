@@ -14,11 +14,9 @@ import numpy as np
 
 from scancell.config.cell import CellDescription
 from scancell.geometry.mesh import Mesh
-from scancell.studies.guard.draws import Draw, Draws
+from scancell.studies.guard.draws import DECADES, FAULTS, Draw, Draws, Stratum, random_network, stratum_of
 from scancell.studies.guard.scenario import Begun, Kind
-from scancell.studies.guard.servers import RIVALS
-from scancell.studies.guard.simulation import MotionRecord, Network, Simulation
-from scancell.studies.guard.strata import DECADES, FAULTS, Stratum, random_network, stratum_of
+from scancell.studies.guard.simulation import RIVALS, MotionRecord, Network, Simulation
 from scancell.studies.guard.worlds import World, world_of
 from scancell.values import Closing
 

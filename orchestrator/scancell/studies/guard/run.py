@@ -19,9 +19,9 @@ from scancell.errors import DescriptionError
 from scancell.files import atomic_write
 from scancell.nominal.parts import load_part
 from scancell.studies.guard.campaign import Campaign, RunRow
+from scancell.studies.guard.draws import BLOCK, DECADES, FAULTS, LENGTHS, MIXED
 from scancell.studies.guard.scenario import Kind
 from scancell.studies.guard.simulation import Simulation
-from scancell.studies.guard.strata import BLOCK, DECADES, FAULTS, LENGTHS, MIXED
 from scancell.studies.guard.worlds import described_cells, standing_parts
 
 _READ: dict[str, Callable[[str], Any]] = {"int": int, "float": float, "str": str, "bool": lambda text: text == "True"}
