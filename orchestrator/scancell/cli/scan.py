@@ -1,4 +1,4 @@
-"""`scancell scan`, `rerun`, `shot`, `render`, `extract` and `survey`: measure with the simulated sensor."""
+"""`scancell scan`, `rerun`, `shot`, `render`, `extract`, `survey`, `plan` and `place`: motions and measurements of the cell."""
 
 from __future__ import annotations
 
