@@ -1,4 +1,4 @@
-"""`scancell scan`, `rerun`, `shot`, `render`, `extract`, `survey`, `plan` and `place`: motions and measurements of the cell."""
+"""`scancell scan`, `rerun`, `shot`, `render`, `extract`, `survey`, `plan`, `place`: motions and measurements."""
 
 from __future__ import annotations
 
