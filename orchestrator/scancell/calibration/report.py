@@ -1,4 +1,4 @@
-"""What the reports of all calibrations have in common: files, the picture, and the comparison with truth."""
+"""Common parts of the reports of all calibrations: files, the picture, and the comparison with truth."""
 
 from __future__ import annotations
 

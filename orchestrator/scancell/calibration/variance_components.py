@@ -227,7 +227,7 @@ def weighted_by(moments: Moments, log_variances: Array) -> Weighted:
 
 
 def normal_equations(moments: Moments, log_variances: Array) -> NormalEquations:
-    """Those of the unknowns, the shared errors eliminated; see `Estimate` for `log_variances`."""
+    """Normal equations of the unknowns, the shared errors eliminated; see `Estimate` for `log_variances`."""
     return equations_of(moments, weighted_by(moments, log_variances))
 
 

@@ -83,7 +83,7 @@ def dynamics_json(cell: CellDescription) -> dict[str, Any]:
 
 
 def _loads(cell: CellDescription) -> list[MassProperties]:
-    """What is fixed to the flange, in its frame; the gripper's fingers are bodies of their own."""
+    """Bodies that are fixed to the flange, in its frame; the gripper's fingers are bodies of their own."""
     density = cell.robot.link_density_kg_m3
     sensor = _body(cell.tool.inertia, _mesh(cell.sensor_mesh), density)
     loads = [] if sensor is None else [sensor.seen_from(tool_matrix(cell.tool))]

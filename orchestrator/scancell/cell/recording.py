@@ -391,7 +391,7 @@ def read_recording(path: str | Path) -> Recording:
 
 
 def read_any_recording(path: Path) -> Recording:
-    """As `read_recording`; a recording of a real cell, which states no true pose at all, is read without them."""
+    """Read a recording, which may be of a real cell and then states no true pose; see `read_recording`."""
     return _read(path, with_truth=False)
 
 

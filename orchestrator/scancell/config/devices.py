@@ -248,7 +248,7 @@ class GripperDescription(Description):
 
 
 class CellSensorDescription(Description):
-    """What all sensors have in common. The FMU reads the further keys of a sensor in SI units, by the same names."""
+    """Keys that all sensors have. The FMU reads the further keys of a sensor in SI units, by the same names."""
 
     name: str = Field(description="name of the sensor")
     moves_with: str = Field(

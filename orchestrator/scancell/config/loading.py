@@ -192,7 +192,7 @@ def as_built_sensor(nominal: SensorDescription, words: Sequence[str]) -> SensorD
 
 
 def sensor_words(as_built: Sequence[str]) -> list[str]:
-    """Those of the ``as_built`` words that change the sensor; the others change the cell."""
+    """Words of ``as_built`` that change the sensor; the others change the cell."""
     return [word for word in as_built if word.startswith("sensor.")]
 
 

@@ -106,7 +106,7 @@ class ArtefactEvaluation(Evaluation):
     _row_title = "Characteristics"
 
     def _drawn(self) -> tuple[Array, Deviation, Mesh]:
-        """What the picture shows: points on measured faces, their deviations, and the artefact as a mesh."""
+        """Contents of the picture: points on measured faces, their deviations, and the artefact as a mesh."""
         mesh, shown = self.artefact.mesh(), np.flatnonzero(self.face >= 0)
         points = self.points_in_artefact[shown]
         face = PartSurface(mesh).distances(points)[1].astype(np.int32)

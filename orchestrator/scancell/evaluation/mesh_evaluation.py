@@ -55,7 +55,7 @@ class Evaluation(SavedResult):
         return self._drawn()
 
     def _drawn(self) -> tuple[Array, Deviation, Mesh]:
-        """What the picture shows: points (n, 3) in the part, m, their deviations, and the mesh."""
+        """Contents of the picture: points (n, 3) in the part, m, their deviations, and the mesh."""
         raise NotImplementedError
 
     def _write(self, folder: RunFolder, command_line: list[str]) -> None:
@@ -156,7 +156,7 @@ class MeshEvaluation(Evaluation):
     _row_title = "Regions"
 
     def _drawn(self) -> tuple[Array, Deviation, Mesh]:
-        """What the picture shows: all points, their deviations, and the mesh."""
+        """Contents of the picture: all points, their deviations, and the mesh."""
         deviation = Deviation(self.distance, self.face, self.statistics, {}, {}, self.is_signed)
         return self.points_in_part, deviation, self.mesh
 

@@ -1,4 +1,4 @@
-"""What the items of exercises measure, from true poses and from what programs record; None before there is a value."""
+"""Measurements of exercises, from true poses and from records of programs; None before there is a value."""
 
 from __future__ import annotations
 

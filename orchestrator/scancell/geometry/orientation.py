@@ -216,7 +216,7 @@ def _closed_shells(edges: _Edges, shell: NDArray[np.int64], turn: Mask) -> Mask:
 
 
 def _inverted_shells(vertices: Array, faces: Faces, shell: NDArray[np.int64], closed: Mask) -> Mask:
-    """Which shells (s,) are to be flipped so that all closed ones bound their material."""
+    """Flags (s,) of the shells that are to be flipped so that all closed ones bound their material."""
     volume = np.bincount(shell, weights=_volumes(vertices, faces), minlength=len(closed))
     negative = closed & (volume < 0)
     if len(closed) == 1 or not negative.any():
@@ -235,7 +235,7 @@ def _inverted_shells(vertices: Array, faces: Faces, shell: NDArray[np.int64], cl
 
 
 class _ClosedShells:
-    """Which closed shells lie in which others."""
+    """Closed shells, and which of them lie in which others."""
 
     def __init__(self, vertices: Array, faces: Faces, shell: NDArray[np.int64], closed: Mask) -> None:
         self._vertices, self._closed = vertices, closed
@@ -398,7 +398,7 @@ class StatedPoses:
         return (int(wrong[0]), expected) if len(wrong) else None
 
     def rows(self, chosen: NDArray[np.intp]) -> StatedPoses:
-        """Those of some rows."""
+        """Poses of some rows."""
         return replace(self, position=self.position[chosen], orientation=self.orientation[chosen])
 
     def alternatives(self) -> Iterator[PoseReading]:

@@ -272,7 +272,7 @@ class NearPairs:
         self._begins = True
 
     def update(self, axes: Array, distance: Array, exact: bool) -> tuple[Flags, Array]:
-        """Which pairs (pairs,) are within their clearance, and the distances (pairs,), m, that those have to keep.
+        """Flags (pairs,) of the pairs within their clearance, and the distances (pairs,), m, that these have to keep.
 
         Where a session begins, a pair that is nearer than its stored distance by more than errors of the angles explain
         keeps its present distance: only something else than a permitted motion has brought it there.

@@ -81,7 +81,7 @@ class Channel:
             self._deliver(packet, arrival + 1e-3 * described.replay_ms)
 
     def receive(self, time: float) -> list[Arrival]:
-        """What has arrived until `time`, s, and was not received before, in the order of arrival."""
+        """Packets that have arrived until `time`, s, and were not received before, in the order of arrival."""
         arrived = []
         while self._arrivals and self._arrivals[0].time <= time:
             arrived.append(heapq.heappop(self._arrivals))
@@ -111,7 +111,7 @@ class Transport(Protocol):
         ...
 
     def receive(self, time: float) -> list[Arrival]:
-        """What has arrived until `time`, s, and was not received before."""
+        """Packets that have arrived until `time`, s, and were not received before."""
         ...
 
     def reset(self) -> None:

@@ -97,7 +97,7 @@ def _other_parameters(joint: JointDescription) -> str:
 
 
 def _misfit(joint: JointDescription, number: int, joints: int, mesh: Mesh, previous: Mesh | None) -> str:
-    """What separates the link's bounding box from its joint axes or from the link before it."""
+    """Text that states how far the link is from its joint axes or from the link before it; empty if it is not."""
     keys = ("a_mm", "d_mm", "alpha_deg", "beta_deg")
     si = {key.partition("_")[0]: si_value(joint, key) for key in keys}
     previous_from_link = Arm([Joint(**si)]).fk([0.0])

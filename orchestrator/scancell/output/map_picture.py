@@ -98,7 +98,7 @@ def _cylinder(sheet: Sheet, pixels: Pixels, left: int, middle: float, motion: Ta
 
 
 def map_legend(map_: ConfigurationMap) -> list[tuple[str, str]]:
-    """What colours mean, and how HTML writes them."""
+    """Meanings of the colours, and their codes in HTML."""
     shown = [("quality 0", _LOW), ("1", _HIGH)]
     shown += [(CAUSES[i], _COLOURS[i]) for i in range(1, len(CAUSES)) if (map_.cause == i).any()]
     if map_.evaluated < map_.quality.size:

@@ -229,7 +229,7 @@ class PlanningCell:
         return MotionCheck(self.nominal, self.proximity, required, self.threads, spend=self.work.spend)
 
     def table_clearances(self, clearance: float) -> Array:
-        """What motions of the table keep (pairs,), m, see `motion_check`; ``-inf`` for pairs with a body of the arm."""
+        """Clearances (pairs,), m, of motions of the table, see `motion_check`; ``-inf`` for pairs with the arm."""
         arm = set(self._chain) - {"base"}
         of_arm = np.array([not arm.isdisjoint(pair) for pair in self.proximity.pairs], bool)
         return np.where(of_arm, -np.inf, MOTION_SHARE * self.clearances(clearance) + self._errors)

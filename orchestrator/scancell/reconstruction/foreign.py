@@ -188,7 +188,7 @@ class Footprint:
     tolerance: float
 
     def part_points(self, points_in_table: Array) -> tuple[Flags, Flags]:
-        """Which low points (n, 3) are the part's, (n,), and where position and height contradict each other, (n,)."""
+        """Flags (n,) of the low points (n, 3) that are the part's, and of those that may be the table's as well."""
         shape = np.array(self.covered.shape)
         index = np.floor((points_in_table[:, :2] - self.corner) / self.step)
         rows = np.flatnonzero(

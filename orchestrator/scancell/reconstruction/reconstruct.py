@@ -130,7 +130,7 @@ class Envelope:
 
     @property
     def support(self) -> str:
-        """What carries the part."""
+        """Name of the body that carries the part."""
         return "belt" if np.isfinite(self.half_width) else "table"
 
     def contains(self, points: Array) -> NDArray[np.bool_]:

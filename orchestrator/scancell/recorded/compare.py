@@ -115,7 +115,7 @@ class Residuals:
 
     @classmethod
     def of(cls, data: ReconstructedData, part: Mesh, surface: PartSurface, threads: int) -> Residuals:
-        """Of the points of a cloud; the angle is that between the sensor's z and the nearest face."""
+        """Distances of the points of a cloud; the angle is that between the sensor's z and the nearest face."""
         made, profiles = data.made, data.found.profiles
         distance, face = surface.distances(made.cloud.points_in_part, threads)
         exposure = np.asarray(profiles.frame, np.intp)[made.rows]

@@ -190,7 +190,7 @@ class SameExposures:
         self._windows = windows
 
     def next(self, most: int) -> Array | None:
-        """Of all of them, see `ExposureControl`."""
+        """Windows (n, k, 2) of the next exposures, the same for all, see `ExposureControl`."""
         return None if self._windows is None else np.broadcast_to(self._windows, (most, *self._windows.shape))
 
     def learn(self, signals: Sequence[Array]) -> None:

@@ -108,7 +108,7 @@ def factors_without_effect(
     undetected: Sequence[str],
     target: ExecutionTarget | None = None,
 ) -> list[str]:
-    """Those of the `undetected` factors that change no figure at all.
+    """Factors among the `undetected` ones that change no figure at all.
 
     Parameters
     ----------

@@ -262,7 +262,7 @@ class SurfaceSearch:
         return np.asarray(np.hypot(beside, on_table[:, 2] - base[2]) <= lengths + tool + seen)
 
     def _found(self, search: sensor_rt.PoseSearch, rows: Indices, fixed: Tracer | None) -> Indices:
-        """Those of the samples `rows` for which a pose of the grid is found that the arm reaches."""
+        """Samples among `rows` for which a pose of the grid is found that the arm reaches."""
         found: list[Indices] = []
         while len(rows):
             rows, keys, positions = search.next(rows, self._threads)
@@ -422,7 +422,7 @@ def unknown_surface(
 
 
 def _read(file: Path, samples: int) -> Flags | None:
-    """Which samples are measurable (n,), from a cache file; None when it is missing, damaged or of another size."""
+    """Flags (n,) of the measurable samples from a cache file; None when it is missing, damaged or of another size."""
     try:
         with np.load(file, allow_pickle=False) as data:
             measurable = data["measurable"]

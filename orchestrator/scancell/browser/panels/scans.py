@@ -144,7 +144,7 @@ class Scans:
 
     @property
     def unsaved(self) -> str:
-        """What is lost with the next scan, another part or run, and the end; empty if nothing."""
+        """Results that the next scan, another part or run, or the end discards; empty if there are none."""
         if (kept := self._kept) is None or self._is_saved:
             return ""
         return f"a scan of {len(kept.cloud)} points that is not saved"

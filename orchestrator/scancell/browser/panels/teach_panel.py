@@ -420,7 +420,7 @@ class SessionRecording(Closing):
                 self._recorder.points(chunk)
 
     def close(self) -> None:
-        """As `stop`."""
+        """Stop recording, see `stop`."""
         self.stop()
 
     def _record(self) -> None:

@@ -394,7 +394,7 @@ class LiveCloud:
 
     @property
     def colour(self) -> LiveColour:
-        """What the colours show."""
+        """Quantity that the colours show."""
         return self._colour
 
     @property

@@ -241,7 +241,7 @@ def _peaks(image: Grey, turned: bool, binning: int, sensor: SensorDescription, t
 
 
 def _on_board(points: Array, board: Board, pixels: Array) -> Array:
-    """Those near the corners on the plane of the board, by its homography."""
+    """Points near the corners on the plane of the board, by its homography."""
     if not len(points):
         return points
     plane_from_image, _ = cv2.findHomography(pixels, board.corners[:, :2] / board.square)
@@ -251,7 +251,7 @@ def _on_board(points: Array, board: Board, pixels: Array) -> Array:
 
 
 def _on_line(points: Array) -> Array:
-    """Those near the line that most of them lie on."""
+    """Points near the line that most of them lie on."""
     if len(points) < _LEAST_STRIPE:
         return points[:0]
     from scipy.stats import siegelslopes  # noqa: PLC0415  (half a second)

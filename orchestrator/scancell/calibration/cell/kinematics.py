@@ -66,7 +66,7 @@ class AxisReadings:
         return self.axes[:, -1]
 
     def rows(self, chosen: NDArray[np.intp]) -> AxisReadings:
-        """Those of some exposures, by row."""
+        """Readings of some exposures, by row."""
         flange = None if self.flange is None else self.flange[chosen]
         return AxisReadings(self.axes[chosen], self.rates[chosen], self.accelerations[chosen], flange)
 

@@ -111,7 +111,7 @@ class Artefact:
 
 @dataclass(frozen=True)
 class CalibrationProblem:
-    """What `solve` needs.
+    """Problem that `solve` solves.
 
     Attributes
     ----------

@@ -596,7 +596,7 @@ def single_sphere(problem: CalibrationProblem, part: Mesh) -> tuple[float, Array
 
 
 def on_artefact(problem: CalibrationProblem) -> NDArray[np.bool_]:
-    """Which points (m,) lie on the artefact within its reach and above the table, by the start of the problem.
+    """Flags (m,) of the points on the artefact, within its reach and above the table, by the start of the problem.
 
     Points by flange poses need not be above the table: a cell that is described for its poses alone may have none.
     """

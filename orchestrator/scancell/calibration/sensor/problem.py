@@ -273,7 +273,7 @@ class Block:
 
     @classmethod
     def joined(cls, blocks: list[Block]) -> Block:
-        """Of blocks of one mounting."""
+        """One block of several of the same mounting."""
         return cls(*(np.concatenate([getattr(block, one.name) for block in blocks]) for one in fields(cls)))
 
     def chosen(self, rows: Rows) -> Block:
@@ -401,7 +401,7 @@ class Equations:
 
 
 def _nearest(target: ShapeGroup, points: Array) -> tuple[Array, Array, NDArray[np.intp]]:
-    """As `ShapeGroup.nearest`, but rectangles continue beyond their edges.
+    """Nearest points of a group of shapes, see `ShapeGroup.nearest`, but rectangles continue beyond their edges.
 
     The stripe ends at an edge. A point beyond it is displaced along the surface, which says nothing of its distance.
     """
@@ -428,7 +428,7 @@ def _by_camera(camera: NDArray[np.int32], rows: Array, width: int, call: Callabl
 
 
 def normal_equations(blocks: Sequence[Block]) -> NormalEquations:
-    """Those of the parameters, in tolerances, and of the displacement (rad, m) of each mounting after the other."""
+    """Normal equations of the parameters, in tolerances, and the displacement (rad, m) of each mounting after the other."""
     parameters = blocks[0].by_parameter.shape[1]
     ends = np.cumsum([parameters, *(block.by_pose.shape[1] for block in blocks)])
     information, gradient, squares = np.zeros((ends[-1], ends[-1])), np.zeros(ends[-1]), 0.0

@@ -116,7 +116,7 @@ class SensorCalibrationReport(SavedCalibration):
 
     @cached_property
     def range_error(self) -> RangeError | None:
-        """Of the simulated sensor by its nominal and by its calibrated description; None of a real one."""
+        """Errors of the simulated sensor by its nominal and by its calibrated description; None of a real one."""
         if self.built is None:
             return None
         align = not poses_known(self.exposures)

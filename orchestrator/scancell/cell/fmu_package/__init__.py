@@ -1,1 +1,1 @@
-"""What an FMU holds beside its binary and its description: documentation, licences, terminals, a reference."""
+"""Contents of an FMU beside its binary and its description: documentation, licences, terminals, a reference."""

@@ -81,7 +81,7 @@ class Bundle:
 
     @property
     def machine(self) -> str:
-        """What loads the FMU."""
+        """Kind of program that loads the FMU."""
         linux = f"64-bit x86 Linux with glibc {self.needs['GLIBC']} or later"
         return f"{linux}, or 64-bit x86 Windows" if self.windows else linux
 
@@ -473,7 +473,7 @@ def _describe(runtime: Path, cell: str, version: FmiVersion, options: FmuOptions
 
 
 def _printed(command: list[str | Path], cell: str) -> bytes:
-    """What a description printer prints for a description of a cell."""
+    """Output of a description printer for a description of a cell."""
     result = subprocess.run(command, input=cell.encode(), capture_output=True, check=False)
     if result.returncode:
         raise CellError(f"the native robot cell refuses the description: {result.stderr.decode().strip()}")

@@ -55,7 +55,7 @@ def _csv(names: Sequence[str], rows: Sequence[Sequence[float | int]]) -> str:
 
 
 def _manifest(step_s: float) -> str:
-    """As the layered standard for related files describes it, for FMI 2 and FMI 3."""
+    """Manifest of related files by the layered standard, for FMI 2 and FMI 3."""
     what = f"inputs from start values on, set at each communication point ({step_s:g} s apart) before the step from it"
     then = "outputs at each communication point, before its inputs are set"
     related = [

@@ -29,7 +29,7 @@ _SPANS = ("at one point", "on one line", "in one plane")
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
-    """What all fits have; lengths in the unit of the points (m inside the program), angles in rad.
+    """Result of a fit; lengths in the unit of the points (m inside the program), angles in rad.
 
     Attributes
     ----------

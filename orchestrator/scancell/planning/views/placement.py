@@ -292,13 +292,13 @@ class Placer:
 
     @cached_property
     def _turn_clashes(self) -> list[MotionClash | None]:
-        """What the table and its parts meet in equal steps of a full turn from where it starts, without the arm."""
+        """Clashes of the table and its parts in equal steps of a full turn from where it starts, without the arm."""
         cell, angles = self._cell, self._cell.table_start + np.linspace(0.0, 2 * np.pi, _TURN_STEPS + 1)
         axes = with_table(cell.nominal.home, angles)
         return self._motions.first_clashes(axes[:-1], axes[1:], clearance=cell.table_clearances(self._clearance))
 
     def _blocked_turn(self) -> str:
-        """What blocks a full turn of the table, whatever the arm does; empty if nothing does."""
+        """Reason why the table cannot make a full turn, whatever the arm does; empty if it can."""
         return next((f"the table cannot turn: {describe(clash)}" for clash in self._turn_clashes if clash), "")
 
     def _is_within_turn(self, angles: Array) -> Flags:
@@ -309,7 +309,7 @@ class Placer:
         return np.asarray((step <= first + 1e-9) | (step >= _TURN_STEPS - last - 1e-9))
 
     def _collision_of_turn(self, q: Array) -> Infeasible | None:
-        """What is nearer than a motion may come during a full turn of the table, with the joints (joints,) at rest."""
+        """Clash during a full turn of the table with the joints (joints,) at rest, or None."""
         (clash,) = self._motions.first_clashes(np.append(q, 0.0), np.append(q, 2 * np.pi))
         return None if clash is None else Infeasible(describe(clash))
 

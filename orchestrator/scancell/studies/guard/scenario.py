@@ -46,7 +46,7 @@ _MODES = {
 
 
 class Event(StrEnum):
-    """What happens between two motions."""
+    """Event between two motions."""
 
     RESET = "reset"  # of the controller
     OPERATION = "operation"  # to the other one, and back with the next motion

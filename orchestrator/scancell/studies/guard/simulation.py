@@ -161,7 +161,7 @@ class MotionRecord:
 
 @dataclass(frozen=True)
 class Network:
-    """What lies between a cell and its guard: faults, the seed of their random numbers, and a rival (`Servers`)."""
+    """Connection of a cell and its guard: faults, the seed of their random numbers, and a rival (`Servers`)."""
 
     faults: LinkDescription = field(default_factory=LinkDescription)
     seed: int = 0
@@ -215,7 +215,7 @@ class Simulation(Closing):
 
     @property
     def cycle(self) -> float:
-        """Of the controller, s."""
+        """Cycle of the controller, s."""
         return self._cycle_us * 1e-6
 
     def new_guard(self) -> Guard:

@@ -182,7 +182,7 @@ class World:
 
     @cached_property
     def inner(self) -> NDArray[np.bool_]:
-        """Which of the judged pairs are two bodies of the arm, or its gripper and what it grips."""
+        """Judged pairs that are two bodies of the arm, or its gripper and what it grips."""
         arm = {*arm_chain(self.nominal), *(("part",) if self.grips else ())}
         return np.array([a in arm and b in arm for a, b in self.pairs])
 
