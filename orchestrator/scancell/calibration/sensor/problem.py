@@ -428,7 +428,7 @@ def _by_camera(camera: NDArray[np.int32], rows: Array, width: int, call: Callabl
 
 
 def normal_equations(blocks: Sequence[Block]) -> NormalEquations:
-    """Normal equations of the parameters, in tolerances, and the displacement (rad, m) of each mounting after the other."""
+    """Normal equations of the parameters, in tolerances, then of the displacement (rad, m) of each mounting."""
     parameters = blocks[0].by_parameter.shape[1]
     ends = np.cumsum([parameters, *(block.by_pose.shape[1] for block in blocks)])
     information, gradient, squares = np.zeros((ends[-1], ends[-1])), np.zeros(ends[-1]), 0.0
