@@ -119,7 +119,7 @@ class Pace:
     Parameters
     ----------
     period
-        Of a step, s.
+        Period of a step, s.
     clock, sleep
         s; those of the machine.
     """

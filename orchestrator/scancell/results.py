@@ -78,7 +78,7 @@ class ScanResult(ScanData, Result):
     fmu_token
         Instantiation token of the FMU; empty when an existing recording was rendered.
     threads
-        Of the evaluation.
+        Number of threads of the evaluation.
 
     Examples
     --------

@@ -427,7 +427,7 @@ class Scanner(Closing):
         flange
             Table of the flange poses of its exposures, if they are not in that of the points.
         convention
-            Of orientations whose columns do not state it.
+            Convention of orientations whose columns do not state it.
         table_format
             Format of profiles of a sensor in `from_points`: a shipped one, or a TOML file; default: by the content.
 

@@ -47,9 +47,9 @@ class TextTable:
     Attributes
     ----------
     encoding, separator, decimal
-        Of the text; the separator blank is any number of blanks and tabs.
+        Encoding, separator and decimal of the text; the separator blank is any number of blanks and tabs.
     names
-        Of the columns, as in `column_name`; empty without a header.
+        Names of the columns, as in `column_name`; empty without a header.
     rows
         (n,) lines.
     numbers

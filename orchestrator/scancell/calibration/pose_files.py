@@ -165,7 +165,7 @@ class PoseFormat:
         Regular expressions of the beginning of a pose, and of its six or seven numbers: each beginning must be that
         of a record.
     convention, length, angle
-        Of the numbers, see `CONVENTIONS`.
+        Convention, length and angle of the numbers, see `CONVENTIONS`.
     """
 
     name: str

@@ -53,13 +53,13 @@ def build_ssp(
     Parameters
     ----------
     description
-        Of the cell, as `cell_json` makes it.
+        Description of the cell, as `cell_json` makes it.
     steps
-        Of the sequence, as `example_sequence` makes them.
+        Steps of the sequence, as `example_sequence` makes them.
     path
         File of the package.
     stop_time
-        Of the default experiment, s.
+        Stop time of the default experiment, s.
     version
         Of SSP.
 

@@ -60,7 +60,7 @@ class Coverage(Value):
     covered
         (n,) whether the cloud has a point there, measurable or not.
     surface_area
-        Of the whole part, m².
+        Surface area of the whole part, m².
     tolerance
         Largest distance between a sample and a point that covers it, m.
 
@@ -452,7 +452,7 @@ def unseen_surface(
     Parameters
     ----------
     coverage, surface
-        Of the same samples.
+        Coverage and surface of the same samples.
     part_from_sensor
         (n, 4, 4) nominal pose of the sensor at each exposure. An exposure crosses the samples from which
         its laser sheet is within the tolerance of the coverage along the surface.

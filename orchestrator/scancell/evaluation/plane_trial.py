@@ -47,7 +47,7 @@ class PlaneTarget:
     reflectance
         0..1.
     speed
-        Of the target along sensor X, m/s; the target is in its place at the middle of the exposure.
+        Speed of the target along sensor X, m/s; the target is in its place at the middle of the exposure.
     """
 
     z: float

@@ -156,7 +156,7 @@ def write_sheet(file: Path, attempt: Attempt, student: str, picture: bytes | Non
     student
         Name, may be empty.
     picture
-        Of the scene (PNG).
+        Picture of the scene (PNG).
 
     Raises
     ------

@@ -49,7 +49,7 @@ class Winding:
     Attributes
     ----------
     orientation
-        Of the repaired faces.
+        Orientation of the repaired faces.
     turned
         Number of faces that were turned over.
     rim
@@ -424,7 +424,7 @@ def better_reading(stated: StatedPoses, misfit: Callable[[Array], float]) -> tup
     Parameters
     ----------
     misfit
-        Of poses (n, 4, 4) of the flange, m; infinite where they cannot be evaluated.
+        Misfit of poses (n, 4, 4) of the flange, m; infinite where they cannot be evaluated.
     """
     own = misfit(stated.matrices())
     others = [reading for reading in stated.alternatives() if reading != stated.reading]

@@ -558,7 +558,7 @@ class PathCheck:
         spacing
             s of path clock.
         rate
-            Of the path clock in the state. A path on which the clock stands still may be at its start.
+            Rate of the path clock in the state. A path on which the clock stands still may be at its start.
         allowed
             Largest monitor speed that may be in force until the answer arrives.
         exact

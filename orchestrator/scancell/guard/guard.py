@@ -69,7 +69,7 @@ class GuardedCell:
     Attributes
     ----------
     monitor_speed
-        Of the operator, 0 to 1; the lower one of this and the guard's is in force.
+        Monitor speed of the operator, 0 to 1; the lower one of this and the guard's is in force.
     stop_pressed
         Whether the operator keeps the emergency stop pressed, independently of the guard.
 

@@ -118,7 +118,7 @@ class CellState:
     sequence
         Number of the state, modulo 2**32.
     time
-        Of the measurement, by the controller's clock, s.
+        Time of the measurement, by the controller's clock, s.
     operation, mode
         As the controller names them.
     moving
@@ -145,9 +145,9 @@ class CellState:
     prismatic
         Bit i is set if axis i is prismatic: its position is in m.
     digest
-        Of names and kinds of the axes (`axes_digest`); 0: not stated.
+        Digest of names and kinds of the axes (`axes_digest`); 0: not stated.
     version
-        Of the format, 1 or 2.
+        Version of the format, 1 or 2.
 
     Raises
     ------

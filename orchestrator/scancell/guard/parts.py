@@ -240,7 +240,7 @@ class NearPairs:
     clearance
         Distance that counts as contact, one for all pairs or (pairs,), m.
     angle_error
-        Of the measured angles, one or (axes,), rad.
+        Angle error of the measured angles, one or (axes,), rad.
 
     Attributes
     ----------
@@ -282,7 +282,7 @@ class NearPairs:
         axes
             Joints and table angle where the motion begins, (axes,), rad.
         distance
-            Of the pairs at `axes`, (pairs,), m; NaN or infinite for pairs that have their room.
+            Distance of the pairs at `axes`, (pairs,), m; NaN or infinite for pairs that have their room.
         exact
             Whether `axes` are set-points, not measured.
         """
@@ -436,7 +436,7 @@ class UnseenApproach:
     pairs
         Names of the bodies of each pair.
     limits
-        Of the changes.
+        Limits of the changes.
     """
 
     def __init__(self, nominal: NominalCell, pairs: Sequence[tuple[str, str]], limits: JogLimits) -> None:

@@ -72,7 +72,7 @@ class Hypothesis:
     state
         Last measured state.
     rates
-        Of joints and table, (axes,), rad/s.
+        Rates of joints and table, (axes,), rad/s.
     rate_error
         Bound on the error of each rate, (axes,), rad/s.
     rate_age
@@ -101,7 +101,7 @@ class WorstCase:
     Attributes
     ----------
     age
-        Of a measured state when it is used, s.
+        Age of a measured state when it is used, s.
     period
         Between two checks, s: a stop that is not commanded now may be commanded one period later.
     delay
@@ -109,7 +109,7 @@ class WorstCase:
     deceleration
         That every axis attains, rad/s².
     angle_error
-        Of the measured angles, rad.
+        Angle error of the measured angles, rad.
     unseen
         Largest accelerations of unseen changes of the motion by the operator; None: it continues as identified.
     """

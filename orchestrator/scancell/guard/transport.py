@@ -152,7 +152,7 @@ class InProcess:
     answerer
         The guard: a `Guard`, or another object with ``answer(state)`` and ``reset()``.
     compute_time
-        Of an answer, s. Of the states that arrive meanwhile, the newest is the next to be answered.
+        Compute time of an answer, s. Of the states that arrive meanwhile, the newest is the next to be answered.
 
     Examples
     --------
@@ -421,7 +421,7 @@ class Link:
     age_limit
         Answers to states older than that are refused, s.
     faults
-        Of the controller; then the times are true ones. None: no faults.
+        Faults of the controller; then the times are true ones. None: no faults.
 
     Examples
     --------
@@ -501,7 +501,7 @@ def faulty_link(
     description
         The faults.
     seed
-        Of the random numbers.
+        Seed of the random numbers.
     kind
         Class of the link.
 

@@ -218,7 +218,7 @@ class DeviationReport:
     Attributes
     ----------
     name
-        Of the part.
+        Name of the part.
     points_in_part
         (n, 3) points of the deviation, m.
     unseen

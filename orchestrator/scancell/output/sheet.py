@@ -123,7 +123,7 @@ class Axes:
     x, y
         Limits of the values.
     labels
-        Of both axes.
+        Labels of both axes.
     title, legend
         Above the plot; labels of colours.
     x_ticks, y_ticks

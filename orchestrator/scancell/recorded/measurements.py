@@ -42,7 +42,7 @@ class Measurements(Value):
     Attributes
     ----------
     names, index, time
-        Of the exposures (n,): for messages, as numbers of profiles, and s.
+        Names, index and time of the exposures (n,): for messages, as numbers of profiles, and s.
     readings
         Joints, or poses of the flange, and table angles.
     profiles

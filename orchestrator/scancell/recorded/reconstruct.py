@@ -305,7 +305,7 @@ def reconstruct_measurements(
     keep_all
         Whether points that are not the part's stay.
     uncertainty
-        Of calibrated values; those of different calibrations are independent.
+        Uncertainty of calibrated values; those of different calibrations are independent.
     """
     if setup.scan.belt is not None:
         raise DescriptionError(

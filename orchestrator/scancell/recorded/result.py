@@ -71,7 +71,7 @@ class ReconstructionResult(Result):
     camera_names
         By camera index.
     threads
-        Of the evaluation.
+        Number of threads of the evaluation.
 
     Examples
     --------
@@ -348,7 +348,7 @@ def reconstruct(
     table_format
         Format of the profiles: the name of a shipped one, or a file; by default by the content.
     convention
-        Of orientations whose columns do not state it.
+        Convention of orientations whose columns do not state it.
     laser_off
         Folder of background images to subtract.
     quarter_turns

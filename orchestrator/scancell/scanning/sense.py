@@ -138,7 +138,7 @@ def expose(
     offsets
         Times (k,) from the latch to the middles of the exposures of a profile, s.
     bit_depth
-        Of the images, which are kept if the engine renders them; None keeps none.
+        Bit depth of the images, which are kept if the engine renders them; None keeps none.
     """
     several = offsets.size > 1
     try:

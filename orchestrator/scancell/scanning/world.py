@@ -287,7 +287,7 @@ class World:
     part_file, recording_file
         Files of the part and of a recording, where these are from files.
     unit
-        Of the part's file.
+        Unit of the part's file.
     estimated_sensor
         Calibrated sensor that interprets the images in place of the nominal one.
     """

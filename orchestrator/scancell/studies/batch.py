@@ -188,7 +188,7 @@ def open_batch(description: BatchDescription, file: Path | None, given: Sequence
     Parameters
     ----------
     file
-        Of the description; the paths in it are relative to its folder.
+        File of the description; the paths in it are relative to its folder.
 
     Raises
     ------

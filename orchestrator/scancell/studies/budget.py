@@ -58,7 +58,7 @@ class ShapleyForms:
     factors
         Number of factors.
     seed
-        Of the sampled orders; up to `MAX_EXACT_FACTORS` factors with correlated terms all subsets are evaluated.
+        Seed of the sampled orders; up to `MAX_EXACT_FACTORS` factors with correlated terms all subsets are evaluated.
     """
 
     def __init__(self, covariance: Array, owners: Sequence[tuple[int, ...]], factors: int, seed: int = 0) -> None:
@@ -232,7 +232,7 @@ def variance_budget(
     rows_per_sample
         Successive rows that depend on each other.
     correlation
-        Of the factors in the population, see `regressions`.
+        Correlation of the factors in the population, see `regressions`.
 
     Returns
     -------

@@ -187,7 +187,7 @@ def open_archive(content: bytes, name: str, most_bytes: int = MOST_BYTES) -> Rec
     Parameters
     ----------
     name
-        Of the file, for messages.
+        Name of the file, for messages.
     most_bytes
         Largest size of these files.
 

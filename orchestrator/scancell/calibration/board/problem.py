@@ -46,7 +46,7 @@ class BoardView:
     Attributes
     ----------
     name
-        Of the image.
+        Name of the image.
     flange
         (4, 4) measured pose of the flange in the robot's base.
     corners, corner_pixels

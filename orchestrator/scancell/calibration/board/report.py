@@ -70,7 +70,7 @@ class BoardCalibrationReport(SavedCalibration):
     found_warnings
         What was left out of the images.
     probability
-        Of the intervals.
+        Probability of the intervals.
 
     Examples
     --------
@@ -243,7 +243,7 @@ def calibrate_from_images(
     sensor
         Description whose detector, laser and extraction are kept; the first camera is the one to calibrate.
     convention
-        Of orientations whose columns do not state it.
+        Convention of orientations whose columns do not state it.
 
     Raises
     ------

@@ -123,7 +123,7 @@ def read_points(
     flange_path
         Table of flange poses by exposure; by default they, or joints, are in the table of points.
     convention
-        Of flange poses, see `read_flange`.
+        Convention of flange poses, see `read_flange`.
     table
         That of the points, where it has been read.
     """
@@ -240,7 +240,7 @@ def wrong_sphere(problem: CalibrationProblem, radius: float, centre: Array) -> s
     Parameters
     ----------
     radius, centre
-        Of the described sphere, the latter (3,) about where it is on the platter, m.
+        Radius and centre of the described sphere, the latter (3,) about where it is on the platter, m.
     """
     data, readings = problem.observations, problem.observations.readings
 

@@ -67,7 +67,7 @@ class CalibrationReport(SavedCalibration):
     inputs, run
         Files and settings for the manifest.
     probability
-        Of the intervals.
+        Probability of the intervals.
 
     Examples
     --------

@@ -183,7 +183,7 @@ def sphere_start(
     Parameters
     ----------
     readings
-        Of all exposures.
+        Readings of all exposures.
     centre
         (3,) about where the sphere is on the platter, m.
     """

@@ -76,7 +76,7 @@ class SensorCalibrationReport(SavedCalibration):
     inputs, run
         Files and settings for the manifest.
     probability
-        Of the intervals.
+        Probability of the intervals.
 
     Examples
     --------

@@ -57,7 +57,7 @@ class RunRow:
     motions, short
         Motions in the twin, and those of them that took at most a cycle of the controller.
     twin_contact_at, twin_contact
-        Of the twin, s and pair; NaN and empty: none.
+        Contact of the twin, s and pair; NaN and empty: none.
     contact_at, contact
         The same of the guarded run.
     by_gripper
@@ -130,7 +130,7 @@ class Campaign(Closing):
     parts
         Meshes by name, m, one of which is on the table.
     seed
-        Of the campaign.
+        Seed of the campaign.
     folder
         For the files of the FMU; None: where the system keeps temporary files.
     simulation

@@ -92,19 +92,19 @@ class Stratum:
     Attributes
     ----------
     number, block
-        Of the run, and of the block of `BLOCK` runs with one cell that it belongs to.
+        Numbers of the run, and of the block of `BLOCK` runs with one cell that it belongs to.
     kind
-        Of its motions: a `Kind`, or `MIXED`.
+        Kind of the motions: a `Kind`, or `MIXED`.
     decade, length
         Numbers of the decades of speed and of length; length `len(LENGTHS)`: each motion has its own.
     near
         Whether the robot starts near a body and insists on approaching it.
     fault
-        Of the network: a key of `FAULTS`.
+        Fault of the network: a key of `FAULTS`.
     silent
         Whether the controller does not send the paths of jogs.
     version
-        Of the controller's protocol.
+        Version of the controller's protocol.
     """
 
     number: int

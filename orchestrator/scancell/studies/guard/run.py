@@ -152,7 +152,7 @@ class CampaignOptions:
     part
         Mesh file of the part, in `unit`.
     seed
-        Of all runs.
+        Seed of all runs.
     """
 
     cell: str | None

@@ -77,7 +77,7 @@ class Motion:
     event
         What happens before it; None: nothing.
     width
-        Of the fingers from the event on, m.
+        Width of the fingers from the event on, m.
     length
         Largest angle (rad) by which it turns an axis.
     """
@@ -143,7 +143,7 @@ class Operator:
     scenario
         The motions.
     cycle
-        Of the controller, s.
+        Cycle of the controller, s.
     folder
         For the files of programs.
     renew

@@ -119,9 +119,9 @@ class MotionRecord:
     frames
         True poses (n, frames, 7) of fingers and free parts: positions, m, and quaternions.
     answers
-        Of the guard, as the controller received them, with the times of receipt, s.
+        Answers of the guard, as the controller received them, with the times of receipt, s.
     decisions
-        Of the guard, with the times of their states on the controller's clock, s.
+        Decisions of the guard, with the times of their states on the controller's clock, s.
     begun
         Motions.
     stopped_at, refused_at, held_at
@@ -188,7 +188,7 @@ class Simulation(Closing):
     shows_jogs
         Whether the controller sends the path of a jog to the guard before it moves.
     version
-        Of the protocol that it speaks.
+        Version of the protocol that it speaks.
     """
 
     def __init__(

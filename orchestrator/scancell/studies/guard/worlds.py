@@ -113,7 +113,7 @@ class World:
     nominal
         Geometry of all bodies with the part, which the judge uses.
     settings
-        Of the guard.
+        Settings of the guard.
     grips
         Whether the robot has a gripper around a free part at the start.
     """
