@@ -11,8 +11,8 @@ from scancell.cell.fmu_file import cell_json
 from scancell.cell.program import TriggerRule
 from scancell.config.loading import load_setup
 from scancell.geometry.mesh import box_mesh
-from scancell.nominal.cell import nominal_cell
-from scancell.planning.model import PlanningCell, with_table
+from scancell.nominal.cell import nominal_cell, with_table
+from scancell.planning.model import PlanningCell
 from scancell.scanning.world import exposures_from_truth, visible_bodies
 
 BLOCK = box_mesh((0.04, 0.03, 0.02), "block")

@@ -12,7 +12,7 @@ from scancell.config.loading import load_setup
 from scancell.errors import PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import box_mesh
-from scancell.planning.model import with_table
+from scancell.nominal.cell import with_table
 from scancell.planning.motion import assembly
 from scancell.planning.options import scan_options
 from scancell.planning.planner import plan

@@ -68,6 +68,11 @@ def table_limits(cell: CellDescription, part: Mesh, table_from_part: NDArray[np.
     return min(speed, float(np.sqrt(_OF_SPEED * held / radius))), min(acceleration, _OF_ACCELERATION * held / radius)
 
 
+def with_table(q: ArrayLike, table: ArrayLike) -> Array:
+    """Positions (n, axes), rad, of joints (joints,) or (n, joints) and table angles () or (n,)."""
+    return np.stack(np.broadcast_arrays(*np.atleast_2d(q).T, table), -1)
+
+
 def fmu_frame(frame: str) -> str:
     """Name of a frame in the FMU and its recordings, which number the part that is scanned among the others."""
     return "part[1]" if frame == "part" else frame

@@ -89,11 +89,6 @@ class Work:
         self.spend(0.0)
 
 
-def with_table(q: ArrayLike, table: ArrayLike) -> Array:
-    """Positions (n, axes), rad, of joints (joints,) or (n, joints) and table angles () or (n,)."""
-    return np.stack(np.broadcast_arrays(*np.atleast_2d(q).T, table), -1)
-
-
 @dataclass(frozen=True)
 class SensorRange:
     """Measuring range of the sensor: a trapezoid in the laser sheet (sensor frame, m).

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from scancell.arrays import Array
 from scancell.geometry.mesh import Mesh
-from scancell.nominal.cell import OCCUPIED, Body, NominalCell
+from scancell.nominal.cell import OCCUPIED, Body, NominalCell, with_table
 from scancell.proximity._native import PairDistances
 
 _ON_ARM = ("link", "sensor", "finger")
@@ -142,7 +142,7 @@ def cell_scene(
     lower, upper = nominal.arm.limits
     rng = np.random.default_rng(0)
     q, table = rng.uniform(lower, upper, (100, len(lower))), rng.uniform(0.0, 2 * np.pi, 100)
-    overlapping = intersecting_pairs(scene, nominal.body_poses(np.column_stack([q, table])))
+    overlapping = intersecting_pairs(scene, nominal.body_poses(with_table(q, table)))
     excepted = {pair for pair in overlapping if not pair & parts and not _measured(pair)}
     home, arm = nominal.body_poses(nominal.home)[None], set(arm_chain(nominal)) - {"base"}
     around = {pair for pair in map(frozenset, scene.pairs) if _measured(pair) and not pair & arm}

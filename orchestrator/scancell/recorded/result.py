@@ -31,12 +31,12 @@ from scancell.evaluation.deviation import (
 )
 from scancell.files import arrow_table
 from scancell.geometry.mesh import Mesh
+from scancell.nominal.cell import with_table
 from scancell.nominal.parts import load_part
 from scancell.output.deviation_report import DeviationReport, deviation_picture
 from scancell.output.run_files import OPTIONAL_FILES, covariance_columns, write_json, write_profiles
 from scancell.output.run_folder import RunFolder, build_version, command_words, manifest, resolved_toml
 from scancell.output.sheet import Sheet
-from scancell.planning.model import with_table
 from scancell.progress import Progress, ProgressCallback, as_progress
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import parse_formats, write_cloud

@@ -138,7 +138,7 @@ class FoundByCalibration:
 
 
 def read_calibration(folder: Path) -> FoundByCalibration:
-    """What the folder of results of `scancell calibrate`, or its ``calibration.json``, holds.
+    """Values and uncertainties in a folder of results of `scancell calibrate`, or in its ``calibration.json``.
 
     Raises `DescriptionError` naming the file, key and what was expected.
     """

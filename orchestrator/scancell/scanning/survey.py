@@ -20,8 +20,8 @@ from scancell.errors import DescriptionError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, joined
 from scancell.geometry.voxels import MAX_VOXELS, VoxelGrid
-from scancell.nominal.cell import NominalCell
-from scancell.planning.model import PlanningCell, SensorRange, Work, WorkLimitError, with_table
+from scancell.nominal.cell import NominalCell, with_table
+from scancell.planning.model import PlanningCell, SensorRange, Work, WorkLimitError
 from scancell.planning.motion.assembly import Assembly, check_part
 from scancell.planning.options import scan_options
 from scancell.planning.plan import Plan

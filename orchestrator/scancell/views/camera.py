@@ -191,7 +191,7 @@ class LaserSheet:
         return np.asarray(self.world_from_sensor[:3, 3] + self.source_z * self.world_from_sensor[:3, 2])
 
     def stripe(self, eye: Array, directions: Array, depth: Array, focal_px: float) -> tuple[Index, Array]:
-        """Where the stripe is seen, shadows left aside: rows (k,) of rays and its brightness (k,), 0 to 1, there.
+        """Rows (k,) of rays that meet the stripe, shadows left aside, and its brightness (k,) there, 0 to 1.
 
         Rays (n, 3) from `eye` (3,) meet surfaces at multiples `depth` (n,) of their directions, infinite for none;
         `focal_px` gives the width of a pixel there.
@@ -204,7 +204,7 @@ class LaserSheet:
         return rows, np.clip(1.5 - x[rows] / half[rows], 0.0, 1.0)
 
     def veil(self, eye: Array, directions: Array, depth: Array) -> tuple[Index, Array, Array]:
-        """Where the sheet is seen before surfaces, shadows left aside; rays as for `stripe`.
+        """Points at which rays cross the sheet before surfaces, shadows left aside; rays as for `stripe`.
 
         Returns rows (k,) of rays, the points (k, 3) where they cross it, and how much light (k,) is left of 1: it thins
         out from a quarter of the measuring range on.

@@ -44,7 +44,7 @@ COVERAGE_SAMPLES = 20_000
 
 @dataclass(frozen=True)
 class SensorOptics:
-    """Where a sensor measures: within its range, the fan of its laser, and the image of a camera; sensor frame, m.
+    """Region in which a sensor measures: its range, the fan of its laser, and the image of a camera; sensor frame, m.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class SensorOptics:
 
 @dataclass(frozen=True)
 class SensorField:
-    """Where the sensor measures, sensor frame, metres.
+    """Region in which the sensor measures, sensor frame, metres.
 
     Attributes
     ----------

@@ -56,8 +56,8 @@ from scancell.errors import CalibrationError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import ShapeMesh, Sphere
-from scancell.nominal.cell import NominalCell
-from scancell.planning.model import PlanningCell, SensorRange, Work, with_table
+from scancell.nominal.cell import NominalCell, with_table
+from scancell.planning.model import PlanningCell, SensorRange, Work
 from scancell.planning.motion.assembly import Assembly, check_part, verified
 from scancell.planning.options import ScanOptions, scan_options
 from scancell.planning.plan import Plan
@@ -540,7 +540,7 @@ class CalibrationScan:
         """Positions (n, axes) at rest, rad."""
         count = self.request.pose_count
         if not count:
-            return self._cell.start[None, :][:0]
+            return np.empty((0, len(self._cell.start)))
         wanted = max(_PER_POSE * count, _LEAST_CANDIDATES)
         found = candidates(self._cell, wanted, rng, self._scan.clearance, self.request.turns_table)
         problem = self._problem(self._expected_observations(found))

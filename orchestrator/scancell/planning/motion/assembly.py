@@ -11,8 +11,8 @@ from scancell.arrays import Array
 from scancell.cell.program import BeltRun, Program, Segment, TriggerRule
 from scancell.config.description import si_value
 from scancell.errors import PlanningError
-from scancell.nominal.cell import OCCUPIED
-from scancell.planning.model import CONFIGURATION, PlanningCell, WorkLimitError, describe, with_table
+from scancell.nominal.cell import OCCUPIED, with_table
+from scancell.planning.model import CONFIGURATION, PlanningCell, WorkLimitError, describe
 from scancell.planning.motion import trajectory
 from scancell.planning.motion.connection import Connector
 from scancell.planning.motion.timing import axis_name
@@ -300,7 +300,7 @@ def verified(cell: PlanningCell, options: ScanOptions, made: Plan) -> Plan:
     poses = cell.nominal.body_poses(np.concatenate([segment.axes[::2] for segment in segments]))
     cell.work.doing = "checking the finished plan by python-fcl"
     names = [body.name for body in cell.nominal.bodies]
-    # Occupied space around bodies that stand in the cell cannot be told from them, and counts for the arm alone.
+    # Voxels of a body that is known are not an obstacle to this body: occupied space is compared with the arm alone.
     measured, others = [name for name in names if name.startswith(OCCUPIED)], set(names) - set(arm_chain(cell.nominal))
     around = [frozenset(pair) for pair in product(measured, others)]
     start = cell.nominal.body_poses(cell.start)

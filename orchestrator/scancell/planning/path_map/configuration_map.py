@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from scancell.arrays import Array, Flags, Indices
 from scancell.geometry import pose
+from scancell.nominal.cell import with_table
 from scancell.planning.model import CELL, QUERY, PlanningCell, out_of_reach
 from scancell.planning.path_map import constraints
 from scancell.proximity.scene import Clash, ProximityScene
@@ -253,7 +254,7 @@ class ConfigurationMap:
     def _factor(self, scene: ProximityScene, limits: Array, power: float | Array, q: Array, angle: Array) -> Array:
         if not len(q) or not len(scene.pairs):
             return np.ones(len(q))
-        poses = self._cell.nominal.body_poses(np.column_stack([q, angle]))
+        poses = self._cell.nominal.body_poses(with_table(q, angle))
         distance = scene.distances(poses, limits[:, 1], self._cell.threads)
         factors = constraints.clearance(distance, limits[:, 0], limits[:, 1], power, self._static.printed)
         return np.asarray(factors.prod(-1))

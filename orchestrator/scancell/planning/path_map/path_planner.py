@@ -13,6 +13,7 @@ from scancell.config.description import si_value
 from scancell.config.scan import QualityDescription
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
+from scancell.nominal.cell import with_table
 from scancell.planning.model import PATH_POSE, PlanningCell, describe
 from scancell.planning.motion import trajectory
 from scancell.planning.motion.timing import slowdown
@@ -208,7 +209,7 @@ class PathPlanner:
             turns = pose.from_rotation(pose.rotation_about(2, table))
             self._cell.work.spend(PATH_POSE * len(table))
             q = self._cell.ik(turns @ path.at(run.at(time)), reference)[:, lattice.map.branch]
-            return np.column_stack([q, table])
+            return with_table(q, table)
 
         needed = slowdown(self._cell, positions, run.duration)
         if isinstance(needed, str):

@@ -11,7 +11,8 @@ import numpy as np
 
 from scancell.arrays import Array, Flags, Indices
 from scancell.geometry import pose
-from scancell.planning.model import PlanningCell, describe, out_of_reach, with_table
+from scancell.nominal.cell import with_table
+from scancell.planning.model import PlanningCell, describe, out_of_reach
 from scancell.planning.motion import trajectory
 from scancell.planning.motion.timing import slowdown
 from scancell.planning.path_map import constraints

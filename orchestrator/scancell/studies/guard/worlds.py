@@ -20,7 +20,7 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh, decimated, joined
 from scancell.guard.guard import Guard, GuardSettings
 from scancell.guard.parts import movable_parts
-from scancell.nominal.cell import Body, NominalCell, flange_from_tool, nominal_cell
+from scancell.nominal.cell import Body, NominalCell, flange_from_tool, nominal_cell, with_table
 from scancell.nominal.parts import gripper_from_finger, pose_matrix
 from scancell.proximity.judge import Judge
 from scancell.proximity.scene import ProximityScene, arm_chain
@@ -161,7 +161,7 @@ class World:
         rng = np.random.default_rng(0)
         q, table = rng.uniform(lower, upper, (_RANDOM, len(lower))), rng.uniform(-3.0, 3.0, _RANDOM)
         scene = ProximityScene({body.name: body.mesh for body in self.nominal.bodies}, pairs)
-        farthest = scene.distances(self.nominal.body_poses(np.column_stack([q, table])), _NEARLY, 1).max(0)
+        farthest = scene.distances(self.nominal.body_poses(with_table(q, table)), _NEARLY, 1).max(0)
         return [pair for pair, distance in zip(pairs, farthest, strict=True) if distance >= _NEARLY]
 
     def _carrier(self, body: Body) -> str:
