@@ -33,10 +33,10 @@ SOURCES := $(shell find orchestrator -name '__init__.py') CMakeLists.txt pyproje
   \( -name '*.cpp' -o -name '*.h' -o -name '*.txt' -o -name '*.in' -o -name '*.map' -o -path 'fmu/package/*.py' \)) \
   $(wildcard build/windows/runtime/*)
 
-.PHONY: help setup dev scan test test-fast campaign docs docs-test wheel native-tests check format bench peers sanitize clean
+.PHONY: help setup dev scan test test-all campaign docs docs-test wheel native-tests check format bench peers sanitize clean
 
 help:
-	@echo "make setup | scan [PART=mesh OUT=folder] | test [SLOWEST=n] | test-fast | campaign [RUNS=n] | docs | docs-test | wheel | check | format | bench | peers | sanitize [CALLS=n] | clean"
+	@echo "make setup | scan [PART=mesh OUT=folder] | test [SLOWEST=n] | test-all | campaign [RUNS=n] | docs | docs-test | wheel | check | format | bench | peers | sanitize [CALLS=n] | clean"
 
 setup: $(STAMPS)/installed
 
@@ -85,11 +85,11 @@ scan: setup
 # A process for each core, and each file, or group of files, in one of them: its tests share what is costly to make.
 PYTEST := $(BIN)/pytest -q -n auto --maxprocesses 8 --dist loadfile --no-loadscope-reorder --slowest-files $(SLOWEST)
 test: dev native-tests
-	@$(PYTEST)
-
-# Without the tests marked slow.
-test-fast: dev
 	@$(PYTEST) -m "not slow and not campaign and not docs"
+
+# With the tests of tests/slow.txt, and the times by which tests/slow_tests.py makes this list.
+test-all: dev native-tests
+	@$(PYTEST) --junitxml=build/tests.xml
 
 # The build folder that the installation made is used again, so that only the tests themselves are compiled.
 native-tests: dev

@@ -19,15 +19,10 @@ _SECONDS: Counter[str] = Counter()
 _COLLECTED: set[str] = set()
 _ROOT = Path(__file__).parents[1]
 
-# Left out by `make test-fast`: whole scans, FMUs or path tracing for more than a few seconds.
-SLOW_FOLDERS = {"system", "fmu"}
-SLOW_FILES = {
-    *("test_accuracy", "test_fan", "test_geometric_noise", "test_lamps", "test_laser_off", "test_laser_sheet"),
-    *("test_lens", "test_material", "test_measurable", "test_photon_transfer", "test_reflected_light", "test_render"),
-    *("test_rendered_ghosts", "test_shutter", "test_speckle", "test_visibility", "test_geometric_options"),
+LISTED = {
+    mark: {line for line in (_ROOT / f"tests/{mark}.txt").read_text().splitlines() if line.startswith("tests/")}
+    for mark in ("slow", "campaign")
 }
-FAST_FILES = {"test_scanner"}
-CAMPAIGN = {line for line in (_ROOT / "tests" / "campaign.txt").read_text().splitlines() if line.startswith("tests/")}
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -51,12 +46,11 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
-    _COLLECTED.add(item.nodeid)
-    if item.nodeid in CAMPAIGN:
-        item.add_marker(pytest.mark.campaign)
-    slow = item.path.parent.name in SLOW_FOLDERS or item.path.stem in SLOW_FILES
-    if slow and item.path.stem not in FAST_FILES:
-        item.add_marker(pytest.mark.slow)
+    names = {item.nodeid, item.nodeid.partition("[")[0]}
+    _COLLECTED.update(names)
+    for mark, listed in LISTED.items():
+        if names & listed:
+            item.add_marker(mark)
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -95,8 +89,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """
     if not any("::" in argument for argument in config.args):
         files = {_file(name) for name in _COLLECTED}
-        if missing := sorted(name for name in CAMPAIGN - _COLLECTED if _file(name) in files):
-            raise pytest.UsageError(f"tests/campaign.txt: no such tests: {', '.join(missing)}")
+        for mark, listed in LISTED.items():
+            if missing := sorted(name for name in listed - _COLLECTED if _file(name) in files):
+                raise pytest.UsageError(f"tests/{mark}.txt: no such tests: {', '.join(missing)}")
     if hasattr(config, "workerinput"):
         items.sort(key=lambda item: (_group(_file(item.nodeid)) != "browser", item.path.parent.name != "system"))
 

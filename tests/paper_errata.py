@@ -16,7 +16,7 @@ from scancell.geometry.pose import log_rotation
 from scancell.guard.endpoints import Identifier, _Window
 from scancell.guard.parts import Tool
 from scancell.guard.stopping import Path
-from scancell.planning.path_map import constraints
+from scancell.planning.path_map import configuration_map
 
 Array = NDArray[np.float64]
 
@@ -67,13 +67,13 @@ def equation_7(beyond_deg: float = 10.0) -> tuple[float, float]:
     q = (lower + upper) / 2
     q[[0, 4]] = upper[[0, 4]] + np.radians(beyond_deg)
     printed = np.sin(np.pi * (q - lower) / (upper - lower))
-    return float(printed.prod()), float(constraints.arm_metric(arm, q))
+    return float(printed.prod()), float(configuration_map.arm_metric(arm, q))
 
 
 def equation_8() -> tuple[float, float]:
     """Factor, printed and corrected, at the distance of `LIMITS_MM`."""
     low, high, distance = (1e-3 * length for length in LIMITS_MM)
-    printed, corrected = (float(constraints.clearance(distance, low, high, printed=p)) for p in (True, False))
+    printed, corrected = (float(configuration_map.clearance(distance, low, high, printed=p)) for p in (True, False))
     return printed, corrected
 
 

@@ -13,8 +13,7 @@ from benchmarks.sphere_cell import observations_along_z
 from benchmarks.tracks.acceptance import NAMES as ACCEPTANCE_NAMES
 from benchmarks.tracks.hand_eye import NAMES
 from benchmarks.tracks.table import NAMES as TABLE_NAMES
-from scancell.calibration.board.problem import COUNT, BoardView, Rig
-from scancell.calibration.board.solve import BoardCalibration, solve, start_rig
+from scancell.calibration.board.solve import COUNT, BoardCalibration, BoardView, Rig, solve, start_rig
 from scancell.calibration.cell.kinematics import TABLE, TOOL, AxisReadings, CellKinematics, written_unit
 from scancell.calibration.cell.problem import Artefact, CalibrationProblem, MeasuredShapes
 from scancell.calibration.cell.solve import solve as solve_cell

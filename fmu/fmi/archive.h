@@ -21,7 +21,7 @@
 
 namespace robotcell::fmi {
 
-constexpr double kRounding = 1e-6;
+constexpr double kRotationTolerance = 1e-6;
 /// Bound of numbers that belong to moving bodies (SI units): beyond it the engine ends the process.
 constexpr double kMaxMagnitude = 1e9;
 constexpr double kNoLimit = std::numeric_limits<double>::max();
@@ -158,15 +158,15 @@ void exchange(Archive& archive, Eigen::Matrix<double, N, 1>& vector) {
 template <class Archive>
 void exchange(Archive& archive, Eigen::Quaterniond& rotation) {
   for (double& value : rotation.coeffs().reshaped()) archive.raw(value);
-  if (Archive::kReads && std::abs(rotation.norm() - 1) > kRounding) reject_value();
+  if (Archive::kReads && std::abs(rotation.norm() - 1) > kRotationTolerance) reject_value();
 }
 
 template <class Archive>
 void exchange(Archive& archive, Eigen::Isometry3d& pose) {
   for (double& value : pose.matrix().reshaped()) archive.raw(value);
   const Eigen::Matrix3d rotation = pose.linear();
-  const bool rigid = (rotation.transpose() * rotation).isIdentity(kRounding) && rotation.determinant() > 0 &&
-                     pose.matrix().row(3) == Eigen::RowVector4d(0, 0, 0, 1);
+  const bool rigid = (rotation.transpose() * rotation).isIdentity(kRotationTolerance) &&
+                     rotation.determinant() > 0 && pose.matrix().row(3) == Eigen::RowVector4d(0, 0, 0, 1);
   if (Archive::kReads && !rigid) reject_value();
 }
 

@@ -129,7 +129,7 @@ void Sequencer::advance(double step) {
 /// and what follows is an input of the sequencer a communication step later.
 bool Sequencer::is_complete(const Step& step, double communication_step) const {
   const double elapsed = values_.time - values_.began + kHalfMicrosecond;
-  const CellState& cell = values_.cell;
+  const CellReadings& cell = values_.cell;
   if (elapsed < step.duration) return false;
   switch (static_cast<Until>(step.until)) {
     case Until::kTime:

@@ -30,7 +30,7 @@ struct Step {
 };
 
 /// Outputs of the cell that the sequencer reads.
-struct CellState {
+struct CellReadings {
   bool at_destination = true;
   std::int32_t error = 0;  // of the controller
   bool gripped = false;
@@ -57,7 +57,7 @@ class Sequencer : public fmi::Instance {
     double time = 0;         // s
     std::int32_t count = 0;  // of steps that are used
     PerDevice<Step> steps;
-    CellState cell;
+    CellReadings cell;
     CellInputs command;       // of the present step
     std::int32_t number = 0;  // of the present step, counted from 1
     bool finished = false;

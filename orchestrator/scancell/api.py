@@ -48,7 +48,7 @@ from scancell.planning.plan import Plan
 from scancell.planning.setups import SetUps
 from scancell.progress import Progress, ProgressCallback, as_progress
 from scancell.reconstruction.cloud import Cloud
-from scancell.reconstruction.sources import cloud_of, points_of
+from scancell.reconstruction.reconstruct import cloud_of, points_of
 from scancell.results import ScanResult, ShotResult
 from scancell.scanner import Scanner
 from scancell.scanning.pipeline import PreScanHook

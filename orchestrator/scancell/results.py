@@ -25,10 +25,19 @@ from scancell.evaluation.deviation import (
 )
 from scancell.output.deviation_report import DeviationReport, deviation_picture
 from scancell.output.image_files import FrameFiles
-from scancell.output.run_files import OPTIONAL_FILES, write_json, write_profiles
-from scancell.output.run_folder import RunFolder, SavedResult, build_version, command_words, manifest, resolved_toml
+from scancell.output.pictures import exposure_picture
+from scancell.output.run_folder import (
+    OPTIONAL_FILES,
+    RunFolder,
+    SavedResult,
+    build_version,
+    command_words,
+    manifest,
+    resolved_toml,
+    write_json,
+    write_profiles,
+)
 from scancell.output.sheet import Sheet
-from scancell.output.stripe_picture import exposure_picture
 from scancell.output.tables import write_profile_csv
 from scancell.planning.plan import plan_json
 from scancell.progress import NullProgress, Progress, ProgressCallback, Stopwatch, as_progress
@@ -37,7 +46,7 @@ from scancell.scanning.scan import ScanData
 from scancell.scanning.session import Profile
 from scancell.scanning.world import World
 from scancell.values import Result
-from scancell.visibility.surface_search import (
+from scancell.visibility import (
     COVERAGE_SAMPLES,
     MeasurableSurface,
     cache_folder,

@@ -8,8 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.calibration.board.problem import COUNT, BoardView, Rig, displaced
-from scancell.calibration.board.solve import BoardCalibration
+from scancell.calibration.board.solve import COUNT, BoardCalibration, BoardView, Rig, displaced
 from scancell.calibration.variance_components import half_widths
 from scancell.geometry import pose
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from chromium import EXECUTABLE, Watched, chromium
 from scancell.browser.server.workspace import Workspace
-from scancell.live.commands import MoveJoints
+from scancell.live.state import MoveJoints
 
 from .table import Row
 

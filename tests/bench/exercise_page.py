@@ -7,8 +7,7 @@ import sys
 import textwrap
 from pathlib import Path
 
-from scancell.exercises.catalogue import find_exercise
-from scancell.exercises.measures import Exercise, Item, Question
+from scancell.exercises import Exercise, Item, Question, find_exercise
 
 _WIDTH = 120
 _SECTION = re.compile(r"(<!-- exercise (\w+) -->\n).*?(?=<!-- end -->)", re.DOTALL)

@@ -25,8 +25,10 @@ from bench.ball_prediction import prediction_lines
 from bench.ball_profiles import BALL_RADIUS, Circle, FoundBall, circle_of, read_profiles, repeated_poses
 from bench.board_prediction import displacement, prediction_error, seen_pose
 from bench.robot_ball import robot_ball_lines
-from scancell.calibration.board.problem import COUNT, BoardView, Rig
 from scancell.calibration.board.solve import (
+    COUNT,
+    BoardView,
+    Rig,
     calibrate_cameras,
     plane_frame,
     solve,

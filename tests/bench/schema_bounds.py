@@ -37,7 +37,7 @@ from pydantic import Field, create_model
 
 import scancell
 from scancell.cell.fmu_file import build_fmu, cell_json, expected_keys
-from scancell.cell.fmu_package.contents import FmuOptions
+from scancell.cell.fmu_package import FmuOptions
 from scancell.config.artefact import ArtefactDescription
 from scancell.config.cell import LinkDescription
 from scancell.config.choices import Engine

@@ -21,7 +21,7 @@ from scancell.browser.server.workspace import Workspace, WorkspaceSettings
 from scancell.config.choices import Engine
 from scancell.config.loading import assets_dir, load_setup
 from scancell.geometry import pose
-from scancell.live.commands import Cancel
+from scancell.live.state import Cancel
 from scancell.programs.robot import deg, location, mm
 from scancell.scanning.session import ScanSession
 

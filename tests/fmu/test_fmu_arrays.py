@@ -12,7 +12,7 @@ from cell_fixture import START, Array, Build, CellFmu, cell_description, read_de
 from fmpy.validation import validate_fmu
 
 from scancell.cell.fmu_file import build_fmu
-from scancell.cell.fmu_package.contents import FmuOptions
+from scancell.cell.fmu_package import FmuOptions
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,7 @@ from fmpy.validation import validate_fmu
 from lxml import etree
 
 from scancell.cell.fmu_file import FmiVersion, build_fmu
-from scancell.cell.fmu_package.contents import FmuOptions
+from scancell.cell.fmu_package import FmuOptions
 
 VERSIONS: tuple[FmiVersion, ...] = (2, 3)
 TOLERANCE = 1e-9

@@ -14,7 +14,7 @@ from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 
 from scancell.cell.fmu_file import build_sequencer_fmu
-from scancell.cell.fmu_package.contents import FmiVersion
+from scancell.cell.fmu_package import FmiVersion
 
 STEP = 0.016
 CELL = {**cell_description(), "conveyors": [conveyor()]}

@@ -268,7 +268,6 @@ def pick_package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.slow
 def test_example_picks_places_scans_and_jogs(pick_package: Path) -> None:
     rows = run(pick_package, stop=22.0)
     assert rows["sequencer.finished"][-1]

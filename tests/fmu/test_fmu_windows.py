@@ -23,7 +23,7 @@ from played_calls import (
 )
 
 from scancell.cell.fmu_file import FmiVersion, description_text, make_temporary_fmu
-from scancell.cell.fmu_package.contents import FmuOptions, fmu_contents, sequencer_contents, write_archive
+from scancell.cell.fmu_package import FmuOptions, fmu_contents, sequencer_contents, write_archive
 
 VERSIONS: tuple[FmiVersion, ...] = (2, 3)
 WINDOWS_FOLDER = {2: "win64", 3: "x86_64-windows"}

@@ -10,8 +10,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from scancell.live.cell import LiveCell
-from scancell.live.commands import Command, MoveTool
-from scancell.live.state import LiveState
+from scancell.live.state import Command, LiveState, MoveTool
 from scancell.scanning.session import ScanSession
 
 MAX_CYCLES = 20_000

@@ -8,7 +8,7 @@ import pytest
 from scancell.config.robot import RobotDescription
 from scancell.geometry import pose
 from scancell.geometry.arm import Arm, Joint
-from scancell.geometry.spherical_wrist import BRANCH_NAMES
+from scancell.geometry.inverse_kinematics import BRANCH_NAMES
 from scancell.nominal.cell import arm_of
 
 ARM = arm_of(RobotDescription.default())

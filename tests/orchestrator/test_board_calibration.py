@@ -18,8 +18,7 @@ import scancell
 from bench.board_prediction import prediction_error
 from board_recordings import BASE_FROM_BOARD, BOARD, FLANGE_FROM_SENSOR, BoardRecording, record, recorded_sensor
 from scancell import sensor as sensor_rt
-from scancell.calibration.board.problem import BoardProblem
-from scancell.calibration.board.solve import hand_eye, solve, start_rig
+from scancell.calibration.board.solve import BoardProblem, hand_eye, solve, start_rig
 from scancell.calibration.board.views import Board, read_views
 from scancell.calibration.measured_table import write_measured_table
 from scancell.cli import app

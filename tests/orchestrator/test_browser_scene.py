@@ -21,7 +21,7 @@ from scancell.config.material import PRESETS
 from scancell.geometry import pose
 from scancell.geometry.mesh import box_mesh
 from scancell.live.cell import LiveCell
-from scancell.live.commands import MoveJoints, MoveTool, OpenGripper, RunConveyor
+from scancell.live.state import MoveJoints, MoveTool, OpenGripper, RunConveyor
 from scancell.nominal.cell import without_bodies
 from scancell.programs.robot import deg, location, mm
 from scene_nodes import visible_bodies

@@ -23,7 +23,7 @@ def test_fingerprint_detects_changed_sources(tmp_path) -> None:
         copy.__path__.append(shutil.copytree(folder, tmp_path / f"copy {number}", symlinks=True))
     own = fingerprint(sources(scancell))
     assert fingerprint(sources(copy)) == own
-    (report,) = tmp_path.glob("copy */output/run_files.py")
+    (report,) = tmp_path.glob("copy */output/run_folder.py")
     with report.open("a") as file:
         file.write("# another word\n")
     assert fingerprint(sources(copy)) != own

@@ -21,7 +21,6 @@ def median(trials: list[Trial], names: tuple[str, ...], group: str, unit: str) -
     return float(np.median(length(np.array([trial.errors for trial in trials]), names, group, unit)))
 
 
-@pytest.mark.slow
 def test_medians_of_a_perfect_robot(trials) -> None:
     found = trials["perfect"]
     assert median(found, ALL, "tool.", "mm") < 0.010
@@ -31,14 +30,12 @@ def test_medians_of_a_perfect_robot(trials) -> None:
     assert median(found, ALL, LATENCY, "ms") < 0.05
 
 
-@pytest.mark.slow
 def test_medians_of_a_realistic_robot() -> None:
     found = [at_rest(ROBOTS["realistic"], seed) for seed in range(SEEDS)]
     assert median(found, TOOL + TABLE, "tool.", "mm") < 0.07
     assert median(found, TOOL + TABLE, "tool.", "deg") < 0.1
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_intervals_contain_the_truth(trials, robot: str) -> None:
     inside = np.array([np.abs(trial.errors) <= trial.half_widths for trial in trials[robot]])
@@ -49,7 +46,6 @@ def test_intervals_contain_the_truth(trials, robot: str) -> None:
     assert 0.7 <= np.mean(scaled**2) <= 1.4
 
 
-@pytest.mark.slow
 def test_intervals_of_large_deviations_contain_the_truth() -> None:
     """Up to 2.5 mm, 1.5 deg and 12 ms."""
     found = [everything(ROBOTS["perfect"], seed, LARGE) for seed in range(SEEDS)]

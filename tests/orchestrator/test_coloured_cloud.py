@@ -7,8 +7,7 @@ import pytest
 from cells import block, cloud_of
 
 from scancell.output.deviation_report import deviation_colours
-from scancell.views.renderer import ColouredCloud, coloured_by
-from scancell.views.shading import displayed
+from scancell.views.renderer import ColouredCloud, coloured_by, displayed
 
 
 def above_top(deviation: np.ndarray, **columns: np.ndarray) -> ColouredCloud:

@@ -14,8 +14,7 @@ from scancell.cell.recording import write_recording
 from scancell.config.loading import assets_dir
 from scancell.errors import DescriptionError
 from scancell.geometry.mesh import Mesh, box_mesh
-from scancell.output.run_files import write_profiles
-from scancell.output.run_folder import resolved_toml
+from scancell.output.run_folder import resolved_toml, write_profiles
 from scancell.recorded.compare import Residuals, _from_edges, _repeated, _scatter_of_means
 
 PART = assets_dir() / "parts" / "sphere_on_foot.stl"

@@ -8,7 +8,7 @@ from cells import block, planning_cell
 
 from scancell.geometry import pose
 from scancell.planning.model import QUERY, PlanningCell
-from scancell.planning.path_map import constraints
+from scancell.planning.path_map import configuration_map
 from scancell.planning.path_map.configuration_map import (
     CLEARANCE,
     FREE,
@@ -64,10 +64,10 @@ def test_the_quality_is_the_product_of_all_factors(cell: PlanningCell) -> None:
         q = judged.joints([column], [angle])[0]
         distance = cell.proximity.distances(cell.nominal.body_poses(np.array([[*q, angle]])), np.inf)[0]
         low, high = cell.clearance_ranges(0.005, 0.05, 0.01).T
-        expected = constraints.arm_metric(cell.nominal.arm, q)
-        expected = expected * constraints.clearance(distance, low, high).prod()
+        expected = configuration_map.arm_metric(cell.nominal.arm, q)
+        expected = expected * configuration_map.clearance(distance, low, high).prod()
         regular = singularity_distance(np.linalg.inv(cell.nominal.arm.jacobian(q)))
-        expected = expected * constraints.clearance(regular, 0.01, 0.1)
+        expected = expected * configuration_map.clearance(regular, 0.01, 0.1)
         assert judged.quality[column, row] == pytest.approx(float(expected), rel=1e-5)
         checked += 1
     assert checked > 10
@@ -92,10 +92,10 @@ def test_exponents_of_joints_and_pairs_by_definition(cell: PlanningCell) -> None
         q = judged.joints([column], [angle])[0]
         distance = cell.proximity.distances(cell.nominal.body_poses(np.array([[*q, angle]])), np.inf)[0]
         share = np.clip((distance - low) / (high - low), 0, 1)
-        factors = [float(constraints.joint_range(a, *limits)) for a, *limits in zip(q, *arm.limits, strict=True)]
+        factors = [float(configuration_map.joint_range(a, *limits)) for a, *limits in zip(q, *arm.limits, strict=True)]
         regular = singularity_distance(np.linalg.inv(arm.jacobian(q)))
         expected = np.prod(np.power(factors, of_joints)) * np.prod(np.sin(np.pi / 2 * share) ** of_pairs)
-        expected *= constraints.clearance(regular, 0.01, 0.1)
+        expected *= configuration_map.clearance(regular, 0.01, 0.1)
         assert judged.quality[column, row] == pytest.approx(float(expected), rel=1e-5)
 
 

@@ -13,7 +13,7 @@ from scancell.evaluation.deviation import coverage, profile_spacing
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, sample_surface
 from scancell.sensor import covered_samples
-from scancell.visibility.surface_search import MeasurableSurface
+from scancell.visibility import MeasurableSurface
 
 RADIUS = 0.025
 SPACING = 0.5e-3

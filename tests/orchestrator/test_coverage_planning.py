@@ -33,7 +33,7 @@ from scancell.planning.views.coverage import (
 )
 from scancell.planning.views.views import Pass, sample_part, sweep_pose
 from scancell.scanning.world import make_sensor
-from scancell.visibility.surface_search import MeasurableSurface, measurable_surface
+from scancell.visibility import MeasurableSurface, measurable_surface
 
 BLOCK = block(0.05, 0.04, 0.03)
 SAMPLES = 3000
@@ -152,7 +152,6 @@ def test_choice_sees_the_share_and_its_report_adds_up() -> None:
     assert report.measurable_area == pytest.approx(2 * 0.03 * 0.09 + 0.05 * 0.04, rel=0.01)
 
 
-@pytest.mark.slow
 def test_share_and_budget_limit_the_choice() -> None:
     cell, sight = sight_of(BLOCK, samples=1000)
     part = sample_part(cell.nominal.part, cell.nominal.table_from_part)
@@ -167,7 +166,6 @@ def test_share_and_budget_limit_the_choice() -> None:
     assert not any(isinstance(placed.view, Pass) for placed, _ in sweeps_only)
 
 
-@pytest.mark.slow
 def test_exposures_are_thinned_to_the_largest_number() -> None:
     cell, sight = sight_of(BLOCK)
     part = sample_part(cell.nominal.part, cell.nominal.table_from_part)
@@ -204,7 +202,6 @@ def test_poses_of_the_grid_measure_hard_samples() -> None:
     assert (sight.judge_at(poses, sample_of) == SEEN).mean() > 0.97
 
 
-@pytest.mark.slow
 def test_part_without_measurable_surface_is_refused() -> None:
     cell, _ = sight_of(BLOCK)
     setup = load_setup()

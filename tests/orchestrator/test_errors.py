@@ -19,7 +19,7 @@ from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
 from scancell.config.study import load_batch
 from scancell.errors import DescriptionError, MeshError, ScancellError, named_by, shown
-from scancell.geometry.fits.fit import fit_sphere
+from scancell.geometry.fits import fit_sphere
 from scancell.geometry.mesh import load_mesh
 from scancell.guard.messages import CellState, Mode, Operation
 from scancell.output.image_files import read_index

@@ -15,11 +15,9 @@ from bench.exercise_page import updated
 from scancell import Scanner
 from scancell.config.loading import load_setup
 from scancell.errors import DescriptionError
-from scancell.exercises.attempt import Attempt, sheet_file, sheet_html, write_sheet
-from scancell.exercises.catalogue import EXERCISES, find_exercise
-from scancell.exercises.measures import Question
+from scancell.exercises import EXERCISES, Attempt, Question, find_exercise, sheet_file, sheet_html, write_sheet
 from scancell.live.cell import LiveCell
-from scancell.programs.live_program import LiveProgram, LiveProgramState
+from scancell.programs.program import LiveProgram, LiveProgramState
 from scancell.programs.taught import TaughtFile
 
 SOLUTIONS = Path(__file__).parents[2] / "docs" / "examples" / "exercises"

@@ -27,7 +27,7 @@ from scancell.planning.views.sensor_paths import recorded_poses
 from scancell.programs.taught import TaughtFile
 from scancell.reconstruction.cloud_files.formats import read_npz
 from scancell.reconstruction.cloud_files.read import read_cloud_file
-from scancell.recorded.uncertainty import read_calibration
+from scancell.recorded.reconstruct import read_calibration
 
 
 @pytest.mark.parametrize("dtype", ["u1", "u4", "i4", "i8", "f4", "f8"])

@@ -9,7 +9,6 @@ from scipy.stats import chi2
 
 from scancell.errors import FitError
 from scancell.geometry import fits
-from scancell.geometry.fits import elements
 
 FITS = {
     "line": fits.fit_line,
@@ -65,8 +64,8 @@ def test_exact_points_give_the_element_anywhere_in_space(kind: str) -> None:
             assert found.half_angle == pytest.approx(HALF_ANGLE, abs=1e-9)
 
 
-@pytest.mark.parametrize("kind", [elements.CircleInPlane, *(getattr(elements, kind.capitalize()) for kind in FITS)])
-def test_derivatives_of_distances_are_those_of_finite_steps(kind: type[elements.Element]) -> None:
+@pytest.mark.parametrize("kind", [fits.CircleInPlane, *(getattr(fits, kind.capitalize()) for kind in FITS)])
+def test_derivatives_of_distances_are_those_of_finite_steps(kind: type[fits.Element]) -> None:
     rng = np.random.default_rng(3)
     sizes = np.array([RADIUS, HALF_ANGLE])[: len(kind.lengths)]
     element = kind(rng.uniform(-0.1, 0.1, 3), Rotation.random(rng=4).as_matrix(), sizes)

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scancell.browser.panels.arm_panels import JogPanel
+from scancell.browser.panels.cell_panel import JogPanel
 from scancell.cell.driver import JogFrame
 from scancell.config.loading import load_setup
-from scancell.live.commands import Command
+from scancell.live.state import Command
 from scancell.nominal.cell import nominal_cell
 
 SENSOR_AXES = ("tool along x", "tool along y", "tool along z", "tool about x", "tool about y", "tool about z")

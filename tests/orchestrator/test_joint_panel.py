@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scancell.browser.panels import arm_panels
+from scancell.browser.panels import cell_panel
 from scancell.browser.panels.handles import Debounce
-from scancell.live.commands import Command
+from scancell.live.state import Command
 
 HOME = np.radians([10.0, 20.0])
 
@@ -73,9 +73,9 @@ def state(joints: np.ndarray) -> Any:
 @pytest.fixture
 def rig(monkeypatch: pytest.MonkeyPatch) -> Any:
     now = SimpleNamespace(time=0.0)
-    monkeypatch.setattr(arm_panels, "Debounce", lambda: Debounce(lambda: now.time))
+    monkeypatch.setattr(cell_panel, "Debounce", lambda: Debounce(lambda: now.time))
     gui, operator = Gui(), Operator()
-    panel = arm_panels.JointPanel(gui, operator, state(HOME))  # type: ignore[arg-type]
+    panel = cell_panel.JointPanel(gui, operator, state(HOME))  # type: ignore[arg-type]
     return SimpleNamespace(gui=gui, operator=operator, panel=panel, now=now)
 
 

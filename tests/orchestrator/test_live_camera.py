@@ -17,7 +17,7 @@ from scancell.geometry import pose
 from scancell.live import camera as live_camera
 from scancell.live.camera import CameraFeed, CameraFrame
 from scancell.live.cell import LiveCell
-from scancell.live.commands import MoveLine
+from scancell.live.state import MoveLine
 from scancell.programs.robot import deg, location, mm
 from scancell.scanning.session import ScanSession
 

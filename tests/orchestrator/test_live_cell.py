@@ -15,7 +15,7 @@ from scancell.config.loading import load_setup
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.live.cell import LiveCell
-from scancell.live.commands import (
+from scancell.live.state import (
     CloseGripper,
     Command,
     JogJoints,

@@ -18,8 +18,7 @@ from scancell.cell.driver import Operation
 from scancell.errors import CellError, CommandError, ProgramError
 from scancell.live import cell as live_module
 from scancell.live.cell import LiveCell
-from scancell.live.commands import Cancel, MoveJoints, Reset, SetMonitorSpeed, SetOperation
-from scancell.live.state import JobStopped
+from scancell.live.state import Cancel, JobStopped, MoveJoints, Reset, SetMonitorSpeed, SetOperation
 from scancell.programs.program import ProgramRun, run_program
 from scancell.programs.robot import location, mm
 from scancell.scanning.session import ScanSession

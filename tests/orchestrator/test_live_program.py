@@ -15,9 +15,9 @@ from scancell import Scanner
 from scancell.config.loading import assets_dir
 from scancell.errors import CommandError, ProgramError
 from scancell.evaluation.deviation import deviation_from_mesh
-from scancell.live.commands import Cancel
 from scancell.live.scan import LiveChunk
-from scancell.programs.live_program import LiveProgram, LiveProgramState
+from scancell.live.state import Cancel
+from scancell.programs.program import LiveProgram, LiveProgramState
 from scancell.reconstruction.cloud_files import read_ply
 from scancell.views.recorded_run import open_run
 

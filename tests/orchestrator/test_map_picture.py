@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scancell.output import map_picture
+from scancell.output import pictures
 from scancell.planning.path_map.configuration_map import CLEARANCE, ConfigurationMap
 from scancell.planning.path_map.table_motion import TableMotion
 
@@ -26,7 +26,7 @@ class KnownMap(ConfigurationMap):
 
 
 def drawn(forbidden: float, motion: TableMotion | None, folder: Path) -> np.ndarray:
-    map_picture.map_picture(KnownMap(forbidden), "path", "a", 4.0, motion).write(folder / "map.png")
+    pictures.map_picture(KnownMap(forbidden), "path", "a", 4.0, motion).write(folder / "map.png")
     return np.asarray(Image.open(folder / "map.png"))
 
 

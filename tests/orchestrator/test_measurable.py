@@ -17,7 +17,7 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh, joined
 from scancell.nominal.cell import Body, NominalCell, nominal_cell
 from scancell.progress import CallbackProgress
-from scancell.visibility.surface_search import (
+from scancell.visibility import (
     POSITION_STEP,
     MeasurableSurface,
     SensorField,

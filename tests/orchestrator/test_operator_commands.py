@@ -13,7 +13,7 @@ from PIL import Image
 from scancell.browser.panels.operator_commands import OTHER_OPERATOR, OperatorCommands, can_end, can_jog, can_move
 from scancell.browser.server.gate import Operators
 from scancell.cell.driver import Operation
-from scancell.live.commands import Cancel, Command, JogJoints, MoveJoints, SetOperation
+from scancell.live.state import Cancel, Command, JogJoints, MoveJoints, SetOperation
 
 JOG, MOVE = JogJoints([0.5]), MoveJoints([0.0] * 6)
 

@@ -22,7 +22,7 @@ from scancell.errors import DescriptionError
 from scancell.nominal.cell import nominal_cell
 from scancell.planning.model import PlanningCell
 from scancell.planning.motion import trajectory
-from scancell.planning.path_map import constraints
+from scancell.planning.path_map import configuration_map
 from scancell.planning.path_map.path_planner import PathPlanner, PlacedPath
 from scancell.planning.path_map.ray_shooting import best_motion
 from scancell.planning.views.sensor_paths import sensor_paths
@@ -135,8 +135,8 @@ def test_a_weight_on_scanning_time_trades_speed_for_quality(cell: PlanningCell) 
 def test_printed_equation_8_forbids_where_the_clearance_is_just_full() -> None:
     low, high = 0.01, 0.05
     at = np.array([0.005, low, 0.03, high - 1e-9, high, 0.1])
-    corrected = constraints.clearance(at, low, high)
-    printed = constraints.clearance(at, low, high, printed=True)
+    corrected = configuration_map.clearance(at, low, high)
+    printed = configuration_map.clearance(at, low, high, printed=True)
     np.testing.assert_allclose(corrected, [0, 0, np.sin(np.pi / 4), 1, 1, 1], atol=1e-7)
     np.testing.assert_allclose(printed, [0, 0, 1, 0, 1, 1], atol=1e-6)
 

@@ -15,9 +15,8 @@ from scancell.evaluation.deviation import Deviation
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, sample_surface
 from scancell.output.deviation_report import colour_limit_um, deviation_colours, deviation_picture
+from scancell.output.pictures import SurfaceView, sharp_edges, stripe_picture, view_axes
 from scancell.output.sheet import Sheet, _font, ticks
-from scancell.output.stripe_picture import stripe_picture
-from scancell.output.surface_view import SurfaceView, sharp_edges, view_axes
 
 
 def box(size: tuple[float, float, float], shift: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Mesh:

@@ -14,7 +14,7 @@ from scancell.browser.panels.plans import map_html, pose_html, segments_html, st
 from scancell.cell.program import Program, Segment, TriggerRule
 from scancell.errors import CommandError
 from scancell.live.plan import LivePlanState, MapPose
-from scancell.output.map_picture import map_pixels
+from scancell.output.pictures import map_pixels
 from scancell.planning.path_map.configuration_map import CLEARANCE, ConfigurationMap
 from scancell.planning.plan import Plan
 

@@ -16,7 +16,7 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.planning.motion.connection import Connector
 from scancell.planning.options import scan_options
-from scancell.planning.path_map import constraints
+from scancell.planning.path_map.configuration_map import arm_metric, clearance, joint_range, product
 from scancell.planning.planner import plan
 from scancell.planning.views.views import sample_part
 
@@ -228,9 +228,7 @@ def test_connection_avoids_obstacle():
     cell, result = planned(mesh_of(trimesh.creation.cylinder(0.03, 0.2)), scan(pose=[{"rx_deg": 180.0, "z_mm": 300.0}]))
     down = cell.ik(pose.from_euler_xyz((0.0, 0.08, 0.1), (np.pi, 0, 0))[None], result.q[0])[0]
     other = cell.ik(pose.from_euler_xyz((0.0, -0.08, 0.1), (np.pi, 0, 0))[None], result.q[0])[0]
-    branch = int(
-        np.argmax(constraints.arm_metric(cell.nominal.arm, down) * constraints.arm_metric(cell.nominal.arm, other))
-    )
+    branch = int(np.argmax(arm_metric(cell.nominal.arm, down) * arm_metric(cell.nominal.arm, other)))
     start, end = np.append(down[branch], 0.0), np.append(other[branch], 0.0)
     straight = np.linspace(start, end, 100)
     assert cell.clearance_violations(straight, 0.0025)
@@ -244,25 +242,25 @@ def test_connection_avoids_obstacle():
 
 def test_joint_range_metric():
     lower, upper = np.radians(-170.0), np.radians(170.0)
-    assert constraints.joint_range(0.0, lower, upper) == pytest.approx(1.0)
-    assert constraints.joint_range(np.radians(85.0), lower, upper) == pytest.approx(np.sin(np.pi * 0.75))
-    assert constraints.joint_range(np.radians(85.0), lower, upper, 0.5) == pytest.approx(np.sin(np.pi * 0.75) ** 0.5)
+    assert joint_range(0.0, lower, upper) == pytest.approx(1.0)
+    assert joint_range(np.radians(85.0), lower, upper) == pytest.approx(np.sin(np.pi * 0.75))
+    assert joint_range(np.radians(85.0), lower, upper, 0.5) == pytest.approx(np.sin(np.pi * 0.75) ** 0.5)
     for outside in (-3.1, 3.1, 9.0, lower, upper):
-        assert constraints.joint_range(outside, lower, upper, 0.5) == 0.0
+        assert joint_range(outside, lower, upper, 0.5) == 0.0
 
 
 def test_metric_is_zero_with_two_joints_outside_limits():
     lower, upper = np.full(6, -1.0), np.full(6, 1.0)
     q = np.array([1.5, -1.5, 0.0, 0.0, 0.0, 0.0])
-    assert constraints.product(*constraints.joint_range(q, lower, upper)) == 0.0
-    assert constraints.product(np.nan, 1.0) == 0.0
+    assert product(*joint_range(q, lower, upper)) == 0.0
+    assert product(np.nan, 1.0) == 0.0
 
 
 def test_clearance_metric_is_continuous_and_monotonic():
     distance = np.linspace(0.0, 0.1, 1001)
-    metric = constraints.clearance(distance, 0.01, 0.06, 1.5)
+    metric = clearance(distance, 0.01, 0.06, 1.5)
     assert (metric[distance <= 0.01] == 0).all()
     assert (metric[distance >= 0.06] == 1).all()
     assert (np.diff(metric) >= 0).all()
     assert np.diff(metric).max() < 0.01
-    assert constraints.clearance(0.035, 0.01, 0.06) == pytest.approx(np.sin(np.pi / 4))
+    assert clearance(0.035, 0.01, 0.06) == pytest.approx(np.sin(np.pi / 4))

@@ -21,7 +21,6 @@ def test_the_benchmark_has_all_its_cases() -> None:
     assert len({case["name"] for case in CASES}) == len(CASES) >= 200
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("case", [of_kind("ordinary", 2)[1], *of_kind("moving", 1)], ids=lambda case: case["name"])
 def test_a_case_with_a_motion_is_planned_and_the_plan_holds(case: dict) -> None:
     row: Row = run_case(case)

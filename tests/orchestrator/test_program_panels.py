@@ -15,8 +15,8 @@ from scancell import Scanner
 from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.browser.panels.teach_panel import ProgramPanel, TeachPanel, source_html
 from scancell.browser.server.gate import Operators
-from scancell.live.commands import MoveJoints
-from scancell.programs.live_program import LiveProgram
+from scancell.live.state import MoveJoints
+from scancell.programs.program import LiveProgram
 from scancell.programs.robot import deg, location, mm
 from scancell.programs.taught import JointPoint, PosePoint, TaughtFile, TaughtProgram, TaughtStep, program_text
 

@@ -92,7 +92,6 @@ def test_profiles_of_a_ball(tmp_path) -> None:
     assert all(36 <= number <= 45 for number in inside)  # of 45
 
 
-@pytest.mark.slow
 def test_half_of_the_ball_predicts_the_noise_of_the_other(tmp_path) -> None:
     """The recordings have independent errors of 8 µm in each point."""
     rows = {
@@ -106,7 +105,6 @@ def test_half_of_the_ball_predicts_the_noise_of_the_other(tmp_path) -> None:
         assert ratio == pytest.approx(1.0, abs=0.25)
 
 
-@pytest.mark.slow
 def test_command_writes_the_tables_between_the_marks(tmp_path, monkeypatch, capsys) -> None:
     write_etna(tmp_path)
     write_ball(tmp_path, poses=1)

@@ -12,8 +12,7 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import nominal_cell
 from scancell.views.camera import LaserSheet, PinholeCamera, framing, laser_sheet, looking_at
-from scancell.views.renderer import FLOOR, NOTHING, PaintedBody, Renderer
-from scancell.views.shading import SUN
+from scancell.views.renderer import FLOOR, NOTHING, SUN, PaintedBody, Renderer
 
 SIZE = (320, 200)
 GREY = (0.7, 0.7, 0.7)

@@ -69,7 +69,6 @@ def test_search_is_tried_from_either_end(walled, ends, monkeypatch) -> None:
     np.testing.assert_allclose(path[[0, -1]], ends, atol=1e-12)
 
 
-@pytest.mark.slow
 def test_search_leads_past_the_wall(walled, ends) -> None:
     motions = Connector(walled, CLEARANCE).connect(*ends, "the other side")
     assert len(motions) >= 2
@@ -89,7 +88,6 @@ def search(cell: PlanningCell, **options: int) -> RrtConnect:
     return RrtConnect(cell.motion_check(CLEARANCE), np.append(lower, 0.0), np.append(upper, 0.0), **options)
 
 
-@pytest.mark.slow
 def test_same_seed_gives_the_same_path(walled, ends) -> None:
     first, second = (search(walled, seed=3).path(*ends) for _ in range(2))
     assert first is not None

@@ -23,8 +23,8 @@ from scancell.config.loading import assets_dir, load_setup
 from scancell.errors import CommandError
 from scancell.live.camera import CameraFeed, CameraFrame
 from scancell.live.cell import LiveCell
-from scancell.live.commands import Cancel, JogJoints, MoveJoints, Reset, SetOperation
 from scancell.live.scan import LiveChunk
+from scancell.live.state import Cancel, JogJoints, MoveJoints, Reset, SetOperation
 from scancell.results import ScanResult
 from scancell.scanning.session import ScanSession
 

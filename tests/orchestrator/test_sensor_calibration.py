@@ -62,7 +62,6 @@ def test_exact_peaks_give_exact_parameters(case: Case) -> None:
     assert result.discarded == 0
 
 
-@pytest.mark.slow
 def test_regions_of_95_percent_hold_true_values_and_points_are_unbiased() -> None:
     """6 seeds of each case; the binomial deviation of the joint share is 4.4 % of 24, and 8.9 % of 6."""
     joint = []

@@ -42,7 +42,6 @@ def by_ball():
     return calibrate_from(NOMINAL, measure(NOMINAL, AS_BUILT, ("ball",), None, seed=1))
 
 
-@pytest.mark.slow
 def test_ball_at_known_places_removes_range_error(by_ball) -> None:
     assert range_error(BUILT, NOMINAL, align=False) > 1e-3
     assert range_error(BUILT, by_ball.sensor, align=False) < 1e-6
@@ -50,7 +49,6 @@ def test_ball_at_known_places_removes_range_error(by_ball) -> None:
     assert by_ball.discarded < 1e-3 * by_ball.used
 
 
-@pytest.mark.slow
 def test_step_block_on_stage_mounted_anywhere_removes_range_error() -> None:
     """The sensor frame is free then: what remains after a rigid motion counts."""
     result = calibrate_from(NOMINAL, measure(NOMINAL, AS_BUILT, ("step",), AWAY, seed=1))
@@ -65,7 +63,6 @@ def board_views():
     return measure(SMALL, AS_BUILT, ("checkered",), None, 1)
 
 
-@pytest.mark.slow
 def test_checkered_board_alone_removes_range_error(board_views) -> None:
     assert len(board_views) == len(board_poses(SMALL))
     result = calibrate_from(SMALL, board_views)
@@ -76,7 +73,6 @@ def test_checkered_board_alone_removes_range_error(board_views) -> None:
         assert camera.cy_px == pytest.approx(255.5, abs=1.5)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("engine", "tolerance"), [("geometric", 2e-6), ("ray-traced", 2e-6)])
 def test_calibrated_file_gives_points_on_surface(by_ball, tmp_path, engine, tolerance) -> None:
     """A plane across the range, seen by the sensor as built, read by nominal and calibrated description."""
@@ -97,7 +93,6 @@ def test_calibrated_file_gives_points_on_surface(by_ball, tmp_path, engine, tole
         assert np.sqrt(np.mean(error[1] ** 2)) < 4e-6  # noise included
 
 
-@pytest.mark.slow
 def test_corners_of_board_are_found_in_rendered_images(monkeypatch) -> None:
     """One tilted view."""
     true_pose = board_poses(SMALL)[1]

@@ -15,7 +15,7 @@ from fmu_cells import CYCLE_US, moves_with_stops, turn_of_table
 from scancell import Scanner
 from scancell.cell.driver import GripperMode, JogFrame, Mode, Operation
 from scancell.cell.fmu_file import cell_json, make_temporary_fmu
-from scancell.cell.fmu_package.contents import FmiVersion
+from scancell.cell.fmu_package import FmiVersion
 from scancell.cell.instance import CellInstance, SignalLog
 from scancell.cell.session import CellSession
 from scancell.config.loading import load_setup

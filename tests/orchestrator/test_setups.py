@@ -35,7 +35,6 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(coverage, "_MOST_SAMPLES", 2000)
 
 
-@pytest.mark.slow
 def test_one_set_up_of_a_block_misses_its_underside_and_a_scan_of_each_covers_what_is_promised(
     tmp_path: Path, coarse: None
 ) -> None:

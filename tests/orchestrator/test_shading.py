@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scancell.views.shading import FLOOR_END, GRID, backdrop, displayed, floor_light, linear
+from scancell.views.renderer import FLOOR_END, GRID, backdrop, displayed, floor_light, linear
 
 MIDDLE = np.array([0.7, -0.4, 0.0])
 WIDE = 1e3  # m: pixels that average the whole grid

@@ -18,8 +18,8 @@ from scancell.browser.panels.status import Status, advice, pace, share_done, sta
 from scancell.cell.driver import GUARD_TOO_OLD, Operation
 from scancell.config.loading import load_setup
 from scancell.guard.guard import Decision, Guard
-from scancell.live.commands import JogSensor, Reset, SetOperation
 from scancell.live.scan import LiveScanState
+from scancell.live.state import JogSensor, Reset, SetOperation
 from scancell.programs.robot import deg, location, mm
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh
-from scancell.visibility.surface_search import Tracer
+from scancell.visibility import Tracer
 
 Array = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from scancell.config.urdf import ConvertedRobot, robot_from_urdf
 from scancell.errors import CellError, DescriptionError
 from scancell.geometry import pose
 from scancell.nominal.cell import arm_of
-from scancell.planning.motion.torques import arm_skeleton, joint_torques
+from scancell.planning.motion.trajectory import arm_skeleton, joint_torques
 
 RNG = np.random.default_rng(12)
 FOLDER = assets_dir() / "robots" / "seven_axis_urdf"

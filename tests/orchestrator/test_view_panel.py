@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scancell.browser.panels.view_panel import ViewPanel
+from scancell.browser.panels.camera_panel import ViewPanel
 from scancell.browser.scene.scene import VIEW_NAMES, ViewName, Viewpoint, viewpoint
 from scancell.config.loading import load_setup
 from scancell.geometry import pose

@@ -9,7 +9,7 @@ from itertools import combinations
 
 import pytest
 
-from scancell.live import commands
+from scancell.live import state
 from scancell.live.cell import LiveCell
 from scancell.live.state import LiveState
 from scancell.programs.robot import Robot
@@ -22,8 +22,8 @@ FACES = (ScanSession, Robot, LiveCell)
 # Without `Cancel`, which cancels jobs; a session has none.
 COMMANDS = {
     name: make
-    for name, make in vars(commands).items()
-    if inspect.isfunction(make) and name[0].isupper() and make is not commands.Cancel
+    for name, make in vars(state).items()
+    if inspect.isfunction(make) and name[0].isupper() and make is not state.Cancel
 }
 
 

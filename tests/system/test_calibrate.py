@@ -98,7 +98,6 @@ def test_live_profiles_and_lines_use_the_estimates(tmp_path) -> None:
     assert points["estimated"] - points["nominal"] == pytest.approx(np.tile(1e-3 * axis, (len(points["nominal"]), 1)))
 
 
-@pytest.mark.slow
 def test_tool_from_rendered_images(scanner) -> None:
     as_built = {"tool.x_mm": 0.5, "tool.ry_deg": 0.2}
     report = scanner.calibrate(CalibrationRequest("tool", poses=10), as_built=as_built, engine="ray-traced", seed=3)

@@ -54,7 +54,6 @@ def test_command_finds_the_sensor_as_built(folder) -> None:
     assert written.laser.turn_y_deg == pytest.approx(0.1, abs=2e-3)
 
 
-@pytest.mark.slow
 def test_scan_with_the_calibrated_sensor_is_nearly_the_ideal_one(folder) -> None:
     common = ["--engine", "ray-traced", "--set", "scan.max_profiles=30", "--seed", "2", "--json"]
     built = [word for one in MISALIGNED for word in ("--as-built", one)]

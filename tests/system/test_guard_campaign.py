@@ -37,7 +37,6 @@ def campaign() -> Iterator[Campaign]:
         yield made
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("block", range(len(FAULTS)))
 def test_guarded_robots_do_not_collide(campaign: Campaign, block: int) -> None:
     """A fault of the network: a run in each decade of speed, of kinds that change from fault to fault."""
@@ -153,7 +152,6 @@ def test_a_folder_of_another_campaign_is_refused(tmp_path: Path) -> None:
         run_campaign(other, 1, tmp_path / "here", workers=1)
 
 
-@pytest.mark.slow
 def test_the_guard_holds_at_the_limits_of_its_assumptions() -> None:
     """Steered runs by hand in a cell that brakes as late and as weakly as the guard assumes."""
     found = search(OPTIONS, 20)  # how fast it gets near depends on the rounding of the machine
@@ -162,19 +160,16 @@ def test_the_guard_holds_at_the_limits_of_its_assumptions() -> None:
     assert found.clearance < 6e-3  # the search gets near
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("error", QUICK)
 def test_a_search_finds_what_is_wrong_with_a_guard(error: str) -> None:
     assert search(QUICK[error], 40, error).contact
 
 
-@pytest.mark.slow
 def test_jogs_of_the_table_are_stopped_at_the_limits() -> None:
     found = search(OF_TABLE, 1, TABLE)
     assert (found.runs, found.contact) == (1, "")
 
 
-@pytest.mark.slow
 def test_moves_to_the_contact_of_a_pair_are_stopped_unless_it_is_ignored() -> None:
     pair = ("sensor", "table")
     guarded, ignored = search(OPTIONS, 1, "", pair), search(OPTIONS, 3, IGNORED, pair)

@@ -16,8 +16,8 @@ from scancell.config.loading import assets_dir, load_setup
 from scancell.errors import CancelledError, PlanningError
 from scancell.geometry import pose
 from scancell.live.cell import LiveCell
-from scancell.live.commands import Cancel, MoveJoints, MoveLine, Reset, SetOperation
 from scancell.live.scan import LiveChunk, LiveScan
+from scancell.live.state import Cancel, MoveJoints, MoveLine, Reset, SetOperation
 from scancell.programs.robot import deg, location, mm
 from scancell.results import ScanResult
 from scancell.scanning.session import ScanSession
@@ -246,7 +246,7 @@ def test_scan_that_never_begins_is_cancelled(session: ScanSession) -> None:
 ENDS_EARLY = """
 import sys
 from scancell import LiveCell, LiveScan, Scanner
-from scancell.live.commands import Cancel
+from scancell.live.state import Cancel
 
 part, stage = sys.argv[1:]
 with Scanner() as scanner, scanner.session(part) as session:

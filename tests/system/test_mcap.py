@@ -18,8 +18,8 @@ from scancell.evaluation.deviation import deviation_from_mesh
 from scancell.geometry import pose
 from scancell.live.camera import CameraFrame
 from scancell.live.cell import LiveCell
-from scancell.live.commands import MoveJoints
 from scancell.live.scan import LiveChunk
+from scancell.live.state import MoveJoints
 from scancell.views.mcap_export import SessionRecorder
 from scancell.views.recorded_run import open_run
 

@@ -10,7 +10,6 @@ from scancell.config.loading import assets_dir
 
 
 @pytest.mark.parametrize(("cell", "joints"), [("offset_wrist", 6), ("seven_axis", 7)])
-@pytest.mark.slow
 def test_a_scan_without_noise_lies_on_the_mesh(cell: str, joints: int) -> None:
     part, cells = assets_dir() / "parts" / "free_form.stl", assets_dir() / "cells"
     with scancell.Scanner(cells / f"{cell}.toml", settings={"scan.max_profiles": 80}, ideal=True) as scanner:

@@ -27,8 +27,7 @@ from scancell.cell.driver import Operation
 from scancell.config.loading import load_setup
 from scancell.geometry import pose
 from scancell.live.camera import CameraFrame
-from scancell.live.commands import Cancel, MoveJoints, MoveTool, Reset, SetMonitorSpeed, SetOperation
-from scancell.live.state import LiveState
+from scancell.live.state import Cancel, LiveState, MoveJoints, MoveTool, Reset, SetMonitorSpeed, SetOperation
 from scancell.nominal.cell import NominalCell
 from scancell.programs.robot import deg, location, mm
 from scancell.reconstruction.cloud_files import read_ply

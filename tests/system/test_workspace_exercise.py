@@ -5,18 +5,15 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import pytest
-
 from chromium import Watched, chromium
 from scancell import Scanner
 from scancell.browser.server.gate import address
 from scancell.browser.server.workspace import WorkspaceSettings
 from scancell.config.loading import load_setup
-from scancell.exercises.catalogue import find_exercise
+from scancell.exercises import find_exercise
 from tour import entry, fill, hosted, press, says
 
 
-@pytest.mark.slow
 def test_student_opens_an_exercise_types_figures_and_saves_the_sheet(tmp_path: Path) -> None:
     """Solutions are tested without a browser in test_exercises."""
     exercise = find_exercise("sensors")

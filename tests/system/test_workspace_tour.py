@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import pytest
-
 from chromium import Watched, chromium
 from scancell import Scanner
 from scancell.browser.server.gate import address
@@ -19,7 +17,6 @@ from tour import PART, hosted, walk
 TOUR = Path(__file__).resolve().parents[2] / "docs" / "workspace.md"
 
 
-@pytest.mark.slow
 def test_first_time_user_scans_a_part(tmp_path: Path) -> None:
     """Every step succeeds, its picture is in the docs, and the run that is saved in the end opens."""
     shown: list[str] = []

@@ -8,7 +8,7 @@ namespace robotcell {
 namespace {
 
 constexpr int kMaxBeams = 1000;
-constexpr double kRounding = 1e-9;  // of the number of spacings in the height
+constexpr double kSpacingTolerance = 1e-9;  // of the number of spacings in the height
 
 }  // namespace
 
@@ -18,7 +18,7 @@ LightCurtain::LightCurtain(const JsonReader& json, const SensorContext& context)
       beam_spacing(json.at("beam_spacing").length()) {
   const double spacings = json.at("height").length() / beam_spacing;
   if (spacings >= kMaxBeams) json.at("beam_spacing").fail("at most 1000 beams over the height");
-  beams = 1 + static_cast<int>(std::floor(spacings + kRounding));
+  beams = 1 + static_cast<int>(std::floor(spacings + kSpacingTolerance));
 }
 
 LightCurtain::Reading LightCurtain::read(const SensorView& view) const {

@@ -14,7 +14,7 @@ namespace {
 constexpr std::size_t kMaxPending = 65536;
 constexpr double kMaxIntervals = 1e18;  // within an integer of 64 bits
 /// Relative tolerance of an interval, so that an exact multiple is not rounded up by a microsecond.
-constexpr double kRounding = 1e-9;
+constexpr double kIntervalTolerance = 1e-9;
 /// s of the path clock: exposures fire at whole microseconds, one at the end of the gate included.
 constexpr double kGateRounding = 1e-6;
 
@@ -125,7 +125,7 @@ bool Trigger::enter_gate(std::int64_t& from_us, std::int64_t to_us, const Motion
   if (run == 0 || state_.gate == TriggerGate::kPassed) return false;
   if (state_.gate == TriggerGate::kOpen) return true;
   const auto reached = [&](std::int64_t time_us) {
-    return path_clock(time_us, view) >= state_.command.from - kRounding;
+    return path_clock(time_us, view) >= state_.command.from - kIntervalTolerance;
   };
   if (!reached(to_us)) return false;
   if (!reached(from_us)) from_us = first_instant(from_us, to_us, reached);
@@ -160,15 +160,16 @@ bool Trigger::is_due(std::int64_t time_us, const MotionView& view) const {
     case TriggerMode::kTableAngle: {
       const control::Knot table = view.table(time_us);
       return std::abs(table.position + lead() * table.velocity - state_.entry_angle) >=
-             (n - kRounding) * state_.command.angle;
+             (n - kIntervalTolerance) * state_.command.angle;
     }
     case TriggerMode::kPathDistance: {
       const SensorInTable sensor = view.sensor_in_table(time_us);
       return path_length(sensor.position) + lead() * sensor.speed >=
-             (n - kRounding) * state_.command.distance;
+             (n - kIntervalTolerance) * state_.command.distance;
     }
     case TriggerMode::kBeltTravel:
-      return (belt(time_us, view).travel - state_.entry_travel) / state_.command.travel >= n - kRounding;
+      return (belt(time_us, view).travel - state_.entry_travel) / state_.command.travel >=
+             n - kIntervalTolerance;
     default:
       return false;
   }

@@ -76,7 +76,7 @@ class World {
   /// State of an arm with dynamic drives; default values with kinematic drives.
   ArmDynamicsState arm() const;
 
-  /// Pose of a link of the arm (0 to 5) in the dynamics engine.
+  /// Pose of a link of the arm, counted from 0, in the dynamics engine.
   Eigen::Isometry3d link_pose(std::size_t link) const;
 
   /// Number of contact problems since the construction for which Dantzig's method failed or the sweeps on the

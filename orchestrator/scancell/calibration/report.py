@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.config.loading import Setup
-from scancell.output.run_files import write_json
-from scancell.output.run_folder import RunFolder, SavedResult, manifest
+from scancell.output.run_folder import RunFolder, SavedResult, manifest, write_json
 from scancell.output.sheet import INK, SOFT, Axes, Sheet, ticks
 
 _SHARES = (0.025, 0.25, 0.5, 0.75, 0.975)

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 import scancell.cell
 from scancell.arguments import checked_arguments
 from scancell.arrays import Array
-from scancell.cell.fmu_package.contents import (
+from scancell.cell.fmu_package import (
     FmiVersion,
     FmuOptions,
     fmu_contents,

@@ -18,7 +18,7 @@ import numpy as np
 from scancell.cell.driver import SequenceStep
 from scancell.cell.fmu_file import description_text, runtime_dir
 from scancell.cell.fmu_info import unit_of
-from scancell.cell.fmu_package.contents import (
+from scancell.cell.fmu_package import (
     FmuOptions,
     fmu_contents,
     read_description,

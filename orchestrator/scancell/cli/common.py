@@ -19,7 +19,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.models import OptionInfo
 
 import scancell
-from scancell.cli.interrupts import EXIT_INTERRUPTED, interruptible
+from scancell.cli.terminal import EXIT_INTERRUPTED, interruptible
 from scancell.config.choices import CloudFrame, Engine, LengthUnit
 from scancell.errors import DescriptionError, ScancellError, named_by
 from scancell.progress import NullProgress, Progress
@@ -355,8 +355,7 @@ class CloudOptions(CellOptions):
     ) -> Outcome:
         """Make a scan with the options and write its files into `out`, all or none."""
         from scancell.output.image_files import ImageWriter  # noqa: PLC0415
-        from scancell.output.run_files import OPTIONAL_FILES  # noqa: PLC0415
-        from scancell.output.run_folder import RunFolder  # noqa: PLC0415
+        from scancell.output.run_folder import OPTIONAL_FILES, RunFolder  # noqa: PLC0415
         from scancell.reconstruction.cloud_files import parse_formats  # noqa: PLC0415
 
         formats = parse_formats(self.formats, "formats")

@@ -289,7 +289,7 @@ def _line_of(figures: dict[str, str | float]) -> str:
 def _draw(placed: PlacedPath, branch: str, file: Path, all_branches: bool) -> list[str]:
     """Draw the map of the branch that was chosen, and on request those of the others."""
     from scancell.files import name_for_file  # noqa: PLC0415
-    from scancell.output.map_picture import map_picture  # noqa: PLC0415
+    from scancell.output.pictures import map_picture  # noqa: PLC0415
 
     chosen = placed.lattice.map
     chosen.require_all()

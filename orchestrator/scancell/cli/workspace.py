@@ -12,12 +12,12 @@ import typer
 
 import scancell
 from scancell.cli.common import CellOptions, NoGuardOption, Outcome, PathOption, ScanOption, TablePartOption, command
-from scancell.cli.interrupts import INTERRUPTS, leaves_when_interrupted
+from scancell.cli.terminal import INTERRUPTS, leaves_when_interrupted
 from scancell.config.choices import LOOPBACK
 from scancell.errors import DescriptionError, ProgramError
 
 if TYPE_CHECKING:
-    from scancell.exercises.measures import Exercise
+    from scancell.exercises import Exercise
     from scancell.programs.robot import Step
     from scancell.scanning.session import ScanSession
 
@@ -84,7 +84,7 @@ def workspace(
 
 
 def _exercise_list() -> Outcome:
-    from scancell.exercises.catalogue import EXERCISES  # noqa: PLC0415
+    from scancell.exercises import EXERCISES  # noqa: PLC0415
 
     lines = [f"{one.number}  {one.name:<12}{one.title}" for one in EXERCISES]
     return Outcome(lines, {"exercises": {one.name: one.title for one in EXERCISES}})
@@ -92,7 +92,7 @@ def _exercise_list() -> Outcome:
 
 def _exercise(selected: str, target: Path | None, options: CellOptions) -> Exercise:
     """The exercise, which has a cell and a part of its own."""
-    from scancell.exercises.catalogue import find_exercise  # noqa: PLC0415
+    from scancell.exercises import find_exercise  # noqa: PLC0415
 
     exercise = find_exercise(selected)
     for key, value in (("part", target), ("cell", options.cell)):

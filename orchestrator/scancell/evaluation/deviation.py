@@ -20,7 +20,7 @@ from scancell.nominal.cell import NominalCell
 from scancell.planning.views.coverage import GRAZING, OCCLUDED, OUT_OF_RANGE, SEEN, Sight
 from scancell.reconstruction.cloud import Cloud
 from scancell.values import Value
-from scancell.visibility.surface_search import MeasurableSurface
+from scancell.visibility import MeasurableSurface
 
 _TOLERANCE_SPACINGS = 1.5  # of the profiles; dense profiles need half of one
 _SPACING_AT_REST = 1e-3  # m: of a single exposure, and of exposures that are repeated at one pose

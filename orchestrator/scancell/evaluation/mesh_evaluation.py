@@ -59,7 +59,7 @@ class Evaluation(SavedResult):
         raise NotImplementedError
 
     def _write(self, folder: RunFolder, command_line: list[str]) -> None:
-        from scancell.output.run_files import write_json  # noqa: PLC0415  (files are optional)
+        from scancell.output.run_folder import write_json  # noqa: PLC0415  (files are optional)
         from scancell.output.tables import columns_of, write_csv  # noqa: PLC0415
 
         write_json(folder.path("evaluation.json"), self.figures)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scancell.arrays import Array
-from scancell.geometry import numeric_ik, pose, spherical_wrist
+from scancell.geometry import inverse_kinematics, pose
 from scancell.geometry.continuation import SixJoints
 from scancell.geometry.tree import Joint as TreeJoint
 from scancell.geometry.tree import Tree
@@ -225,8 +225,8 @@ class Branches:
     @property
     def branch_names(self) -> tuple[str, ...]:
         if self.is_named:
-            return spherical_wrist.BRANCH_NAMES
-        return tuple(str(i) for i in range(1, numeric_ik.number_of_branches(self._completed[0]) + 1))
+            return inverse_kinematics.BRANCH_NAMES
+        return tuple(str(i) for i in range(1, inverse_kinematics.number_of_branches(self._completed[0]) + 1))
 
     def along(self, paths: Array, on_step: Callable[[int], None] | None = None) -> Array:
         """Joints (n, k, branches, joints) of the whole chain along paths (n, k, 4, 4), without regard to limits."""
@@ -249,7 +249,7 @@ class Branches:
         if self.dimensions is None:
             return np.full(len(targets), np.nan)
         base_from_end = pose.inverse(self._chain.world_from_base) @ targets @ self._flange_from_end
-        return spherical_wrist.distance_outside_reach(*self.dimensions, base_from_end)
+        return inverse_kinematics.distance_outside_reach(*self.dimensions, base_from_end)
 
     def _reduced(self, chain: Chain) -> Chain:
         q = np.zeros(self._count)
@@ -270,7 +270,7 @@ class Branches:
         if np.cos(alpha[1]) < 0:  # Rx(pi) Rz(q) T(a, 0, d) = Rz(-q) T(a, 0, -d) Rx(pi)
             self._sign[2], d[2] = -1.0, -d[2]
             alpha[1:3] += np.pi
-        return (a, d, alpha) if spherical_wrist.is_supported(a, d, alpha, beta) else None
+        return (a, d, alpha) if inverse_kinematics.has_spherical_wrist(a, d, alpha, beta) else None
 
     def _configurations(self, targets: Array) -> Array:
         """Branches (n, 8, 6) in closed form, or refined from those of a chain nearby.
@@ -283,10 +283,10 @@ class Branches:
         assert self._neighbour is not None
         neighbour, slack = self._neighbour
         seeds = neighbour._closed_form(targets, slack)
-        q = numeric_ik.refined(self._chain, targets, seeds)
+        q = inverse_kinematics.refined(self._chain, targets, seeds)
         lost = (np.isfinite(seeds[..., 0]) & ~np.isfinite(q[..., 0])).any(1)
         if lost.any():
-            found = numeric_ik.refined(
+            found = inverse_kinematics.refined(
                 self._chain, targets[lost], np.concatenate([q[lost], self._candidates(targets[lost])], 1)
             )
             for row, solutions in zip(np.flatnonzero(lost), found, strict=True):
@@ -295,7 +295,7 @@ class Branches:
 
     def _named(self, solutions: Array, neighbour: Branches) -> Array:
         """Solutions (m, 6) by the branches (8, 6) of the neighbour; those without a place of their own in others."""
-        named = np.full((len(spherical_wrist.BRANCH_NAMES), 6), np.nan)
+        named = np.full((len(inverse_kinematics.BRANCH_NAMES), 6), np.nan)
         own = neighbour._closed_form(neighbour._chain.fk(solutions))
         gap = np.abs(np.remainder(own - solutions[:, None] + np.pi, 2 * np.pi) - np.pi).max(-1)
         places = np.where(np.isfinite(gap), gap, np.inf).argmin(1)
@@ -313,21 +313,24 @@ class Branches:
         """Branches (n, 8, 6) of a chain with a closed form."""
         assert self.dimensions is not None
         base_from_end = pose.inverse(self._chain.world_from_base) @ targets
-        return np.asarray(self._sign * spherical_wrist.solve(*self.dimensions, base_from_end, slack) - self._theta)
+        return np.asarray(
+            self._sign * inverse_kinematics.spherical_wrist_solutions(*self.dimensions, base_from_end, slack)
+            - self._theta
+        )
 
     def _candidates(self, targets: Array) -> Array:
         """Joints (n, m, joints) near all solutions for targets (n, 4, 4), to be refined; NaN beyond."""
         completed, flange_from_last = self._completed
         base_from_last = pose.inverse(self._chain.world_from_base) @ targets @ flange_from_last
-        return numeric_ik.candidates(completed, len(self._theta), base_from_last) - self._theta
+        return inverse_kinematics.candidates(completed, len(self._theta), base_from_last) - self._theta
 
     def _continued(self, targets: Array, on_step: Callable[[int], None] | None) -> Array:
         """Numbered branches (n, k, branches, joints) along paths (n, k, 4, 4)."""
-        joints, count = len(self._theta), numeric_ik.number_of_branches(self._completed[0])
+        joints, count = len(self._theta), inverse_kinematics.number_of_branches(self._completed[0])
         first = targets[:, 0]
-        start = numeric_ik.distinct_solutions(self._chain, first, self._candidates(first), count)
+        start = inverse_kinematics.distinct_solutions(self._chain, first, self._candidates(first), count)
         path = np.repeat(targets.swapaxes(0, 1), count, axis=1)
-        q = numeric_ik.continued(self._chain, path, start.reshape(-1, joints), on_step)
+        q = inverse_kinematics.continued(self._chain, path, start.reshape(-1, joints), on_step)
         return q.reshape(-1, len(first), count, joints).swapaxes(0, 1)
 
     @cached_property
@@ -450,7 +453,7 @@ class Arm(Chain):
     def ik(self, world_from_flange: ArrayLike, reference: ArrayLike | None = None, filtered: bool = True) -> Array:
         """Inverse kinematics: joint angles (n, branches, joints), rad, for targets (n, 4, 4); NaN without a solution.
 
-        Closed form where there is one (`scancell.geometry.spherical_wrist`), else numerical (`continuation`): all
+        Closed form where there is one (`scancell.geometry.inverse_kinematics`), else numerical (`continuation`): all
         isolated solutions; of the infinitely many at a singular pose some; two closer than 1e-4 rad count as one. An
         arm of fewer than six joints attains few poses. Numbered branches are in no order from one pose to another, see
         `ik_along`.

@@ -11,9 +11,10 @@ from typing import Annotated, TypeVar
 
 from scancell.arguments import Count, Within, checked_arguments
 from scancell.errors import CommandError, DescriptionError
-from scancell.live.commands import Command, CommandKind
 from scancell.live.state import (
     CLOSED,
+    Command,
+    CommandKind,
     JobStopped,
     LiveControl,
     LiveState,

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scancell.arrays import Array
 from scancell.evaluation.deviation import Deviation, DeviationFigures, Outliers, UnseenSurface, find_outliers
 from scancell.geometry.mesh import Mesh
+from scancell.output.pictures import SurfaceView, view_axes
 from scancell.output.sheet import (
     COLOURS,
     INK,
@@ -26,7 +27,6 @@ from scancell.output.sheet import (
     text_width,
     ticks,
 )
-from scancell.output.surface_view import SurfaceView, view_axes
 from scancell.output.web_page import packed, packed_mesh, quantised, script_data, table, write_filled
 
 _VIEWS = ((-55.0, 35.0), (125.0, 35.0))  # azimuth, elevation in degrees

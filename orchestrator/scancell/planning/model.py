@@ -16,8 +16,7 @@ from scancell.errors import PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, ReducedMesh, reduced
 from scancell.nominal.cell import OCCUPIED, NominalCell
-from scancell.planning.motion.torques import TorqueLimits
-from scancell.planning.motion.trajectory import Limits
+from scancell.planning.motion.trajectory import Limits, TorqueLimits
 from scancell.progress import NullProgress, Progress
 from scancell.proximity.motion_check import MotionCheck
 from scancell.proximity.scene import Clash, ProximityScene, arm_chain, cell_scene

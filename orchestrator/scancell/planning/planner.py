@@ -19,9 +19,16 @@ from scancell.planning.path_map.configuration_map import QualityFactor
 from scancell.planning.path_map.path_planner import PathPlanner, PlacedPath
 from scancell.planning.plan import Plan
 from scancell.planning.views import paths
-from scancell.planning.views.belt import belt_run, range_warnings, spacing_and_count
 from scancell.planning.views.coverage import CHOICE_SHARE, CoveragePlanner, Sight
-from scancell.planning.views.placement import Infeasible, Placed, PlacedSweep, Placer
+from scancell.planning.views.placement import (
+    Infeasible,
+    Placed,
+    PlacedSweep,
+    Placer,
+    belt_run,
+    range_warnings,
+    spacing_and_count,
+)
 from scancell.planning.views.views import Surface, Sweep, exposure_counts, sample_part, seen_by
 
 # Replacements of an infeasible sweep: changes of elevation (rad) and of distance (m).

@@ -24,7 +24,7 @@ from scancell.planning.views.coverage import CoveragePlanner, Sight
 from scancell.planning.views.views import sample_part
 from scancell.progress import Progress
 from scancell.values import Result, Value
-from scancell.visibility.surface_search import MeasurableSurface, measurable_surface
+from scancell.visibility import MeasurableSurface, measurable_surface
 
 _SAMPLES = 2500
 _MOST_RESTS = 10  # resting poses that are examined, the hardest to tip over first

@@ -24,8 +24,7 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, sharp_edges
 from scancell.geometry.shapes import PartSurface
 from scancell.nominal.parts import load_part
-from scancell.output.run_files import write_json
-from scancell.output.run_folder import RunFolder, SavedResult, manifest
+from scancell.output.run_folder import RunFolder, SavedResult, manifest, write_json
 from scancell.output.sheet import COLOURS, SOFT, Axes, Sheet
 from scancell.progress import Progress, ProgressCallback, as_progress
 from scancell.reconstruction.reconstruct import ProfilePoints

@@ -34,8 +34,17 @@ from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import with_table
 from scancell.nominal.parts import load_part
 from scancell.output.deviation_report import DeviationReport, deviation_picture
-from scancell.output.run_files import OPTIONAL_FILES, covariance_columns, write_json, write_profiles
-from scancell.output.run_folder import RunFolder, build_version, command_words, manifest, resolved_toml
+from scancell.output.run_folder import (
+    OPTIONAL_FILES,
+    RunFolder,
+    build_version,
+    command_words,
+    covariance_columns,
+    manifest,
+    resolved_toml,
+    write_json,
+    write_profiles,
+)
 from scancell.output.sheet import Sheet
 from scancell.progress import Progress, ProgressCallback, as_progress
 from scancell.reconstruction.cloud import Cloud
@@ -45,13 +54,15 @@ from scancell.recorded.measurements import read_cloud_of, read_measurements
 from scancell.recorded.reconstruct import (
     MeasuredCell,
     ReconstructedData,
+    ValueCovariance,
     joints_of_flange,
+    read_calibration,
     reconstruct_measurements,
     records_of,
+    with_sensor_at,
 )
-from scancell.recorded.uncertainty import ValueCovariance, read_calibration, with_sensor_at
 from scancell.values import Result
-from scancell.visibility.surface_search import unknown_surface
+from scancell.visibility import unknown_surface
 
 
 @dataclass(frozen=True, eq=False, repr=False)

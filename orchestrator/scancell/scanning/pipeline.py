@@ -37,14 +37,14 @@ from scancell.geometry.shapes import PartSurface
 from scancell.nominal.cell import NominalCell, nominal_cell, with_unknown_obstacles
 from scancell.planning.model import PlanningCell, SensorRange, Work
 from scancell.planning.motion.assembly import approach, recheck
-from scancell.planning.motion.torques import TorqueLimits
+from scancell.planning.motion.trajectory import TorqueLimits
 from scancell.planning.options import pair_clearances, scan_options
 from scancell.planning.path_map.configuration_map import QualityFactor
 from scancell.planning.plan import Plan
 from scancell.planning.planner import plan
 from scancell.planning.space_map import with_occupied_space
-from scancell.planning.views.belt import with_passing_part
 from scancell.planning.views.coverage import Sight
+from scancell.planning.views.placement import with_passing_part
 from scancell.progress import Progress
 from scancell.proximity.judge import check_cell
 from scancell.reconstruction.cloud import Cloud
@@ -59,7 +59,7 @@ from scancell.reconstruction.reconstruct import (
 )
 from scancell.scanning.world import World, build_scene, visible_bodies
 from scancell.values import Closing
-from scancell.visibility.surface_search import MeasurableSurface, cache_folder, measurable_surface
+from scancell.visibility import MeasurableSurface, cache_folder, measurable_surface
 
 FOLDER_PREFIX = "scancell-fmu-"
 

@@ -62,7 +62,7 @@ from scancell.studies.run_record import (
     recorded_terms,
     write_record,
 )
-from scancell.visibility.surface_search import MeasurableSurface, cache_folder, measurable_surface
+from scancell.visibility import MeasurableSurface, cache_folder, measurable_surface
 
 ROWS = "rows.json"
 TIMINGS = "timings.json"

@@ -25,11 +25,10 @@ from scancell.nominal.cell import Body
 from scancell.output.sheet import INK, Sheet, text_width
 from scancell.output.web_page import packed, packed_mesh, quantised, script_data, write_filled
 from scancell.progress import Progress, ProgressCallback, as_progress
-from scancell.views import shading
+from scancell.views import renderer
 from scancell.views.camera import CameraPath, View, camera_path, laser_sheet
 from scancell.views.recorded_run import RecordedRun, open_run
-from scancell.views.renderer import ColourBy, ColouredCloud, PaintedBody, Renderer, coloured_by
-from scancell.views.shading import displayed
+from scancell.views.renderer import ColourBy, ColouredCloud, PaintedBody, Renderer, coloured_by, displayed
 
 _CODEC = "VP90"
 _QUALITY = 65  # of WebP, 0 to 100
@@ -142,7 +141,7 @@ def captioned(image: Image, name: str, time: float, cloud: ColouredCloud | None)
     """The picture (h, w, 3) with its caption, whose size goes with the height, on a paler background."""
     height, width, _ = image.shape
     size, rim = max(9.0, height / 42), height / 30
-    facts = [f"t = {time:.2f} s", f"grid {1e3 * shading.GRID:.0f} mm"]
+    facts = [f"t = {time:.2f} s", f"grid {1e3 * renderer.GRID:.0f} mm"]
     if cloud is not None:
         share = cloud.measured_until(time) / max(len(cloud.time), 1)
         facts.insert(1, f"{cloud.total * share:,.0f} points")

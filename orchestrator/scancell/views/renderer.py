@@ -10,16 +10,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
-from scancell.arrays import Array
+from scancell.arrays import Array, Image
 from scancell.evaluation.deviation import deviation_from_mesh
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.output.deviation_report import colour_limit_um, deviation_colours
 from scancell.output.sheet import interpolated_colours
 from scancell.reconstruction.cloud import Cloud
-from scancell.views import shading
 from scancell.views.camera import LaserSheet, PinholeCamera
-from scancell.views.shading import SUN
+
+SUN = np.array([-0.30, -0.52, 0.80]) / np.linalg.norm([-0.30, -0.52, 0.80])  # towards it, in the world
+GRID = 0.1  # m between the lines on the floor
+
+_SKY, _BOUNCE = 0.46, 0.26  # of a white surface that looks up, and down
+_SUNLIGHT = 0.62
+_HIGHLIGHT, _SHARPNESS = 0.10, 5  # strength, and the exponent of the highlight as a power of two
+_FLOOR = np.array([0.76, 0.775, 0.79])
+_BACKDROP = np.array([0.89, 0.905, 0.925])
+_LINE, _LINE_WIDTH = 0.80, 1.2e-3  # darkness of grid lines, and their width, m
+FLOOR_END = 3.2  # m from the middle of the cell, where the floor has become the backdrop
+_FADE_FROM = 1.0  # m from there, where that begins
+_GAMMA = 2.0
 
 Index = NDArray[np.int64]
 
@@ -39,6 +50,57 @@ _RAMP = np.array([(48, 18, 99), (32, 84, 151), (22, 140, 140), (110, 196, 84), (
 _BEHIND = 1.5e-3  # m by which a point may lie behind the surface that its pixel shows
 _SHADED = 0.62  # brightness of points that face away from the sun, of 1
 _LARGEST_PX = 3  # half width of the mark of a point at most
+
+
+def linear(colour: tuple[float, float, float]) -> Array:
+    """Linear light (3,) of a displayed colour, 0 to 1."""
+    return np.asarray(colour, float) ** _GAMMA
+
+
+def displayed(light: Array) -> Image:
+    """Pixels (..., 3) of linear light (..., 3)."""
+    return np.asarray(255 * np.sqrt(np.clip(light, 0.0, 1.0)) + 0.5, np.uint8)
+
+
+def shade(colour: Array, normals: Array, towards_viewer: Array, sunlit: Array) -> Array:
+    """Light (n, 3) of surfaces with linear colours (n, 3) and unit normals (n, 3) on the viewer's side.
+
+    `towards_viewer` (n, 3) is of unit length; `sunlit` (n,) is 0 in shadow, else 1. Sky and floor light by the
+    direction of the normal alone; the highlight is Blinn's.
+    """
+    sky = 0.5 * (1 + normals[:, 2])
+    cosine = np.maximum(normals @ SUN, 0.0) * sunlit
+    facing = np.einsum("ni,ni->n", normals, towards_viewer)
+    diffuse = (_BOUNCE + (_SKY - _BOUNCE) * sky) * (0.75 + 0.25 * facing) + _SUNLIGHT * cosine
+    half = towards_viewer + SUN
+    gloss = np.einsum("ni,ni->n", normals, half) / np.sqrt(np.einsum("ni,ni->n", half, half))
+    gloss = np.maximum(gloss, 0.0) * (cosine > 0)
+    for _ in range(_SHARPNESS):
+        gloss = gloss * gloss
+    return np.asarray(colour * diffuse[:, None] + _HIGHLIGHT * gloss[:, None])
+
+
+def floor_light(points: Array, middle: Array, pixel_sizes: tuple[Array, Array], sunlit: Array) -> Array:
+    """Light (n, 3) of points (n, 3) on the floor, which fades into the backdrop away from `middle` (3,).
+
+    `pixel_sizes` (n,) are the widths of a pixel on the floor along world x and y, m; the grid is averaged over them.
+    """
+    lines = np.zeros(len(points))
+    for axis, size in enumerate(pixel_sizes):
+        off = np.abs(points[:, axis] - GRID * np.rint(points[:, axis] / GRID))
+        cover = np.clip((_LINE_WIDTH / 2 + size / 2 - off) / size, 0.0, np.minimum(_LINE_WIDTH / size, 1.0))
+        lines = np.maximum(lines, cover)
+    brightness = (1 - (1 - _LINE) * lines) * (0.70 + 0.30 * sunlit)
+    light = _FLOOR**_GAMMA * brightness[:, None]
+    away = np.hypot(points[:, 0] - middle[0], points[:, 1] - middle[1])
+    fade = np.clip((away - _FADE_FROM) / (FLOOR_END - _FADE_FROM), 0.0, 1.0)
+    fade = fade * fade * (3 - 2 * fade)
+    return np.asarray(light + fade[:, None] * (_BACKDROP**_GAMMA - light))
+
+
+def backdrop(count: int) -> Array:
+    """Light (count, 3) where nothing is seen."""
+    return np.tile(_BACKDROP**_GAMMA, (count, 1))
 
 
 @dataclass(frozen=True)
@@ -82,7 +144,7 @@ class Renderer:
             self._scene.add_mesh(body.name, body.mesh.vertices, body.mesh.faces.astype(np.uint32), 0.5)
         self._first_face = np.cumsum([0, *(len(body.mesh.faces) for body in bodies)])
         self._normals = np.concatenate([body.mesh.normals for body in bodies])
-        self._colours = np.stack([shading.linear(body.colour) for body in bodies])
+        self._colours = np.stack([linear(body.colour) for body in bodies])
 
     def render(self, camera: PinholeCamera, world_from_body: Array, laser: LaserSheet | None = None) -> Rendered:
         """A picture with the bodies at poses (bodies, 4, 4), and the laser if it is on."""
@@ -130,11 +192,11 @@ class _View:
             down = np.where(directions[:, 2] < 0, (self._floor_z - eye[2]) / directions[:, 2], np.inf)
         floor = (down > 0) & (down < depth)
         body[floor], depth[floor] = FLOOR, down[floor]
-        light = shading.backdrop(len(pixels))
+        light = backdrop(len(pixels))
         rows = np.flatnonzero(body >= 0)
         light[rows] = self._bodies_light(body[rows], face[rows], depth[rows], directions[rows], length[rows])
         x, y = (eye[i] + np.where(floor, depth, 0.0) * directions[:, i] - self._middle[i] for i in (0, 1))
-        rows = np.flatnonzero(floor & (x * x + y * y < shading.FLOOR_END**2))
+        rows = np.flatnonzero(floor & (x * x + y * y < FLOOR_END**2))
         light[rows] = self._floor_light(depth[rows], directions[rows])
         stripe = np.zeros(len(pixels))
         if self._laser is not None:
@@ -147,9 +209,9 @@ class _View:
         normals = np.einsum("nij,nj->ni", self._poses[body, :3, :3], self._normals[self._first_face[body] + face])
         normals[np.einsum("ni,ni->n", normals, back) < 0] *= -1
         sunlit = np.zeros(len(points))
-        lit = np.flatnonzero(normals @ shading.SUN > 0)
-        sunlit[lit] = ~self._blocked(points[lit] + _LIFT * normals[lit], points[lit] + _FAR * shading.SUN, self._poses)
-        return shading.shade(self._colours[body], normals, back, sunlit)
+        lit = np.flatnonzero(normals @ SUN > 0)
+        sunlit[lit] = ~self._blocked(points[lit] + _LIFT * normals[lit], points[lit] + _FAR * SUN, self._poses)
+        return shade(self._colours[body], normals, back, sunlit)
 
     def _floor_light(self, depth: Array, directions: Array) -> Array:
         points = self._camera.centre + depth[:, None] * directions
@@ -158,8 +220,8 @@ class _View:
         near = np.flatnonzero((x >= left) & (x <= right) & (y >= front) & (y <= rear))
         sunlit = np.ones(len(points))
         start = points[near] + np.array([0.0, 0.0, _LIFT])
-        sunlit[near] = ~self._blocked(start, points[near] + _FAR * shading.SUN, self._poses)
-        return shading.floor_light(points, self._middle, self._floor_pixels(depth, directions), sunlit)
+        sunlit[near] = ~self._blocked(start, points[near] + _FAR * SUN, self._poses)
+        return floor_light(points, self._middle, self._floor_pixels(depth, directions), sunlit)
 
     def _floor_pixels(self, depth: Array, directions: Array) -> tuple[Array, Array]:
         """Widths (n,) of pixels on the floor along world x and y: how far a step of one pixel moves the point there."""
@@ -197,7 +259,7 @@ def _shadow_box(bodies: Sequence[PaintedBody], poses: Array, floor_z: float) -> 
         low, high = body.mesh.bounds
         box = np.array([[(low, high)[i][0], (low, high)[j][1], (low, high)[k][2]] for i, j, k in np.ndindex(2, 2, 2)])
         world = pose.transform_points(placed, box)
-        corners.append(world[:, :2] - (world[:, 2:] - floor_z) / shading.SUN[2] * shading.SUN[:2])
+        corners.append(world[:, :2] - (world[:, 2:] - floor_z) / SUN[2] * SUN[:2])
     every = np.concatenate(corners)
     return every.min(0), every.max(0)
 

@@ -8,23 +8,20 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from scancell.browser.panels.arm_panels import JogPanel, JointPanel, PosePanel
-from scancell.browser.panels.camera_panel import CameraPanel
-from scancell.browser.panels.cell_panel import CellPanel, SensorPanel
+from scancell.browser.panels.camera_panel import CameraPanel, ViewPanel
+from scancell.browser.panels.cell_panel import CellPanel, JogPanel, JointPanel, PosePanel, SensorPanel
 from scancell.browser.panels.handles import report_errors, set_changed
 from scancell.browser.panels.help import ExercisePanel, TourCard, add_help
 from scancell.browser.panels.operator_commands import OperatorCommands, is_stopped
 from scancell.browser.panels.plans import PlanPanel, Plans
 from scancell.browser.panels.scans import ScanPanel, ScanPlayback, Scans
 from scancell.browser.panels.teach_panel import FilePanel, Opener, ProgramPanel, SessionRecording, TeachPanel
-from scancell.browser.panels.view_panel import ViewPanel
 from scancell.browser.scene.scene import CellScene
 from scancell.config.sensor import SensorDescription
-from scancell.exercises.attempt import Attempt
+from scancell.exercises import Attempt
 from scancell.live.camera import CameraFeed
-from scancell.live.commands import Reset
-from scancell.live.state import LiveState
-from scancell.programs.live_program import LiveProgram
+from scancell.live.state import LiveState, Reset
+from scancell.programs.program import LiveProgram
 from scancell.programs.taught import TaughtFile
 
 if TYPE_CHECKING:

@@ -16,11 +16,10 @@ from scancell.browser.panels.handles import CALM, Follower, set_changed, small_h
 from scancell.browser.panels.operator_commands import OperatorCommands
 from scancell.browser.panels.scans import Scans
 from scancell.cell.driver import Operation
-from scancell.exercises.attempt import Attempt, Result, sheet_file, write_sheet
-from scancell.exercises.measures import Question
+from scancell.exercises import Attempt, Question, Result, sheet_file, write_sheet
 from scancell.live.camera import CameraFeed, CameraFrame
 from scancell.live.state import LiveState
-from scancell.programs.live_program import LiveProgram
+from scancell.programs.program import LiveProgram
 from scancell.programs.taught import TaughtFile
 
 TABS = {

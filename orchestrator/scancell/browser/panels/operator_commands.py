@@ -17,8 +17,7 @@ from scancell.browser.server.gate import Operators
 from scancell.cell.driver import Operation, Tool
 from scancell.errors import CommandError
 from scancell.live.cell import LiveCell
-from scancell.live.commands import Command, SetOperation
-from scancell.live.state import LiveState
+from scancell.live.state import Command, LiveState, SetOperation
 from scancell.scanning.session import ScanSession
 
 if TYPE_CHECKING:

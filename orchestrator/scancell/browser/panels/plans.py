@@ -21,10 +21,9 @@ from scancell.browser.panels.handles import ALARM, CALM, DIMMED, MARKED, Followe
 from scancell.browser.panels.operator_commands import OperatorCommands, can_end, can_move
 from scancell.browser.scene.scene import CellScene
 from scancell.errors import CommandError
-from scancell.live.commands import Cancel
 from scancell.live.plan import LivePlan, LivePlanState, MapPose
-from scancell.live.state import LiveState
-from scancell.output.map_picture import map_legend, map_pixels, motion_lines
+from scancell.live.state import Cancel, LiveState
+from scancell.output.pictures import map_legend, map_pixels, motion_lines
 from scancell.planning.path_map.configuration_map import ConfigurationMap
 from scancell.planning.plan import Plan
 from scancell.views.motion import ProgramMotion

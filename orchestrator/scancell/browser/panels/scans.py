@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
+from scancell.browser.panels.camera_panel import add_switch
 from scancell.browser.panels.handles import (
     WARNING,
     Follower,
@@ -25,7 +26,6 @@ from scancell.browser.panels.handles import (
     small_html,
 )
 from scancell.browser.panels.operator_commands import OperatorCommands, can_end, can_move, can_start
-from scancell.browser.panels.view_panel import add_switch
 from scancell.browser.scene.scene import LIVE_COLOURS, CellScene, LiveCloud
 from scancell.browser.server.gate import address, quiet_server
 from scancell.config.choices import LOOPBACK, Engine
@@ -34,9 +34,8 @@ from scancell.files import first_free
 from scancell.geometry.mesh import Mesh
 from scancell.live.camera import CameraFeed
 from scancell.live.cell import LiveCell
-from scancell.live.commands import Cancel
 from scancell.live.scan import LiveChunk, LiveScan, LiveScanState
-from scancell.live.state import LiveState
+from scancell.live.state import Cancel, LiveState
 from scancell.nominal.cell import NominalCell
 from scancell.progress import Pace
 from scancell.reconstruction.cloud_files import write_cloud
@@ -44,8 +43,7 @@ from scancell.results import ScanResult
 from scancell.scanning.session import ScanSession
 from scancell.views.motion import RunMotion, scan_motion
 from scancell.views.recorded_run import RecordedRun
-from scancell.views.renderer import ColourBy, coloured_by
-from scancell.views.shading import displayed
+from scancell.views.renderer import ColourBy, coloured_by, displayed
 
 if TYPE_CHECKING:
     import viser

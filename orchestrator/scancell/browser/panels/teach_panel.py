@@ -18,12 +18,11 @@ from scancell.errors import CommandError, DescriptionError, OutputError, Scancel
 from scancell.files import first_free, read_file
 from scancell.live.camera import CameraFeed
 from scancell.live.cell import LiveCell
-from scancell.live.commands import Cancel, CloseGripper, MoveJoints, MoveTool, OpenGripper
 from scancell.live.scan import LiveChunk
-from scancell.live.state import LiveState
+from scancell.live.state import Cancel, CloseGripper, LiveState, MoveJoints, MoveTool, OpenGripper
 from scancell.nominal.cell import NominalCell, tool_names
 from scancell.nominal.parts import PART_FORMATS
-from scancell.programs.live_program import LiveProgram, LiveProgramState
+from scancell.programs.program import LiveProgram, LiveProgramState
 from scancell.programs.robot import deg
 from scancell.programs.taught import (
     COMMANDS,

@@ -25,8 +25,7 @@ from scancell.live.state import LiveState
 from scancell.nominal.cell import Body, NominalCell
 from scancell.output.deviation_report import colour_limit_um
 from scancell.views.camera import framing
-from scancell.views.renderer import colour_scale
-from scancell.views.shading import SUN
+from scancell.views.renderer import SUN, colour_scale
 
 if TYPE_CHECKING:
     import viser

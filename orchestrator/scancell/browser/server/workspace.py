@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.browser.panels.camera_panel import add_view_options
 from scancell.browser.panels.client_view import ClientView, Shared
 from scancell.browser.panels.help import HelpPanel
 from scancell.browser.panels.operator_commands import OperatorCommands
@@ -20,20 +21,18 @@ from scancell.browser.panels.plans import Plans
 from scancell.browser.panels.scans import ScanPlayback, Scans
 from scancell.browser.panels.status import Status
 from scancell.browser.panels.teach_panel import Opener, SessionRecording
-from scancell.browser.panels.view_panel import add_view_options
 from scancell.browser.scene.scene import CellScene, LiveCloud
 from scancell.browser.server.gate import Operators
 from scancell.config.choices import Engine
 from scancell.config.sensor import SensorDescription
 from scancell.errors import CommandError, PlanningError
-from scancell.exercises.attempt import Attempt
-from scancell.exercises.measures import Exercise
+from scancell.exercises import Attempt, Exercise
 from scancell.geometry import pose
 from scancell.live.camera import CameraFeed
 from scancell.live.cell import LiveCell
 from scancell.live.plan import LivePlan
 from scancell.nominal.cell import NominalCell
-from scancell.programs.live_program import LiveProgram
+from scancell.programs.program import LiveProgram
 from scancell.programs.taught import TaughtFile
 from scancell.progress import Pace
 from scancell.scanning.session import ScanSession

@@ -14,11 +14,14 @@ from numpy.typing import NDArray
 
 from scancell.arguments import Threads, checked_arguments
 from scancell.arrays import Array
-from scancell.calibration.board.problem import COUNT, VALUES, DescribedSensor, describe
 from scancell.calibration.board.solve import (
+    COUNT,
     LEAST_VIEWS,
+    VALUES,
     BoardCalibration,
+    DescribedSensor,
     calibrate_cameras,
+    describe,
     hand_eye,
     solve,
     start_rig,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.arrays import Array
-from scancell.calibration.board.problem import BoardView
+from scancell.calibration.board.solve import BoardView
 from scancell.calibration.measured_table import MeasuredTable
 from scancell.calibration.pose_files import read_flange
 from scancell.config.sensor import SensorDescription

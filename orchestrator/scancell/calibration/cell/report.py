@@ -25,8 +25,7 @@ from scancell.config.table_format import read_format, recognised_format
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import ShapeMesh
-from scancell.output.run_files import write_json
-from scancell.output.run_folder import RunFolder, resolved_toml
+from scancell.output.run_folder import RunFolder, resolved_toml, write_json
 from scancell.planning.plan import plan_json
 from scancell.progress import Progress
 from scancell.scanning.world import World

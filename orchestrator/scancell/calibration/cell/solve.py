@@ -34,7 +34,7 @@ from scancell.calibration.variance_components import (
 )
 from scancell.errors import CalibrationError
 from scancell.geometry import pose
-from scancell.geometry.fits.starts import algebraic_sphere
+from scancell.geometry.fits import algebraic_sphere
 from scancell.geometry.least_squares import NormalEquations, minimise, undetermined, without
 
 _TRIALS = 200  # circles through three points of a profile

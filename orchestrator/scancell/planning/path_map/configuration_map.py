@@ -15,10 +15,51 @@ from numpy.typing import ArrayLike
 
 from scancell.arrays import Array, Flags, Indices
 from scancell.geometry import pose
+from scancell.geometry.arm import Arm
 from scancell.nominal.cell import with_table
 from scancell.planning.model import CELL, QUERY, PlanningCell, out_of_reach
-from scancell.planning.path_map import constraints
 from scancell.proximity.scene import Clash, ProximityScene
+
+
+def joint_range(q: ArrayLike, lower: ArrayLike, upper: ArrayLike, gamma: ArrayLike = 1.0) -> Array:
+    """Joint-range factor of Eq. 7, ``sin(pi (q - lower) / (upper - lower)) ** gamma``, of broadcast shape.
+
+    1 in mid-range, 0 at a limit and outside. The published sine is negative outside, so that two joints outside
+    their limits would multiply to a positive score. Angles in radians.
+    """
+    q, lower, upper = (np.asarray(x, float) for x in (q, lower, upper))
+    fraction = (q - lower) / (upper - lower)
+    inside = (fraction > 0) & (fraction < 1)
+    sine = np.sin(np.pi * np.where(inside, fraction, 0.5))
+    return np.asarray(np.where(inside, sine ** np.asarray(gamma, float), 0.0))
+
+
+def clearance(
+    distance: ArrayLike, low: ArrayLike, high: ArrayLike, gamma: float | Array = 1.0, printed: bool = False
+) -> Array:
+    """Clearance factor of Eq. 8 with pi/2: 0 below `low`, 1 above `high` (m), a quarter period of a sine between.
+
+    With the pi that is `printed` the factor returns to 0 at `high` and then jumps to 1.
+    """
+    distance, low, high = (np.asarray(x, float) for x in (distance, low, high))
+    fraction = np.clip((distance - low) / (high - low), 0.0, 1.0)
+    if printed:
+        return np.asarray(np.where(fraction < 1, np.maximum(np.sin(np.pi * fraction), 0.0) ** gamma, 1.0))
+    return np.asarray(np.sin(np.pi / 2 * fraction) ** gamma)
+
+
+def product(*factors: ArrayLike) -> Array:
+    """Product of all factors (Eq. 6), of broadcast shape; 0 where any factor is NaN (no inverse kinematics)."""
+    result = np.prod(np.broadcast_arrays(*(np.asarray(f, float) for f in factors)), axis=0)
+    return np.asarray(np.nan_to_num(result, nan=0.0))
+
+
+def arm_metric(arm: Arm, q: ArrayLike, gamma: ArrayLike = 1.0) -> Array:
+    """Product (...,) of the joint-range factors of q (..., joints), rad; 0 for NaN. `gamma`: one, or (joints,)."""
+    lower, upper = arm.limits
+    factors = joint_range(q, lower, upper, gamma)
+    return product(*np.moveaxis(factors, -1, 0))
+
 
 _BLOCK = 4096  # cells between two looks at the work
 ROTATION_LENGTH = 0.3  # m: weighs rotations against translations in singularity distances
@@ -47,7 +88,7 @@ class StaticConstraints:
     clearance_power
         Exponent of Eq. 8: one, or (pairs,) in the order of the scene's pairs.
     printed
-        Whether Eq. 8 is taken as printed, see `constraints.clearance`.
+        Whether Eq. 8 is taken as printed, see `clearance`.
     user
         Further factors.
     """
@@ -196,7 +237,7 @@ class ConfigurationMap:
         # Each constraint judges the cells that all before it allow.
         judges: list[tuple[int, Callable[[Indices], Array]]] = [
             (REACH, lambda at: np.isfinite(q[at]).all(-1).astype(float)),
-            (JOINT_RANGE, lambda at: constraints.arm_metric(arm, q[at], self._static.joint_range_power)),
+            (JOINT_RANGE, lambda at: arm_metric(arm, q[at], self._static.joint_range_power)),
             (SINGULARITY, lambda at: self._singularity_and_rates(column[at], row[at], angle[at], q[at])),
             (JOINT_SPEED, lambda at: self._some_rate(column[at], row[at])),
             (CLEARANCE, lambda at: self._clearance(column[at], angle[at], q[at])),
@@ -216,7 +257,7 @@ class ConfigurationMap:
         """Factors (k,) of the singularity distance; notes the table speeds that the joints' speed limits allow."""
         arm, nominal = self._cell.nominal.arm, self._cell.nominal
         inverse = np.linalg.pinv(arm.jacobian(q)) if len(arm.joints) != 6 else _inverse(arm.jacobian(q))
-        factor = constraints.clearance(singularity_distance(inverse), *self._static.singularity)
+        factor = clearance(singularity_distance(inverse), *self._static.singularity)
         # The flange as part of a body that turns with the table, and its velocity along the path.
         turn = nominal.world_from_table[:3, :3] @ pose.rotation_about(2, angle)
         flange = arm.fk(q)[:, :3, 3]
@@ -256,7 +297,7 @@ class ConfigurationMap:
             return np.ones(len(q))
         poses = self._cell.nominal.body_poses(with_table(q, angle))
         distance = scene.distances(poses, limits[:, 1], self._cell.threads)
-        factors = constraints.clearance(distance, limits[:, 0], limits[:, 1], power, self._static.printed)
+        factors = clearance(distance, limits[:, 0], limits[:, 1], power, self._static.printed)
         return np.asarray(factors.prod(-1))
 
 

@@ -18,7 +18,7 @@ from scancell.planning.model import PATH_POSE, PlanningCell, describe
 from scancell.planning.motion import trajectory
 from scancell.planning.motion.timing import slowdown
 from scancell.planning.options import by_pair
-from scancell.planning.path_map import constraints
+from scancell.planning.path_map import configuration_map
 from scancell.planning.path_map.configuration_map import ConfigurationMap, QualityFactor, StaticConstraints
 from scancell.planning.path_map.ray_shooting import shoot, why_blocked
 from scancell.planning.path_map.table_motion import Lattice, TableMotion
@@ -194,7 +194,7 @@ class PathPlanner:
         q = self._cell.ik(targets.reshape(-1, 4, 4)).reshape(
             len(columns), len(angle), -1, len(self._cell.nominal.arm.joints)
         )
-        best = constraints.arm_metric(self._cell.nominal.arm, q).max(1)
+        best = configuration_map.arm_metric(self._cell.nominal.arm, q).max(1)
         return [int(b) for b in np.argsort(-best.mean(0), kind="stable") if best[:, b].all()]
 
     def _followed(self, path: SensorPath, timing: _Timing, lattice: Lattice, motion: TableMotion) -> PlacedPath | str:

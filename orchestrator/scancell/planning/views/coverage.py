@@ -36,7 +36,7 @@ from scancell.planning.views.paths import sweeps, sweeps_beside_axis
 from scancell.planning.views.placement import PATH_ACCELERATION, Infeasible, Placed, Placer, sweep_run
 from scancell.planning.views.views import Pass, Surface, Sweep, View, exposure_counts
 from scancell.values import Value
-from scancell.visibility.surface_search import (
+from scancell.visibility import (
     ANGLE_STEP,
     INCIDENCE_LIMIT,
     MeasurableSurface,

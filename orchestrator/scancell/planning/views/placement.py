@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
 
 from scancell.arrays import Array, Flags, Indices
+from scancell.cell.program import BeltRun
+from scancell.config.description import si_value
+from scancell.config.scan import BeltDescription
+from scancell.errors import PlanningError
 from scancell.geometry import pose
-from scancell.nominal.cell import with_table
-from scancell.planning.model import PlanningCell, describe, out_of_reach
+from scancell.geometry.mesh import box_mesh
+from scancell.nominal.cell import NominalCell, with_table
+from scancell.nominal.parts import pose_matrix
+from scancell.planning.model import PlanningCell, SensorRange, describe, out_of_reach
 from scancell.planning.motion import trajectory
 from scancell.planning.motion.timing import slowdown
-from scancell.planning.path_map import constraints
+from scancell.planning.path_map import configuration_map
 from scancell.planning.views.views import Pass, Sweep
 from scancell.proximity.motion_check import MotionClash
 
@@ -27,6 +33,9 @@ _MIN_METRIC = 1e-3  # product of Eq. 7 below which a pose counts as infeasible: 
 _TURN_CHECKS = 120  # table angles per turn at which collisions are checked
 _TURN_STEPS = 24  # parts of a turn of the table that are free or not
 _MAX_TRIES = 24  # choices that keep the clearance where it is checked first
+
+_MARGIN = 5e-3  # m of travel before and after the part that is scanned, too
+_LEAST_CROSSING = 0.2  # component along the belt of the unit normal of the laser sheet
 
 
 @dataclass(frozen=True)
@@ -126,7 +135,7 @@ class Placer:
         found = self._cell.ik(targets.reshape(-1, 4, 4))
         branches = found.shape[1]
         q = found.reshape(len(views), -1, found.shape[-1])
-        metric = constraints.arm_metric(self._cell.nominal.arm, q)
+        metric = configuration_map.arm_metric(self._cell.nominal.arm, q)
         usable = metric > _MIN_METRIC
         # A choice is a side (azimuth and roll) and a branch, numbered side * branches + branch. Choices that serve most
         # views come first, then those near the preferred azimuth.
@@ -180,7 +189,7 @@ class Placer:
         found = cell.ik_along(targets.reshape(-1, 3, 4, 4))
         branches = found.shape[2]
         q = found.reshape(len(views), len(angles), *found.shape[1:])
-        metric = constraints.arm_metric(cell.nominal.arm, q[:, :, ::2]).min(2).reshape(len(views), -1)
+        metric = configuration_map.arm_metric(cell.nominal.arm, q[:, :, ::2]).min(2).reshape(len(views), -1)
         within = np.repeat(self._is_within_turn(angles), branches)
         usable = (metric > _MIN_METRIC) & within
         other_branch = np.tile(np.arange(branches) != branch, len(angles))
@@ -219,7 +228,7 @@ class Placer:
         found = self._cell.ik(targets.reshape(-1, 4, 4))
         branches = found.shape[1]
         q = found.reshape(len(targets), -1, found.shape[-1])
-        metric = constraints.arm_metric(self._cell.nominal.arm, q)
+        metric = configuration_map.arm_metric(self._cell.nominal.arm, q)
         metric = np.where(np.repeat(self._is_within_turn(angle), branches, axis=1), metric, 0.0)
         # Azimuths near the preferred one win over a slightly better metric elsewhere.
         score = metric / (1 + np.repeat(np.abs(sides - self._azimuth), branches))
@@ -246,7 +255,7 @@ class Placer:
         """The pose (4, 4) of the sensor with the table where it starts, or why it is infeasible."""
         q = self._cell.ik(table_from_sensor[None])[0]
         axes = with_table(q, self._cell.table_start)
-        metric = constraints.arm_metric(self._cell.nominal.arm, q)
+        metric = configuration_map.arm_metric(self._cell.nominal.arm, q)
         order = np.argsort(-metric, kind="stable")
 
         def check(choice: int) -> Infeasible | None:
@@ -350,3 +359,113 @@ class Placer:
             collision = None if clash is None else Infeasible(describe(clash))
         note = f"{view.name}: {needed}" if needed.factor > 1 else ""
         return collision or PlacedPass(view, slow, moving, exposures, branch, note)
+
+
+def crossings(nominal: NominalCell, belt_from_sensor: Array) -> Array:
+    """Travel (n,) of the belt, m, at which each vertex of the part lies in the laser sheet, the plane x = 0 of the
+    sensor.
+
+    Raises `PlanningError` if the sheet is nearly parallel to the travel.
+    """
+    normal, origin = belt_from_sensor[:3, 0], belt_from_sensor[:3, 3]
+    if abs(normal[0]) < _LEAST_CROSSING:
+        angle = np.degrees(np.arcsin(abs(normal[0])))
+        raise PlanningError(
+            f"the laser sheet is {angle:.1f} deg from the direction of travel",
+            key="scan.belt.pose",
+            expected=f"at least {np.degrees(np.arcsin(_LEAST_CROSSING)):.1f} deg: the sheet across the belt",
+        )
+    return np.asarray((origin - _vertices(nominal)) @ normal / normal[0])
+
+
+def _vertices(nominal: NominalCell) -> Array:
+    """Positions (n, 3) of the vertices of the part's faces in the frame of the belt at travel 0, m."""
+    used = nominal.part.vertices[np.unique(nominal.part.faces)]
+    return pose.transform_points(nominal.required_belt().belt_from_part, used)
+
+
+def belt_run(nominal: NominalCell, scan: BeltDescription, cycle: float) -> BeltRun:
+    """Travel of the belt that brings the whole part through the laser sheet; `cycle` is the controller's, s.
+
+    Raises `PlanningError` if the belt cannot run so fast, or the part is beyond the sensor or leaves the belt.
+    """
+    belt, speed = nominal.required_belt(), si_value(scan, "speed_mm_s")
+    highest, length = si_value(belt.description, "max_speed_mm_s"), si_value(belt.description, "length_mm")
+    if abs(speed) > highest:
+        raise PlanningError(
+            key="scan.belt.speed_mm_s", value=1e3 * speed, expected=f"at most {1e3 * highest:g}, its conveyor's"
+        )
+    direction = np.copysign(1.0, speed)
+    travel = direction * crossings(nominal, pose_matrix(scan.pose))
+    if travel.min() <= 0.0:
+        raise PlanningError(
+            f"the part starts {-1e3 * travel.min():.1f} mm beyond the laser sheet",
+            key="scan.belt.pose",
+            expected="a sensor that the part reaches later: move it along the belt, or reverse speed_mm_s",
+        )
+    last = travel.max() + _MARGIN
+    x = pose.transform_points(belt.belt_from_part, nominal.part.vertices)[:, 0]
+    reached = (x.min() + x.max()) / 2 + direction * (last + _stopping(nominal, scan, cycle, last))
+    if abs(reached) > length / 2:
+        raise PlanningError(
+            f"the part leaves the belt: its centre stops {1e3 * abs(reached):.1f} mm from the middle, its end is at"
+            f" {5e2 * length:g} mm",
+            key="scan.belt.pose",
+            expected="a sensor nearer to the start of the part, or a lower speed_mm_s",
+        )
+    # Exposures begin in the first controller cycle beyond `trigger_from`.
+    first = max(0.0, travel.min() - _MARGIN - abs(speed) * cycle)
+    return BeltRun(belt.conveyor, speed, direction * first, direction * last)
+
+
+def _stopping(nominal: NominalCell, scan: BeltDescription, cycle: float, last: float) -> float:
+    """Travel until the belt is at rest, m, after the last exposure at a travel of `last`, m."""
+    acceleration = si_value(nominal.required_belt().description, "max_acceleration_mm_s2")
+    speed = abs(si_value(scan, "speed_mm_s"))
+    reached = min(speed, np.sqrt(2 * acceleration * last))  # from rest
+    return float(2 * cycle * speed + reached**2 / (2 * acceleration))
+
+
+def with_passing_part(nominal: NominalCell, scan: BeltDescription, cycle: float) -> NominalCell:
+    """The cell for planning: in place of the part, the box that it sweeps on the belt until it is at rest again."""
+    belt, run = nominal.required_belt(), belt_run(nominal, scan, cycle)
+    points = pose.transform_points(belt.belt_from_part, nominal.part.vertices)
+    ends = np.array(
+        [0.0, run.trigger_to + np.copysign(_stopping(nominal, scan, cycle, abs(run.trigger_to)), run.speed)]
+    )
+    low, high = points.min(0), points.max(0)
+    low[0] += ends.min()
+    high[0] += ends.max()
+    swept = box_mesh(high - low, nominal.part.source).transformed(
+        belt.world_from_belt @ pose.translation((low + high) / 2)
+    )
+    bodies = [
+        replace(body, moves_with="world", mesh=swept, patches=()) if body.moves_with == "part" else body
+        for body in nominal.bodies
+    ]
+    return replace(nominal, bodies=tuple(bodies))
+
+
+def spacing_and_count(run: BeltRun, scan: BeltDescription, max_profiles: int) -> tuple[float, int, list[str]]:
+    """Travel between exposures (m) and their number, at most `max_profiles`, with a warning if it is larger."""
+    length = abs(run.trigger_to - run.trigger_from)
+    requested = si_value(scan, "pitch_mm")
+    pitch = max(requested, length / max(1, max_profiles - 1))
+    warnings = []
+    if pitch > requested:
+        warnings.append(
+            f"scan.belt.pitch_mm is increased from {1e3 * requested:g} to {1e3 * pitch:.3f} to stay within "
+            f"scan.max_profiles = {max_profiles}"
+        )
+    return pitch, int(length / pitch) + 1, warnings
+
+
+def range_warnings(nominal: NominalCell, scan: BeltDescription, range_: SensorRange) -> list[str]:
+    """Warning about the share of the part that passes outside the measuring range."""
+    points, belt_from_sensor = _vertices(nominal), pose_matrix(scan.pose)
+    points[:, 0] += crossings(nominal, belt_from_sensor)
+    _, y, z = pose.transform_points(pose.inverse(belt_from_sensor), points).T
+    outside = ~range_.contains(y, z)
+    if not outside.any():
+        return []
+    return [f"{outside.mean():.0%} of the part's vertices pass outside the measuring range: move scan.belt.pose"]

@@ -17,8 +17,7 @@ from scancell.config.loading import Setup
 from scancell.config.study import load_study
 from scancell.errors import DescriptionError, FitError
 from scancell.evaluation.artefact import ArtefactEvaluation
-from scancell.output.run_files import write_json
-from scancell.output.run_folder import RunFolder, SavedResult, manifest, versions
+from scancell.output.run_folder import RunFolder, SavedResult, manifest, versions, write_json
 from scancell.output.tables import columns_of, write_csv
 from scancell.progress import Progress
 from scancell.scanner import Scanner

@@ -150,7 +150,7 @@ class Tracer:
 
 
 class SurfaceSearch:
-    """Search for poses that measure samples of a part's surface, on the grid of `scancell.visibility.surface_search`.
+    """Search for poses that measure samples of a part's surface, on the grid of `scancell.visibility`.
 
     `samples` and `normals` (n, 3) are in the part frame. `obstacles` are the meshes of the part and of all that rests
     on the table, in the frame of the table at angle 0.

@@ -1,1 +1,0 @@
-"""Exercises for students: declarations, what is measured in the live cell, and result sheets."""

@@ -1,1 +1,0 @@
-"""Visibility of a part to the sensor: measurable surface and occlusion."""
