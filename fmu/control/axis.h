@@ -19,6 +19,12 @@ constexpr std::size_t kTableAxis = kMaxJoints;
 using Axes = std::array<double, kAxes>;
 using Knots = std::array<Knot, kAxes>;
 
+inline Axes positions(const Knots& knots) {
+  Axes axes;
+  for (std::size_t i = 0; i < kAxes; ++i) axes[i] = knots[i].position;
+  return axes;
+}
+
 /// Limits of one axis; a continuous axis has infinite `min` and `max`.
 struct AxisLimits {
   double min = 0, max = 0;      // rad

@@ -41,12 +41,6 @@ bool at_rest(const Knots& knots) {
   return std::all_of(knots.begin(), knots.end(), [](const Knot& knot) { return knot.velocity == 0; });
 }
 
-Axes positions(const Knots& knots) {
-  Axes axes;
-  for (std::size_t i = 0; i < kAxes; ++i) axes[i] = knots[i].position;
-  return axes;
-}
-
 /// Whether an axis stops before its position limits where its speed falls by the same amount in each of
 /// `cycles` cycles (not a whole number).
 bool stops_within_limits(const Knot& knot, const AxisLimits& limits, double cycle, double cycles) {

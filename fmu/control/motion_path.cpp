@@ -11,7 +11,7 @@ constexpr double kDifferenceStep = 1e-4;  // of s, for finite differences of the
 constexpr double kCheckSpacing = 2e-3;  // m, and rad / 4: spacing of the checked points of a linear tool path
 constexpr double kMaxPoints = 5000;
 constexpr double kSpeedShare = 0.999;  // margin for the overshoot of the cubics between knots
-constexpr double kAccelerationShare = 0.95;
+constexpr double kPathAccelerationShare = 0.95;
 
 /// Derivatives of the axes by s along a linear tool path (resolved rate).
 Axes derivative_of(const MotionPath& path, const ArmGeometry& arm, const Jacobian& columns) {
@@ -46,7 +46,7 @@ void tighten(ProfileLimits& profile, const PathPoint& point, const Limits& limit
     const double derivative = std::abs(point.derivative[i]);
     const double second = std::abs(point.second_derivative[i]);
     const double fraction = second > 0 ? 0.5 : 1;
-    const double acceleration = fraction * kAccelerationShare * limits[i].max_acceleration;
+    const double acceleration = fraction * kPathAccelerationShare * limits[i].max_acceleration;
     if (derivative > 0) {
       profile.speed = std::min(profile.speed, speed * kSpeedShare * limits[i].max_speed / derivative);
       profile.acceleration = std::min(profile.acceleration, acceleration / derivative);

@@ -12,12 +12,6 @@ constexpr double kMaxAccelerationRatio = 0.999;
 constexpr int kHalvings = 12;
 constexpr double kArrived = 1e-9;  // s before the end of the path clock: rounding of a sum of cycles
 
-Axes positions(const Knots& knots) {
-  Axes axes;
-  for (std::size_t i = 0; i < kAxes; ++i) axes[i] = knots[i].position;
-  return axes;
-}
-
 [[noreturn]] void fail_off_path() {
   throw std::logic_error("inverse kinematics failed on a path that was checked to be regular");
 }

@@ -15,7 +15,7 @@ constexpr std::size_t kBlock = 64;
 constexpr double kFarthestSearch = 0.01;
 
 /// Comparisons of the search for a violation where the interval is to be halved anyway.
-constexpr std::size_t kPatience = 50;
+constexpr std::size_t kProofPatience = 50;
 
 /// Bodies closer than this (m) intersect.
 constexpr double kContact = 1e-9;
@@ -132,7 +132,7 @@ class Judge {
                                                                                      : Verdict::kProved;
     }
     const auto found = search_.near(scene_.body(a), scene_.body(b), a_from_b, least + moved, memory_[pair],
-                                    least + strayed, kPatience, sweep(motion, a, least));
+                                    least + strayed, kProofPatience, sweep(motion, a, least));
     if (!found) {
       // Surfaces that keep their distance may be those of a body inside the other one.
       const bool inside =

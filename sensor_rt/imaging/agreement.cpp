@@ -9,7 +9,7 @@
 namespace sensor_rt {
 namespace {
 
-constexpr double kNoiseSigmas = 4.0;
+constexpr double kStripeNoiseSigmas = 4.0;
 constexpr double kNearby = 4.0;      // sum of both stripe widths: nearby, but not at the expected position
 constexpr double kTrackJump = 2.0;   // rows per column within a track
 constexpr double kNeighbours = 4.0;  // rows to a neighbour two columns away within a track
@@ -203,7 +203,7 @@ class Comparison {
     Match best;
     const auto offer = [&](double row, double spread, const StripeFit& fit, double slack) {
       const double distance = std::fabs(row - seen.y());
-      const double beyond = distance - tolerance_ - slack - kNoiseSigmas * std::hypot(sigma, spread);
+      const double beyond = distance - tolerance_ - slack - kStripeNoiseSigmas * std::hypot(sigma, spread);
       if (beyond >= best.beyond_tolerance) return;
       best = {beyond, distance, static_cast<double>(fit.width), fit.flags};
     };

@@ -8,9 +8,9 @@
 namespace sensor_rt {
 namespace {
 
-constexpr float kNoiseSigmas = 4.0f;     // allowance for noise in comparisons between columns
-constexpr float kShapeSigmas = 3.0f;     // allowance for noise in the asymmetry of one column
-constexpr float kMultipleSigmas = 1.0f;  // the same when a second peak suggests a split stripe
+constexpr float kColumnNoiseSigmas = 4.0f;  // allowance for noise in comparisons between columns
+constexpr float kShapeSigmas = 3.0f;        // allowance for noise in the asymmetry of one column
+constexpr float kMultipleSigmas = 1.0f;     // the same when a second peak suggests a split stripe
 
 /// The peaks of an image as a chain over the columns.
 class Chain {
@@ -54,7 +54,7 @@ class Chain {
   double bend(std::size_t i) const { return step(i) - step(i - 1); }
 
   double tolerance(std::size_t i) const {
-    const double noise = kNoiseSigmas * std::sqrt(6.0) * static_cast<double>(fits_[i].row_sigma);
+    const double noise = kColumnNoiseSigmas * std::sqrt(6.0) * static_cast<double>(fits_[i].row_sigma);
     return options_.max_row_jump_px + noise;
   }
 
@@ -74,7 +74,7 @@ class Chain {
 
   bool jumps(const StripeFit& a, const StripeFit& b) const {
     // The relative uncertainties of amplitude and width are about that of the row relative to the width.
-    const float noise = kNoiseSigmas * std::hypot(a.row_sigma / a.width, b.row_sigma / b.width);
+    const float noise = kColumnNoiseSigmas * std::hypot(a.row_sigma / a.width, b.row_sigma / b.width);
     // The peak of a saturated stripe is extrapolated from its flanks, so that its amplitude is unreliable.
     const bool comparable = ((a.flags | b.flags) & kPeakSaturated) == 0;
     const float amplitude =

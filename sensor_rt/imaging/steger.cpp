@@ -12,8 +12,8 @@
 namespace sensor_rt {
 namespace {
 
-constexpr double kMinKernelSigma = 1.0;  // px
-constexpr double kMaxKernelSigma = 6.0;
+constexpr double kMinRidgeSigma = 1.0;  // px
+constexpr double kMaxRidgeSigma = 6.0;
 constexpr int kSteps = 8;
 constexpr double kConvergedStep = 1e-3;  // px
 constexpr double kSteepest = 0.25;       // smallest component of the ridge's normal along the column
@@ -51,7 +51,7 @@ class Ridge {
       : image_(image),
         noise_(noise),
         c_(c),
-        scale_(std::clamp(static_cast<double>(c.width), kMinKernelSigma, kMaxKernelSigma)),
+        scale_(std::clamp(static_cast<double>(c.width), kMinRidgeSigma, kMaxRidgeSigma)),
         across_(0.0, scale_) {}
 
   /// Row of the ridge, or NaN; `variance` in px².

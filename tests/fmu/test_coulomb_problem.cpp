@@ -16,15 +16,15 @@ using robotcell::CoulombSolver;
 using robotcell::FallbackSolver;
 using robotcell::GaussSeidelSolver;
 
-constexpr double kFriction = 0.3;
+constexpr double kProblemFriction = 0.3;
 
 /// One contact of a point mass of 2 kg with an approach velocity.
 CoulombProblem point_mass(double approach, double slip_x, double slip_y) {
   std::array<double, 12> a{};
   for (std::size_t i = 0; i < 3; ++i) a[4 * i + i] = 0.5;
   const std::array<double, 3> b{approach, -slip_x, -slip_y};
-  const std::array<double, 3> lo{0, -kFriction, -kFriction};
-  const std::array<double, 3> hi{HUGE_VAL, kFriction, kFriction};
+  const std::array<double, 3> lo{0, -kProblemFriction, -kProblemFriction};
+  const std::array<double, 3> hi{HUGE_VAL, kProblemFriction, kProblemFriction};
   const std::array<int, 3> normals{-1, 0, 0};
   CoulombProblem problem;
   problem.set(3, a.data(), b.data(), lo.data(), hi.data(), normals.data());
@@ -45,8 +45,8 @@ TEST(CoulombProblem, SlowSlipIsStopped) {
 TEST(CoulombProblem, FastSlipIsOpposedByFullFriction) {
   for (const double angle : {0.0, 0.3, 0.8, 2.5, 4.0}) {
     const Eigen::VectorXd x = solved(point_mass(1, std::cos(angle), std::sin(angle)));
-    EXPECT_NEAR(x[1], -2 * kFriction * std::cos(angle), 1e-9);
-    EXPECT_NEAR(x[2], -2 * kFriction * std::sin(angle), 1e-9);
+    EXPECT_NEAR(x[1], -2 * kProblemFriction * std::cos(angle), 1e-9);
+    EXPECT_NEAR(x[2], -2 * kProblemFriction * std::sin(angle), 1e-9);
   }
 }
 
@@ -56,7 +56,7 @@ TEST(CoulombProblem, SeparatingContactHasNoImpulse) {
 
 TEST(CoulombProblem, CornerOfPyramidViolatesCone) {
   const CoulombProblem problem = point_mass(1, 1, 1);
-  EXPECT_GT(problem.violation(Eigen::Vector3d(2, -2 * kFriction, -2 * kFriction)), 0.1);
+  EXPECT_GT(problem.violation(Eigen::Vector3d(2, -2 * kProblemFriction, -2 * kProblemFriction)), 0.1);
 }
 
 /// A column of point masses pressed together, whose lowest one slips along a diagonal: the sweeps carry an
@@ -73,8 +73,8 @@ struct Column {
         if (i > 0) at(row, row - 3) = at(row - 3, row) = -1;
         if (axis == 0) continue;
         b[static_cast<std::size_t>(row)] = i == 0 ? -1e5 : 0;
-        lo[static_cast<std::size_t>(row)] = -kFriction;
-        hi[static_cast<std::size_t>(row)] = kFriction;
+        lo[static_cast<std::size_t>(row)] = -kProblemFriction;
+        hi[static_cast<std::size_t>(row)] = kProblemFriction;
         findex[static_cast<std::size_t>(row)] = 3 * i;
       }
     }

@@ -14,10 +14,10 @@ using namespace robotcell;
 
 constexpr std::size_t kJoints = 6;
 constexpr double kGravity = 9.81;
-constexpr double kMass = 4;
+constexpr double kArmMass = 4;
 constexpr double kLever = 0.3;  // m, of the centre of mass
 constexpr double kOwnInertia = 0.05;
-constexpr double kInertia = kOwnInertia + kMass * kLever * kLever;
+constexpr double kInertia = kOwnInertia + kArmMass * kLever * kLever;
 constexpr double kNoSupport = 1e-9;
 
 /// Six joints about the world's z axis; all mass is in the first link, gravity points along -y.
@@ -31,7 +31,7 @@ class OneJoint {
     description.drives[0] = drive;
     for (RigidInertia& link : description.links)
       link = {kNoSupport, {0, 0, 0}, Eigen::Vector3d::Constant(kNoSupport).asDiagonal()};
-    description.links[0] = {kMass, {kLever, 0, 0}, Eigen::Vector3d::Constant(kOwnInertia).asDiagonal()};
+    description.links[0] = {kArmMass, {kLever, 0, 0}, Eigen::Vector3d::Constant(kOwnInertia).asDiagonal()};
     auto skeleton = dart::dynamics::Skeleton::create("arm");
     dart::dynamics::BodyNode* parent = nullptr;
     for (std::size_t i = 0; i < kJoints; ++i) {

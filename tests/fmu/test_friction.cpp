@@ -14,7 +14,7 @@ using namespace robotcell;
 using namespace robotcell::testing;
 using dart::constraint::BoxedLcpSolverPtr;
 
-constexpr double kFriction = 0.5;
+constexpr double kContactFriction = 0.5;
 const Vector3d kSize(0.06, 0.06, 0.02);
 
 struct OnFloor {
@@ -22,7 +22,7 @@ struct OnFloor {
       : world(make_world(solver)) {
     add_floor(world, 1.0);  // the smaller coefficient of a pair counts
     const Isometry3d pose(Eigen::Translation3d(0, 0, kSize.z() / 2));
-    box = add_free_box(world, "box", kSize, 0.4, kFriction, pose);
+    box = add_free_box(world, "box", kSize, 0.4, kContactFriction, pose);
     for (int i = 0; i < 50; ++i) world->step();
   }
 
@@ -42,7 +42,7 @@ Vector3d along(double angle) { return {std::cos(angle), std::sin(angle), 0}; }
 /// Speed after 0.2 s under a pull of `share` times the friction limit.
 Vector3d pulled(OnFloor& cell, double angle, double share) {
   const Vector3d down(0, 0, -kGravity);
-  cell.world->setGravity(down + along(angle) * (share * kFriction * kGravity));
+  cell.world->setGravity(down + along(angle) * (share * kContactFriction * kGravity));
   cell.run(200);
   return cell.velocity();
 }
@@ -62,7 +62,7 @@ TEST_P(Friction, SticksBelowCoulombLimit) {
 TEST_P(Friction, SlipsAboveLimitWithExcessForceAlongPull) {
   OnFloor cell;
   const Vector3d velocity = pulled(cell, angle(), 1.02);
-  const double expected = 0.02 * kFriction * kGravity * 0.2;
+  const double expected = 0.02 * kContactFriction * kGravity * 0.2;
   EXPECT_NEAR(velocity.dot(along(angle())), expected, 0.02 * expected);
   EXPECT_LT(velocity.cross(along(angle())).norm(), 0.01 * expected);
 }
@@ -74,7 +74,7 @@ TEST_P(Friction, StopsSlidingBoxOnStraightLine) {
   twist.tail<3>() = along(angle());
   cell.box->setVelocities(twist);
   cell.run(300);
-  const double distance = 1 / (2 * kFriction * kGravity);
+  const double distance = 1 / (2 * kContactFriction * kGravity);
   const Vector3d travel = cell.part_position() - before;
   EXPECT_NEAR(travel.dot(along(angle())), distance, 0.01 * distance);
   EXPECT_LT(travel.cross(along(angle())).norm(), 0.001 * distance);
@@ -92,7 +92,7 @@ TEST(FrictionMoment, SlowsSpinningBoxOnItsCorners) {
   cell.run(40);
   const double radius = kSize.head<2>().norm() / 2;
   const double gyration_squared = kSize.head<2>().squaredNorm() / 12;
-  const double expected = 20 - kFriction * kGravity * radius / gyration_squared * 0.04;
+  const double expected = 20 - kContactFriction * kGravity * radius / gyration_squared * 0.04;
   EXPECT_NEAR(cell.box->getVelocities()[2], expected, 0.01 * (20 - expected));
   EXPECT_LT(cell.velocity().norm(), 1e-3);
 }

@@ -12,7 +12,7 @@ namespace {
 using namespace robotcell::control;
 using namespace robotcell::testing;
 
-constexpr double kMaxAge = 0.4;
+constexpr double kStartMaxAge = 0.4;
 constexpr Mode kMotions[] = {Mode::kJointMove, Mode::kLineMove, Mode::kProgram};
 
 Axes elsewhere() {
@@ -33,7 +33,7 @@ void start(Drive& drive, Mode mode) {
 class GuardedStart : public ::testing::TestWithParam<Mode> {
  protected:
   GuardedStart() {
-    drive_.command.guard_max_age = kMaxAge;
+    drive_.command.guard_max_age = kStartMaxAge;
     answered(5);
     answer();
   }
@@ -85,7 +85,7 @@ TEST_P(GuardedStart, WaitsInViewUntilAStateThatShowsThePathIsAnswered) {
 /// A move of 1e-5 rad, shorter than a cycle, differs from its start in what is shown.
 TEST(GuardedMove, ShowsAMoveThatIsShorterThanACycle) {
   Drive drive;
-  drive.command.guard_max_age = kMaxAge;
+  drive.command.guard_max_age = kStartMaxAge;
   Axes target = home();
   target[1] += 1e-5;
   drive.start_joints(target);
@@ -98,7 +98,7 @@ TEST(GuardedMove, ShowsAMoveThatIsShorterThanACycle) {
 
 TEST(GuardedServo, IsRejected) {
   Drive drive;
-  drive.command.guard_max_age = kMaxAge;
+  drive.command.guard_max_age = kStartMaxAge;
   drive.command.mode = Mode::kServo;
   drive.command.position = home();
   drive.command.position[1] += 0.1;
@@ -210,7 +210,7 @@ TEST_F(GuardedStart, AMonitorSpeedOfZeroHoldsItAtItsStart) {
 TEST(GuardedMoves, NothingMovesOnAPathThatNoAnsweredStateHasShown) {
   std::mt19937 random(7);
   Drive drive;
-  drive.command.guard_max_age = kMaxAge;
+  drive.command.guard_max_age = kStartMaxAge;
   std::uniform_real_distribution<double> uniform;
   std::deque<std::pair<std::int64_t, std::int64_t>> answers;  // arrival, state
   std::int64_t newest = 0;

@@ -141,9 +141,9 @@ class Importer3 {
 };
 
 template <class Importer>
-class SerializedState : public testing::Test {};
+class SerializedState : public ::testing::Test {};
 
-using Importers = testing::Types<Importer2, Importer3>;
+using Importers = ::testing::Types<Importer2, Importer3>;
 TYPED_TEST_SUITE(SerializedState, Importers);
 
 TYPED_TEST(SerializedState, RejectsInvalidEnumerationValues) {

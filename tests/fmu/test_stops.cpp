@@ -12,13 +12,13 @@ namespace {
 using namespace robotcell::control;
 using namespace robotcell::testing;
 
-constexpr double kMaxAge = 0.8;
+constexpr double kStopMaxAge = 0.8;
 
 /// Joint 1 at 0.5 rad/s in a program, with a message of the guard in every cycle.
 class GuardTest : public ::testing::Test {
  protected:
   GuardTest() {
-    drive_.command.guard_max_age = kMaxAge;
+    drive_.command.guard_max_age = kStopMaxAge;
     start(drive_, segment_);
     feed(60);
   }
@@ -43,18 +43,18 @@ TEST_F(GuardTest, SpeedFollowsAgeToGuaranteedStop) {
     watch(knots);
     time += 1000;
     const double age = static_cast<double>(time - answered) * 1e-6;
-    const double share = std::clamp(2 - 2 * age / kMaxAge, 0.0, 1.0);
+    const double share = std::clamp(2 - 2 * age / kStopMaxAge, 0.0, 1.0);
     // Within a cycle the speed changes linearly: at the two corners it differs by half a cycle's change.
-    const double tolerance = 2 / kMaxAge * kCycleSeconds / 2;
+    const double tolerance = 2 / kStopMaxAge * kCycleSeconds / 2;
     EXPECT_NEAR(drive_.controller.report(time).path_clock.rate, share, tolerance) << age;
-    if (age >= kMaxAge + kCycleSeconds) {
+    if (age >= kStopMaxAge + kCycleSeconds) {
       EXPECT_EQ(knots[0].velocity, 0);
     }
   });
   travel += drive_.position()[0];
   // From the first cycle without message: full speed for half the age, then the triangle; one cycle is gone.
-  const double closed_form = 0.5 * (0.75 * kMaxAge - kCycleSeconds);
-  EXPECT_NEAR(travel, closed_form, 0.5 * 2 / kMaxAge * kCycleSeconds * kCycleSeconds);
+  const double closed_form = 0.5 * (0.75 * kStopMaxAge - kCycleSeconds);
+  EXPECT_NEAR(travel, closed_form, 0.5 * 2 / kStopMaxAge * kCycleSeconds * kCycleSeconds);
   EXPECT_LE(watch.acceleration, 1);
   EXPECT_EQ(report().error, ControllerError::kGuardTimeout);
   EXPECT_EQ(report().mode, Mode::kProgram);

@@ -16,7 +16,7 @@ using Vector = Eigen::Vector3d;
 
 alignas(64) constexpr int kAll[kLanes] = {-1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1};
 
-LaserSheet make_laser() {
+LaserSheet query_laser() {
   LaserSheet laser;
   laser.power = 1e-3;
   laser.fan_half_angle = 0.3;
@@ -71,7 +71,7 @@ TEST(RayView, AnswersLikeSceneQuery) {
   PoseTrack track;
   track.set_still(world.scene, world.poses.data());
   const SceneQuery query(world.scene, track);
-  const LaserEmitter laser(make_laser());
+  const LaserEmitter laser(query_laser());
   const Vector source(0.0, 0.0, laser.sheet.source_z);
   constexpr double kSlope = 0.05;
   const std::vector<std::size_t> instants(kLanes, 0);

@@ -18,14 +18,14 @@ using dart::collision::CollisionResult;
 using dart::collision::Contact;
 
 /// m. ODE aborts the process where a coordinate overflows the integer cells of its hash space.
-constexpr double kMaxCoordinate = 1e6;
+constexpr double kMaxContactCoordinate = 1e6;
 
 /// Throws std::runtime_error when a body is out of ODE's range. Parameters and states are checked elsewhere;
 /// this check covers all other causes.
 void check_positions(const dart::collision::CollisionGroup& group) {
   for (std::size_t i = 0; i < group.getNumShapeFrames(); ++i) {
     const dart::dynamics::ShapeFrame* frame = group.getShapeFrame(i);
-    if ((frame->getWorldTransform().matrix().array().abs() < kMaxCoordinate).all()) continue;
+    if ((frame->getWorldTransform().matrix().array().abs() < kMaxContactCoordinate).all()) continue;
     throw std::runtime_error(frame->getName() +
                              " is out of range: expected coordinates within 1000 km of the world origin");
   }

@@ -159,8 +159,8 @@ py::tuple first_violations(MotionProof& proof, const Doubles& start, const Doubl
   return py::make_tuple(first, work);
 }
 
-py::tuple distances(MotionProof& proof, const Doubles& axes,
-                    const py::array_t<bool, py::array::c_style>& pairs) {
+py::tuple distances_of_proof(MotionProof& proof, const Doubles& axes,
+                             const py::array_t<bool, py::array::c_style>& pairs) {
   require_shape(axes, "axes", {-1, static_cast<py::ssize_t>(proof.motion().axes())});
   require_shape(pairs, "pairs", {static_cast<py::ssize_t>(proof.motion().pairs())});
   for (py::ssize_t i = 0; i < axes.size(); ++i) {
@@ -190,7 +190,7 @@ void bind_motion(py::module_& module) {
       .def(py::init(&make_proof), py::arg("scene"), py::arg("motion"), py::keep_alive<1, 2>())
       .def("first_clashes", &first_clashes, py::arg("start"), py::arg("end"), py::arg("deviation"),
            py::arg("required"), py::arg("finest"), py::arg("threads") = 0)
-      .def("distances", &distances, py::arg("axes"), py::arg("pairs"))
+      .def("distances", &distances_of_proof, py::arg("axes"), py::arg("pairs"))
       .def("violations", &violations, py::arg("start"), py::arg("end"), py::arg("deviation"),
            py::arg("required"), py::arg("finest"), py::arg("budget"))
       .def("first_violations", &first_violations, py::arg("start"), py::arg("end"), py::arg("deviation"),

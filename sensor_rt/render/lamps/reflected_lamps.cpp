@@ -6,9 +6,9 @@
 namespace sensor_rt {
 namespace {
 
-constexpr int kPaths = 32;        ///< minimum number of paths per node
-constexpr int kSmooth = 2;        ///< smoothing radius, nodes
-constexpr double kSimilar = 0.9;  ///< smallest cosine between similar normals
+constexpr int kPaths = 32;          ///< minimum number of paths per node
+constexpr int kSmoothingNodes = 2;  ///< smoothing radius, nodes
+constexpr double kSimilar = 0.9;    ///< smallest cosine between similar normals
 
 bool is_similar(const LampView& a, const LampView& b) {
   return a.shape == b.shape && a.normal.dot(b.normal) > kSimilar;
@@ -47,11 +47,12 @@ double ReflectedLamps::smoothed(int i, int j) const {
   const Node& middle = nodes_.at(i, j);
   double sum = 0.0;
   double weights = 0.0;
-  for (int v = std::max(0, j - kSmooth); v <= std::min(nodes_.rows() - 1, j + kSmooth); ++v) {
-    for (int u = std::max(0, i - kSmooth); u <= std::min(nodes_.columns() - 1, i + kSmooth); ++u) {
+  for (int v = std::max(0, j - kSmoothingNodes); v <= std::min(nodes_.rows() - 1, j + kSmoothingNodes); ++v) {
+    for (int u = std::max(0, i - kSmoothingNodes); u <= std::min(nodes_.columns() - 1, i + kSmoothingNodes);
+         ++u) {
       const Node& node = nodes_.at(u, v);
       if (!is_similar(node.seen, middle.seen)) continue;
-      const double weight = (kSmooth + 1 - std::abs(u - i)) * (kSmooth + 1 - std::abs(v - j));
+      const double weight = (kSmoothingNodes + 1 - std::abs(u - i)) * (kSmoothingNodes + 1 - std::abs(v - j));
       sum += weight * node.traced;
       weights += weight;
     }

@@ -10,12 +10,12 @@
 namespace sensor_rt {
 namespace {
 
-constexpr int kFine = 16;  ///< lines in a column with an edge
+constexpr int kEdgeLines = 16;  ///< lines in a column with an edge
 
 /// Lines of a column, px from its centre.
 struct Lines {
   int count = 0;
-  std::array<double, kFine> offset{};
+  std::array<double, kEdgeLines> offset{};
 };
 
 Lines gauss_lines() {
@@ -25,8 +25,9 @@ Lines gauss_lines() {
 
 Lines even_lines() {
   Lines lines;
-  for (int k = 0; k < kFine; ++k) lines.offset[static_cast<std::size_t>(k)] = (k + 0.5) / kFine - 0.5;
-  lines.count = kFine;
+  for (int k = 0; k < kEdgeLines; ++k)
+    lines.offset[static_cast<std::size_t>(k)] = (k + 0.5) / kEdgeLines - 0.5;
+  lines.count = kEdgeLines;
   return lines;
 }
 
