@@ -68,10 +68,10 @@ std::optional<JointSolution> solve_inverse_kinematics(const ArmGeometry& arm, co
   JointSolution solution{position, {}};
   for (int i = 0; i < kMaxIterations; ++i) {
     const ToolState tool = arm.tool(solution.position);
-    solution.columns = cartesian_columns(arm, tool.jacobian);
+    solution.jacobian = tool.jacobian;
     const Vector6 error = pose_difference(tool.pose, pose);
     if (error.norm() < kTolerance) return solution;
-    const Axes step = resolved_rates(arm, solution.columns, error);
+    const Axes step = resolved_rates(arm, cartesian_columns(arm, tool.jacobian), error);
     for (std::size_t k = 0; k < kAxes; ++k) {
       if (!(std::abs(step[k]) < kMaxJointStep)) return std::nullopt;
       solution.position[k] += step[k];

@@ -10,10 +10,10 @@
 namespace robotcell::control {
 
 using Vector6 = Eigen::Matrix<double, 6, 1>;
-/// A column for each joint of the arm.
-using Jacobian = Eigen::Matrix<double, 6, Eigen::Dynamic, 0, 6, kMaxJoints>;
+/// A column for each axis of the controller, or for each joint of Cartesian motion.
+using Jacobian = Eigen::Matrix<double, 6, Eigen::Dynamic, 0, 6, kAxes>;
 
-/// Pose and Jacobian of the tool at given joint angles.
+/// Pose and Jacobian of the tool at positions of the axes.
 struct ToolState {
   Eigen::Isometry3d pose;  // world_from_tool
   Jacobian jacobian;       // rows 0-2: velocity of the tool's origin; 3-5: angular velocity; world axes
@@ -66,10 +66,10 @@ Vector6 pose_difference(const Eigen::Isometry3d& from, const Eigen::Isometry3d& 
 /// constant axis.
 Eigen::Isometry3d interpolate_pose(const Eigen::Isometry3d& from, const Vector6& difference, double s);
 
-/// Joint positions of a solution of the inverse kinematics, and the columns of Cartesian motion there.
+/// Positions of a solution of the inverse kinematics, and the Jacobian there.
 struct JointSolution {
   Axes position;
-  Jacobian columns;
+  Jacobian jacobian;
 };
 std::optional<JointSolution> solve_inverse_kinematics(const ArmGeometry& arm, const Eigen::Isometry3d& pose,
                                                       const Axes& position);

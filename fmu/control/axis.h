@@ -9,11 +9,13 @@
 
 namespace robotcell::control {
 
-/// The axes are the joints of the arm, then the table at a fixed index. Axes between the last joint of an arm
-/// and the table stand still at 0.
+/// The axes are the joints of the arm, the table at a fixed index, then further axes. Those that a cell does
+/// not have stand still at 0.
 constexpr int kMaxJoints = 8;
-constexpr int kAxes = kMaxJoints + 1;
+constexpr int kMaxFurtherAxes = 3;
+constexpr int kAxes = kMaxJoints + 1 + kMaxFurtherAxes;
 constexpr std::size_t kTableAxis = kMaxJoints;
+constexpr std::size_t kFirstFurtherAxis = kTableAxis + 1;
 
 /// One value per axis.
 using Axes = std::array<double, kAxes>;
@@ -27,10 +29,10 @@ inline Axes positions(const Knots& knots) {
 
 /// Limits of one axis; a continuous axis has infinite `min` and `max`.
 struct AxisLimits {
-  double min = 0, max = 0;      // rad
-  double max_speed = 0;         // rad/s
-  double max_acceleration = 0;  // rad/s^2; used for braking, too
-  double max_jerk = 0;          // rad/s^3, of programmed moves at full monitor speed
+  double min = 0, max = 0;      // rad, or m where the axis slides
+  double max_speed = 0;         // rad/s, m/s
+  double max_acceleration = 0;  // rad/s^2, m/s^2; used for braking, too
+  double max_jerk = 0;          // rad/s^3, m/s^3, of programmed moves at full monitor speed
 };
 
 using Limits = std::array<AxisLimits, kAxes>;

@@ -131,7 +131,7 @@ bool Jog::move_on(double time, JogFrame frame, JogSpeed& speed, Eigen::Isometry3
   if (turns) way.head<3>() = half * way.head<3>();
   const Eigen::Isometry3d next = interpolate_pose(pose, way, 1);
   const auto solution = solve_inverse_kinematics(arm_, next, position);
-  if (!solution || enters_singularity(position, solution->columns)) return false;
+  if (!solution || enters_singularity(position, cartesian_columns(arm_, solution->jacobian))) return false;
   pose = next;
   if (turns) speed.head<3>() = half * half * speed.head<3>();
   position = solution->position;
@@ -296,11 +296,12 @@ std::optional<Jog::Attempt> Jog::attempt(const JogSpeed& speed, double cycle, co
   Attempt attempt{speed, interpolate_pose(here, twice, cycle / 2), {}, {}};
   const auto solution = solve_inverse_kinematics(arm_, attempt.pose, positions(present));
   if (!solution) return std::nullopt;
-  attempt.columns = solution->columns;
-  const Axes rates = resolved_rates(arm_, solution->columns, twist);
+  attempt.columns = cartesian_columns(arm_, solution->jacobian);
+  const Axes rates = resolved_rates(arm_, attempt.columns, twist);
   for (std::size_t i = 0; i < kMaxJoints; ++i) attempt.knots[i] = {solution->position[i], rates[i]};
   attempt.knots[kTableAxis] =
       constant_acceleration_knot(present[kTableAxis], speed[6], limits_[kTableAxis], cycle);
+  for (std::size_t i = kFirstFurtherAxis; i < kAxes; ++i) attempt.knots[i] = {present[i].position, 0};
   return attempt;
 }
 

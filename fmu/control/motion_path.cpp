@@ -13,9 +13,15 @@ constexpr double kMaxPoints = 5000;
 constexpr double kSpeedShare = 0.999;  // margin for the overshoot of the cubics between knots
 constexpr double kPathAccelerationShare = 0.95;
 
-/// Derivatives of the axes by s along a linear tool path (resolved rate).
-Axes derivative_of(const MotionPath& path, const ArmGeometry& arm, const Jacobian& columns) {
-  Axes derivative = resolved_rates(arm, columns, path.displacement());
+/// Derivatives of the axes by s along a linear tool path (resolved rate): the joints make up for what the
+/// axes that carry the arm move the tool.
+Axes derivative_of(const MotionPath& path, const ArmGeometry& arm, const Jacobian& jacobian) {
+  Vector6 by_joints = path.displacement();
+  for (std::size_t i = kMaxJoints; i < kAxes; ++i) {
+    const double travel = path.to[i] - path.from[i];
+    if (travel != 0) by_joints -= travel * jacobian.col(static_cast<int>(i));
+  }
+  Axes derivative = resolved_rates(arm, cartesian_columns(arm, jacobian), by_joints);
   for (std::size_t i = kMaxJoints; i < kAxes; ++i) derivative[i] = path.to[i] - path.from[i];
   return derivative;
 }
@@ -23,7 +29,7 @@ Axes derivative_of(const MotionPath& path, const ArmGeometry& arm, const Jacobia
 Axes second_derivative_of(const MotionPath& path, const ArmGeometry& arm, const PathPoint& point) {
   Axes ahead = point.position;
   for (std::size_t i = 0; i < kAxes; ++i) ahead[i] += kDifferenceStep * point.derivative[i];
-  const Axes derivative = derivative_of(path, arm, cartesian_columns(arm, arm.tool(ahead).jacobian));
+  const Axes derivative = derivative_of(path, arm, arm.tool(ahead).jacobian);
   Axes second_derivative{};
   for (std::size_t i = 0; i < kAxes; ++i) {
     second_derivative[i] = (derivative[i] - point.derivative[i]) / kDifferenceStep;
@@ -140,7 +146,7 @@ std::optional<PathPoint> MotionPath::at(double s, const ArmGeometry& arm, const 
     for (std::size_t i = 0; i < kAxes; ++i) point.derivative[i] = to[i] - from[i];
     return point;
   }
-  point.derivative = derivative_of(*this, arm, solution->columns);
+  point.derivative = derivative_of(*this, arm, solution->jacobian);
   point.second_derivative = second_derivative_of(*this, arm, point);
   return point;
 }

@@ -258,7 +258,7 @@ void CellInstance::refresh_path_ahead() {
   auto value = values_.path_ahead.begin();
   for (const control::Axes& axes : ahead) {
     value = std::copy_n(axes.begin(), layout_.joints.size(), value);
-    *value++ = axes[kTableAxis];
+    value = std::copy_n(axes.begin() + kTableAxis, 1 + layout_.axes.size(), value);
   }
   ahead_fresh_ = true;
 }

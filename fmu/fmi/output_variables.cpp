@@ -15,6 +15,12 @@ void add_truth(TableBuilder& table, Truth& truth, const Dependencies& dependenci
   }
   table.add("truth.table", output, continuous, kRadian, "True angle of the rotary table, not wrapped",
             truth.position[kTableAxis], dependencies.file);
+  for (std::size_t i = 0; i < table.axes().size(); ++i) {
+    const AxisLayout& axis = table.axes()[i];
+    table.add("truth.axis." + axis.name, output, continuous, axis.slides ? kMetre : kRadian,
+              "True position of the axis " + axis.name, truth.position[kFirstFurtherAxis + i],
+              dependencies.file);
+  }
   table.add_bodies("truth.", "", continuous, truth.bodies, dependencies.bodies);
 }
 
@@ -46,6 +52,7 @@ void add_record(TableBuilder& table, CellOutputs& out) {
   table.add_declared("trigger.measured.", ", at the middle of the exposure of the current record", output,
                      record.measured);
   BodiesDependencies none;
+  none.axes.resize(record.truth.axes.size());
   none.links.resize(record.truth.links.size());
   none.parts.resize(record.truth.parts.size());
   none.fingers.resize(record.truth.fingers.size());
@@ -65,11 +72,13 @@ std::string text_of_path_ahead(const std::string& cycles) {
 
 void add_path_ahead(TableBuilder& table, PerDevice<double>& ahead, PathAheadVariables variables,
                     const Dependencies& dependencies) {
-  const std::size_t axes = table.joints() + 1;
+  const std::size_t axes = table.joints() + 1 + table.axes().size();
   const auto points = static_cast<std::uint32_t>(ahead.size() / axes);
   if (variables == PathAheadVariables::kArray) {
     table.add("controller.ahead", Causality::kOutput, Variability::kContinuous, kRadian,
-              "Angles of the joints and of the table (columns)" + text_of_path_ahead("0, 1, 2, ... (rows)"),
+              (table.axes().empty() ? "Angles of the joints and of the table (columns)"
+                                    : "Positions of joints, table and further axes (columns)") +
+                  text_of_path_ahead("0, 1, 2, ... (rows)"),
               ahead[0], dependencies.file);
     table.make_array({points, static_cast<std::uint32_t>(axes)});
   }
@@ -79,6 +88,13 @@ void add_path_ahead(TableBuilder& table, PerDevice<double>& ahead, PathAheadVari
     const std::string text = text_of_path_ahead(std::to_string(k));
     for (std::size_t i = 0; i < axes; ++i) {
       const bool joint = i < table.joints();
+      if (i > table.joints()) {
+        const AxisLayout& axis = table.axes()[i - table.joints() - 1];
+        table.add(prefix + "axis." + axis.name, Causality::kOutput, Variability::kContinuous,
+                  axis.slides ? kMetre : kRadian, "Position of the axis " + axis.name + text,
+                  ahead[k * axes + i], dependencies.file);
+        continue;
+      }
       table.add(joint ? indexed(prefix + "q", i) : prefix + "table", Causality::kOutput,
                 Variability::kContinuous, kRadian,
                 (joint ? "Angle of joint " + std::to_string(i + 1) : "Angle of the table") + text,

@@ -37,20 +37,21 @@ struct FrameRefs {
   Refs displacing, turning, behind;
 };
 
-FrameRefs add_as_built_tool(TableBuilder& table, AsBuilt& as_built) {
-  auto& tool = as_built.tool;
+/// Deviation of a frame by all six coordinates.
+FrameRefs add_as_built_frame(TableBuilder& table, const std::string& name, const std::string& what,
+                             std::array<double, 6>& by) {
   FrameRefs refs;
   for (std::size_t i = 0; i < 3; ++i) {
     const std::string axis = kAxisNames[i];
     refs.displacing.push_back(
-        table.add_deviation("tool." + axis, kMetre,
-                            "translation of the sensor along " + axis + " of its nominal frame", tool[i]));
+        table.add_deviation(name + "." + axis, kMetre,
+                            "translation of " + what + " along " + axis + " of its nominal frame", by[i]));
   }
   for (std::size_t i = 0; i < 3; ++i) {
     const std::string axis = kAxisNames[i];
     refs.turning.push_back(table.add_deviation(
-        "tool.r" + axis, kRadian,
-        "rotation of the sensor about its " + axis + " axis (intrinsic, order x, y, z)", tool[3 + i]));
+        name + ".r" + axis, kRadian,
+        "rotation of " + what + " about its " + axis + " axis (intrinsic, order x, y, z)", by[3 + i]));
   }
   return refs;
 }
@@ -174,7 +175,12 @@ Dependencies add_parameters(TableBuilder& table, const CellLayout& layout, CellP
   for (std::size_t i = 0; i < layout.joints.size(); ++i) {
     rows.push_back(add_row(table, layout, i, as_built.dh[i]));
   }
-  const FrameRefs tool = add_as_built_tool(table, as_built);
+  std::vector<FrameRefs> axes;
+  for (std::size_t i = 0; i < layout.axes.size(); ++i) {
+    const std::string& name = layout.axes[i].name;
+    axes.push_back(add_as_built_frame(table, "axis." + name, "the axis " + name, as_built.axes[i]));
+  }
+  const FrameRefs tool = add_as_built_frame(table, "tool", "the sensor", as_built.tool);
   const FrameRefs table_refs = add_as_built_table(table, as_built);
   const VibrationRefs of_base =
       add_vibration(table, "base", "the robot's base", as_built.base_vibration, seed);
@@ -193,16 +199,25 @@ Dependencies add_parameters(TableBuilder& table, const CellLayout& layout, CellP
     }
   }
   const FrameNumbers numbers = layout.frames();
-  std::vector<PoseDependencies> frames{{dependencies.file, dependencies.file, {}}, with(at_rest, of_base)};
+  std::vector<PoseDependencies> frames{{dependencies.file, dependencies.file, {}}};
+  const auto standing_on = [&](std::size_t frame) {
+    return frame == kWorld ? at_rest : carried_by(frames[frame]);
+  };
+  for (std::size_t i = 0; i < layout.axes.size(); ++i) {
+    frames.push_back(with(standing_on(layout.axes[i].moves_with), axes[i].displacing, axes[i].turning));
+  }
+  frames.push_back(with(standing_on(layout.robot_moves_with), of_base));
   for (const RowRefs& row : rows) {
     frames.push_back(with(with(carried_by(frames.back()), row.displacing, row.turning),
                           dependencies.true_axes, dependencies.true_axes));
   }
   frames.push_back(with(carried_by(frames.back()), of_flange));
   frames.push_back(with(frames.back(), tool.displacing, tool.turning));
-  frames.push_back(with(with(at_rest, of_table), table_refs.displacing, table_refs.turning));
+  frames.push_back(
+      with(with(standing_on(layout.table_moves_with), of_table), table_refs.displacing, table_refs.turning));
   frames.push_back(with(carried_by(frames.back()), table_refs.behind, {}));
   BodiesDependencies& bodies = dependencies.bodies;
+  for (std::size_t i = 0; i < numbers.axes; ++i) bodies.axes.push_back(frames[numbers.axis(i)]);
   for (std::size_t i = 0; i < numbers.joints; ++i) bodies.links.push_back(frames[numbers.link(i)]);
   bodies.sensor = frames[numbers.sensor()];
   bodies.table = frames[numbers.platter()];

@@ -21,13 +21,17 @@ std::string indexed(const std::string& name, std::size_t index_from_0) {
 std::string FieldTable::with_names(std::string text, const Element& element,
                                    const ElementIndex& index) const {
   const std::string letters = index.inner_count == kQuaternionNames.size() ? "wxyz" : "xyz";
+  const std::size_t further = index.outer >= kFirstFurtherAxis ? index.outer - kFirstFurtherAxis : 0;
+  const std::string axis = further < table_.axes().size() ? table_.axes()[further].name : "";
   const std::string letter = index.inner < letters.size() ? letters.substr(index.inner, 1) : "";
   for (const auto& [place, name] : {std::pair<std::string, std::string>{"{}", device_},
                                     {"{e}", element.text},
                                     {"{i}", std::to_string(index.outer + 1)},
                                     {"{k}", std::to_string(index.inner + 1)},
                                     {"{x}", letter},
-                                    {"{t}", std::to_string(table_.joints() + 1)}}) {
+                                    {"{t}", std::to_string(table_.joints() + 1)},
+                                    {"{a}", axis},
+                                    {"{n}", std::to_string(table_.joints() + 2 + further)}}) {
     for (std::size_t at = text.find(place); at != std::string::npos;
          at = text.find(place, at + name.size())) {
       text.replace(at, place.size(), name);
@@ -51,6 +55,16 @@ void TableBuilder::enumerate(const Enumeration& enumeration) {
     const EnumerationItem& item = enumeration.items[i];
     variable.description +=
         (i == 0 ? ": " : ", ") + std::to_string(i) + " " + item.name + " (" + item.text + ")";
+  }
+}
+
+void TableBuilder::replace_angles() {
+  std::string& text = table_.back().description;
+  for (const auto& [angle, position] : {std::pair<std::string, std::string>{"angular velocity", "velocity"},
+                                        {"Angle", "Position"},
+                                        {"angle", "position"}}) {
+    const std::size_t at = text.find(angle);
+    if (at != std::string::npos) text.replace(at, angle.size(), position);
   }
 }
 
@@ -128,6 +142,10 @@ void TableBuilder::add_bodies(const std::string& prefix, const std::string& suff
   for (std::size_t i = 0; i < value.links.size(); ++i) {
     add_body(indexed(prefix + "link", i), "link " + std::to_string(i + 1), suffix, variability,
              value.links[i], dependencies.links[i]);
+  }
+  for (std::size_t i = 0; i < value.axes.size(); ++i) {
+    add_body(prefix + "axis_frame." + axes_[i].name, "what the axis " + axes_[i].name + " carries", suffix,
+             variability, value.axes[i], dependencies.axes[i]);
   }
   add_body(prefix + "sensor", "the sensor", suffix, variability, value.sensor, dependencies.sensor);
   add_body(prefix + "table", "the table's platter", suffix, variability, value.table, dependencies.table);

@@ -25,7 +25,7 @@ struct PoseDependencies {
 };
 
 struct BodiesDependencies {
-  std::vector<PoseDependencies> links;
+  std::vector<PoseDependencies> axes, links;
   PoseDependencies sensor, table;
   std::vector<PoseDependencies> parts, fingers;
 };
@@ -39,10 +39,11 @@ struct Dependencies {
 
 class TableBuilder {
  public:
-  /// For an arm with this number of joints.
-  explicit TableBuilder(std::size_t joints) : joints_(joints) {}
+  explicit TableBuilder(const CellLayout& layout) : joints_(layout.joints.size()), axes_(layout.axes) {}
 
   std::size_t joints() const { return joints_; }
+  /// Beside joints and table.
+  const std::vector<AxisLayout>& axes() const { return axes_; }
 
   /// Appends a variable; `value` is its member of an instance's values.
   template <class T>
@@ -72,6 +73,9 @@ class TableBuilder {
 
   /// Makes the integer that was added last an enumeration, and appends its members to the text.
   void enumerate(const Enumeration& enumeration);
+
+  /// Names a position and a velocity, in the text of the variable that was added last, where it names angles.
+  void replace_angles();
 
   /// Marks the variable that was added last as an instant of simulation time.
   void mark_instant() { table_.back().instant = true; }
@@ -107,6 +111,7 @@ class TableBuilder {
                 Variability variability, BodyState& value, const PoseDependencies& dependencies);
 
   std::size_t joints_;
+  std::vector<AxisLayout> axes_;
   bool clocked_ = false;
   std::vector<Variable> table_;
 };
@@ -156,6 +161,11 @@ class FieldTable {
       } else if (i < table_.joints() || i == kTableAxis) {
         const Element& element = elements[member.field.distinct_joints ? i : i / kTableAxis];
         add(member.field, member.value[i], element, {i, i, n});
+      } else if (i >= kFirstFurtherAxis && i - kFirstFurtherAxis < table_.axes().size()) {
+        const bool slides = table_.axes()[i - kFirstFurtherAxis].slides;
+        const Element& element = elements[member.field.distinct_joints ? kFirstFurtherAxis : 2];
+        add(slides ? sliding(member.field) : member.field, member.value[i], element, {i, i, n});
+        if (slides) table_.replace_angles();
       }
     }
   }
@@ -170,7 +180,8 @@ class FieldTable {
     table_.add(with_names(prefix_ + field.name + element.name, element, index), causality_,
                causality_ == Causality::kParameter ? Variability::kFixed : field.variability, field.unit,
                with_names(field.text, element, index), value, initial_of(field));
-    table_.bound(field.min, field.axis_number ? static_cast<double>(table_.joints() + 1) : field.max);
+    const auto last = static_cast<double>(table_.joints() + 1 + table_.axes().size());
+    table_.bound(field.min, field.axis_number ? last : field.max);
     if (field.instant) table_.mark_instant();
     if (field.enumeration != nullptr) table_.enumerate(*field.enumeration);
   }

@@ -44,7 +44,7 @@ void RecordColumn::clear_from(std::size_t place) const {
 }
 
 VariableTable::VariableTable(const CellLayout& layout, Values& values, const TableOptions& options) {
-  TableBuilder table(layout.joints.size());
+  TableBuilder table(layout);
   table.add("time", Causality::kIndependent, Variability::kContinuous, kSecond, "Simulation time",
             values.time);
   const Dependencies dependencies = add_parameters(table, layout, values.parameters);

@@ -18,13 +18,13 @@ struct Values {
   explicit Values(const CellLayout& layout)
       : inputs(layout),
         outputs(layout),
-        path_ahead(control::PathAhead().size() * (layout.joints.size() + 1)) {}
+        path_ahead(control::PathAhead().size() * (layout.joints.size() + 1 + layout.axes.size())) {}
 
   double time = 0;
   CellParameters parameters;
   CellInputs inputs;
   CellOutputs outputs;
-  PerDevice<double> path_ahead;   // rad, of joints and table at each point; written on demand
+  PerDevice<double> path_ahead;   // of joints, table and further axes at each point; written on demand
   std::int32_t record_count = 0;  // of the records that the last step published
 };
 

@@ -28,6 +28,8 @@ struct AsBuilt {
   std::array<double, 6> tool{};   // x, y, z (m), rx, ry, rz (rad, intrinsic XYZ): flange_from_sensor * delta
   std::array<double, 5> table{};  // x, y, z (m), rx, ry (rad): world_from_table * delta
   std::array<double, 2> platter{};  // x, y (m) of the platter's centre in the rotating frame
+  /// Of each further axis x, y, z (m), rx, ry, rz (rad, intrinsic XYZ) in its nominal frame.
+  std::array<std::array<double, 6>, kMaxFurtherAxes> axes{};
   TableWobble wobble;
   TriggerErrors trigger;
   BeltErrors belt;
@@ -37,9 +39,9 @@ struct AsBuilt {
   template <class Visitor>
   static void declare(Visitor& visit, AsBuilt& b) {
     visit(b, state(b.dh, "dh"), state(b.tool, "tool"), state(b.table, "table"), state(b.platter, "platter"),
-          state(b.wobble, "wobble"), state(b.trigger, "trigger"), state(b.belt, "belt"),
-          state(b.base_vibration, "base_vibration"), state(b.flange_vibration, "flange_vibration"),
-          state(b.table_vibration, "table_vibration"));
+          state(b.axes, "axes"), state(b.wobble, "wobble"), state(b.trigger, "trigger"),
+          state(b.belt, "belt"), state(b.base_vibration, "base_vibration"),
+          state(b.flange_vibration, "flange_vibration"), state(b.table_vibration, "table_vibration"));
   }
 };
 

@@ -10,10 +10,12 @@
 namespace robotcell {
 
 using control::kAxes;
+using control::kFirstFurtherAxis;
+using control::kMaxFurtherAxes;
 using control::kMaxJoints;
 using control::kTableAxis;
 
-/// Positions and rates of all axes at one instant (rad, rad/s).
+/// Positions and rates of all axes at one instant (rad, rad/s; m, m/s where they slide).
 struct AxesState {
   std::array<double, kAxes> position{};
   std::array<double, kAxes> rate{};

@@ -25,16 +25,20 @@ struct BodyState {
 /// Poses and twists of all bodies of the cell.
 struct Bodies {
   explicit Bodies(const CellLayout& layout)
-      : links(layout.joints.size()), parts(layout.parts.size()), fingers(layout.gripper ? 2 : 0) {}
+      : axes(layout.axes.size()),
+        links(layout.joints.size()),
+        parts(layout.parts.size()),
+        fingers(layout.gripper ? 2 : 0) {}
 
+  PerDevice<BodyState> axes;  // what the further axes carry
   PerDevice<BodyState> links;
   BodyState sensor, table;
   PerDevice<BodyState> parts, fingers;
 
   template <class Visitor>
   static void declare(Visitor& visit, Bodies& b) {
-    visit(b, state(b.links, "links"), state(b.sensor, "sensor"), state(b.table, "table"),
-          state(b.parts, "parts"), state(b.fingers, "fingers"));
+    visit(b, state(b.axes, "axes"), state(b.links, "links"), state(b.sensor, "sensor"),
+          state(b.table, "table"), state(b.parts, "parts"), state(b.fingers, "fingers"));
   }
 };
 

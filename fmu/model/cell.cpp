@@ -16,8 +16,7 @@ constexpr std::uint64_t kTriggerKey = 0x7472696767657200;
 
 PrescribedMotion start_of(const CellDescription& cell) {
   PrescribedMotion start;
-  for (std::size_t i = 0; i < cell.joints.size(); ++i) start.axes.position[i] = cell.joints[i].start;
-  start.axes.position[kTableAxis] = cell.table.start;
+  start.axes.position = start_positions(cell);
   start.belts.resize(cell.conveyors.size());
   return start;
 }
@@ -132,8 +131,9 @@ std::shared_ptr<const control::ProgramSegment> Cell::requested_segment(const Cel
     program_ = {path, nullptr, ""};
     try {
       if (path.empty()) throw DescriptionError("command.program is empty: expected the path of a saved plan");
-      program_.program = read_program(is_absolute(path) ? path : folder_ + "/" + path,
-                                      description_.joints.size(), description_.controller_cycle_us);
+      program_.program =
+          read_program(is_absolute(path) ? path : folder_ + "/" + path, description_.joints.size(),
+                       description_.axes.size(), description_.controller_cycle_us);
     } catch (const DescriptionError& error) {
       program_.fault = error.what();
       return nullptr;

@@ -19,6 +19,20 @@ std::string difference(const CellLayout& layout, const CellLayout& expected) {
     text += (text.empty() ? "" : ", ") + std::string("the axis of joint ") + std::to_string(i + 1) +
             (layout.joints[i].parallel_to_next ? " parallel" : " not parallel") + " to the next one";
   }
+  compare(text, "further axes", layout.axes.size(), expected.axes.size());
+  for (std::size_t i = 0; i < std::min(layout.axes.size(), expected.axes.size()); ++i) {
+    if (layout.axes[i] == expected.axes[i]) continue;
+    const auto kind = [](const AxisLayout& axis) {
+      return std::string(axis.slides ? " that slides" : " that turns") + " on frame " +
+             std::to_string(axis.moves_with);
+    };
+    text += (text.empty() ? "axis '" : ", axis '") + layout.axes[i].name + "'" + kind(layout.axes[i]) +
+            " instead of '" + expected.axes[i].name + "'" + kind(expected.axes[i]);
+  }
+  if (layout.robot_moves_with != expected.robot_moves_with ||
+      layout.table_moves_with != expected.table_moves_with) {
+    text += (text.empty() ? "" : ", ") + std::string("arm or table on another axis");
+  }
   compare(text, "parts", layout.parts.size(), expected.parts.size());
   compare(text, "conveyors", layout.conveyors, expected.conveyors);
   compare(text, "grippers", layout.gripper ? 1 : 0, expected.gripper ? 1 : 0);

@@ -17,9 +17,21 @@ struct JointLayout {
   bool parallel_to_next = false;  // its axis is parallel to that of the next joint: a deviation beta exists
 };
 
+struct AxisLayout {
+  std::string name;
+  bool slides = false;
+  std::size_t moves_with = kWorld;  // frame: initial poses depend on what moves it
+
+  bool operator==(const AxisLayout& other) const {
+    return name == other.name && slides == other.slides && moves_with == other.moves_with;
+  }
+};
+
 /// Derived from a description; equal layouts have the same variable table.
 struct CellLayout {
   std::vector<JointLayout> joints;
+  std::vector<AxisLayout> axes;                                      // beside joints and table
+  std::size_t robot_moves_with = kWorld, table_moves_with = kWorld;  // frames
   std::vector<std::size_t> parts;  // frames on which they start: initial poses depend on what moves these
   std::size_t conveyors = 0;
   bool gripper = false;
@@ -28,7 +40,9 @@ struct CellLayout {
   std::vector<std::string> bodies;  // names of the bodies that collision outputs refer to by number
   bool dynamic_drives = false;
 
-  FrameNumbers frames() const { return {joints.size(), conveyors, gripper ? 2u : 0u, parts.size()}; }
+  FrameNumbers frames() const {
+    return {joints.size(), conveyors, gripper ? 2u : 0u, parts.size(), axes.size()};
+  }
 };
 
 /// Difference between two layouts as text, for example "2 parts instead of 1"; empty where they are equal.

@@ -118,6 +118,7 @@ void Cell::write_truth(std::int64_t time_us, Bodies& bodies) const {
   const std::vector<Motion> frames = frames_at(time_us);
   const FrameNumbers& numbers = true_.numbers();
   const auto state = [&frames](std::size_t frame) { return body_state(frames[frame]); };
+  for (std::size_t i = 0; i < numbers.axes; ++i) bodies.axes[i] = state(numbers.axis(i));
   for (std::size_t i = 0; i < numbers.joints; ++i) bodies.links[i] = state(numbers.link(i));
   bodies.sensor = state(numbers.sensor());
   bodies.table = state(numbers.platter());

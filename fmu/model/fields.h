@@ -53,15 +53,17 @@ enum class Initial { kNothing, kDescription, kEncoders };
 /// Name of an element of an array, after that of the array, and what replaces {e} in the text.
 ///
 /// In names and texts of elements {i} is the number of the element, {x} its letter x, y, z (or w, x, y, z of
-/// a quaternion), and {t} the number of the table, one more than that of the last joint. In an array of
-/// arrays {i} is the number of the outer element, {k} and {x} are those of the inner one.
+/// a quaternion), {t} the number of the table, one more than that of the last joint, {a} the name of a
+/// further axis, and {n} its number, counted on from the table. In an array of arrays {i} is the number of
+/// the outer element, {k} and {x} are those of the inner one.
 struct Element {
   const char* name;
   const char* text;
 };
 
-/// The joints and the table.
-constexpr Element kAxisElements[] = {{"q[{i}]", "joint {i}"}, {"table", "the rotary table, not wrapped"}};
+/// The joints, the table and the further axes.
+constexpr Element kAxisElements[] = {
+    {"q[{i}]", "joint {i}"}, {"table", "the rotary table, not wrapped"}, {"axis.{a}", "the axis {a}"}};
 
 /// Properties of a member.
 struct Field {
@@ -87,11 +89,18 @@ constexpr Field bounded(Field field, double min, double max = kUnbounded) {
 }
 
 /// An array with an element for each axis, of which only those of the cell are variables. `elements`: for the
-/// joints and for the table, or one for each possible joint and for the table.
+/// joints, the table and the further axes, or one for each possible joint, then for these.
 template <std::size_t count>
 constexpr Field with_axes(Field field, const Element (&elements)[count]) {
   field.elements = elements;
-  field.distinct_joints = count > 2;
+  field.distinct_joints = count > 3;
+  return field;
+}
+
+/// The field of an axis that slides, of which a text says no more than that it is an angle.
+constexpr Field sliding(Field field) {
+  if (field.unit.quantity == kRadian.quantity) field.unit = kMetre;
+  if (field.unit.quantity == kRadianPerSecond.quantity) field.unit = kMetrePerSecond;
   return field;
 }
 

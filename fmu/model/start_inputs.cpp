@@ -18,8 +18,7 @@ std::array<double*, kHomeInputs> home_inputs(CellInputs& inputs) {
 
 CellInputs start_inputs(const CellDescription& cell) {
   CellInputs inputs(layout_of(cell));
-  for (std::size_t i = 0; i < cell.joints.size(); ++i) inputs.motion.position[i] = cell.joints[i].start;
-  inputs.motion.position[kTableAxis] = cell.table.start;
+  inputs.motion.position = start_positions(cell);
   const Kinematics nominal(cell, AsBuilt{});
   const BodyState tool = body_state(attached({}, nominal.flange_from_sensor()));
   inputs.motion.tool_position = tool.position;

@@ -45,7 +45,7 @@ Sequencer::Sequencer(const CellDescription& cell, const std::string& name, const
 }
 
 std::vector<Variable> Sequencer::variables(const CellLayout& layout) {
-  TableBuilder table(layout.joints.size());
+  TableBuilder table(layout);
   const auto discrete = Variability::kDiscrete;
   table.add("time", Causality::kIndependent, Variability::kContinuous, kSecond, "Simulation time",
             values_.time);

@@ -157,6 +157,7 @@ class SurfaceSearch:
     """
 
     def __init__(self, nominal: NominalCell, field: SensorField, samples: int, threads: int) -> None:
+        nominal = nominal.with_axes_held()
         self._nominal = nominal
         self._field = field
         self._threads = threads

@@ -13,6 +13,9 @@ constexpr std::size_t kArmJoints = 6;
 constexpr std::int64_t kCycle = 16000;
 constexpr double kCycleSeconds = 0.016;
 
+/// Direction in which the first further axis moves the arm.
+inline Eigen::Vector3d track() { return {0.6, 0.64, 0.48}; }
+
 /// The flange, where the tool is at the start, is 0.15 m in front of the last joint, off its axis.
 class ArmModel : public control::ArmKinematics {
  public:
@@ -20,7 +23,7 @@ class ArmModel : public control::ArmKinematics {
                                                     Eigen::Isometry3d::Identity()) const override {
     const double rows[kArmJoints][3] = {{0.075, 0.335, -90}, {0.27, 0, 0}, {-0.09, 0, 90},
                                         {0, 0.295, -90},     {0, 0, 90},   {0, 0.08, 0}};
-    Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
+    Eigen::Isometry3d pose(Eigen::Translation3d(position[control::kFirstFurtherAxis] * track()));
     std::array<Eigen::Vector3d, kArmJoints> axes, origins;
     for (std::size_t i = 0; i < kArmJoints; ++i) {
       axes[i] = pose.linear().col(2);
@@ -30,11 +33,12 @@ class ArmModel : public control::ArmKinematics {
              Eigen::AngleAxisd(rows[i][2] * 3.14159265358979 / 180, Eigen::Vector3d::UnitX());
     }
     control::ToolState tool;
-    tool.jacobian.resize(6, kArmJoints);
+    tool.jacobian.setZero(6, control::kAxes);
     tool.pose = pose * Eigen::Translation3d(0.02, 0.01, 0.15) * flange_from_tool;
     for (std::size_t i = 0; i < kArmJoints; ++i) {
       tool.jacobian.col(static_cast<int>(i)) << axes[i].cross(tool.pose.translation() - origins[i]), axes[i];
     }
+    tool.jacobian.col(control::kFirstFurtherAxis).head<3>() = track();
     return tool;
   }
   const std::vector<int>& cartesian_joints() const override { return joints_; }
@@ -54,6 +58,7 @@ inline control::ControllerSettings settings() {
   all.motion.axes.fill({-kEndless, kEndless, 5, 20, 400});
   for (std::size_t i = 0; i < kArmJoints; ++i) all.motion.axes[i] = {low[i], high[i], 5, 20, 400};
   all.motion.axes[control::kTableAxis] = {-kEndless, kEndless, 3, 6, 120};
+  all.motion.axes[control::kFirstFurtherAxis] = {-0.5, 0.9, 0.6, 2, 40};
   all.motion.line_speed = 1.0;
   all.motion.line_acceleration = 4.0;
   all.motion.angular_speed = 3.0;

@@ -111,6 +111,34 @@ def cell_description(**part: Any) -> dict[str, Any]:
 FREE = cell_description(fixture="free", support_from_part=pose([0.06, 0.02, 0]))
 
 
+def further_axis(name: str, slides: bool, most: float, **changes: Any) -> dict[str, Any]:
+    """Description of an axis of the world along or about z, from -most to most; keyword arguments override keys."""
+    return {
+        "name": name, "slides": slides, "moves_with": "world", "parent_from_joint": pose([0, 0, 0]),
+        "joint_from_frame": pose([0, 0, 0]), "min": -most, "max": most, "max_speed": 0.5, "max_acceleration": 1.5,
+        "max_jerk": 30.0, "start": 0.0, "encoder_resolution": 0.0, "encoder_noise": 0.0,
+        "encoder_latency": 0.0, **changes,
+    }  # fmt: skip
+
+
+# A free part on a table that a lift moves, and an arm on a column that turns on a track along y.
+_ALONG_Y = [np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0]
+AXES = {
+    **FREE,
+    "axes": [
+        further_axis(
+            "track", True, 0.6, parent_from_joint=pose([0.02, -0.1, 0.05], _ALONG_Y), start=0.1,
+            joint_from_frame=pose([0, 0, 0], [np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0]), encoder_resolution=1e-6,
+            encoder_latency=0.002,
+        ),
+        further_axis("column", False, 1.0, moves_with="axis[1]", encoder_noise=1e-6),
+        further_axis("lift", True, 0.15, max_speed=0.1, max_acceleration=0.5),
+    ],
+    "robot": {**FREE["robot"], "moves_with": "axis[2]"},
+    "table": {**FREE["table"], "moves_with": "axis[3]"},
+}  # fmt: skip
+
+
 def runtime_folder() -> Path:
     """Folder of the native runtime: of the build folder named in the environment, or of the installed package."""
     named = os.environ.get("SCANCELL_FMU_RUNTIME")

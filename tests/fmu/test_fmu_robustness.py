@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import pytest
 from cell_fixture import (
+    AXES,
     CYCLE_US,
     FREE,
     START,
@@ -486,7 +487,8 @@ def assert_same_values(actual: Any, expected: Any, path: str = "cell") -> None:
 
 def test_stored_cells_of_the_call_fuzzer_match_the_fixtures() -> None:
     soft = soft_cell(longest_edge=0.1)
-    for name, cell in (("clamped", cell_description()), ("free", FREE), ("soft", soft), ("dynamic", DYNAMIC)):
+    cells = {"clamped": cell_description(), "free": FREE, "soft": soft, "dynamic": DYNAMIC, "axes": AXES}
+    for name, cell in cells.items():
         stored = json.loads((Path(__file__).parent / "cells" / name / "cell.json").read_text())
         assert_same_values(stored, json.loads(json.dumps(cell)), name)
 

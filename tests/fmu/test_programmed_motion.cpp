@@ -179,6 +179,31 @@ TEST(LineMove, KeepsToolOnStraightLine) {
   }
 }
 
+TEST(LineMove, KeepsToolOnStraightLineWhileAnAxisCarriesTheArm) {
+  for (const double travel : {-0.2, 0.25}) {
+    Drive drive;
+    const Eigen::Isometry3d from = drive.arm.tool(home()).pose;
+    Eigen::Isometry3d to = target_of_line(drive);
+    to.pretranslate(0.8 * travel * track());
+    drive.command.position[kFirstFurtherAxis] = travel;
+    drive.start_line(to);
+    LimitWatch watch(drive);
+    OffLine worst{0, 0};
+    drive.run_to_rest([&](const Knots& knots) {
+      watch(knots);
+      const OffLine off = off_line(from, to, drive.arm.tool(Drive::axes(knots)).pose);
+      worst = {std::max(worst.distance, off.distance), std::max(worst.angle, off.angle)};
+    });
+    EXPECT_EQ(drive.controller.report(drive.now).error, ControllerError::kNone);
+    EXPECT_LT(pose_difference(drive.arm.tool(drive.position()).pose, to).norm(), 1e-10);
+    EXPECT_EQ(drive.position()[kFirstFurtherAxis], travel);
+    EXPECT_LE(watch.speed, 1);
+    EXPECT_LE(watch.acceleration, 1);
+    EXPECT_LT(worst.distance, 1e-6);
+    EXPECT_LT(worst.angle, 2e-6);
+  }
+}
+
 TEST(LineMove, CruisesAtToolSpeedLimit) {
   Drive drive;
   drive.command.speed = 0.1;

@@ -13,8 +13,8 @@ using namespace robotcell::control;
 using namespace robotcell::testing;
 
 double tool_speed(const Drive& drive, const Knots& knots) {
-  Vector6 rates;
-  for (std::size_t i = 0; i < kArmJoints; ++i) rates[static_cast<int>(i)] = knots[i].velocity;
+  Eigen::Matrix<double, kAxes, 1> rates;
+  for (std::size_t i = 0; i < kAxes; ++i) rates[static_cast<int>(i)] = knots[i].velocity;
   return (drive.arm.tool(Drive::axes(knots)).jacobian.topRows<3>() * rates).norm();
 }
 
@@ -151,8 +151,8 @@ double jog_change(const Drive& drive, const Knots& before, const Knots& after) {
     ratio = std::max(ratio, std::abs(after[i].velocity - before[i].velocity) / most);
   }
   const auto twist = [&](const Knots& knots) {
-    Vector6 rates;
-    for (std::size_t i = 0; i < kArmJoints; ++i) rates[static_cast<int>(i)] = knots[i].velocity;
+    Eigen::Matrix<double, kAxes, 1> rates;
+    for (std::size_t i = 0; i < kAxes; ++i) rates[static_cast<int>(i)] = knots[i].velocity;
     return Vector6(drive.arm.tool(Drive::axes(before)).jacobian * rates);
   };
   const Vector6 change = twist(after) - twist(before);

@@ -134,12 +134,16 @@ GANTRY = """
 name = "track"
 kind = "prismatic"
 pose = { x_mm = 100.0, z_mm = 50.0, rx_deg = -90.0 }
+min_mm = -100.0
+max_mm = 900.0
+max_speed_mm_s = 300.0
+max_acceleration_mm_s2 = 600.0
 
 [[further_sensor]]
 moves_with = "track"
 pose = { x_mm = 10.0, y_mm = 20.0, z_mm = 30.0 }
 """
-ON_TRACK = ['cell.robot.moves_with="track"', 'cell.part.moves_with="flange"', "cell.part.z_mm=5"]
+ON_TRACK = ['cell.robot_moves_with="track"', 'cell.part.moves_with="flange"', "cell.part.z_mm=5"]
 PLATE = box_mesh((0.06, 0.04, 0.01), "plate")
 
 
@@ -176,16 +180,17 @@ def test_prismatic_axis_second_sensor_and_part_on_the_flange_are_placed_in_close
 
 def test_cells_that_are_placed_alone_are_refused_by_what_moves_them(tmp_path) -> None:
     file = cell_file(tmp_path, GANTRY)
-    for words, key in ((ON_TRACK, r"cell\.axis"), (['cell.part.moves_with="flange"'], r"cell\.axis")):
-        setup = load_setup(file, settings=words)
-        cell = nominal_cell(setup.cell, PLATE)
-        for refusing in (
-            lambda cell=cell, setup=setup: cell_json(setup.cell, cell, 0),
-            lambda cell=cell: MotionBounds(cell, []),
-            lambda setup=setup: Scanner(setup=setup).scan(PLATE, engine="geometric"),
+    setup = load_setup(file, settings=ON_TRACK)
+    cell = nominal_cell(setup.cell, PLATE)
+    for refusing in (
+        lambda: cell_json(setup.cell, cell, 0),
+        lambda: MotionBounds(cell, []),
+        lambda: Scanner(setup=setup).scan(PLATE, engine="geometric"),
+    ):
+        with pytest.raises(
+            DescriptionError, match=r"cell\.further_sensor = 'sensor\[2\]': is placed by kinematics alone"
         ):
-            with pytest.raises(DescriptionError, match=rf"{key} = 'track': is placed by kinematics alone"):
-                refusing()
+            refusing()
     setup = load_setup(settings=['cell.part.moves_with="flange"'])
     with pytest.raises(DescriptionError, match=r"cell\.part\.moves_with = 'flange'"):
         Scanner(setup=setup).scan(PLATE, engine="geometric")
@@ -194,15 +199,16 @@ def test_cells_that_are_placed_alone_are_refused_by_what_moves_them(tmp_path) ->
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (['cell.robot.moves_with="rail"'], r"robot\.moves_with = 'rail': expected world, table, .*track"),
+        (['cell.robot_moves_with="rail"'], r"robot_moves_with = 'rail': expected world, track"),
+        (['cell.table.moves_with="link[2]"'], r"table\.moves_with = 'link\[2\]': expected world, track"),
+        (['cell.axis[1].moves_with="track"'], "expected world: an axis is listed after what carries it"),
         (
-            ['cell.robot.moves_with="link[2]"'],
-            r"robot\.moves_with = 'link\[2\]': expected what does not move with itself",
+            ['cell.further_sensor[1].moves_with="rail"'],
+            r"further_sensor\[1\]\.moves_with = 'rail': expected world, track",
         ),
-        (
-            ['cell.robot.moves_with="track"', 'cell.axis[1].moves_with="link[6]"'],
-            "expected what does not move with itself",
-        ),
+        (["cell.axis[1].start_mm=901"], r"start_mm = 901: expected a position from -100 to 900"),
+        (["cell.axis[1].min_mm=900"], r"min_mm \(900\) must be below max_mm \(900\)"),
+        (['cell.axis[1].kind="revolute"'], "min_deg"),
         (['cell.axis[1].name="table"'], "expected a name of no other frame or column"),
         (['cell.axis[1].name="q7"'], "expected a name of no other frame or column"),
         (['cell.axis[1].name="Track 1"'], "axis"),

@@ -79,6 +79,36 @@ JointDescription parse_joint(const JsonReader& json) {
   return joint;
 }
 
+/// Frame of what carries arm, table or an axis: the world, or one of the first `axes` further axes.
+std::size_t parse_carrier(const JsonReader& json, std::size_t axes) {
+  const std::string text = json.text();
+  if (text == "world") return kWorld;
+  for (std::size_t i = 0; i < axes; ++i) {
+    if (text == "axis[" + std::to_string(i + 1) + "]") return FrameNumbers{}.axis(i);
+  }
+  json.fail("\"world\", or \"axis[i]\" of an axis that comes before");
+}
+
+AxisDescription parse_axis(const JsonReader& json, std::size_t before) {
+  json.expect_keys({"name", "slides", "moves_with", "parent_from_joint", "joint_from_frame", "min", "max",
+                    "max_speed", "max_acceleration", "max_jerk", "start", "encoder_resolution",
+                    "encoder_noise", "encoder_latency"});
+  AxisDescription axis;
+  axis.name = json.at("name").text();
+  axis.slides = json.at("slides").boolean();
+  axis.moves_with = parse_carrier(json.at("moves_with"), before);
+  axis.parent_from_joint = json.at("parent_from_joint").pose();
+  axis.joint_from_frame = json.at("joint_from_frame").pose();
+  axis.min = json.at("min").number(-kMaxJointPosition, kMaxJointPosition);
+  axis.max = json.at("max").number(axis.min, kMaxJointPosition);
+  axis.max_speed = json.at("max_speed").positive();
+  axis.max_acceleration = json.at("max_acceleration").positive();
+  axis.max_jerk = json.at("max_jerk").positive();
+  axis.start = json.at("start").number(axis.min, axis.max);
+  axis.encoder = parse_encoder(json);
+  return axis;
+}
+
 /// Joints that keep still in Cartesian motion, so that at most six move; numbers from 1 in the description.
 std::vector<int> parse_held_joints(const JsonReader& json, std::size_t joints) {
   std::vector<int> held;
@@ -92,8 +122,10 @@ std::vector<int> parse_held_joints(const JsonReader& json, std::size_t joints) {
 }
 
 void parse_robot(const JsonReader& robot, CellDescription& cell) {
-  robot.expect_keys({"world_from_base", "joints", "held_joints", "motion", "dynamics"});
+  robot.expect_keys({"world_from_base", "joints", "held_joints", "motion", "dynamics"}, {"moves_with"});
   cell.motion = parse_motion(robot.at("motion"));
+  if (robot.has("moves_with"))
+    cell.robot_moves_with = parse_carrier(robot.at("moves_with"), cell.axes.size());
   cell.world_from_base = robot.at("world_from_base").pose();
   for (const JsonReader& joint : robot.at("joints").items(kMinJoints, kMaxJoints)) {
     cell.joints.push_back(parse_joint(joint));
@@ -113,12 +145,18 @@ std::vector<std::string> touching_bodies(const CellDescription& cell) {
   return names;
 }
 
+/// The engine prescribes the motion of an arm on an axis, so that neither motors nor a gripper act on it.
+void check_carried_arm(const JsonReader& json, const CellDescription& cell) {
+  if (cell.robot_moves_with == kWorld || !(cell.dynamics || cell.gripper)) return;
+  json.at("robot").at("moves_with").fail("\"world\" for an arm with dynamic drives or a gripper");
+}
+
 CellDescription parse_root(const JsonReader& json) {
-  std::vector<const char*> sensor_keys;
-  for_each_sensor_kind([&](auto kind) { sensor_keys.push_back(SensorKind<kind>::kKey); });
+  std::vector<const char*> optional_keys{"axes"};
+  for_each_sensor_kind([&](auto kind) { optional_keys.push_back(SensorKind<kind>::kKey); });
   json.expect_keys({"format", "name", "time_step_us", "controller_cycle_us", "gravity", "seed", "robot",
                     "tool", "table", "conveyors", "parts", "gripper", "contact", "bodies", "collision"},
-                   sensor_keys);
+                   optional_keys);
   json.at("format").integer(2, 2);
   CellDescription cell;
   cell.name = json.at("name").text();
@@ -130,21 +168,32 @@ CellDescription parse_root(const JsonReader& json) {
   cell.gravity = json.at("gravity").coordinates();
   cell.seed = static_cast<std::int32_t>(json.at("seed").integer(std::numeric_limits<std::int32_t>::min(),
                                                                 std::numeric_limits<std::int32_t>::max()));
+  if (json.has("axes")) {
+    for (const JsonReader& axis : json.at("axes").items(0, kMaxFurtherAxes)) {
+      cell.axes.push_back(parse_axis(axis, cell.axes.size()));
+    }
+  }
   parse_robot(json.at("robot"), cell);
   const JsonReader tool = json.at("tool");
   tool.expect_keys({"flange_from_sensor"});
   cell.flange_from_sensor = tool.at("flange_from_sensor").pose();
   cell.table = parse_table(json.at("table"));
+  if (json.at("table").has("moves_with")) {
+    cell.table_moves_with = parse_carrier(json.at("table").at("moves_with"), cell.axes.size());
+  }
   for (const JsonReader& conveyor : json.at("conveyors").items()) {
     cell.conveyors.push_back(parse_conveyor(conveyor));
   }
   const auto parts = json.at("parts").items();
   if (parts.empty()) json.at("parts").fail("at least one part");
-  const FrameNumbers frames{cell.joints.size(), cell.conveyors.size()};
+  FrameNumbers frames{cell.joints.size(), cell.conveyors.size()};
+  frames.axes = cell.axes.size();
   for (const JsonReader& part : parts) cell.parts.push_back(parse_part(part, frames));
   if (!json.at("gripper").is_null()) cell.gripper = parse_gripper(json.at("gripper"));
   cell.sensing = parse_sensing(json, {layout_of(cell).frames(), cell.time_step_us});
-  cell.contact = parse_contact(json.at("contact"), FrameNumbers{cell.joints.size()}, touching_bodies(cell));
+  frames.conveyors = 0;
+  cell.contact = parse_contact(json.at("contact"), frames, touching_bodies(cell));
+  check_carried_arm(json, cell);
   return cell;
 }
 
@@ -157,6 +206,10 @@ CellLayout layout_of(const CellDescription& cell) {
     // A row that needs beta has a deviation of it, because its axes are nearly parallel.
     layout.joints.push_back({!last && (std::abs(std::sin(joint.alpha)) < kParallel || joint.beta != 0)});
   }
+  for (const AxisDescription& axis : cell.axes)
+    layout.axes.push_back({axis.name, axis.slides, axis.moves_with});
+  layout.robot_moves_with = cell.robot_moves_with;
+  layout.table_moves_with = cell.table_moves_with;
   for (const PartDescription& part : cell.parts) {
     // Like the world, a belt is where the description puts it.
     layout.parts.push_back(part.stands_on < layout.frames().conveyor(0) ? part.stands_on : kWorld);
@@ -171,6 +224,14 @@ CellLayout layout_of(const CellDescription& cell) {
   }
   layout.dynamic_drives = cell.dynamics.has_value();
   return layout;
+}
+
+control::Axes start_positions(const CellDescription& cell) {
+  control::Axes position{};
+  for (std::size_t i = 0; i < cell.joints.size(); ++i) position[i] = cell.joints[i].start;
+  position[kTableAxis] = cell.table.start;
+  for (std::size_t i = 0; i < cell.axes.size(); ++i) position[kFirstFurtherAxis + i] = cell.axes[i].start;
+  return position;
 }
 
 CellDescription parse_cell(const std::string& json) {

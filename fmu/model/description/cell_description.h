@@ -33,6 +33,16 @@ struct JointDescription {
   EncoderDescription encoder;
 };
 
+/// A further axis: what it carries turns about z of its joint, or slides along it.
+struct AxisDescription {
+  std::string name;
+  bool slides = false;
+  std::size_t moves_with = kWorld;  // frame of the world or of an axis before it
+  Eigen::Isometry3d parent_from_joint, joint_from_frame;
+  double min = 0, max = 0, max_speed = 0, max_acceleration = 0, max_jerk = 0, start = 0;  // rad or m
+  EncoderDescription encoder;
+};
+
 /// Speed limits of linear moves and jogs.
 struct MotionDescription {
   double line_speed = 0, line_acceleration = 0;                // m/s, m/s^2
@@ -48,7 +58,9 @@ struct CellDescription {
   std::int64_t controller_cycle_us = 0;
   Eigen::Vector3d gravity;
   std::int32_t seed = 0;
-  Eigen::Isometry3d world_from_base;
+  std::vector<AxisDescription> axes;                                 // beside joints and table
+  std::size_t robot_moves_with = kWorld, table_moves_with = kWorld;  // frames of the world or of axes
+  Eigen::Isometry3d world_from_base;     // with axes at 0 where one carries the arm; so of the table
   std::vector<JointDescription> joints;  // 4 to kMaxJoints
   std::vector<int> held_joints;          // numbers of the joints, from 0, that Cartesian motion keeps still
   MotionDescription motion;
@@ -63,6 +75,9 @@ struct CellDescription {
 };
 
 CellLayout layout_of(const CellDescription& cell);
+
+/// Positions of all axes at the start, rad or m.
+control::Axes start_positions(const CellDescription& cell);
 
 /// Parses a description; throws DescriptionError.
 CellDescription parse_cell(const std::string& json);

@@ -34,8 +34,9 @@ ContactDescription parse_contact(const JsonReader& json, const FrameNumbers& fra
   std::vector<std::string> names = std::move(others);
   for (const JsonReader& body : json.at("bodies").items()) {
     body.expect_keys({"name", "frame", "hull"});
-    contact.bodies.push_back(
-        {body.at("name").text(), frames.parse(body.at("frame")), parse_hull(body.at("hull"))});
+    const std::size_t frame = frames.parse(body.at("frame"));
+    if (frame > kWorld && frame < frames.base()) body.at("frame").fail("no \"axis[i]\"");
+    contact.bodies.push_back({body.at("name").text(), frame, parse_hull(body.at("hull"))});
     names.push_back(contact.bodies.back().name);
   }
   for (const JsonReader& pair : json.at("pairs").items()) {

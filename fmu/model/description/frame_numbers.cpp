@@ -14,15 +14,17 @@ std::size_t FrameNumbers::parse(const JsonReader& json) const {
   if (text == "table") return platter();
   using Numbers = FrameNumbers;
   for (const auto& [name, number, count] :
-       {std::tuple{"link[", &Numbers::link, joints}, std::tuple{"conveyor[", &Numbers::conveyor, conveyors},
+       {std::tuple{"axis[", &Numbers::axis, axes}, std::tuple{"link[", &Numbers::link, joints},
+        std::tuple{"conveyor[", &Numbers::conveyor, conveyors},
         std::tuple{"finger[", &Numbers::finger, fingers}, std::tuple{"part[", &Numbers::part, parts}}) {
     for (std::size_t i = 0; i < count; ++i) {
       if (text == name + std::to_string(i + 1) + "]") return (this->*number)(i);
     }
   }
   json.fail(
-      "\"world\", \"sensor\", \"table\", \"link[i]\", \"conveyor[i]\", \"finger[i]\" or \"part[i]\" that is "
-      "possible here");
+      "\"world\", \"sensor\", \"table\", \"axis[i]\", \"link[i]\", \"conveyor[i]\", \"finger[i]\" or "
+      "\"part[i]\" "
+      "that is possible here");
 }
 
 }  // namespace robotcell

@@ -11,11 +11,13 @@ class JsonReader;
 
 /// Numbers of the frames of a cell with so many devices: those of its tree, then fingers and parts.
 struct FrameNumbers {
-  std::size_t joints = 0, conveyors = 0, fingers = 0, parts = 0;
+  std::size_t joints = 0, conveyors = 0, fingers = 0, parts = 0, axes = 0;
 
-  static constexpr std::size_t kBase = kWorld + 1;
+  /// What a further axis carries; these come before arm and table, which they may carry.
+  std::size_t axis(std::size_t i) const { return kWorld + 1 + i; }
+  std::size_t base() const { return axis(axes); }
   /// Behind a joint of the arm (Denavit-Hartenberg).
-  std::size_t joint(std::size_t i) const { return kBase + 1 + i; }
+  std::size_t joint(std::size_t i) const { return base() + 1 + i; }
   /// The last link is the flange, which vibrates behind its joint.
   std::size_t link(std::size_t i) const { return i + 1 < joints ? joint(i) : flange(); }
   std::size_t flange() const { return joint(joints); }

@@ -36,6 +36,7 @@ PartDescription parse_part(const JsonReader& json, const FrameNumbers& frames) {
   if (fixture != "clamped" && fixture != "free") json.at("fixture").fail("\"clamped\" or \"free\"");
   part.free = fixture == "free";
   part.stands_on = frames.parse(json.at("stands_on"));
+  if (part.stands_on > kWorld && part.stands_on < frames.base()) json.at("stands_on").fail("no \"axis[i]\"");
   if (!part.free && part.stands_on >= frames.conveyor(0)) {
     json.at("stands_on").fail("no \"conveyor[i]\" for a clamped part (a part cannot be clamped to a belt)");
   }

@@ -12,6 +12,7 @@ namespace robotcell {
 namespace {
 
 using control::Axes;
+using control::kFirstFurtherAxis;
 using control::kTableAxis;
 
 constexpr int kFormat = 2;
@@ -29,30 +30,35 @@ void check_times(const JsonReader& json, double cycle) {
   }
 }
 
-control::ProgramSegment read_segment(const JsonReader& json, std::size_t joints, double cycle) {
+control::ProgramSegment read_segment(const JsonReader& json, std::size_t joints, std::size_t axes,
+                                     double cycle) {
   json.require_keys({"id", "time", "q", "table"});
   check_times(json.at("time"), cycle);
   const std::size_t count = json.at("time").items().size();
   const auto rows = json.at("q").items(count);
   const auto table = json.at("table").items(count);
+  if (axes > 0) json.require_keys({"further"});
+  const auto further = axes > 0 ? json.at("further").items(count) : std::vector<JsonReader>();
   std::vector<Axes> set_points(count, Axes{});
   for (std::size_t k = 0; k < count; ++k) {
     const auto row = rows[k].items(joints);
     for (std::size_t i = 0; i < joints; ++i) set_points[k][i] = angle(row[i]);
     set_points[k][kTableAxis] = angle(table[k]);
+    const auto positions = axes > 0 ? further[k].items(axes) : std::vector<JsonReader>();
+    for (std::size_t i = 0; i < axes; ++i) set_points[k][kFirstFurtherAxis + i] = angle(positions[i]);
   }
   const auto id = json.at("id").integer(1, std::numeric_limits<std::int32_t>::max());
   return control::interpolated_segment(static_cast<std::int32_t>(id), cycle, set_points);
 }
 
-control::Program parse_program(const std::string& text, std::size_t joints, double cycle) {
+control::Program parse_program(const std::string& text, std::size_t joints, std::size_t axes, double cycle) {
   const nlohmann::json document = parse_json(text);
   const JsonReader json(document, "");
   json.require_keys({"format", "segments"});
   json.at("format").integer(kFormat, kFormat);
   control::Program program;
   for (const JsonReader& item : json.at("segments").items()) {
-    control::ProgramSegment segment = read_segment(item, joints, cycle);
+    control::ProgramSegment segment = read_segment(item, joints, axes, cycle);
     const auto same = [&segment](const control::ProgramSegment& other) { return other.id == segment.id; };
     if (std::any_of(program.segments.begin(), program.segments.end(), same)) {
       item.at("id").fail("an id that no other segment has");
@@ -65,11 +71,11 @@ control::Program parse_program(const std::string& text, std::size_t joints, doub
 }  // namespace
 
 std::shared_ptr<const control::Program> read_program(const std::string& path, std::size_t joints,
-                                                     std::int64_t cycle_us) {
+                                                     std::size_t axes, std::int64_t cycle_us) {
   const std::string text = read_text_file(path);
   try {
     const double cycle = static_cast<double>(cycle_us) * kSecondsPerMicrosecond;
-    return std::make_shared<const control::Program>(parse_program(text, joints, cycle));
+    return std::make_shared<const control::Program>(parse_program(text, joints, axes, cycle));
   } catch (const DescriptionError& error) {
     throw DescriptionError(path + ": " + error.what());
   }

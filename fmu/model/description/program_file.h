@@ -14,6 +14,6 @@ namespace robotcell {
 /// set-point in every controller cycle; other keys are ignored. Throws DescriptionError that names file, key
 /// and value.
 std::shared_ptr<const control::Program> read_program(const std::string& path, std::size_t joints,
-                                                     std::int64_t cycle_us);
+                                                     std::size_t axes, std::int64_t cycle_us);
 
 }  // namespace robotcell

@@ -45,10 +45,10 @@ control::ToolState NominalArm::tool(const control::Axes& position,
   tree.place(position.data(), placed);
   control::ToolState tool;
   tool.pose = placed.frames[kinematics_.numbers().flange()] * flange_from_tool;
-  const std::vector<std::size_t>& path = tree.path(kinematics_.numbers().flange());
-  tool.jacobian.resize(6, static_cast<int>(path.size()));
-  for (std::size_t i = 0; i < path.size(); ++i) {
-    tool.jacobian.col(static_cast<int>(i)) = tree.column(placed, path[i], tool.pose.translation());
+  tool.jacobian.setZero(6, kAxes);
+  for (const std::size_t joint : tree.path(kinematics_.numbers().flange())) {
+    tool.jacobian.col(static_cast<int>(tree[joint].axis)) =
+        tree.column(placed, joint, tool.pose.translation());
   }
   return tool;
 }
@@ -65,6 +65,10 @@ control::ControllerSettings settings_of(const CellDescription& cell) {
   }
   axes[kTableAxis] = {-kEndless, kEndless, cell.table.max_speed, cell.table.max_acceleration,
                       cell.table.max_jerk};
+  for (std::size_t i = 0; i < cell.axes.size(); ++i) {
+    const AxisDescription& axis = cell.axes[i];
+    axes[kFirstFurtherAxis + i] = {axis.min, axis.max, axis.max_speed, axis.max_acceleration, axis.max_jerk};
+  }
   const MotionDescription& motion = cell.motion;
   settings.motion.line_speed = motion.line_speed;
   settings.motion.line_acceleration = motion.line_acceleration;
@@ -99,13 +103,14 @@ control::Command command_of(const MotionCommand& motion, const Eigen::Isometry3d
 }
 
 ControllerOutputs outputs_of(const control::Report& report, std::size_t joints, double start_time) {
-  const bool table_limited = report.limit == static_cast<std::int32_t>(kTableAxis) + 1;
+  const bool joint_limited = report.limit <= kMaxJoints;  // the other axes follow the joints of this arm
   ControllerOutputs outputs;
   outputs.mode = static_cast<std::int32_t>(report.mode);
   outputs.state = static_cast<std::int32_t>(report.phase);
   outputs.error = static_cast<std::int32_t>(report.error);
   outputs.moving = report.moving;
-  outputs.limit = table_limited ? static_cast<std::int32_t>(joints) + 1 : report.limit;
+  outputs.limit =
+      joint_limited ? report.limit : report.limit - kMaxJoints + static_cast<std::int32_t>(joints);
   outputs.progress = report.progress;
   outputs.clock = report.path_clock.clock;
   outputs.rate = report.rate;

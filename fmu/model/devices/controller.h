@@ -15,7 +15,7 @@ namespace robotcell {
 constexpr double kMaxGuardTime = 5e9;  // s: beyond the largest simulation time
 constexpr double kMinSpeed = 1e-6;     // fraction of the full speed: a move ends
 
-constexpr Element kJogElements[kAxes] = {
+constexpr Element kJogElements[kMaxJoints + 2] = {
     {"[1]", "joint 1; in mode 5 the tool along x"},
     {"[2]", "joint 2; in mode 5 the tool along y"},
     {"[3]", "joint 3; in mode 5 the tool along z"},
@@ -25,13 +25,14 @@ constexpr Element kJogElements[kAxes] = {
     {"[7]", "joint 7"},
     {"[8]", "joint 8"},
     {"[{t}]", "the rotary table, in mode 5, too"},
+    {"[{n}]", "the axis {a}"},
 };
 
 /// Mode, jog frame and operation are those of control/command.h.
 struct MotionCommand {
   std::int32_t mode = 0;
   std::string program;                    // path of a file, relative to the FMU's resources, or absolute
-  std::array<double, kAxes> position{};   // set-points and targets: joints, then table (rad)
+  std::array<double, kAxes> position{};   // set-points and targets of the axes, rad or m
   std::array<double, 3> tool_position{};  // on the flange, m
   std::array<double, 4> tool_orientation{1, 0, 0, 0};
   std::array<double, 3> target_position{};  // of the tool in the world, m
@@ -167,8 +168,8 @@ struct PendantCommand {
   }
 };
 
-constexpr Element kDestinationElements[] = {{"q[{i}]", "angle of joint {i}"},
-                                            {"table", "angle of the table"}};
+constexpr Element kDestinationElements[] = {
+    {"q[{i}]", "angle of joint {i}"}, {"table", "angle of the table"}, {"axis.{a}", "angle of the axis {a}"}};
 
 /// Status of the controller.
 struct ControllerOutputs {

@@ -22,6 +22,7 @@ Encoders::Encoders(const CellDescription& cell, std::int32_t instance_seed)
     : key_(key_of_seeds(cell.seed, instance_seed)) {
   for (std::size_t i = 0; i < cell.joints.size(); ++i) encoders_[i] = cell.joints[i].encoder;
   encoders_[kTableAxis] = cell.table.encoder;
+  for (std::size_t i = 0; i < cell.axes.size(); ++i) encoders_[kFirstFurtherAxis + i] = cell.axes[i].encoder;
 }
 
 std::array<double, kAxes> Encoders::read(const std::array<double, kAxes>& position,

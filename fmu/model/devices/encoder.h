@@ -14,17 +14,18 @@ class JsonReader;
 struct CellDescription;
 
 struct EncoderDescription {
-  double resolution = 0;  // rad; 0: not quantized
-  double noise = 0;       // standard deviation, rad
+  double resolution = 0;  // rad or m; 0: not quantized
+  double noise = 0;       // standard deviation, rad or m
   std::int64_t latency_us = 0;
 };
 
 /// Reads the keys of an encoder among those of its axis; throws DescriptionError.
 EncoderDescription parse_encoder(const JsonReader& json);
 
-constexpr Element kEncoderRateElements[] = {{"qd[{i}]", "joint {i}"}, {"table_rate", "the rotary table"}};
+constexpr Element kEncoderRateElements[] = {
+    {"qd[{i}]", "joint {i}"}, {"table_rate", "the rotary table"}, {"axis_rate.{a}", "the axis {a}"}};
 
-/// Encoder readings (joints, then table).
+/// Encoder readings of the axes.
 struct Measurement {
   std::array<double, kAxes> position{};
   std::array<double, kAxes> rate{};

@@ -7,7 +7,8 @@ namespace robotcell {
 
 TableDescription parse_table(const JsonReader& json) {
   json.expect_keys({"world_from_table", "radius", "thickness", "max_speed", "max_acceleration", "max_jerk",
-                    "start", "friction", "encoder_resolution", "encoder_noise", "encoder_latency"});
+                    "start", "friction", "encoder_resolution", "encoder_noise", "encoder_latency"},
+                   {"moves_with"});
   TableDescription table;
   table.world_from_table = json.at("world_from_table").pose();
   table.radius = json.at("radius").positive();

@@ -18,26 +18,36 @@ Isometry3d behind_joint(const JointDescription& joint, const DhDeviation& delta)
          AngleAxisd(joint.beta + delta.beta, Vector3d::UnitY());
 }
 
+/// A frame displaced by x, y, z (m) and turned by rx, ry, rz (rad, intrinsic XYZ) in itself.
+Isometry3d displaced(const Isometry3d& frame, const std::array<double, 6>& by) {
+  return frame * Translation3d(by[0], by[1], by[2]) * AngleAxisd(by[3], Vector3d::UnitX()) *
+         AngleAxisd(by[4], Vector3d::UnitY()) * AngleAxisd(by[5], Vector3d::UnitZ());
+}
+
 /// The frames of the tree in the order of their numbers.
 Tree tree_of(const CellDescription& cell, const AsBuilt& as_built) {
   constexpr auto kFixed = Joint::Kind::kFixed, kRevolute = Joint::Kind::kRevolute;
   const Isometry3d here = Isometry3d::Identity();
   Tree tree;
-  std::size_t last = tree.add({kFixed, kWorld, 0, cell.world_from_base, here});
+  for (std::size_t i = 0; i < cell.axes.size(); ++i) {
+    const AxisDescription& axis = cell.axes[i];
+    const auto kind = axis.slides ? Joint::Kind::kPrismatic : kRevolute;
+    // The deviation is that of the frame which the axis carries, at position 0.
+    const Isometry3d at_0 = displaced(axis.parent_from_joint * axis.joint_from_frame, as_built.axes[i]);
+    const Isometry3d parent_from_joint = at_0 * axis.joint_from_frame.inverse();
+    tree.add({kind, axis.moves_with, kFirstFurtherAxis + i, parent_from_joint, axis.joint_from_frame});
+  }
+  std::size_t last = tree.add({kFixed, cell.robot_moves_with, 0, cell.world_from_base, here});
   for (std::size_t i = 0; i < cell.joints.size(); ++i) {
     last = tree.add({kRevolute, last, i, here, behind_joint(cell.joints[i], as_built.dh[i])});
   }
-  const auto& tool = as_built.tool;
   const std::size_t flange = tree.add({kFixed, last, 0, here, here});
-  tree.add({kFixed, flange, 0, here,
-            cell.flange_from_sensor * Translation3d(tool[0], tool[1], tool[2]) *
-                AngleAxisd(tool[3], Vector3d::UnitX()) * AngleAxisd(tool[4], Vector3d::UnitY()) *
-                AngleAxisd(tool[5], Vector3d::UnitZ())});
+  tree.add({kFixed, flange, 0, here, displaced(cell.flange_from_sensor, as_built.tool)});
   const auto& table = as_built.table;
   const Isometry3d table_from_axis = Translation3d(table[0], table[1], table[2]) *
                                      AngleAxisd(table[3], Vector3d::UnitX()) *
                                      AngleAxisd(table[4], Vector3d::UnitY());
-  last = tree.add({kFixed, kWorld, 0, cell.table.world_from_table, here});
+  last = tree.add({kFixed, cell.table_moves_with, 0, cell.table.world_from_table, here});
   tree.add({kRevolute, last, kTableAxis, table_from_axis,
             Isometry3d(Translation3d(as_built.platter[0], as_built.platter[1], 0))});
   for (const ConveyorDescription& conveyor : cell.conveyors) {
@@ -76,7 +86,7 @@ std::vector<Deviation> Kinematics::deviations(double table, double table_rate,
                                               const VibrationDisplacements& vibration) const {
   std::vector<Deviation> found;
   const std::array<std::pair<std::size_t, const Displacement*>, 3> displaced{
-      {{FrameNumbers::kBase, &vibration.base},
+      {{numbers_.base(), &vibration.base},
        {numbers_.flange(), &vibration.flange},
        {numbers_.table(), &vibration.table}}};
   for (const auto& [joint, by] : displaced) {

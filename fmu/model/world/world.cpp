@@ -124,16 +124,24 @@ void World::add_supports(const CellDescription& cell) {
   for (const SkeletonPtr& skeleton : {engine.arm, engine.table, engine.ground}) {
     engine.world->addSkeleton(skeleton);
   }
-  BodyNode* platter = engine.platter();
+  BodyNode* platter = engine.table->getBodyNode(0);
   const Tree& tree = kinematics_.tree();
   const FrameNumbers& numbers = kinematics_.numbers();
+  engine.first_link = engine.arm->getNumBodyNodes() - numbers.joints;
+  const auto root = [](const SkeletonPtr& skeleton) {
+    return static_cast<FreeJoint*>(skeleton->getJoint(0));
+  };
+  engine.prescribed = {{root(engine.table), numbers.platter()}};
+  if (engine.first_link > 0) engine.prescribed.emplace_back(root(engine.arm), numbers.base());
   engine.frames.assign(tree.size(), {engine.ground->getBodyNode(0)});
+  if (engine.first_link > 0) engine.frames[numbers.base()].body = engine.arm->getBodyNode(0);
   for (std::size_t i = 0; i < numbers.joints; ++i) {
-    engine.frames[numbers.joint(i)].body = engine.arm->getBodyNode(i);
+    engine.frames[numbers.joint(i)].body = engine.link(i);
   }
   engine.frames[numbers.platter()].body = platter;
   for (std::size_t i = 1; i < tree.size(); ++i) {
-    if (tree[i].kind != robotcell::Joint::Kind::kFixed) continue;
+    const bool on_axis = tree[i].parent != kWorld && tree[i].parent < numbers.base();
+    if (tree[i].kind != robotcell::Joint::Kind::kFixed || on_axis) continue;
     const Carrier& parent = engine.frames[tree[i].parent];
     engine.frames[i] = {parent.body,
                         parent.body_from_frame * tree[i].parent_from_joint * tree[i].joint_from_frame};
@@ -233,10 +241,11 @@ void World::settle(const CellDescription& cell, const PrescribedMotion& start) {
 void World::prescribe(const PrescribedMotion& prescribed) {
   const AxesState& axes = prescribed.axes;
   for (std::size_t i = 0; i < kinematics_.joints() && !engine_->dynamic_arm; ++i) {
-    engine_->arm->setPosition(i, axes.position[i]);
+    engine_->link(i)->getParentJoint()->setPosition(0, axes.position[i]);
   }
-  engine_->table_joint()->setRelativeTransform(
-      kinematics_.frame(kinematics_.numbers().platter(), axes.position, {}).pose);
+  for (const auto& [joint, frame] : engine_->prescribed) {
+    joint->setRelativeTransform(kinematics_.frame(frame, axes.position, {}).pose);
+  }
   for (std::size_t i = 0; i < prescribed.belts.size(); ++i) {
     engine_->supports[1 + i].travel.x() = prescribed.belts[i].travel;
   }
@@ -255,13 +264,16 @@ void World::prescribe_velocities(const PrescribedMotion& from, const PrescribedM
   } else if (engine_->gripper) {
     for (std::size_t i = 0; i < kinematics_.joints(); ++i) engine_->arm->setCommand(i, speed[i]);
   } else {
-    for (std::size_t i = 0; i < kinematics_.joints(); ++i) engine_->arm->setVelocity(i, speed[i]);
+    for (std::size_t i = 0; i < kinematics_.joints(); ++i)
+      engine_->link(i)->getParentJoint()->setVelocity(0, speed[i]);
   }
-  const Motion platter = kinematics_.frame(kinematics_.numbers().platter(), from.axes.position, speed);
-  Eigen::Vector6d twist;
-  twist << platter.pose.linear().transpose() * platter.angular_velocity,
-      platter.pose.linear().transpose() * platter.velocity;
-  engine_->table_joint()->setRelativeSpatialVelocity(twist);
+  for (const auto& [joint, frame] : engine_->prescribed) {
+    const Motion motion = kinematics_.frame(frame, from.axes.position, speed);
+    Eigen::Vector6d twist;
+    twist << motion.pose.linear().transpose() * motion.angular_velocity,
+        motion.pose.linear().transpose() * motion.velocity;
+    joint->setRelativeSpatialVelocity(twist);
+  }
   for (std::size_t i = 0; i < engine_->belts.size(); ++i) {
     engine_->belts[i]->setVelocity(0, (to.belts[i].travel - from.belts[i].travel) / time_step_);
   }
@@ -299,9 +311,7 @@ ArmDynamicsState World::arm() const {
   return engine_->dynamic_arm ? engine_->dynamic_arm->state() : ArmDynamicsState();
 }
 
-Isometry3d World::link_pose(std::size_t link) const {
-  return engine_->arm->getBodyNode(link)->getWorldTransform();
-}
+Isometry3d World::link_pose(std::size_t link) const { return engine_->link(link)->getWorldTransform(); }
 
 void World::command_gripper(const GripperCommand& command) {
   if (engine_->gripper) engine_->gripper->command(command);

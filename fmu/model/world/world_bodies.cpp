@@ -53,12 +53,18 @@ SkeletonPtr make_arm(const Kinematics& kinematics, bool mobile) {
   SkeletonPtr arm = Skeleton::create("arm");
   BodyNode* parent = nullptr;
   const Tree& tree = kinematics.tree();
+  const std::size_t base = kinematics.numbers().base();
+  const bool carried = !tree.path(base).empty();
+  if (carried) {
+    parent =
+        arm->createJointAndBodyNodePair<FreeJoint>(nullptr, FreeJoint::Properties(), named("base")).second;
+  }
   for (std::size_t i = 0; i < kinematics.joints(); ++i) {
     RevoluteJoint::Properties joint;
     joint.mName = "joint" + std::to_string(i + 1);
     joint.mAxis = Vector3d::UnitZ();
     joint.mActuatorType = dart::dynamics::Joint::VELOCITY;
-    if (i == 0) joint.mT_ParentBodyToJoint = tree[FrameNumbers::kBase].parent_from_joint;
+    if (i == 0 && !carried) joint.mT_ParentBodyToJoint = tree[base].parent_from_joint;
     joint.mT_ChildBodyToJoint = tree[kinematics.numbers().joint(i)].joint_from_frame.inverse();
     const auto body = named("link" + std::to_string(i + 1));
     parent = arm->createJointAndBodyNodePair<RevoluteJoint>(parent, joint, body).second;

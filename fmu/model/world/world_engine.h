@@ -9,6 +9,7 @@
 #include <memory>
 #include <string>
 #include <unordered_map>
+#include <utility>
 #include <vector>
 
 #include "fmu/model/world/capped_collision_detector.h"
@@ -82,8 +83,10 @@ struct World::Engine {
   std::shared_ptr<CappedCollisionDetector> detector;
   std::shared_ptr<ContactFilter> filter;
   dart::dynamics::SkeletonPtr arm, table, ground;
-  std::vector<Carrier> frames;              // of the tree
-  std::unique_ptr<DynamicArm> dynamic_arm;  // null with kinematic drives
+  std::size_t first_link = 0;   // 1 in an arm whose base an axis carries
+  std::vector<Carrier> frames;  // of the tree
+  std::vector<std::pair<dart::dynamics::FreeJoint*, std::size_t>> prescribed;  // and the frames they follow
+  std::unique_ptr<DynamicArm> dynamic_arm;                                     // null with kinematic drives
   std::vector<dart::dynamics::SkeletonPtr> belts;
   std::unique_ptr<Gripper> gripper;  // null in a cell without gripper
   std::vector<Part> parts;
@@ -106,10 +109,7 @@ struct World::Engine {
   std::string exclude_intersecting_bodies();
   /// Registers soft parts, and everything else as their obstacles.
   void connect_soft_parts(SoftCollisionDetector& soft) const;
-  dart::dynamics::BodyNode* platter() const { return table->getBodyNode(0); }
-  dart::dynamics::FreeJoint* table_joint() const {
-    return static_cast<dart::dynamics::FreeJoint*>(table->getJoint(0));
-  }
+  dart::dynamics::BodyNode* link(std::size_t i) const { return arm->getBodyNode(first_link + i); }
 
   /// Body and pose of a support; the environment for kNoSupport. The frame of a belt travels with its
   /// surface.

@@ -187,8 +187,9 @@ def refusal(cell: CellInstance) -> str | None:
     if reason == 0:
         return None
     number = cell.get_integer("controller.limit")
-    table = len(cell.axis_names("command."))
-    axis = {0: "an axis", table: "the table"}.get(number, f"joint {number}")
+    names = ["", *cell.axis_names("")]
+    what = names[number].partition(".")
+    axis = {"": "an axis", "table": "the table", "axis": f"the axis {what[2]}"}.get(what[0], f"joint {number}")
     return _REFUSALS[reason].format(axis=axis)
 
 

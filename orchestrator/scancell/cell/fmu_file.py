@@ -176,7 +176,7 @@ def sensing_json(cell: CellDescription, nominal: NominalCell, *, collision_outpu
         "bodies": [
             {
                 "name": body.name,
-                "frame": fmu_frame(body.moves_with),
+                "frame": _frame(nominal, body.moves_with),
                 "mesh": mesh_json(meshes[body.name].vertices, meshes[body.name].faces),
             }
             for body in nominal.bodies
@@ -338,7 +338,20 @@ def cell_json(
         joint["start"] = float(start)
         if joint["beta"] == 0.0:  # as in most arms
             del joint["beta"]
-    table = to_si(cell.table.model_dump(exclude={"pose", "reflectance", "material", "platter_mesh", "base_mesh"}))
+    without = {"pose", "moves_with", "reflectance", "material", "platter_mesh", "base_mesh"}
+    table = to_si(cell.table.model_dump(exclude=without))
+    further = {
+        "axes": [
+            {
+                **to_si(described.model_dump(exclude={"pose", "kind", "along"})),
+                "slides": axis.joint.kind == "prismatic",
+                "moves_with": _frame(nominal, axis.joint.parent),
+                "parent_from_joint": pose_json(axis.joint.parent_from_joint),
+                "joint_from_frame": pose_json(axis.joint.joint_from_frame),
+            }
+            for described, axis in zip(cell.axis, nominal.further_axes, strict=True)
+        ]
+    }
     return {
         "format": 2,
         "name": cell.name,
@@ -352,9 +365,16 @@ def cell_json(
             "held_joints": [held.joint for held in cell.robot.held],
             "motion": to_si(cell.robot.motion.model_dump()),
             "dynamics": dynamics_json(cell) if cell.robot.drive == "dynamic" else None,
+            **({"moves_with": _frame(nominal, nominal.arm_on)} if nominal.further_axes else {}),
         },
+        **(further if nominal.further_axes else {}),
         "tool": {"flange_from_sensor": pose_json(nominal.flange_from_sensor)},
-        "table": {"world_from_table": pose_json(nominal.world_from_table), "start": 0.0, **table},
+        "table": {
+            "world_from_table": pose_json(nominal.world_from_table),
+            "start": 0.0,
+            **table,
+            **({"moves_with": _frame(nominal, nominal.table_on)} if nominal.further_axes else {}),
+        },
         "conveyors": [
             {
                 "world_from_belt": pose_json(pose_matrix(belt.pose)),
@@ -367,6 +387,12 @@ def cell_json(
         "contact": _contact_json(cell, nominal),
         **sensing_json(cell, nominal, collision_outputs=collision_outputs),
     }
+
+
+def _frame(nominal: NominalCell, frame: str) -> str:
+    """Name of a frame in the description for the FMU, where further axes are numbered."""
+    names = [axis.name for axis in nominal.further_axes]
+    return f"axis[{names.index(frame) + 1}]" if frame in names else fmu_frame(frame)
 
 
 def _contacts_occur(cell: CellDescription) -> bool:
@@ -437,7 +463,12 @@ def _contact_json(cell: CellDescription, nominal: NominalCell) -> dict[str, Any]
 def _contact_bodies_json(cell: CellDescription, nominal: NominalCell) -> list[dict[str, Any]]:
     """Convex hulls of the cell's bodies and obstacles, and the floor."""
     solid = _CELL_BODIES | {item.name for item in cell.obstacle}
-    bodies = [(body.name, fmu_frame(body.moves_with), body.mesh.hull) for body in nominal.bodies if body.name in solid]
+    on_axis = {axis.name for axis in nominal.further_axes}  # what a further axis carries itself touches nothing
+    bodies = [
+        (body.name, fmu_frame(body.moves_with), body.mesh.hull)
+        for body in nominal.bodies
+        if body.name in solid and body.moves_with not in on_axis
+    ]
     below = pose.translation((0.0, 0.0, si_value(cell.world, "floor_z_mm") - _FLOOR_SIZE[2] / 2))
     bodies.append(("floor", "world", box_mesh(_FLOOR_SIZE, "floor").transformed(below)))
     return [

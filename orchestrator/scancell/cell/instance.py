@@ -162,9 +162,15 @@ class CellInstance(Closing):
             self._fmu.instantiate(logMessage=self._log)
 
     def axis_names(self, prefix: str) -> list[str]:
-        """Names of the variables of all axes after a `prefix` such as ``measured.``: joints, then table."""
+        """Names of the variables of all axes after a `prefix` such as ``measured.``: joints, table, further axes."""
         joints = sum(name.startswith("measured.q[") for name in self._variables)
-        return [*(f"{prefix}q[{i}]" for i in range(1, joints + 1)), f"{prefix}table"]
+        first = "measured.axis."
+        further = [name.removeprefix(first) for name in self._variables if name.startswith(first)]
+        return [
+            *(f"{prefix}q[{i}]" for i in range(1, joints + 1)),
+            f"{prefix}table",
+            *(f"{prefix}axis.{name}" for name in further),
+        ]
 
     def reset(self, cell_file: Path | None = None, parameters: Mapping[str, float] | None = None) -> None:
         """Reset to time 0 without loading the FMU again.

@@ -65,7 +65,7 @@ class Segment(Value):
     times
         (n,) seconds from the start of the segment, starting at 0, one per controller cycle.
     axes
-        (n, axes) set-points of joints and table in radians (not wrapped).
+        (n, joints + 1) set-points of joints and table in radians (not wrapped).
     trigger
         Rule in force between `trigger_from` and `trigger_to`.
     trigger_from, trigger_to
@@ -92,11 +92,12 @@ class Program(Value):
     """A checked motion from rest to rest; each segment starts where the one before ends.
 
     `stop_and_look` programs request one exposure at the end of every segment whose rule is ``request``,
-    after `settle` seconds at rest.
+    after `settle` seconds at rest. The axes beside joints and table rest at `further` (k,), rad or m.
     """
 
     segments: tuple[Segment, ...]
     settle: float = 0.0
+    further: tuple[float, ...] = ()
 
     @property
     def names(self) -> dict[int, str]:
@@ -105,7 +106,7 @@ class Program(Value):
 
     @property
     def start(self) -> NDArray[np.float64]:
-        """Joints and table angle (axes,), rad, at which it starts."""
+        """Joints and table angle (joints + 1,), rad, at which it starts."""
         return np.asarray(self.segments[0].axes[0])
 
     @property
@@ -130,6 +131,7 @@ def program_data(program: Program) -> dict[str, Any]:
                 "time": segment.times.tolist(),
                 "q": segment.axes[:, :-1].tolist(),
                 "table": segment.axes[:, -1].tolist(),
+                **({"further": [list(program.further)] * len(segment.axes)} if program.further else {}),
             }
             for segment in program.segments
         ],

@@ -48,12 +48,16 @@ INTEGER_COLUMNS = ("trigger.index", "trigger.segment")
 
 @dataclass(frozen=True)
 class RecordLayout:
-    """Columns of a record in a cell with n `joints` of the arm, n `parts`, n `fingers` of a gripper, n `conveyors`."""
+    """Columns of a record in a cell with n `joints` of the arm, n `parts`, n `fingers` of a gripper, n `conveyors`.
+
+    `further` are the names of the axes beside joints, table and conveyors.
+    """
 
     joints: int = 6
     parts: int = 1
     fingers: int = 0
     conveyors: int = 0
+    further: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, columns: Iterable[str]) -> RecordLayout:
@@ -69,7 +73,9 @@ class RecordLayout:
                 kind = {"qd": "q", "link": "q"}.get(found["kind"], found["kind"])
                 # An index beyond the number of columns is wrong: no list of that length is needed to say so.
                 largest[kind] = max(largest[kind], min(int(found["index"]), len(names)))
-        return cls(largest["q"], largest["part"], largest["finger"], largest["conveyor"])
+        first = f"{_MEASURED}axis."
+        further = tuple(name.removeprefix(first) for name in names if name.startswith(first))
+        return cls(largest["q"], largest["part"], largest["finger"], largest["conveyor"], further)
 
     @property
     def axes(self) -> dict[str, tuple[str, str]]:
@@ -78,6 +84,7 @@ class RecordLayout:
         return {
             **{f"joint[{i}]": (f"{_MEASURED}q[{i}]", f"{_MEASURED}qd[{i}]") for i in numbers},
             "table": (f"{_MEASURED}table", f"{_MEASURED}table_rate"),
+            **{name: (f"{_MEASURED}axis.{name}", f"{_MEASURED}axis_rate.{name}") for name in self.further},
             **{
                 belt: (f"{_MEASURED}{belt}.travel", f"{_MEASURED}{belt}.speed")
                 for belt in _indexed("conveyor", self.conveyors)
@@ -98,6 +105,7 @@ class RecordLayout:
             *_indexed("link", self.joints),
             "sensor",
             "table",
+            *(f"axis_frame.{name}" for name in self.further),
             *_indexed("part", self.parts),
             *_indexed("finger", self.fingers),
         )
@@ -147,11 +155,15 @@ class TriggerRecords(Value):
             )
 
     def require_axes(self, names: Sequence[str]) -> None:
-        """Raises `DescriptionError` if the records do not state one of these axes, ``conveyor[1]`` …"""
+        """Raises `DescriptionError` if the records do not state one of these axes beside joints and table."""
         for name in names:
             if name.startswith("conveyor[") and name not in self.names:
                 raise DescriptionError(
                     f"states no travel of {name}", key="recording", expected=f"trigger.measured.{name}.travel"
+                )
+            if name != "table" and not name.startswith(("joint[", "conveyor[")) and name not in self.names:
+                raise DescriptionError(
+                    f"states no position of the axis {name}", key="recording", expected=f"trigger.measured.axis.{name}"
                 )
 
     def after(self, latency: float) -> TriggerRecords:

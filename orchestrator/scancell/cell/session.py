@@ -46,7 +46,7 @@ from scancell.cell.driver import (
 from scancell.cell.instance import CellInstance, RealGroup, RecordBatches, RecordCollector, snapshot
 from scancell.cell.program import Program
 from scancell.cell.recording import Recording
-from scancell.errors import CommandError
+from scancell.errors import CommandError, DescriptionError
 from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell, flange_from_tool, world_from_frame
 
@@ -132,12 +132,17 @@ class CellSession:
     @property
     def joints(self) -> Array:
         """Measured joint angles (joints,), rad."""
-        return self._cell.get(self._position)[:-1].copy()
+        return self._cell.get(self._position)[: len(self.home)].copy()
 
     @property
     def table_angle(self) -> float:
         """Measured angle of the table, rad."""
-        return float(self._cell.get(self._position)[-1])
+        return float(self._cell.get(self._position)[len(self.home)])
+
+    @property
+    def further_axes(self) -> Array:
+        """Measured positions (k,) of the axes beside joints and table, rad or m."""
+        return self._cell.get(self._position)[len(self.home) + 1 :].copy()
 
     @property
     def commanded(self) -> Array:
@@ -151,7 +156,12 @@ class CellSession:
 
     def world_from_tool(self, tool: Tool = "sensor") -> Array:
         """Pose (4, 4) of a `tool` (see `flange_from_tool`) by the measured joints and the nominal geometry."""
-        return np.asarray(self._nominal.arm.fk(self.joints) @ self.flange_from_tool(tool))
+        return np.asarray(self._resting.arm.fk(self.joints) @ self.flange_from_tool(tool))
+
+    @property
+    def _resting(self) -> NominalCell:
+        """The nominal cell with its further axes where they are measured."""
+        return self._nominal.with_axes_held(self.further_axes)
 
     @checked_arguments
     def world_from_frame(self, frame: str) -> Array:
@@ -234,7 +244,7 @@ class CellSession:
         """
         reference = self.joints if near is None else np.asarray(near, float)
         target = np.asarray(world_from_tool, float) @ pose.inverse(self.flange_from_tool(tool))
-        branches, names = self._nominal.arm.ik(target, reference)[0], self._nominal.arm.branch_names
+        branches, names = self._resting.arm.ik(target, reference)[0], self._nominal.arm.branch_names
         if configuration is not None:
             if configuration not in names:
                 raise CommandError(f"configuration {configuration}: expected one of {', '.join(names)}")
@@ -268,10 +278,27 @@ class CellSession:
     @checked_arguments
     def start_move_joints(self, joints: JointAngles, table_angle: TableAngle | None = None, speed: Share = 1.0) -> None:
         """Start a motion with the arguments of `CellSession.move_joints`."""
-        if np.size(joints) != self._targets.count - 1:
-            raise CommandError(f"move_joints: joints = {joints!r}: expected {self._targets.count - 1} angles")
-        end = self.destination[-1] if table_angle is None else table_angle
-        self._cell.set(self._targets, np.append(np.asarray(joints, float), end))
+        count = len(self.home)
+        if np.size(joints) != count:
+            raise CommandError(f"move_joints: joints = {joints!r}: expected {count} angles")
+        target = self.destination
+        target[:count] = joints
+        if table_angle is not None:
+            target[count] = table_angle
+        self._start_move(target, speed)
+
+    @checked_arguments
+    def start_move_axis(self, name: str, position: float, speed: Share = 1.0) -> None:
+        """Start a motion with the arguments of `CellSession.move_axis`."""
+        further = [axis.name for axis in self._nominal.further_axes]
+        if name not in further:
+            raise DescriptionError(key="name", value=name, expected=", ".join(further) or "an axis: the cell has none")
+        target = self.destination
+        target[len(self.home) + 1 + further.index(name)] = position
+        self._start_move(target, speed)
+
+    def _start_move(self, target: Array, speed: float) -> None:
+        self._cell.set(self._targets, target)
         self._start(Mode.JOINT_MOVE, speed)
 
     def start_move_tool(self, world_from_tool: WorldFromTool, tool: Tool = "sensor", speed: Share = 1.0) -> None:
@@ -302,8 +329,8 @@ class CellSession:
 
         Another tool than that of a running jog brings the axes to rest first.
         """
-        if self._jog.count <= 6:
-            raise CommandError(f"jog_sensor: the arm has {self._jog.count - 1} joints: expected at least 6")
+        if len(self.home) < 6:
+            raise CommandError(f"jog_sensor: the arm has {len(self.home)} joints: expected at least 6")
         wanted = np.asarray(deflections, float)
         if not isinstance(frame, JogFrame):
             # By the commanded angle of the table: encoder noise would change the direction of a renewed jog.
@@ -402,8 +429,23 @@ class CellSession:
 
     def turn_table(self, table_angle: float, *, speed: float = 1.0, timeout: float = 60.0) -> None:
         """Turn the table to `table_angle` (not wrapped), rad; `speed`, `timeout` and errors as of `move_joints`."""
-        self.start_move_joints(self.destination[:-1], table_angle, speed=speed)
+        self.start_move_joints(self.destination[: len(self.home)], table_angle, speed=speed)
         self._finish_move("turn_table", timeout)
+
+    def move_axis(self, name: str, position: float, *, speed: float = 1.0, timeout: float = 60.0) -> None:
+        """Move an axis beside joints and table, such as a track, while all others rest.
+
+        Parameters
+        ----------
+        name
+            Its name in the description (``[[axis]]``).
+        position
+            Target, rad or m.
+        speed, timeout
+            As of `move_joints`, as are the errors.
+        """
+        self.start_move_axis(name, position, speed=speed)
+        self._finish_move("move_axis", timeout)
 
     def move_tool(
         self, world_from_tool: ArrayLike, tool: Tool = "sensor", *, speed: float = 1.0, timeout: float = 60.0
@@ -545,11 +587,20 @@ class CellSession:
         self._cell.set_integer("command.mode", Mode.PROGRAM)
         self.wait(0.0)
         self._refuse("run_program")
-        away = np.abs(self.commanded - program.start)
-        axis = int(away.argmax())
-        if away[axis] > _AT_START:
-            name = "the table" if axis == self._jog.count - 1 else f"joint {axis + 1}"
-            raise CommandError(f"the program starts elsewhere: {name} is off by {np.degrees(away[axis]):.3f} deg")
+        away = np.abs(self.commanded - (*program.start, *program.further))
+        number = int(away.argmax())
+        if away[number] > _AT_START:
+            further = number - len(self.home) - 1
+            slides = further >= 0 and self._nominal.further_axes[further].joint.kind == "prismatic"
+            off = f"{1e3 * away[number]:.3f} mm" if slides else f"{np.degrees(away[number]):.3f} deg"
+            raise CommandError(f"the program starts elsewhere: {self._axis_name(number)} is off by {off}")
+
+    def _axis_name(self, number: int) -> str:
+        """Name of an axis, counted from 0, in a message."""
+        joints = len(self.home)
+        if number < joints:
+            return f"joint {number + 1}"
+        return "the table" if number == joints else f"the axis {self._nominal.axes[number]}"
 
     @checked_arguments
     def snapshot(self, exposure: Length) -> Recording:

@@ -9,6 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import Field, StringConstraints, model_validator
 
 from scancell.config.description import (
+    Acceleration,
     Angle,
     AngularAcceleration,
     AngularJerk,
@@ -19,9 +20,11 @@ from scancell.config.description import (
     Fraction,
     Friction,
     Length,
+    LinearJerk,
     Point,
     PoseDescription,
     Size,
+    Speed,
     split_unit,
     to_si,
     validate,
@@ -64,6 +67,7 @@ _Angle = Field(default=0.0, description="estimated deviation, deg; as as_built o
 
 # Names of the cell's own tools and frames.
 RESERVED_TOOLS = frozenset({"sensor", "gripper"})
+MAX_FURTHER_AXES = 3  # beside joints and table
 RESERVED_FRAMES = frozenset({"world", "base", "table", "tool"})
 
 # Names that would be those of other frames, or of columns of files: ``NAME_deg``, ``NAME_mm``.
@@ -203,20 +207,75 @@ class FrameDescription(Description):
     )
 
 
-class AxisDescription(Description):
-    """An axis beside the joints and the table, such as a track of the arm or the tilt of a positioner.
-
-    What it carries turns about z of its frame, or slides along it. It is placed, but neither moved nor simulated yet.
-    """
+class _AxisDescription(Description):
+    """An axis beside the joints and the table, such as a track of the arm or the tilt of a positioner."""
 
     name: Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]*$")] = Field(
         description="unique name of the axis in moves_with, variables and columns; not that of another frame or column"
     )
-    kind: Literal["revolute", "prismatic"] = Field(description="revolute: turns; prismatic: slides")
-    moves_with: str = Field(default="world", description="what carries it: world, table, link[i] or another axis")
+    moves_with: str = Field(default="world", description="what carries it: world, or another axis")
     pose: PoseDescription = Field(
         default=PoseDescription(), description="pose of the axis in the frame of its carrier, with all axes at 0"
     )
+    along: Literal["x", "y", "z"] = Field(
+        default="z", description="direction of its frame along which it slides, or about which it turns"
+    )
+    encoder_latency_ms: EncoderLatency = 0.0
+
+    @model_validator(mode="after")
+    def _start_is_allowed(self) -> Self:
+        lower, start, upper = (getattr(self, f"{key}{self.unit}") for key in ("min", "start", "max"))
+        if not lower < upper:
+            raise ValueError(f"min{self.unit} ({lower:g}) must be below max{self.unit} ({upper:g})")
+        if not lower <= start <= upper:
+            raise ValueError(f"start{self.unit} = {start:g}: expected a position from {lower:g} to {upper:g}")
+        return self
+
+    @property
+    def unit(self) -> str:
+        """Suffix of the keys of its positions."""
+        return "_deg" if self.kind == "revolute" else "_mm"
+
+    kind: str
+
+
+class RevoluteAxisDescription(_AxisDescription):
+    """An axis that turns what it carries."""
+
+    kind: Literal["revolute"] = Field(description="revolute: turns")
+    min_deg: Angle = Field(description="lower limit of its position, deg")
+    max_deg: Angle = Field(description="upper limit of its position, deg")
+    start_deg: Angle = Field(default=0.0, description="position at the start, at which scans hold the axis, deg")
+    max_speed_deg_s: AngularSpeed = Field(description="speed limit, deg/s")
+    max_acceleration_deg_s2: AngularAcceleration = Field(description="acceleration limit, deg/s²")
+    max_jerk_deg_s3: AngularJerk = Field(
+        default=7200.0, description="jerk limit of programmed motion at monitor speed 1, deg/s³"
+    )
+    encoder_resolution_deg: EncoderResolution = 0.0
+    encoder_noise_deg: EncoderNoise = 0.0
+
+
+class PrismaticAxisDescription(_AxisDescription):
+    """An axis that slides what it carries."""
+
+    kind: Literal["prismatic"] = Field(description="prismatic: slides")
+    min_mm: Coordinate = Field(description="lower limit of its position, mm")
+    max_mm: Coordinate = Field(description="upper limit of its position, mm")
+    start_mm: Coordinate = Field(default=0.0, description="position at the start, at which scans hold the axis, mm")
+    max_speed_mm_s: Speed = Field(description="speed limit, mm/s")
+    max_acceleration_mm_s2: Acceleration = Field(description="acceleration limit, mm/s²")
+    max_jerk_mm_s3: LinearJerk = Field(
+        default=20_000.0, description="jerk limit of programmed motion at monitor speed 1, mm/s³"
+    )
+    encoder_resolution_mm: Annotated[Length, Field(le=1000.0)] = Field(
+        default=0.0, description="quantisation step of the measured position, mm; 0: continuous"
+    )
+    encoder_noise_mm: Annotated[Length, Field(le=1000.0)] = Field(
+        default=0.0, description="standard deviation of the measured position's noise, mm"
+    )
+
+
+AxisDescription = Annotated[RevoluteAxisDescription | PrismaticAxisDescription, Field(discriminator="kind")]
 
 
 class FurtherSensorDescription(Description):
@@ -312,7 +371,8 @@ class ToolDescription(Description):
 class TableDescription(Description):
     """Rotary table. The origin of its frame is where the axis meets the top face, z along the axis."""
 
-    pose: PoseDescription = Field(description="world_from_table at table angle 0")
+    pose: PoseDescription = Field(description="pose of the table in the frame of its carrier at table angle 0")
+    moves_with: str = Field(default="world", description="what carries it: world, or the axis that tilts or moves it")
     radius_mm: Size = Field(description="radius of the platter, mm")
     thickness_mm: Size = Field(description="thickness of the platter below its top face, mm")
     max_speed_deg_s: AngularSpeed = Field(description="speed limit of the table, deg/s")
@@ -452,6 +512,7 @@ class CellDescription(FileDescription):
     name: str = Field(description="name of the cell")
     world: WorldDescription = Field(default=WorldDescription(), description="time steps of the simulation, gravity")
     robot: RobotDescription = Field(description="the arm")
+    robot_moves_with: str = Field(default="world", description="what carries the arm: world, or an axis")
     robot_reflectance: Fraction = Field(
         default=0.3, description="Lambertian reflectance of arm and sensor housing at the laser's wavelength, 0..1"
     )
@@ -474,7 +535,9 @@ class CellDescription(FileDescription):
         default=(), description="rigid bodies fixed in the world or on the table"
     )
     gripper: GripperDescription | None = Field(default=None, description="gripper on the flange; default: none")
-    axis: tuple[AxisDescription, ...] = Field(default=(), description="axes beside the joints and the table")
+    axis: Annotated[tuple[AxisDescription, ...], Field(max_length=MAX_FURTHER_AXES)] = Field(
+        default=(), description="axes beside the joints and the table"
+    )
     further_sensor: tuple[FurtherSensorDescription, ...] = Field(
         default=(), description="sensors beside that of the tool, numbered from sensor[2]"
     )
@@ -535,22 +598,22 @@ class CellDescription(FileDescription):
     @model_validator(mode="after")
     def _carriers_exist(self) -> Self:
         links = [f"link[{i}]" for i in range(1, len(self.robot.joint) + 1)]
-        carriers = {"table": "world", **dict.fromkeys(links, self.robot.moves_with)}
+        carriers = ["world"]
         for number, axis in enumerate(self.axis, 1):
+            if axis.moves_with not in carriers:
+                expected = f"{', '.join(carriers)}: an axis is listed after what carries it"
+                raise ValueError(f"axis[{number}].moves_with = '{axis.moves_with}': expected {expected}")
             if axis.name in {*carriers, *RESERVED_FRAMES, *_COLUMNS} or re.fullmatch(r"qd{0,2}[0-9]+", axis.name):
                 raise ValueError(f"axis[{number}].name = '{axis.name}': expected a name of no other frame or column")
-            carriers[axis.name] = axis.moves_with
-        keys = {f"axis[{i}].moves_with": axis.moves_with for i, axis in enumerate(self.axis, 1)}
-        keys["robot.moves_with"] = self.robot.moves_with
-        keys |= {f"further_sensor[{i}].moves_with": one.moves_with for i, one in enumerate(self.further_sensor, 1)}
-        for key, carrier in keys.items():
-            if carrier != "world" and carrier not in carriers:
-                raise ValueError(f"{key} = '{carrier}': expected world, {', '.join(carriers)}")
-            above = carrier
-            for _ in carriers:
-                above = carriers.get(above, "world")
-            if above != "world":
-                raise ValueError(f"{key} = '{carrier}': expected what does not move with itself")
+            carriers.append(axis.name)
+        carried = {"robot_moves_with": self.robot_moves_with, "table.moves_with": self.table.moves_with}
+        for key, carrier in carried.items():
+            if carrier not in carriers:
+                raise ValueError(f"{key} = '{carrier}': expected {', '.join(carriers)}")
+        for number, sensor in enumerate(self.further_sensor, 1):
+            if sensor.moves_with not in {*carriers, "table", *links}:
+                expected = ", ".join([*carriers, "table", *links])
+                raise ValueError(f"further_sensor[{number}].moves_with = '{sensor.moves_with}': expected {expected}")
         return self
 
     @model_validator(mode="after")

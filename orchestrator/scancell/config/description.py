@@ -39,6 +39,7 @@ Angle = Annotated[float, Field(ge=-36_000.0, le=36_000.0)]  # deg
 AngularSpeed = Annotated[float, Field(ge=0.001, le=100_000.0)]  # deg/s
 AngularAcceleration = Annotated[float, Field(ge=0.1, le=1e7)]  # deg/s²
 AngularJerk = Annotated[float, Field(ge=1.0, le=1e9)]  # deg/s³
+LinearJerk = Annotated[float, Field(ge=1.0, le=1e9)]  # mm/s³
 Mass = Annotated[float, Field(ge=1e-6, le=100_000.0)]  # kg
 Density = Annotated[float, Field(ge=0.1, le=100_000.0)]  # kg/m³
 Stiffness = Annotated[float, Field(ge=1e-6, le=1e6)]  # N/mm
@@ -53,6 +54,7 @@ _SCALE_OF_SUFFIX: dict[str, float] = {
     "_deg_s": math.pi / 180.0,
     "_deg": math.pi / 180.0,
     "_mrad": 1e-3,
+    "_mm_s3": 1e-3,
     "_mm_s2": 1e-3,
     "_mm_s": 1e-3,
     "_n_mm": 1e3,

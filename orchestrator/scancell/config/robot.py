@@ -165,8 +165,9 @@ class RobotDescription(FileDescription):
     shipped: ClassVar[str] = "robots/six_axis.toml"
 
     name: str = Field(description="name of the arm")
-    base: PoseDescription = Field(default=PoseDescription(), description="world_from_base: pose of the arm's base")
-    moves_with: str = Field(default="world", description="frame of base: world, or the axis that carries the arm")
+    base: PoseDescription = Field(
+        default=PoseDescription(), description="pose of the arm's base in the frame of what carries it, the world"
+    )
     base_mesh: str | None = Field(
         default=None, description="file of the fixed base's mesh, base frame, mm; default: none"
     )

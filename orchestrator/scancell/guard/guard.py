@@ -20,7 +20,7 @@ from scancell.arrays import Array
 from scancell.cell.driver import Mode, MonitorSpeed, Operation
 from scancell.cell.instance import CellInstance
 from scancell.config.robot import RobotDescription
-from scancell.errors import MessageError
+from scancell.errors import DescriptionError, MessageError
 from scancell.geometry import pose
 from scancell.geometry.mesh import reduced
 from scancell.guard.check import Contact, JogCheck, JogVerdict, ManualCheck, PathCheck, Verdict
@@ -342,6 +342,11 @@ class Guard:
         ignored: Collection[tuple[str, str]] = (),
         movable: Collection[int] = (),
     ) -> None:
+        if nominal.further_axes:
+            names = ", ".join(axis.name for axis in nominal.further_axes)
+            raise DescriptionError(
+                "the guard supervises joints and table alone", key="cell.axis", value=names, expected="no further axes"
+            )
         self.settings = settings = settings or GuardSettings()
         self._axes = len(nominal.arm.joints) + 1
         self._names = [*(f"q[{i}]" for i in range(1, self._axes)), "table"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from scancell.arguments import checked_arguments
 from scancell.arrays import Array
-from scancell.config.cell import CellDescription, PartDescription, TableDescription
+from scancell.config.cell import AxisDescription, CellDescription, PartDescription, TableDescription
 from scancell.config.description import PoseDescription, si_value, to_si
 from scancell.config.devices import ConveyorDescription, FurtherPartDescription, LightDescription
 from scancell.config.material import Material, MaterialDescription
@@ -75,7 +76,9 @@ def with_table(q: ArrayLike, table: ArrayLike) -> Array:
 
 def fmu_frame(frame: str) -> str:
     """Name of a frame in the FMU and its recordings, which number the part that is scanned among the others."""
-    return "part[1]" if frame == "part" else frame
+    if frame == "part":
+        return "part[1]"
+    return frame if re.fullmatch(r"world|table|sensor|\w+\[\d+\]", frame) else f"axis_frame.{frame}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -123,6 +126,24 @@ class FurtherPart:
 
     description: FurtherPartDescription
     mesh: Mesh
+
+
+@dataclass(frozen=True)
+class Axis:
+    """An axis beside joints and table: its joint, its limits and its position at the start, rad or m."""
+
+    joint: Joint
+    start: float
+    min: float
+    max: float
+    max_speed: float
+    max_acceleration: float
+    max_jerk: float
+
+    @property
+    def name(self) -> str:
+        """Name of the axis, and of the frame that it carries."""
+        return self.joint.axis
 
 
 @dataclass(frozen=True)
@@ -192,10 +213,12 @@ class NominalCell(Value):
         Poses (4, 4) of the belts at travel 0.
     support
         Frame that carries the part in the scan: ``table``, ``conveyor[1]`` … of its belt, or the last link.
-    arm_on
-        Frame that carries the arm: ``world``, or that of an axis.
-    further_joints
-        Axes beside joints, table and conveyors, and sensors beside that of the tool.
+    arm_on, table_on
+        Frames that carry the arm and the table: ``world``, or that of a further axis.
+    further_axes
+        Axes beside joints, table and conveyors, after what carries them.
+    further_sensors
+        Sensors beside that of the tool, as fixed joints.
 
     Examples
     --------
@@ -232,28 +255,79 @@ class NominalCell(Value):
     world_from_conveyors: tuple[Array, ...] = ()
     support: str = "table"
     arm_on: str = WORLD
-    further_joints: tuple[Joint, ...] = ()
+    table_on: str = WORLD
+    further_axes: tuple[Axis, ...] = ()
+    further_sensors: tuple[Joint, ...] = ()
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """Names of the axes that the controller moves, which are the first ones of the `tree`: joints and table."""
-        return self.tree.axes[: len(self.arm.joints) + 1]
+        """Names of the axes that the controller moves, the first ones of the `tree`: joints, table, further axes."""
+        return self.tree.axes[: len(self.arm.joints) + 1 + len(self.further_axes)]
+
+    @property
+    def start(self) -> Array:
+        """Positions of the axes at the start, (axes,), rad or m: the home joints, the table at 0."""
+        return np.array([*self.home, 0.0, *(axis.start for axis in self.further_axes)])
+
+    def with_further_axes(self, axes: ArrayLike) -> Array:
+        """Positions (..., axes) of all axes: joints and table as given (..., joints + 1), the others at their start."""
+        given = np.asarray(axes, float)
+        further = self.start[given.shape[-1] :]
+        return np.concatenate([given, np.broadcast_to(further, (*given.shape[:-1], len(further)))], -1)
 
     @property
     def axis_max_speed(self) -> Array:
-        """Speed limits of the joints and the table, (axes,), rad/s."""
-        return np.append(self.arm.max_speed, self.table_max_speed)
+        """Speed limits of the axes, (axes,), rad/s or m/s."""
+        return np.array([*self.arm.max_speed, self.table_max_speed, *(axis.max_speed for axis in self.further_axes)])
 
     @property
     def axis_max_acceleration(self) -> Array:
-        """Acceleration limits of the joints and the table, (axes,), rad/s²."""
-        return np.append(self.arm.max_acceleration, self.table_max_acceleration)
+        """Acceleration limits of the axes, (axes,), rad/s² or m/s²."""
+        further = (axis.max_acceleration for axis in self.further_axes)
+        return np.array([*self.arm.max_acceleration, self.table_max_acceleration, *further])
+
+    def with_axes_held(self, positions: ArrayLike | None = None) -> NominalCell:
+        """The cell in which joints and table are the only axes, and all further ones rest.
+
+        Parameters
+        ----------
+        positions
+            Positions (k,) of the further axes, rad or m; default: those at the start.
+        """
+        if not self.further_axes:
+            return self
+        first = len(self.arm.joints) + 1
+        at = self.start
+        at[first:] = at[first:] if positions is None else positions
+        frames = [axis.name for axis in self.further_axes]
+        placed = self.tree.place(at, [WORLD, *frames])
+
+        def body(one: Body) -> Body:
+            if one.moves_with not in frames:
+                return one
+            return replace(one, moves_with=WORLD, mesh=one.mesh.transformed(placed[one.moves_with]))
+
+        return replace(
+            self,
+            arm=replace(self.arm, world_from_base=placed[self.arm_on] @ self.arm.world_from_base),
+            world_from_table=placed[self.table_on] @ self.world_from_table,
+            bodies=tuple(body(one) for one in self.bodies),
+            further_sensors=tuple(
+                replace(one, parent=WORLD, parent_from_joint=placed[one.parent] @ one.parent_from_joint)
+                if one.parent in frames
+                else one
+                for one in self.further_sensors
+            ),
+            arm_on=WORLD,
+            table_on=WORLD,
+            further_axes=(),
+        )
 
     @cached_property
     def tree(self) -> Tree:
         """Frames and axes of the cell, nominal or estimated.
 
-        The axes are ``joint[1]`` …, ``table`` and ``conveyor[1]`` …, in rad or m.
+        The axes are ``joint[1]`` …, ``table``, further ones by their names, and ``conveyor[1]`` …, in rad or m.
         """
         flange, (base, *links) = self.arm.flange, self.arm.tree.joints
         joints = [
@@ -264,7 +338,7 @@ class NominalCell(Value):
         eccentric = pose.translation((*self.eccentricity, 0.0))
         joints.append(
             Joint(
-                *("table", WORLD, "revolute", "table"),
+                *("table", self.table_on, "revolute", "table"),
                 parent_from_joint=self.world_from_table,
                 joint_from_frame=eccentric,
                 wobble=self.wobble,
@@ -281,22 +355,23 @@ class NominalCell(Value):
         fingers = () if self.flange_from_finger is None else self.flange_from_finger
         for number, flange_from_finger in enumerate(fingers, 1):
             joints.append(Joint(f"finger[{number}]", flange, parent_from_joint=flange_from_finger))
-        axes = (*self.arm.tree.axes, *(joint.axis for joint in joints if joint.axis and joint not in links))
-        return Tree([*joints, *self.further_joints], axes)
+        further_joints = [axis.joint for axis in self.further_axes]
+        axes = (*self.arm.tree.axes, "table", *(joint.axis for joint in further_joints))
+        return Tree([*joints, *further_joints, *self.further_sensors], axes)
 
     def require_simulated(self) -> None:
-        """Raise `DescriptionError` where the cell has an axis, a sensor or a support of the part that only has a place.
+        """Raise `DescriptionError` where the cell has a sensor or a support of the part that only has a place.
 
-        The FMU, planning, the guard and scans know one arm on a fixed base, one table, its sensor, and conveyors.
+        The FMU, planning, the guard and scans know one arm, one table, its sensor, conveyors and further axes.
         """
-        found = [("axis" if joint.axis else "further_sensor", joint.frame) for joint in self.further_joints]
+        found = [("further_sensor", joint.frame) for joint in self.further_sensors]
         found += [("part.moves_with", "flange")] if self.support == self.arm.flange else []
         for key, value in found:
             raise DescriptionError(
                 "is placed by kinematics alone: the FMU, planning, the guard and scans do not know it yet",
                 key=f"cell.{key}",
                 value=value,
-                expected="one arm on a fixed base, its sensor, and a part on the table or on a conveyor",
+                expected="one arm, its sensor, and a part on the table or on a conveyor",
             )
 
     def world_from(self, frame: str, axes: ArrayLike = ()) -> Array:
@@ -410,8 +485,13 @@ def nominal_cell(cell: CellDescription, part: Mesh | None) -> NominalCell:
         further_parts=further,
         belt=_belt(cell),
         support="table" if cell.part.moves_with == "table" else f"link[{len(robot.joint)}]",
-        arm_on=robot.moves_with,
-        further_joints=_further_joints(cell),
+        arm_on=cell.robot_moves_with,
+        table_on=cell.table.moves_with,
+        further_axes=tuple(_further_axis(axis) for axis in cell.axis),
+        further_sensors=tuple(
+            Joint(f"sensor[{number}]", sensor.moves_with, parent_from_joint=pose_matrix(sensor.pose))
+            for number, sensor in enumerate(cell.further_sensor, 2)
+        ),
         world_from_conveyors=tuple(pose_matrix(belt.pose) for belt in cell.conveyor),
     )
     return without_bodies(nominal, ["part"]) if is_empty else nominal
@@ -443,16 +523,16 @@ def arm_of(robot: RobotDescription) -> Arm:
     return Arm(joints, pose_matrix(robot.base), tuple(held))
 
 
-def _further_joints(cell: CellDescription) -> tuple[Joint, ...]:
-    axes = (
-        Joint(axis.name, axis.moves_with, axis.kind, axis.name, parent_from_joint=pose_matrix(axis.pose))
-        for axis in cell.axis
+def _further_axis(axis: AxisDescription) -> Axis:
+    si = to_si(axis.model_dump())
+    limits = {key: si[key] for key in ("start", "min", "max", "max_speed", "max_acceleration", "max_jerk")}
+    along = z_along("xyz".index(axis.along))
+    joint = Joint(
+        *(axis.name, axis.moves_with, axis.kind, axis.name),
+        parent_from_joint=pose_matrix(axis.pose) @ along,
+        joint_from_frame=along.T,
     )
-    sensors = (
-        Joint(f"sensor[{number}]", sensor.moves_with, parent_from_joint=pose_matrix(sensor.pose))
-        for number, sensor in enumerate(cell.further_sensor, 2)
-    )
-    return (*axes, *sensors)
+    return Axis(joint, **limits)
 
 
 def _belt(cell: CellDescription) -> Belt | None:
@@ -529,11 +609,11 @@ def _bodies(cell: CellDescription, part: Mesh) -> tuple[Body, ...]:
     robot_material = _material(cell.robot_material, cell.robot_reflectance)
     table_material = _material(table.material, table.reflectance)
     meshes = [
-        ("base", cell.robot.moves_with, _mesh(cell.robot.base_mesh, cell.robot.base), robot_material),
+        ("base", cell.robot_moves_with, _mesh(cell.robot.base_mesh, cell.robot.base), robot_material),
         *((f"link{i}", f"link[{i}]", _mesh(joint.mesh), robot_material) for i, joint in enumerate(cell.robot.joint, 1)),
         ("sensor", "sensor", _mesh(cell.sensor_mesh), robot_material),
         ("table", "table", _mesh(table.platter_mesh) or _cylinder(table), table_material),
-        ("table_base", "world", _mesh(table.base_mesh, table.pose), table_material),
+        ("table_base", table.moves_with, _mesh(table.base_mesh, table.pose), table_material),
     ]
     bodies = [Body(name, frame, mesh, material) for name, frame, mesh, material in meshes if mesh is not None]
     material = _material(cell.part.material, cell.part.reflectance)

@@ -131,7 +131,8 @@ class Plan(Value):
             for item in read.segments
         )
         ids = np.array(read.exposures.segment, np.int64)
-        return Plan(Program(segments, read.settle), ids, read.exposures.axes, None, (), source=str(file.absolute()))
+        program = Program(segments, read.settle, read.further)
+        return Plan(program, ids, read.exposures.axes, None, (), source=str(file.absolute()))
 
     def require_joints(self, joints: int) -> None:
         """Raises `DescriptionError` if the plan is for an arm with another number of joints."""
@@ -188,6 +189,7 @@ class _Segment(_Points):
     trigger_to: _Duration
     belt: _BeltRun | None = None
     time: Annotated[_Row, Field(min_length=2)]
+    further: tuple[tuple[_Value, ...], ...] = ()
 
     @model_validator(mode="after")
     def _time_rises(self) -> Self:
@@ -220,6 +222,18 @@ class _PlanFile(Description):
     settle: _Duration
     segments: Annotated[tuple[_Segment, ...], Field(min_length=1)]
     exposures: _Exposures
+
+    @property
+    def further(self) -> tuple[float, ...]:
+        """Positions at which the further axes rest."""
+        return next(iter(self.segments[0].further), ())
+
+    @model_validator(mode="after")
+    def _further_axes_rest(self) -> Self:
+        for number, segment in enumerate(self.segments, 1):
+            if len(segment.further) not in (0, len(segment.time)) or {*segment.further} - {self.further}:
+                raise ValueError(f"segments[{number}].further: expected the same positions in a row for each time")
+        return self
 
     @model_validator(mode="after")
     def _one_number_of_joints(self) -> Self:

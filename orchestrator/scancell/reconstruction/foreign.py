@@ -83,17 +83,21 @@ def neighbours_of(nominal: NominalCell) -> Neighbours:
 
     Where other axes than that of the support move them, they are where they start.
     """
-    frames, tree = nominal.frame_poses(nominal.home), nominal.tree
-    support_from_world, (axis,) = pose.inverse(nominal.world_from(nominal.support)), tree.axes_of(nominal.support)
+    frames, tree = nominal.frame_poses(nominal.start), nominal.tree
+    support_from_world, axis = (
+        pose.inverse(nominal.world_from(nominal.support, nominal.start)),
+        tree[nominal.support].axis,
+    )
+    standing = {"world", "table", "part", *(one.name for one in nominal.further_axes)} - {nominal.arm_on} | {"world"}
     support = "table" if nominal.support == "table" else nominal.required_belt().description.name
     bodies = tuple(
         Neighbour(
             body.name,
             body.mesh.transformed(support_from_world @ frames[body.moves_with]),
-            tree.axes_of(body.moves_with) == (axis,),
+            tree.axes_of(body.moves_with) == tree.axes_of(nominal.support),
         )
         for body in nominal.bodies
-        if body.name not in ("part", support) and body.moves_with.partition("[")[0] in ("world", "table", "part")
+        if body.name not in ("part", support) and body.moves_with.partition("[")[0] in standing
     )
     slides = tree[nominal.support].kind == "prismatic"
     return Neighbours(bodies, nominal.part, nominal.support_from_part, tree.axes.index(axis), slides)

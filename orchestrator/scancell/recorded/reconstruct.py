@@ -405,11 +405,11 @@ class MeasuredCell:
 
     @classmethod
     def of(cls, setup: Setup, part: Mesh | None) -> MeasuredCell:
-        """The cell of a setup.
+        """The cell of a setup, in which axes beside joints and table rest where they start.
 
         Raises `ScancellError` if the part or another body cannot be used.
         """
-        nominal = nominal_cell(setup.cell, part)
+        nominal = nominal_cell(setup.cell, part).with_axes_held()
         nominal.require_simulated()
         return cls.with_deviations(nominal, _deviations(setup), part is not None)
 

@@ -30,6 +30,7 @@ from scancell.config.description import si_value
 from scancell.config.files import file_entries, plain_data
 from scancell.config.loading import Setup
 from scancell.config.sensor import SensorDescription, exposure_span
+from scancell.errors import DescriptionError
 from scancell.files import file_state
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
@@ -222,7 +223,14 @@ class ScanPipeline(Closing):
         is_dynamic, options = setup.cell.robot.drive == "dynamic", scan_options(setup.scan, setup.sensor)
         if setup.scan.belt is not None:
             cell = replace(cell, nominal=with_passing_part(cell.nominal, setup.scan.belt, cell.cycle))
-        nominal = cell.nominal
+        nominal, further = cell.nominal, tuple(axis.start for axis in world.nominal.further_axes)
+        if saved is not None and saved.program.further != further:
+            raise DescriptionError(
+                file=saved.source or None,
+                key="further",
+                value=list(saved.program.further),
+                expected=f"{list(further)}, where the further axes of the cell start",
+            )
         sight = Sight(nominal, setup.sensor, partial(self._measurable, work), self.threads, work)
         # Only what this plan depends on: a study of other values plans once.
         described = [setup.scan.model_dump_json(), options.spacing, [path.pitch_mm for path in options.scan.path]]
@@ -233,7 +241,10 @@ class ScanPipeline(Closing):
 
         def make() -> Plan:
             here = _with_torques(cell, setup)
-            return plan(here, options, sight, quality_factors) if saved is None else recheck(here, saved, options)
+            if saved is not None:
+                return recheck(here, saved, options)
+            made = plan(here, options, sight, quality_factors)
+            return replace(made, program=replace(made.program, further=further))
 
         if quality_factors:
             return make()
@@ -254,12 +265,16 @@ class ScanPipeline(Closing):
         """
         setup = world.setup
         cell = _with_torques(self._planning_cell(world), setup)
-        return approach(cell, scan_options(setup.scan, setup.sensor).clearance, start, goal, purpose)
+        joints_and_table = len(world.nominal.home) + 1
+        start, further = start[:joints_and_table], tuple(start[joints_and_table:])
+        clearance = scan_options(setup.scan, setup.sensor).clearance
+        found = approach(cell, clearance, start, goal[:joints_and_table], purpose)
+        return None if found is None else replace(found, further=further)
 
     def _planning_cell(self, world: World) -> PlanningCell:
         setup = world.setup
         cycle = setup.cell.world.controller_cycle
-        nominal = with_occupied_space(world.nominal, setup.scan.occupied)
+        nominal = with_occupied_space(world.nominal.with_axes_held(), setup.scan.occupied)
         own, range_ = pair_clearances(setup.scan, nominal), SensorRange.of(world.sensor)
         return PlanningCell(nominal, range_, cycle, threads=self.threads, pair_clearance=own)
 

@@ -100,7 +100,8 @@ class ScanData(Value):
         support = "table" if cell.support == "table" else "belt"
         if frame in ("table", "belt") and frame != support:
             raise DescriptionError(key="frame", value=frame, expected=f"part, {support}, base or world")
-        world_from_part = cell.world_from("part", [*cell.home, table_angle])
+        at = cell.with_further_axes([*cell.home, table_angle])
+        world_from_part = cell.world_from("part", at)
         match frame:
             case "part":
                 return np.eye(4)
@@ -109,7 +110,7 @@ class ScanData(Value):
             case "world":
                 return world_from_part
             case "base":
-                return np.asarray(pose.inverse(cell.arm.world_from_base) @ world_from_part)
+                return np.asarray(pose.inverse(cell.world_from("base", at)) @ world_from_part)
 
     @property
     def part_from_sensor(self) -> Array:

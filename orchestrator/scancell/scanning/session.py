@@ -95,8 +95,8 @@ def measure_profile(
     measured = measured_motion(cell, recording)
     part_from_sensor = cell.part_from_sensor(measured.axes[0])
     sensed = world.expose(recording, engine, control=control, images=True, threads=threads)
-    base_from_world = pose.inverse(cell.arm.world_from_base)
-    return _profile(sensed, base_from_world @ cell.world_from_sensor(measured.q[0]), part_from_sensor)
+    frames = cell.tree.place(measured.axes[0], ["base", "sensor"])
+    return _profile(sensed, pose.inverse(frames["base"]) @ frames["sensor"], part_from_sensor)
 
 
 def take_shot(world: World, part_from_sensor: Array, engine: Engine, threads: int) -> tuple[Profile, tuple[str, ...]]:
@@ -107,7 +107,7 @@ def take_shot(world: World, part_from_sensor: Array, engine: Engine, threads: in
     frames, warnings = _posture(world, part_from_sensor, threads)
     index = np.array([1])
     sensed = world.expose_at_rest(frames, index, world.windows, engine, images=True, threads=threads)
-    base_from_world = pose.inverse(world.nominal.arm.world_from_base)
+    base_from_world = pose.inverse(world.nominal.with_axes_held().arm.world_from_base)
     shot = _profile(sensed, base_from_world @ frames["sensor"][0], part_from_sensor)
     if not len(shot.points_in_part):
         warnings = (*warnings, "the sensor sees nothing from this pose")
@@ -125,14 +125,14 @@ def _profile(sensed: SensedProfiles, base_from_sensor: Array, part_from_sensor: 
 def _posture(world: World, part_from_sensor: Array, threads: int) -> tuple[dict[str, Array], tuple[str, ...]]:
     """Poses (1, 4, 4) of the frames with the arm where it holds the sensor at the pose; far away where it cannot."""
     nominal = world.nominal
-    cell = PlanningCell(nominal, SensorRange.of(world.sensor), 1.0, threads=threads)
+    cell = PlanningCell(nominal.with_axes_held(), SensorRange.of(world.sensor), 1.0, threads=threads)
     azimuth = si_value(world.setup.scan.sweep, "azimuth_deg")
     placed = Placer(cell, azimuth, 0.0).poses(part_from_sensor[None])[0]
     warnings: tuple[str, ...] = ()
     if isinstance(placed, PlacedPose):
-        frames = nominal.frame_poses(placed.axes)
+        frames = nominal.frame_poses(nominal.with_further_axes(placed.axes))
     else:
-        frames = nominal.frame_poses(nominal.home)
+        frames = nominal.frame_poses(nominal.start)
         away, moving = pose.translation((0.0, 0.0, -900.0)), ("link[", "finger[", "sensor")
         frames = {name: away @ value if name.startswith(moving) else value for name, value in frames.items()}
         warnings = (f"the arm is left out: {placed.reason}",)

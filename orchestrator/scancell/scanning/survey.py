@@ -192,7 +192,7 @@ class Survey:
                 value=region.voxel,
                 expected=f"at most {largest:.3g} m, by the measuring range",
             )
-        nominal = world.nominal
+        nominal = world.nominal.with_axes_held()
         tolerance = max(region.inflation, 1e-3)
         at_home = nominal.frame_poses(nominal.home)
         around_table = _merged(nominal, at_home, ("world", "table", "part"))
@@ -256,7 +256,7 @@ class Survey:
 
     def _plan(self, poses: Array, work: Work) -> tuple[Plan | None, int]:
         """A motion through free space to those of the poses that it leads to, and the number of the others."""
-        setup, nominal = self._world.setup, self._world.nominal
+        setup, nominal = self._world.setup, self._world.nominal.with_axes_held()
         blocked = {"fixed": self.space.blocked(self._region.inflation)}
         cell = PlanningCell(
             replace(nominal, bodies=(*nominal.bodies, *occupied_bodies(blocked, nominal))),

@@ -359,7 +359,8 @@ class Calibration:
 
 
 def kinematics_of(nominal: NominalCell) -> CellKinematics:
-    """Kinematics of the nominal cell for calibration."""
+    """Kinematics of the nominal cell for calibration; axes beside joints and table rest where they start."""
+    nominal = nominal.with_axes_held()
     return CellKinematics(nominal.arm, nominal.flange_from_sensor, nominal.world_from_table)
 
 
@@ -425,7 +426,7 @@ class CalibrationScan:
         self._part, self._scan = world.nominal.part, scan_options(world.setup.scan, world.setup.sensor)
         cycle = world.setup.cell.world.controller_cycle
         range_ = SensorRange.of(world.sensor)
-        self._cell = PlanningCell(world.nominal, range_, cycle, threads=pipeline.threads)
+        self._cell = PlanningCell(world.nominal.with_axes_held(), range_, cycle, threads=pipeline.threads)
 
     @cached_property
     def plan(self) -> Plan:
@@ -561,7 +562,8 @@ class CalibrationScan:
     def _expected_observations(self, axes: Array) -> Observations:
         """Observations of the nominal sensor at positions (n, axes) in the nominal cell, by ideal rays."""
         sensor, index = self.world.sensor, np.arange(len(axes), dtype=np.int64)
-        frames, once = self.world.nominal.frame_poses(axes), np.array([[0.0, sensor.exposure]])
+        nominal, once = self.world.nominal, np.array([[0.0, sensor.exposure]])
+        frames = nominal.frame_poses(nominal.with_further_axes(axes))
         sensed = self.world.expose_at_rest(frames, index, once, "geometric", threads=self.pipeline.threads)
         return observations_of(sensed.points, AxisReadings.at_rest(axes), sensor)
 

@@ -1,0 +1,181 @@
+"""Axes beside joints and table: motions and true poses in the FMU, and scans with exact parts, against the tree."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cells import cell_file
+
+from scancell import (
+    CellError,
+    CommandError,
+    DescriptionError,
+    Guard,
+    Operation,
+    Plan,
+    Scanner,
+    assets_dir,
+    load_part,
+    load_setup,
+    nominal_cell,
+)
+from scancell.geometry import pose
+
+# A tilted track on which a turning column carries the arm, and a positioner: all three further axes.
+STACKED = """
+[[axis]]
+name = "rail"
+kind = "prismatic"
+along = "y"
+pose = { x_mm = -30.0, z_mm = 20.0, rz_deg = 4.0 }
+min_mm = -500.0
+max_mm = 700.0
+max_speed_mm_s = 400.0
+max_acceleration_mm_s2 = 900.0
+
+[[axis]]
+name = "column"
+kind = "revolute"
+moves_with = "rail"
+pose = { x_mm = 30.0, z_mm = -20.0, rz_deg = -4.0 }
+min_deg = -40.0
+max_deg = 40.0
+max_speed_deg_s = 40.0
+max_acceleration_deg_s2 = 90.0
+
+[[axis]]
+name = "lift"
+kind = "prismatic"
+min_mm = -50.0
+max_mm = 120.0
+max_speed_mm_s = 100.0
+max_acceleration_mm_s2 = 300.0
+"""
+
+
+def true_pose(session, frame: str) -> np.ndarray:
+    return session.snapshot(1e-4).truth_at_middle(frame)[0]
+
+
+def test_true_poses_are_those_of_the_tree_while_all_axes_move(tmp_path) -> None:
+    settings = ['cell.robot_moves_with="column"', 'cell.table.moves_with="lift"']
+    setup = load_setup(cell_file(tmp_path, STACKED), settings=settings)
+    rng = np.random.default_rng(4)
+    with Scanner(setup=setup) as scanner, scanner.session() as session:
+        nominal = session.nominal
+        assert nominal.axes[-4:] == ("table", "rail", "column", "lift")
+        frames = ("link[1]", "link[6]", "sensor", "table", "rail", "column", "lift")
+        for _ in range(4):
+            session.start_move_joints(session.home + rng.uniform(-0.2, 0.2, 6), float(rng.uniform(-3, 3)))
+            session.wait(0.1)
+            for name, low, high in (("rail", -0.3, 0.4), ("column", -0.5, 0.5), ("lift", -0.05, 0.1)):
+                session.move_axis(name, float(rng.uniform(low, high)), speed=float(rng.uniform(0.3, 1)))
+            axes = session.cell.get(session.cell.real_group(session.cell.axis_names("truth."))).copy()
+            expected = nominal.tree.place(axes)
+            for frame in frames:
+                name = f"axis_frame.{frame}" if frame in ("rail", "column", "lift") else frame
+                assert true_pose(session, name) == pytest.approx(expected[frame], abs=1e-12), frame
+        assert session.further_axes == pytest.approx(axes[-3:], abs=1e-12)
+
+
+@pytest.mark.parametrize("cell", ["track", "tilt_turn"])
+def test_axis_moves_alone_within_its_limits(cell: str) -> None:
+    setup = load_setup(assets_dir() / f"cells/{cell}.toml")
+    (axis,) = nominal_cell(setup.cell, None).further_axes
+    with Scanner(setup=setup) as scanner, scanner.session() as session:
+        rest = session.commanded
+        rates = []
+        group = session.cell.real_group([f"measured.axis_rate.{axis.name}"])
+        session.cell.on_step(lambda: rates.append(float(session.cell.get(group)[0])))
+        session.move_axis(axis.name, axis.max)
+        assert session.commanded[-1] == axis.max
+        assert np.array_equal(session.commanded[:-1], rest[:-1])
+        assert 0.9 * axis.max_speed < max(rates) <= axis.max_speed * (1 + 1e-9)
+        with pytest.raises(CommandError, match=f"the axis {axis.name}"):
+            session.move_axis(axis.name, axis.max + 0.01)
+        with pytest.raises(DescriptionError, match=f"name = 'rail': expected {axis.name}"):
+            session.move_axis("rail", 0.0)
+
+
+@pytest.mark.parametrize(("cell", "start"), [("track", -400), ("track", 225), ("tilt_turn", -35), ("tilt_turn", 50)])
+def test_exact_part_is_measured_without_error_wherever_the_axis_rests(cell: str, start: float) -> None:
+    unit = {"track": "mm", "tilt_turn": "deg"}[cell]
+    setup = load_setup(
+        assets_dir() / f"cells/{cell}.toml",
+        settings=[f"cell.axis[1].start_{unit}={start}", "scan.max_profiles=60"],
+        ideal=True,
+    )
+    with Scanner(setup=setup) as scanner:
+        result = scanner.scan(assets_dir() / "artefacts/cone.toml", engine="geometric")
+    assert len(result.cloud) > 50_000
+    assert result.evaluate().deviation.rms < 0.1e-6
+    measured = result.recording.measured
+    assert measured.names[-1] == setup.cell.axis[0].name
+    assert np.ptp(measured.axes[:, -1]) == 0.0
+
+
+def test_deviations_as_built_displace_what_an_axis_carries() -> None:
+    setup = load_setup(assets_dir() / "cells/track.toml")
+    by = {"x": 0.3e-3, "y": -0.2e-3, "z": 0.5e-3, "rx": 1e-3, "ry": -2e-3, "rz": 0.7e-3}
+    as_built = {
+        f"axis.track.{key}_{'deg' if key[0] == 'r' else 'mm'}": np.degrees(v) if key[0] == "r" else 1e3 * v
+        for key, v in by.items()
+    }
+    nominal = nominal_cell(setup.cell, None)
+    (axis,) = nominal.further_axes
+    at_0 = axis.joint.parent_from_joint @ axis.joint.joint_from_frame
+    built = at_0 @ pose.from_euler_xyz([by[key] for key in ("x", "y", "z")], [by[key] for key in ("rx", "ry", "rz")])
+    joint = replace(axis.joint, parent_from_joint=built @ pose.inverse(axis.joint.joint_from_frame))
+    true = replace(nominal, further_axes=(replace(axis, joint=joint),))
+    with Scanner(setup=setup) as scanner, scanner.session(as_built=as_built) as session:
+        session.move_axis("track", 0.4)
+        axes = session.cell.get(session.cell.real_group(session.cell.axis_names("truth."))).copy()
+        for frame in ("sensor", "link[3]", "table"):
+            assert true_pose(session, frame) == pytest.approx(true.world_from(frame, axes), abs=1e-12)
+        assert true_pose(session, "axis_frame.track") == pytest.approx(true.world_from("track", axes), abs=1e-12)
+        moved = true_pose(session, "sensor")[:3, 3] - nominal.world_from("sensor", axes)[:3, 3]
+        assert 0.3e-3 < np.linalg.norm(moved) < 3e-3
+
+
+def test_saved_plan_is_refused_where_the_axis_starts_elsewhere(tmp_path) -> None:
+    part, cell = load_part(assets_dir() / "parts/sphere_on_foot.stl"), assets_dir() / "cells/track.toml"
+    words = ["scan.max_profiles=30", "cell.axis[1].start_mm=40"]
+    with Scanner(setup=load_setup(cell, settings=words)) as scanner:
+        file = scanner.plan(part).save(tmp_path / "plan.json")
+        assert Plan.load(file).program.further == (0.04,)
+        again = scanner.scan(part, engine="geometric", plan=file)
+        assert np.all(again.recording.measured.axes[:, -1] == 0.04)
+    with (
+        Scanner(setup=load_setup(cell, settings=words[:1])) as scanner,
+        pytest.raises(
+            DescriptionError, match=r"further = \[0\.04\]: expected \[0\.0\], where the further axes of the cell start"
+        ),
+    ):
+        scanner.scan(part, engine="geometric", plan=file)
+
+
+def test_guard_refuses_axes_that_it_does_not_supervise() -> None:
+    setup = load_setup(assets_dir() / "cells/tilt_turn.toml")
+    with pytest.raises(DescriptionError, match=r"cell\.axis = 'tilt': the guard supervises joints and table alone"):
+        Guard(nominal_cell(setup.cell, None), setup.cell.robot)
+
+
+def test_arm_on_an_axis_with_motors_is_refused() -> None:
+    setup = load_setup(assets_dir() / "cells/track.toml", settings=['cell.robot.drive="dynamic"'])
+    refused = pytest.raises(CellError, match=r"robot\.moves_with: expected \"world\" for an arm with dynamic drives")
+    with refused, Scanner(setup=setup) as scanner, scanner.session():
+        pass
+
+
+def test_jogs_move_an_axis_as_far_as_its_limit() -> None:
+    with Scanner(setup=load_setup(assets_dir() / "cells/track.toml")) as scanner, scanner.session() as session:
+        session.set_operation(Operation.MANUAL)
+        rest = session.commanded
+        session.jog_joints([0, 0, 0, 0, 0, 0, 0, 1.0], 2.0)
+        reached = session.commanded
+        assert reached[-1] > 0.02
+        assert np.array_equal(reached[:-1], rest[:-1])
+        session.jog_sensor([0, 0, 0.5, 0, 0, 0], 0.5)
+        assert session.commanded[-1] == reached[-1]
