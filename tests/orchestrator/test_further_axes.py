@@ -22,6 +22,7 @@ from scancell import (
     nominal_cell,
 )
 from scancell.geometry import pose
+from scancell.views.motion import scan_motion
 
 # A tilted track on which a turning column carries the arm, and a positioner: all three further axes.
 STACKED = """
@@ -114,6 +115,12 @@ def test_exact_part_is_measured_without_error_wherever_the_axis_rests(cell: str,
     measured = result.recording.measured
     assert measured.names[-1] == setup.cell.axis[0].name
     assert np.ptp(measured.axes[:, -1]) == 0.0
+    # Pictures show the cell where the axis rests, also before the first exposure.
+    at_start = scan_motion(result.nominal, result.recording, result.plan).frames(0.0)
+    for frame, placed in result.nominal.tree.place(result.nominal.start).items():
+        if frame in at_start:
+            assert at_start[frame] == pytest.approx(placed, abs=1e-9), frame
+    assert measured.names[-1] in at_start
 
 
 def test_deviations_as_built_displace_what_an_axis_carries() -> None:

@@ -159,10 +159,11 @@ def fcl_model(vertices: Array, faces: NDArray[np.int64]) -> Any:
 def check_cell(nominal: NominalCell) -> None:
     """Raise `CellError` if standing bodies of a cell (robot base, table, belts, parts, obstacles) intersect.
 
-    The table is at angle 0 and the arm does not count: its motion is checked by planning.
+    The table is at angle 0, other axes where they start, and the arm does not count: its motion is checked by planning.
 
     Raises `CellError` naming each pair, the depth in mm, and the keys that place them.
     """
+    nominal = nominal.with_axes_held()
     frames = nominal.frame_poses(nominal.home)
     standing = [body for body in nominal.bodies if body.moves_with.partition("[")[0] in ("world", "table", "part")]
     placed = [(body.name, body.mesh.transformed(frames[body.moves_with])) for body in standing]

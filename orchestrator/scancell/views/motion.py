@@ -35,10 +35,11 @@ class ProgramMotion:
         ends = np.cumsum([float(item.times[-1]) for item in segments])
         self.begins, self.duration = np.concatenate([[0.0], ends[:-1]]), float(ends[-1])
         self._times = np.concatenate([begin + item.times for begin, item in zip(self.begins, segments, strict=True)])
-        self._axes = np.concatenate([item.axes for item in segments])
+        planned = np.concatenate([item.axes for item in segments])
+        self._axes = np.hstack([planned, np.tile(program.further, (len(planned), 1))])
 
     def axes(self, at: float) -> Array:
-        """Joints and table angle (axes,), rad, at a time, s; at rest before the start and after the end."""
+        """Positions (axes,), rad or m, at a time, s; at rest before the start and after the end."""
         return np.array([np.interp(at, self._times, axis) for axis in self._axes.T])
 
     def segment_at(self, at: float) -> int:
@@ -94,7 +95,7 @@ class RunMotion:
         measured.require_joints(len(cell.home))
         self.times = measured.time
         self.exposures = self.times if exposures is None else exposures
-        self._axes = measured.axes[:, : len(cell.home) + 1]
+        self._axes = measured.axes[:, : len(cell.axes)]
         wanted = {name: fmu_frame(name) for name in cell.frame_poses() if name != "world"}
         if recording.has_truth:
             _require_true_poses(recording, wanted.values())
@@ -139,7 +140,7 @@ class RunMotion:
         return {**nominal, **carried}
 
     def _axes_in_gap(self, before: int, after: int, share: float, time: float) -> Array:
-        """Joints and table angle (axes,) by the plan, or evenly."""
+        """Positions (axes,) by the plan, or evenly."""
         if self._plan is None:
             return np.asarray((1 - share) * self._axes[before] + share * self._axes[after])
         clock, plan = self._plan.clock, self._plan
@@ -172,7 +173,8 @@ class _Plan(ProgramMotion):
         self.clock = np.zeros(len(segment))
         for one in np.unique(segment):
             rows, item = np.flatnonzero(segment == one), segments[number[int(one)]]
-            self.clock[rows] = self.begins[number[int(one)]] + _nearest_times(item.times, item.axes, measured[rows])
+            near = measured[rows, : item.axes.shape[1]]
+            self.clock[rows] = self.begins[number[int(one)]] + _nearest_times(item.times, item.axes, near)
 
 
 def _require_true_poses(recording: Recording, frames: Iterable[str]) -> None:

@@ -161,13 +161,10 @@ def _cloud(path: Path, cell: NominalCell, most: int) -> tuple[Cloud | None, int]
     if not path.is_file():
         return None, 0
     frame = next((note.split()[1] for note in read_ply_comments(path) if note.startswith("frame ")), "part")
-    world_from_part = cell.world_from("part")
-    world_from_frame = {
-        "part": world_from_part,
-        ("table" if cell.support == "table" else "belt"): cell.world_from(cell.support),
-        "base": cell.arm.world_from_base,
-        "world": np.eye(4),
-    }
+    placed = cell.tree.place(cell.start, ["part", cell.support, "base", "world"])
+    world_from_part = placed["part"]
+    support = "table" if cell.support == "table" else "belt"
+    world_from_frame = {**placed, support: placed[cell.support]}
     if frame not in world_from_frame:
         raise DescriptionError(file=path, key="frame", value=frame, expected=", ".join(world_from_frame))
     whole = read_ply(path)

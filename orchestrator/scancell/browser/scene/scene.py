@@ -191,7 +191,7 @@ class CellScene:
         carried = {body.moves_with: body.name for body in reversed(cell.bodies)}
         self._carried = {name: carried.get(name) for name in self._bodies.names if name != "world"}
         self.options = SceneOptions(self._apply_options)
-        frames = {name: np.asarray(world) for name, world in cell.frame_poses(cell.home).items()}
+        frames = {name: np.asarray(world) for name, world in cell.frame_poses(cell.start).items()}
         self._add_floor(frames)
         self._apply_options()
         self.move(frames)
