@@ -532,7 +532,7 @@ class CellDescription(FileDescription):
     )
     conveyor: tuple[ConveyorDescription, ...] = Field(default=(), description="conveyor belts")
     obstacle: tuple[ObstacleDescription, ...] = Field(
-        default=(), description="rigid bodies fixed in the world or on the table"
+        default=(), description="rigid bodies that stand in the world, on the table or on an axis"
     )
     gripper: GripperDescription | None = Field(default=None, description="gripper on the flange; default: none")
     axis: Annotated[tuple[AxisDescription, ...], Field(max_length=MAX_FURTHER_AXES)] = Field(
@@ -610,6 +610,10 @@ class CellDescription(FileDescription):
         for key, carrier in carried.items():
             if carrier not in carriers:
                 raise ValueError(f"{key} = '{carrier}': expected {', '.join(carriers)}")
+        for number, obstacle in enumerate(self.obstacle, 1):
+            if obstacle.moves_with not in {*carriers, "table"}:
+                expected = ", ".join([*carriers, "table"])
+                raise ValueError(f"obstacle[{number}].moves_with = '{obstacle.moves_with}': expected {expected}")
         for number, sensor in enumerate(self.further_sensor, 1):
             if sensor.moves_with not in {*carriers, "table", *links}:
                 expected = ", ".join([*carriers, "table", *links])

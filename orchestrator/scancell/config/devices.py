@@ -127,7 +127,7 @@ class ConveyorDescription(Description):
 
 
 class ObstacleDescription(Description):
-    """A rigid body that stands in the world or on the table: a post, a clamp, a fence.
+    """A rigid body that stands in the world, on the table or on an axis: a post, a clamp, a fence, a carriage.
 
     It blocks light and is a body of the planner and of the FMU, whose contact shape of it is its convex hull.
     """
@@ -135,12 +135,10 @@ class ObstacleDescription(Description):
     name: Name = Field(description="unique name of the obstacle")
     mesh: str = Field(description="file of the obstacle's mesh, or of an artefact, its own frame")
     unit: Literal["mm", "m", "inch"] = Field(default="mm", description="length unit of the mesh file")
-    moves_with: Literal["world", "table"] = Field(
-        default="world", description="world: does not move; table: turns with the table"
-    )
+    moves_with: str = Field(default="world", description="what carries it: world, table or an axis")
     pose: PoseDescription = Field(
         default=PoseDescription(),
-        description="pose of the mesh in the frame of the world, or of the table at angle 0",
+        description="pose of the mesh in the frame of what carries it, with all axes at 0",
     )
     known: bool = Field(
         default=True,
