@@ -100,7 +100,7 @@ def test_axis_moves_alone_within_its_limits(cell: str) -> None:
             session.move_axis("rail", 0.0)
 
 
-@pytest.mark.parametrize(("cell", "start"), [("track", -400), ("track", 225), ("tilt_turn", -35), ("tilt_turn", 50)])
+@pytest.mark.parametrize(("cell", "start"), [("track", -400), ("tilt_turn", 50)])
 def test_exact_part_is_measured_without_error_wherever_the_axis_rests(cell: str, start: float) -> None:
     unit = {"track": "mm", "tilt_turn": "deg"}[cell]
     setup = load_setup(

@@ -22,7 +22,7 @@ from scancell.cli import (  # noqa: F401
     workspace,
 )
 from scancell.cli.common import EXIT_ERROR, Outcome, app, command
-from scancell.cli.terminal import INTERRUPTS
+from scancell.cli.interrupts import INTERRUPTS
 
 # Typer brings a copy of click along; its error for a wrong command line is the base of one that typer exports.
 _UsageError = cast(type[Any], typer.BadParameter.__base__)

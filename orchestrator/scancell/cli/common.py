@@ -19,7 +19,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.models import OptionInfo
 
 import scancell
-from scancell.cli.terminal import EXIT_INTERRUPTED, interruptible
+from scancell.cli.interrupts import EXIT_INTERRUPTED, interruptible
 from scancell.config.choices import CloudFrame, Engine, LengthUnit
 from scancell.errors import DescriptionError, ScancellError, named_by
 from scancell.progress import NullProgress, Progress

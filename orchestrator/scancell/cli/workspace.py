@@ -12,7 +12,7 @@ import typer
 
 import scancell
 from scancell.cli.common import CellOptions, NoGuardOption, Outcome, PathOption, ScanOption, TablePartOption, command
-from scancell.cli.terminal import INTERRUPTS, leaves_when_interrupted
+from scancell.cli.interrupts import INTERRUPTS, leaves_when_interrupted
 from scancell.config.choices import LOOPBACK
 from scancell.errors import DescriptionError, ProgramError
 

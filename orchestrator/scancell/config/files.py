@@ -162,8 +162,8 @@ def assets_dir() -> Path:
 
     Examples
     --------
-    >>> sorted(file.name for file in (scancell.assets_dir() / "cells").glob("*.toml"))
-    ['default.toml', 'offset_wrist.toml', 'pick_and_place.toml', 'seven_axis.toml']
+    >>> sorted(file.stem for file in (scancell.assets_dir() / "cells").glob("*.toml"))
+    ['default', 'offset_wrist', 'pick_and_place', 'seven_axis', 'tilt_turn', 'track']
     """
     package = Path(__file__).resolve().parents[1]
     inside = package / "assets"
