@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cells import cell_file
+from cells import block, cell_file, export_mm
 
 from scancell import (
     CellError,
@@ -15,6 +15,7 @@ from scancell import (
     Guard,
     Operation,
     Plan,
+    PlanningError,
     Scanner,
     assets_dir,
     load_part,
@@ -186,3 +187,16 @@ def test_jogs_move_an_axis_as_far_as_its_limit() -> None:
         assert np.array_equal(reached[:-1], rest[:-1])
         session.jog_sensor([0, 0, 0.5, 0, 0, 0], 0.5)
         assert session.commanded[-1] == reached[-1]
+
+
+@pytest.mark.parametrize("tilt", [0, 25])
+def test_planner_keeps_clear_of_an_obstacle_on_an_axis(tmp_path, tilt: int) -> None:
+    """A clamp on the tilting frame, 14 mm beside the part, which the corners of the turning part come near to."""
+    file = export_mm(block(0.03, 0.02, 0.03), tmp_path / "clamp.stl")
+    place = "pose = { y_mm = 34, z_mm = -100 }"
+    clamp = f'cell.obstacle=[{{ name = "clamp", mesh = "{file}", moves_with = "tilt", {place} }}]'
+    setup = load_setup(assets_dir() / "cells/tilt_turn.toml", settings=[clamp, f"cell.axis[1].start_deg={tilt}"])
+    with Scanner(setup=setup) as scanner, pytest.raises(PlanningError, match=r"part comes within 1\.8 mm of clamp"):
+        scanner.plan(block(0.05, 0.04, 0.02))
+    with pytest.raises(DescriptionError, match=r"obstacle\[1\]\.moves_with = 'turn': expected world, tilt, table"):
+        load_setup(assets_dir() / "cells/tilt_turn.toml", settings=[clamp.replace('"tilt"', '"turn"')])
