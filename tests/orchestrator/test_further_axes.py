@@ -13,6 +13,8 @@ from scancell import (
     CommandError,
     DescriptionError,
     Guard,
+    LiveCell,
+    LivePlan,
     Operation,
     Plan,
     PlanningError,
@@ -200,3 +202,17 @@ def test_planner_keeps_clear_of_an_obstacle_on_an_axis(tmp_path, tilt: int) -> N
         scanner.plan(block(0.05, 0.04, 0.02))
     with pytest.raises(DescriptionError, match=r"obstacle\[1\]\.moves_with = 'turn': expected world, tilt, table"):
         load_setup(assets_dir() / "cells/tilt_turn.toml", settings=[clamp.replace('"tilt"', '"turn"')])
+
+
+def test_planned_motion_of_a_live_cell_turns_the_table_by_its_own_angle() -> None:
+    """A tilt that starts a turn away from 0 does not count as the angle of the table."""
+    settings = ["cell.axis[1].max_deg=400", "cell.axis[1].start_deg=360"]
+    setup = load_setup(assets_dir() / "cells/tilt_turn.toml", settings=settings)
+    part = load_part(assets_dir() / "parts/sphere_on_foot.stl")
+    with Scanner(setup=setup) as scanner, scanner.session(part) as session:
+        live = LiveCell(session)
+        goal = np.append(session.home + 0.05, 0.2)
+        moved = LivePlan(live, session).go_to(goal, "a pose near home")
+        live.run(moved.done, realtime=False)
+        moved.result()
+        assert session.commanded == pytest.approx([*goal, 2 * np.pi], abs=1e-9)

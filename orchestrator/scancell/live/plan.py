@@ -175,7 +175,7 @@ class LivePlan:
 
     @checked_arguments
     def go_to(self, axes: Axes, purpose: str) -> Future[None]:
-        """Move the robot to `axes`, joints and table angle (axes,), rad, on a planned path free of collision.
+        """Move the robot to `axes`, joints and table angle (joints + 1,), rad, on a planned path free of collision.
 
         `purpose` is for messages: ``the start``.
 
@@ -188,7 +188,7 @@ class LivePlan:
 
     def _go(self, session: ScanSession, axes: Array, purpose: str) -> None:
         start = ready_to_move(session)
-        goal = nearest_turn(axes, float(start[-1]))
+        goal = nearest_turn(axes, float(start[len(axes) - 1]))
         program = while_stepping(session, lambda _: session.pipeline.approach(session.world, start, goal, purpose))
         if program is not None:
             session.run_program(program, session.exposure)
