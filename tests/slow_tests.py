@@ -16,8 +16,8 @@ from xml.etree import ElementTree
 
 _CASE, _FUNCTION, _FILE = 1.5, 4.0, 15.0  # s
 _HEAD = """\
-# Tests that `make test` leaves out and `make test-all` runs: cases, whole functions and whole files that take long, by
-# their identifiers. Made by tests/slow_tests.py, which states the rule.
+# Tests that `make test` leaves out and `make test-all` runs: cases and whole functions that take long, by their
+# identifiers. Made by tests/slow_tests.py, which states the rule.
 """
 
 

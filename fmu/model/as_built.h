@@ -28,7 +28,7 @@ struct AsBuilt {
   std::array<double, 6> tool{};   // x, y, z (m), rx, ry, rz (rad, intrinsic XYZ): flange_from_sensor * delta
   std::array<double, 5> table{};  // x, y, z (m), rx, ry (rad): world_from_table * delta
   std::array<double, 2> platter{};  // x, y (m) of the platter's centre in the rotating frame
-  /// Of each further axis x, y, z (m), rx, ry, rz (rad, intrinsic XYZ) in its nominal frame.
+  /// Deviation of the frame of each further axis from nominal: x, y, z (m), rx, ry, rz (rad, intrinsic XYZ).
   std::array<std::array<double, 6>, kMaxFurtherAxes> axes{};
   TableWobble wobble;
   TriggerErrors trigger;

@@ -15,6 +15,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <string_view>
 
 #include "fmu/control/enumeration.h"
 
@@ -97,10 +98,11 @@ constexpr Field with_axes(Field field, const Element (&elements)[count]) {
   return field;
 }
 
-/// The field of an axis that slides, of which a text says no more than that it is an angle.
+/// The field of an axis that slides, in metres where that of a turning one is in radians.
 constexpr Field sliding(Field field) {
-  if (field.unit.quantity == kRadian.quantity) field.unit = kMetre;
-  if (field.unit.quantity == kRadianPerSecond.quantity) field.unit = kMetrePerSecond;
+  const std::string_view quantity = field.unit.quantity;
+  if (quantity == kRadian.quantity) field.unit = kMetre;
+  if (quantity == kRadianPerSecond.quantity) field.unit = kMetrePerSecond;
   return field;
 }
 

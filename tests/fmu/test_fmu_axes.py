@@ -24,7 +24,7 @@ def motion(cell: CellFmu, cycles: int = 60) -> None:
 
 
 def carried(track: float, column: float) -> Array:
-    """What the column carries, in the world."""
+    """Pose (4, 4) in the world of the frame that the column carries."""
     c, s = np.cos(column), np.sin(column)
     return np.array([[c, -s, 0, 0.02], [s, c, 0, track - 0.1], [0, 0, 1, 0.05], [0, 0, 0, 1]])
 

@@ -152,6 +152,18 @@ TEST(JointMove, NewStartFirstStopsRunningMoveOnPath) {
   EXPECT_LE(watch.acceleration, 1);
 }
 
+/// Runs to rest; the largest deviations of the tool from a line on the way.
+OffLine worst_off_line(Drive& drive, const Eigen::Isometry3d& from, const Eigen::Isometry3d& to,
+                       LimitWatch& watch) {
+  OffLine worst{0, 0};
+  drive.run_to_rest([&](const Knots& knots) {
+    watch(knots);
+    const OffLine off = off_line(from, to, drive.arm.tool(Drive::axes(knots)).pose);
+    worst = {std::max(worst.distance, off.distance), std::max(worst.angle, off.angle)};
+  });
+  return worst;
+}
+
 TEST(LineMove, KeepsToolOnStraightLine) {
   for (const double speed : {0.25, 1.0}) {
     Drive drive;
@@ -161,12 +173,7 @@ TEST(LineMove, KeepsToolOnStraightLine) {
     drive.command.position[kTableAxis] = 0.4;
     drive.start_line(to);
     LimitWatch watch(drive);
-    OffLine worst{0, 0};
-    drive.run_to_rest([&](const Knots& knots) {
-      watch(knots);
-      const OffLine off = off_line(from, to, drive.arm.tool(Drive::axes(knots)).pose);
-      worst = {std::max(worst.distance, off.distance), std::max(worst.angle, off.angle)};
-    });
+    const OffLine worst = worst_off_line(drive, from, to, watch);
     const Vector6 rest = pose_difference(drive.arm.tool(drive.position()).pose, to);
     EXPECT_LT(rest.norm(), 1e-10);
     EXPECT_EQ(drive.position()[kTableAxis], 0.4);
@@ -188,12 +195,7 @@ TEST(LineMove, KeepsToolOnStraightLineWhileAnAxisCarriesTheArm) {
     drive.command.position[kFirstFurtherAxis] = travel;
     drive.start_line(to);
     LimitWatch watch(drive);
-    OffLine worst{0, 0};
-    drive.run_to_rest([&](const Knots& knots) {
-      watch(knots);
-      const OffLine off = off_line(from, to, drive.arm.tool(Drive::axes(knots)).pose);
-      worst = {std::max(worst.distance, off.distance), std::max(worst.angle, off.angle)};
-    });
+    const OffLine worst = worst_off_line(drive, from, to, watch);
     EXPECT_EQ(drive.controller.report(drive.now).error, ControllerError::kNone);
     EXPECT_LT(pose_difference(drive.arm.tool(drive.position()).pose, to).norm(), 1e-10);
     EXPECT_EQ(drive.position()[kFirstFurtherAxis], travel);

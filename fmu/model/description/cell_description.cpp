@@ -59,6 +59,17 @@ MotionDescription parse_motion(const JsonReader& json) {
   return motion;
 }
 
+/// Reads the limits of an axis among its keys.
+control::AxisLimits parse_limits(const JsonReader& json) {
+  control::AxisLimits limits;
+  limits.min = json.at("min").number(-kMaxJointPosition, kMaxJointPosition);
+  limits.max = json.at("max").number(limits.min, kMaxJointPosition);
+  limits.max_speed = json.at("max_speed").positive();
+  limits.max_acceleration = json.at("max_acceleration").positive();
+  limits.max_jerk = json.at("max_jerk").positive();
+  return limits;
+}
+
 JointDescription parse_joint(const JsonReader& json) {
   json.expect_keys({"a", "d", "alpha", "theta", "min", "max", "max_speed", "max_acceleration", "max_jerk",
                     "start", "encoder_resolution", "encoder_noise", "encoder_latency"},
@@ -69,12 +80,8 @@ JointDescription parse_joint(const JsonReader& json) {
   joint.alpha = json.at("alpha").number(-kMaxJointPosition, kMaxJointPosition);
   if (json.has("beta")) joint.beta = json.at("beta").number(-kMaxJointPosition, kMaxJointPosition);
   joint.theta = json.at("theta").number(-kMaxJointPosition, kMaxJointPosition);
-  joint.min = json.at("min").number(-kMaxJointPosition, kMaxJointPosition);
-  joint.max = json.at("max").number(joint.min, kMaxJointPosition);
-  joint.max_speed = json.at("max_speed").positive();
-  joint.max_acceleration = json.at("max_acceleration").positive();
-  joint.max_jerk = json.at("max_jerk").positive();
-  joint.start = json.at("start").number(joint.min, joint.max);
+  joint.limits = parse_limits(json);
+  joint.start = json.at("start").number(joint.limits.min, joint.limits.max);
   joint.encoder = parse_encoder(json);
   return joint;
 }
@@ -99,12 +106,8 @@ AxisDescription parse_axis(const JsonReader& json, std::size_t before) {
   axis.moves_with = parse_carrier(json.at("moves_with"), before);
   axis.parent_from_joint = json.at("parent_from_joint").pose();
   axis.joint_from_frame = json.at("joint_from_frame").pose();
-  axis.min = json.at("min").number(-kMaxJointPosition, kMaxJointPosition);
-  axis.max = json.at("max").number(axis.min, kMaxJointPosition);
-  axis.max_speed = json.at("max_speed").positive();
-  axis.max_acceleration = json.at("max_acceleration").positive();
-  axis.max_jerk = json.at("max_jerk").positive();
-  axis.start = json.at("start").number(axis.min, axis.max);
+  axis.limits = parse_limits(json);
+  axis.start = json.at("start").number(axis.limits.min, axis.limits.max);
   axis.encoder = parse_encoder(json);
   return axis;
 }

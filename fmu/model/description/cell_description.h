@@ -29,7 +29,8 @@ class DescriptionError : public std::runtime_error {
 
 struct JointDescription {
   double a = 0, d = 0, alpha = 0, beta = 0, theta = 0;  // Rz(q + theta) T(a, 0, d) Rx(alpha) Ry(beta)
-  double min = 0, max = 0, max_speed = 0, max_acceleration = 0, max_jerk = 0, start = 0;
+  control::AxisLimits limits;
+  double start = 0;
   EncoderDescription encoder;
 };
 
@@ -39,7 +40,8 @@ struct AxisDescription {
   bool slides = false;
   std::size_t moves_with = kWorld;  // frame of the world or of an axis before it
   Eigen::Isometry3d parent_from_joint, joint_from_frame;
-  double min = 0, max = 0, max_speed = 0, max_acceleration = 0, max_jerk = 0, start = 0;  // rad or m
+  control::AxisLimits limits;
+  double start = 0;  // rad or m
   EncoderDescription encoder;
 };
 

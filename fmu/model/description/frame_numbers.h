@@ -13,7 +13,7 @@ class JsonReader;
 struct FrameNumbers {
   std::size_t joints = 0, conveyors = 0, fingers = 0, parts = 0, axes = 0;
 
-  /// What a further axis carries; these come before arm and table, which they may carry.
+  /// The frame that a further axis carries. These come before arm and table, which they may carry.
   std::size_t axis(std::size_t i) const { return kWorld + 1 + i; }
   std::size_t base() const { return axis(axes); }
   /// Behind a joint of the arm (Denavit-Hartenberg).

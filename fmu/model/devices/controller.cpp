@@ -59,16 +59,10 @@ control::ControllerSettings settings_of(const CellDescription& cell) {
   auto& axes = settings.motion.axes;
   constexpr double kEndless = std::numeric_limits<double>::infinity();
   axes.fill({-kEndless, kEndless, 1, 1, 1});  // of axes that do not exist and stand still
-  for (std::size_t i = 0; i < cell.joints.size(); ++i) {
-    const JointDescription& joint = cell.joints[i];
-    axes[i] = {joint.min, joint.max, joint.max_speed, joint.max_acceleration, joint.max_jerk};
-  }
+  for (std::size_t i = 0; i < cell.joints.size(); ++i) axes[i] = cell.joints[i].limits;
   axes[kTableAxis] = {-kEndless, kEndless, cell.table.max_speed, cell.table.max_acceleration,
                       cell.table.max_jerk};
-  for (std::size_t i = 0; i < cell.axes.size(); ++i) {
-    const AxisDescription& axis = cell.axes[i];
-    axes[kFirstFurtherAxis + i] = {axis.min, axis.max, axis.max_speed, axis.max_acceleration, axis.max_jerk};
-  }
+  for (std::size_t i = 0; i < cell.axes.size(); ++i) axes[kFirstFurtherAxis + i] = cell.axes[i].limits;
   const MotionDescription& motion = cell.motion;
   settings.motion.line_speed = motion.line_speed;
   settings.motion.line_acceleration = motion.line_acceleration;

@@ -140,6 +140,7 @@ void World::add_supports(const CellDescription& cell) {
   }
   engine.frames[numbers.platter()].body = platter;
   for (std::size_t i = 1; i < tree.size(); ++i) {
+    // An axis has no body in the engine: of what it carries, arm and platter are prescribed.
     const bool on_axis = tree[i].parent != kWorld && tree[i].parent < numbers.base();
     if (tree[i].kind != robotcell::Joint::Kind::kFixed || on_axis) continue;
     const Carrier& parent = engine.frames[tree[i].parent];
@@ -182,7 +183,7 @@ void World::add_contact_bodies(const CellDescription& cell) {
 void World::add_dynamics(const CellDescription& cell, const PrescribedMotion& start) {
   if (!cell.dynamics) return;
   std::vector<std::array<double, 2>> limits;
-  for (const JointDescription& joint : cell.joints) limits.push_back({joint.min, joint.max});
+  for (const JointDescription& joint : cell.joints) limits.push_back({joint.limits.min, joint.limits.max});
   engine_->dynamic_arm = std::make_unique<DynamicArm>(engine_->arm, *cell.dynamics, limits);
   engine_->dynamic_arm->settle(start.axes.position);
 }

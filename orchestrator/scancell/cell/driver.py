@@ -187,10 +187,15 @@ def refusal(cell: CellInstance) -> str | None:
     if reason == 0:
         return None
     number = cell.get_integer("controller.limit")
-    names = ["", *cell.axis_names("")]
-    what = names[number].partition(".")
-    axis = {"": "an axis", "table": "the table", "axis": f"the axis {what[2]}"}.get(what[0], f"joint {number}")
-    return _REFUSALS[reason].format(axis=axis)
+    return _REFUSALS[reason].format(axis=axis_in_words(cell, number) if number else "an axis")
+
+
+def axis_in_words(cell: CellInstance, number: int) -> str:
+    """Name of an axis, counted from 1, in a message."""
+    name = cell.axis_names("")[number - 1]
+    if name == "table":
+        return "the table"
+    return f"the axis {name.removeprefix('axis.')}" if name.startswith("axis.") else f"joint {number}"
 
 
 def state_in_words(cell: CellInstance) -> str:

@@ -42,6 +42,7 @@ from scancell.errors import CellError, DescriptionError, OutputError, ScancellEr
 from scancell.files import atomic_write
 from scancell.geometry import pose
 from scancell.geometry.mesh import MassProperties, Mesh, box_mesh, decimated, deviation, load_mesh, mass_properties
+from scancell.geometry.tree import WORLD
 from scancell.nominal.cell import NominalCell, fmu_frame
 from scancell.nominal.parts import housing_mesh, pose_json, pose_matrix, start_width, tool_matrix
 from scancell.proximity.scene import cell_scene
@@ -340,18 +341,16 @@ def cell_json(
             del joint["beta"]
     without = {"pose", "moves_with", "reflectance", "material", "platter_mesh", "base_mesh"}
     table = to_si(cell.table.model_dump(exclude=without))
-    further = {
-        "axes": [
-            {
-                **to_si(described.model_dump(exclude={"pose", "kind", "along"})),
-                "slides": axis.joint.kind == "prismatic",
-                "moves_with": _frame(nominal, axis.joint.parent),
-                "parent_from_joint": pose_json(axis.joint.parent_from_joint),
-                "joint_from_frame": pose_json(axis.joint.joint_from_frame),
-            }
-            for described, axis in zip(cell.axis, nominal.further_axes, strict=True)
-        ]
-    }
+    axes = [
+        {
+            **to_si(described.model_dump(exclude={"pose", "kind", "along"})),
+            "slides": axis.joint.kind == "prismatic",
+            "moves_with": _frame(nominal, axis.joint.parent),
+            "parent_from_joint": pose_json(axis.joint.parent_from_joint),
+            "joint_from_frame": pose_json(axis.joint.joint_from_frame),
+        }
+        for described, axis in zip(cell.axis, nominal.further_axes, strict=True)
+    ]
     return {
         "format": 2,
         "name": cell.name,
@@ -365,15 +364,15 @@ def cell_json(
             "held_joints": [held.joint for held in cell.robot.held],
             "motion": to_si(cell.robot.motion.model_dump()),
             "dynamics": dynamics_json(cell) if cell.robot.drive == "dynamic" else None,
-            **({"moves_with": _frame(nominal, nominal.arm_on)} if nominal.further_axes else {}),
+            **_carried(nominal, nominal.arm_on),
         },
-        **(further if nominal.further_axes else {}),
+        **({"axes": axes} if axes else {}),
         "tool": {"flange_from_sensor": pose_json(nominal.flange_from_sensor)},
         "table": {
             "world_from_table": pose_json(nominal.world_from_table),
             "start": 0.0,
             **table,
-            **({"moves_with": _frame(nominal, nominal.table_on)} if nominal.further_axes else {}),
+            **_carried(nominal, nominal.table_on),
         },
         "conveyors": [
             {
@@ -387,6 +386,11 @@ def cell_json(
         "contact": _contact_json(cell, nominal),
         **sensing_json(cell, nominal, collision_outputs=collision_outputs),
     }
+
+
+def _carried(nominal: NominalCell, frame: str) -> dict[str, str]:
+    """The key of what carries arm or table, which may be left out for the world."""
+    return {} if frame == WORLD else {"moves_with": _frame(nominal, frame)}
 
 
 def _frame(nominal: NominalCell, frame: str) -> str:

@@ -155,16 +155,13 @@ class TriggerRecords(Value):
             )
 
     def require_axes(self, names: Sequence[str]) -> None:
-        """Raises `DescriptionError` if the records do not state one of these axes beside joints and table."""
+        """Raises `DescriptionError` if the records do not state one of these axes."""
         for name in names:
-            if name.startswith("conveyor[") and name not in self.names:
-                raise DescriptionError(
-                    f"states no travel of {name}", key="recording", expected=f"trigger.measured.{name}.travel"
-                )
-            if name != "table" and not name.startswith(("joint[", "conveyor[")) and name not in self.names:
-                raise DescriptionError(
-                    f"states no position of the axis {name}", key="recording", expected=f"trigger.measured.axis.{name}"
-                )
+            if name in self.names:
+                continue
+            belt = name.startswith("conveyor[")
+            what, column = ("travel of", f"{name}.travel") if belt else ("position of the axis", f"axis.{name}")
+            raise DescriptionError(f"states no {what} {name}", key="recording", expected=f"{_MEASURED}{column}")
 
     def after(self, latency: float) -> TriggerRecords:
         """With all axes `latency` (s) later than they were latched, by their rates and accelerations."""

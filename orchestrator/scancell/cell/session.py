@@ -40,6 +40,7 @@ from scancell.cell.driver import (
     Tool,
     Width,
     WorldFromTool,
+    axis_in_words,
     refusal,
     state_in_words,
 )
@@ -156,12 +157,8 @@ class CellSession:
 
     def world_from_tool(self, tool: Tool = "sensor") -> Array:
         """Pose (4, 4) of a `tool` (see `flange_from_tool`) by the measured joints and the nominal geometry."""
-        return np.asarray(self._resting.arm.fk(self.joints) @ self.flange_from_tool(tool))
-
-    @property
-    def _resting(self) -> NominalCell:
-        """The nominal cell with its further axes where they are measured."""
-        return self._nominal.with_axes_held(self.further_axes)
+        world_from_flange = self._nominal.world_from(self._nominal.arm.flange, self._cell.get(self._position))
+        return np.asarray(world_from_flange @ self.flange_from_tool(tool))
 
     @checked_arguments
     def world_from_frame(self, frame: str) -> Array:
@@ -243,8 +240,9 @@ class CellSession:
             If `world_from_tool` is no pose, or there is no such tool.
         """
         reference = self.joints if near is None else np.asarray(near, float)
-        target = np.asarray(world_from_tool, float) @ pose.inverse(self.flange_from_tool(tool))
-        branches, names = self._resting.arm.ik(target, reference)[0], self._nominal.arm.branch_names
+        carrier = self._nominal.world_from(self._nominal.arm_on, self._cell.get(self._position))
+        target = pose.inverse(carrier) @ np.asarray(world_from_tool, float) @ pose.inverse(self.flange_from_tool(tool))
+        branches, names = self._nominal.arm.ik(target, reference)[0], self._nominal.arm.branch_names
         if configuration is not None:
             if configuration not in names:
                 raise CommandError(f"configuration {configuration}: expected one of {', '.join(names)}")
@@ -593,14 +591,7 @@ class CellSession:
             further = number - len(self.home) - 1
             slides = further >= 0 and self._nominal.further_axes[further].joint.kind == "prismatic"
             off = f"{1e3 * away[number]:.3f} mm" if slides else f"{np.degrees(away[number]):.3f} deg"
-            raise CommandError(f"the program starts elsewhere: {self._axis_name(number)} is off by {off}")
-
-    def _axis_name(self, number: int) -> str:
-        """Name of an axis, counted from 0, in a message."""
-        joints = len(self.home)
-        if number < joints:
-            return f"joint {number + 1}"
-        return "the table" if number == joints else f"the axis {self._nominal.axes[number]}"
+            raise CommandError(f"the program starts elsewhere: {axis_in_words(self._cell, number + 1)} is off by {off}")
 
     @checked_arguments
     def snapshot(self, exposure: Length) -> Recording:

@@ -153,7 +153,7 @@ def displaced(x: Array) -> Array:
 
 
 def met(rays: Array, plane: Array) -> Array:
-    """Where rays (n, 3) from the origin meet the x-y plane of frames (n, 4, 4) or (4, 4)."""
+    """Points (n, 3) at which rays (n, 3) from the origin meet the x-y plane of frames (n, 4, 4) or (4, 4)."""
     normal, origin = plane[..., :3, 2], plane[..., :3, 3]
     return np.asarray(rays * (np.sum(normal * origin, -1) / np.sum(normal * rays, -1))[..., None])
 
