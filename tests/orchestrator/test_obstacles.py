@@ -127,7 +127,7 @@ def test_obstacle_that_reaches_into_the_table_is_refused() -> None:
     [
         (POST.replace('"post"', '"table"'), "the name 'table' is taken"),
         (POST.replace("post.stl", "fence.stl"), r"obstacle\[1\].mesh = 'fence.stl': no such file"),
-        (POST.replace('"post",', '"post", moves_with = "part",'), "moves_with = 'part': must be 'world' or 'table'"),
+        (POST.replace('"post",', '"post", moves_with = "part",'), "moves_with = 'part': expected world, table"),
         (POST.replace("300.0", "nan"), "x_mm = nan: must be a finite number"),
         (POST.replace("}", "}, clearance_mm = -1", 1), "clearance_mm = -1"),
     ],
