@@ -9,8 +9,6 @@ from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Protocol, Self, runtime_checkable
 
-import numpy as np
-
 from scancell.errors import CancelledError
 
 # Called with the stage, the steps done in it and their total; cancels by returning False.
@@ -82,6 +80,8 @@ class CallbackProgress:
         """Add steps."""
         self._done += steps
         answer = self._callback(self._name, self._done, self._total)
+        import numpy as np  # noqa: PLC0415  (half of the time of `scancell --help`)
+
         if isinstance(answer, bool | np.bool_) and not answer:
             raise CancelledError(f"cancelled while {self._name} ({self._done:.0f} of {self._total:.0f})")
 

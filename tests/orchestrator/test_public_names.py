@@ -46,8 +46,10 @@ def test_module_is_found_before_any_other_name() -> None:
     subprocess.run([sys.executable, "-c", "import scancell; scancell.pose.inverse"], check=True)
 
 
-def test_import_is_light() -> None:
-    loaded = "import sys, scancell; print([name for name in ('numpy', 'scipy', 'fmpy', 'cv2') if name in sys.modules])"
+@pytest.mark.parametrize("module", ["scancell", "scancell.cli"])
+def test_import_is_light(module: str) -> None:
+    heavy = "('numpy', 'scipy', 'fmpy', 'cv2', 'pydantic', 'rich')"
+    loaded = f"import sys, {module}; print([name for name in {heavy} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", loaded], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 

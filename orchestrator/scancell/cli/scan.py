@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 
 import scancell
@@ -324,10 +323,11 @@ def place(
         title = f"set-up {number}: " if len(found.chosen) > 1 else ""
         lines.append(
             f"# {title}{100 * one.scanned:.1f} % of the whole surface in about {one.time:.0f} s;"
-            f" tips over at {np.degrees(one.tip_angle):.0f} deg"
+            f" tips over at {math.degrees(one.tip_angle):.0f} deg"
         )
         if one.riser is not None:
-            size = " x ".join(f"{1e3 * length:.0f}" for length in np.ptp(one.riser.vertices, axis=0))
+            low, high = one.riser.bounds
+            size = " x ".join(f"{1e3 * length:.0f}" for length in high - low)
             lines.append(f"# on a riser of {size} mm")
         lines += one.toml.splitlines()
         if out is not None:
