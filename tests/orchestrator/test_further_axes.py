@@ -9,7 +9,6 @@ import pytest
 from cells import block, cell_file, export_mm
 
 from scancell import (
-    CellError,
     CommandError,
     DescriptionError,
     Guard,
@@ -172,11 +171,24 @@ def test_guard_refuses_axes_that_it_does_not_supervise() -> None:
         Guard(nominal_cell(setup.cell, None), setup.cell.robot)
 
 
-def test_arm_on_an_axis_with_motors_is_refused() -> None:
-    setup = load_setup(assets_dir() / "cells/track.toml", settings=['cell.robot.drive="dynamic"'])
-    refused = pytest.raises(CellError, match=r"robot\.moves_with: expected \"world\" for an arm with dynamic drives")
-    with refused, Scanner(setup=setup) as scanner, scanner.session():
-        pass
+def test_track_shakes_an_arm_with_motors_and_scans_know_where_its_links_were() -> None:
+    settings = ['cell.robot.drive="dynamic"', "cell.axis[1].max_acceleration_mm_s2=3000", "scan.max_profiles=40"]
+    setup = load_setup(assets_dir() / "cells/track.toml", settings=settings)
+    with Scanner(setup=setup) as scanner:
+        with scanner.session() as session:
+            names = [[f"{group}q[{i}]" for i in range(1, 7)] for group in ("truth.", "measured.")]
+            true, measured = (session.cell.real_group(group) for group in names)
+            sag = session.cell.get(true).copy() - session.home
+            away = []
+            session.cell.on_step(lambda: away.append(session.cell.get(true) - session.cell.get(measured) - sag))
+            session.move_axis("track", 0.3)
+            session.wait(1.0)
+        assert np.abs(away).max() > 3e-6
+        assert np.abs(away[-1]).max() < np.abs(away).max()  # what friction of the gears holds stays
+        assert np.abs(away[-1] - away[-5]).max() < 1e-9
+        result = scanner.scan(assets_dir() / "artefacts/cone.toml", engine="geometric")
+    sagged = result.evaluate().deviation.rms
+    assert 1e-6 < sagged < 1e-3  # encoders of the motors do not know the sag of the gears
 
 
 def test_jogs_move_an_axis_as_far_as_its_limit() -> None:

@@ -148,12 +148,6 @@ std::vector<std::string> touching_bodies(const CellDescription& cell) {
   return names;
 }
 
-/// The engine prescribes the motion of an arm on an axis, so that neither motors nor a gripper act on it.
-void check_carried_arm(const JsonReader& json, const CellDescription& cell) {
-  if (cell.robot_moves_with == kWorld || !(cell.dynamics || cell.gripper)) return;
-  json.at("robot").at("moves_with").fail("\"world\" for an arm with dynamic drives or a gripper");
-}
-
 CellDescription parse_root(const JsonReader& json) {
   std::vector<const char*> optional_keys{"axes"};
   for_each_sensor_kind([&](auto kind) { optional_keys.push_back(SensorKind<kind>::kKey); });
@@ -196,7 +190,6 @@ CellDescription parse_root(const JsonReader& json) {
   cell.sensing = parse_sensing(json, {layout_of(cell).frames(), cell.time_step_us});
   frames.conveyors = 0;
   cell.contact = parse_contact(json.at("contact"), frames, touching_bodies(cell));
-  check_carried_arm(json, cell);
   return cell;
 }
 

@@ -23,18 +23,19 @@ double sign(double x) { return x > 0 ? 1 : x < 0 ? -1 : 0; }
 DynamicArm::DynamicArm(dart::dynamics::SkeletonPtr arm, const ArmDynamicsDescription& description,
                        std::vector<std::array<double, 2>> limits)
     : arm_(std::move(arm)), description_(description), limits_(std::move(limits)) {
+  first_dof_ = arm_->getNumDofs() - joints();
   for (std::size_t i = 0; i < joints(); ++i) {
     const RigidInertia& link = description.links[i];
-    arm_->getJoint(i)->setActuatorType(dart::dynamics::Joint::FORCE);
-    arm_->getBodyNode(i)->setInertia(dart::dynamics::Inertia(link.mass, link.centre_of_mass, link.inertia));
+    dof(i)->getJoint()->setActuatorType(dart::dynamics::Joint::FORCE);
+    dof(i)->getChildBodyNode()->setInertia({link.mass, link.centre_of_mass, link.inertia});
   }
   arm_->setMobile(true);
 }
 
 void DynamicArm::write_engine_state() {
   for (std::size_t i = 0; i < joints(); ++i) {
-    arm_->setPosition(i, state_.position[i]);
-    arm_->setVelocity(i, state_.rate[i]);
+    dof(i)->setPosition(state_.position[i]);
+    dof(i)->setVelocity(state_.rate[i]);
   }
 }
 
@@ -47,7 +48,7 @@ void DynamicArm::settle(const std::array<double, kAxes>& axes) {
     const Eigen::VectorXd gravity = arm_->getGravityForces();
     for (std::size_t i = 0; i < joints(); ++i) {
       const DriveDescription& drive = description_.drives[i];
-      const double load = gravity[static_cast<int>(i)];
+      const double load = gravity[static_cast<int>(first_dof_ + i)];
       const double free = axes[i] - load / drive.gear_stiffness - sign(load) * drive.backlash / 2;
       state_.position[i] = std::clamp(free, limits_[i][0], limits_[i][1]);
       state_.gear_torque[i] = load;
@@ -64,16 +65,15 @@ void DynamicArm::before_step(const std::array<MotorCommand, kMaxJoints>& command
     state_.motors[i] = next_motor(drive, state_.motors[i], command[i], state_.gear_torque[i], step);
     const MotorState& motor = state_.motors[i];
     gears_[i] = gear_contact(drive, motor.position, state_.position[i] + step * state_.rate[i]);
-    auto* dof = arm_->getDof(i);
-    dof->setRestPosition(gears_[i].rest);
-    dof->setSpringStiffness(gears_[i].stiffness);
-    // The engine damps the link against the world; the gear damps it against the motor.
-    dof->setDampingCoefficient(gears_[i].damping + drive.viscous_friction);
+    dof(i)->setRestPosition(gears_[i].rest);
+    dof(i)->setSpringStiffness(gears_[i].stiffness);
+    // The engine damps the link against the link before; the gear damps it against the motor.
+    dof(i)->setDampingCoefficient(gears_[i].damping + drive.viscous_friction);
     motor_damping_torque_[i] = gears_[i].damping * motor.rate;
   }
   const Torques friction = friction_torques();
   for (std::size_t i = 0; i < joints(); ++i) {
-    arm_->getDof(i)->setForce(motor_damping_torque_[i] + friction[static_cast<int>(i)]);
+    dof(i)->setForce(motor_damping_torque_[i] + friction[static_cast<int>(i)]);
   }
 }
 
@@ -83,11 +83,16 @@ void DynamicArm::before_step(const std::array<MotorCommand, kMaxJoints>& command
 /// f is within its bounds, and at them unless its rate is 0. Solved by projected Gauss-Seidel, which
 /// converges for a positive definite A. The joint friction of the engine ignores the springs in A.
 DynamicArm::Torques DynamicArm::friction_torques() {
-  const auto n = static_cast<int>(joints());
+  const auto n = static_cast<int>(joints()), first = static_cast<int>(first_dof_);
   Torques bound(n), push(n), friction = Torques::Zero(n);
-  Inertias implicit = arm_->getMassMatrix().topLeftCorner(n, n);  // the arm without the gripper's fingers
-  const Torques momentum = implicit * arm_->getVelocities().head(n);
-  const Torques bias = arm_->getCoriolisAndGravityForces().head(n);
+  const Eigen::MatrixXd& masses = arm_->getMassMatrix();
+  Inertias implicit = masses.block(first, first, n, n);  // the arm without the gripper's fingers
+  const Torques momentum = implicit * arm_->getVelocities().segment(first, n);
+  Torques bias = arm_->getCoriolisAndGravityForces().segment(first, n);
+  if (first > 0) {  // inertial forces of the base, which an axis accelerates
+    const auto* base = arm_->getJoint(0);
+    bias += masses.block(first, 0, n, first) * (base->getCommands() - base->getVelocities()) / step_;
+  }
   for (std::size_t i = 0; i < joints(); ++i) {
     const auto row = static_cast<int>(i);
     const GearContact& gear = gears_[i];
@@ -116,10 +121,10 @@ DynamicArm::Torques DynamicArm::friction_torques() {
 void DynamicArm::after_step() {
   for (std::size_t i = 0; i < joints(); ++i) {
     const GearContact& gear = gears_[i];
-    state_.position[i] = arm_->getPosition(i);
-    state_.rate[i] = arm_->getVelocity(i);
+    state_.position[i] = dof(i)->getPosition();
+    state_.rate[i] = dof(i)->getVelocity();
     // The engine computes the gear torque before the contact impulses change the rate.
-    const double impulse_velocity = arm_->getDof(i)->getVelocityChange();
+    const double impulse_velocity = dof(i)->getVelocityChange();
     state_.gear_torque[i] = gear.stiffness * (gear.rest - state_.position[i] + step_ * impulse_velocity) +
                             gear.damping * (state_.motors[i].rate - state_.rate[i] + impulse_velocity);
     const double inside = std::clamp(state_.position[i], limits_[i][0], limits_[i][1]);

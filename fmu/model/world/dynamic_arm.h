@@ -16,7 +16,8 @@ namespace robotcell {
 /// damping.
 class DynamicArm {
  public:
-  /// Sets masses and actuators of a skeleton of revolute joints; `limits` holds (lower, upper) of each.
+  /// Sets masses and actuators of the last bodies of a skeleton but the fingers: links on revolute joints,
+  /// behind the base if an axis carries it; `limits` holds (lower, upper) of each.
   DynamicArm(dart::dynamics::SkeletonPtr arm, const ArmDynamicsDescription& description,
              std::vector<std::array<double, 2>> limits);
 
@@ -37,10 +38,12 @@ class DynamicArm {
   using Torques = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMaxJoints, 1>;
   using Inertias = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMaxJoints, kMaxJoints>;
   std::size_t joints() const { return limits_.size(); }
+  dart::dynamics::DegreeOfFreedom* dof(std::size_t joint) const { return arm_->getDof(first_dof_ + joint); }
   void write_engine_state();
   Torques friction_torques();
 
   dart::dynamics::SkeletonPtr arm_;
+  std::size_t first_dof_ = 0;  // of the joints, behind those of a base that an axis carries
   ArmDynamicsDescription description_;
   std::vector<std::array<double, 2>> limits_;
   double step_ = 0;                              // s, of the current step

@@ -98,9 +98,11 @@ void World::build(const CellDescription& cell, const PrescribedMotion& start) {
   engine_->world->setConstraintSolver(make_solver(cell.contact, engine_->solver_fallbacks));
   engine_->world->getConstraintSolver()->setCollisionDetector(engine_->detector);
   add_supports(cell);
-  add_dynamics(cell, start);
+  add_dynamics(cell);
   if (cell.gripper) add_gripper(*cell.gripper);
   prescribe(start);
+  // The weights of gripper and links hang on the motors, from a base that an axis may tilt.
+  if (engine_->dynamic_arm) engine_->dynamic_arm->settle(start.axes.position);
   if (contacts_occur(cell)) add_contact_bodies(cell);
   add_parts(cell);
   if (soft) engine_->connect_soft_parts(*soft_detector);
@@ -128,6 +130,7 @@ void World::add_supports(const CellDescription& cell) {
   const Tree& tree = kinematics_.tree();
   const FrameNumbers& numbers = kinematics_.numbers();
   engine.first_link = engine.arm->getNumBodyNodes() - numbers.joints;
+  engine.base_carrier = tree[numbers.base()].parent;
   const auto root = [](const SkeletonPtr& skeleton) {
     return static_cast<FreeJoint*>(skeleton->getJoint(0));
   };
@@ -139,10 +142,15 @@ void World::add_supports(const CellDescription& cell) {
     engine.frames[numbers.joint(i)].body = engine.link(i);
   }
   engine.frames[numbers.platter()].body = platter;
+  for (std::size_t i = 0; i < numbers.axes; ++i) {
+    const SkeletonPtr carriage = make_carriage("carriage " + std::to_string(i + 1));
+    engine.world->addSkeleton(carriage);
+    engine.prescribed.emplace_back(root(carriage), numbers.axis(i));
+    engine.frames[numbers.axis(i)].body = carriage->getBodyNode(0);
+  }
   for (std::size_t i = 1; i < tree.size(); ++i) {
-    // An axis has no body in the engine: of what it carries, arm and platter are prescribed.
-    const bool on_axis = tree[i].parent != kWorld && tree[i].parent < numbers.base();
-    if (tree[i].kind != robotcell::Joint::Kind::kFixed || on_axis) continue;
+    const bool has_body = i == numbers.base() && engine.first_link > 0;
+    if (tree[i].kind != robotcell::Joint::Kind::kFixed || has_body) continue;
     const Carrier& parent = engine.frames[tree[i].parent];
     engine.frames[i] = {parent.body,
                         parent.body_from_frame * tree[i].parent_from_joint * tree[i].joint_from_frame};
@@ -180,12 +188,11 @@ void World::add_contact_bodies(const CellDescription& cell) {
   }
 }
 
-void World::add_dynamics(const CellDescription& cell, const PrescribedMotion& start) {
+void World::add_dynamics(const CellDescription& cell) {
   if (!cell.dynamics) return;
   std::vector<std::array<double, 2>> limits;
   for (const JointDescription& joint : cell.joints) limits.push_back({joint.limits.min, joint.limits.max});
   engine_->dynamic_arm = std::make_unique<DynamicArm>(engine_->arm, *cell.dynamics, limits);
-  engine_->dynamic_arm->settle(start.axes.position);
 }
 
 void World::add_parts(const CellDescription& cell) {
@@ -242,7 +249,7 @@ void World::settle(const CellDescription& cell, const PrescribedMotion& start) {
 void World::prescribe(const PrescribedMotion& prescribed) {
   const AxesState& axes = prescribed.axes;
   for (std::size_t i = 0; i < kinematics_.joints() && !engine_->dynamic_arm; ++i) {
-    engine_->link(i)->getParentJoint()->setPosition(0, axes.position[i]);
+    engine_->joint(i)->setPosition(0, axes.position[i]);
   }
   for (const auto& [joint, frame] : engine_->prescribed) {
     joint->setRelativeTransform(kinematics_.frame(frame, axes.position, {}).pose);
@@ -258,22 +265,35 @@ void World::prescribe_velocities(const PrescribedMotion& from, const PrescribedM
   for (std::size_t i = 0; i < kAxes; ++i) {
     speed[i] = (to.axes.position[i] - from.axes.position[i]) / time_step_;
   }
+  const auto twist = [this](std::size_t frame, const std::array<double, kAxes>& position,
+                            const std::array<double, kAxes>& rate) {
+    const Motion motion = kinematics_.frame(frame, position, rate);
+    Eigen::Vector6d twist;
+    twist << motion.pose.linear().transpose() * motion.angular_velocity,
+        motion.pose.linear().transpose() * motion.velocity;
+    return twist;
+  };
+  for (const auto& [joint, frame] : engine_->prescribed) {
+    const Eigen::Vector6d mean = twist(frame, from.axes.position, speed);
+    if (joint->getActuatorType() != dart::dynamics::Joint::VELOCITY) {
+      joint->setRelativeSpatialVelocity(mean);
+      continue;
+    }
+    // The engine accelerates the base of an arm on an axis to the mean velocity, which joints and fingers
+    // feel.
+    const Eigen::Vector6d change =
+        twist(frame, to.axes.position, to.axes.rate) - twist(frame, from.axes.position, from.axes.rate);
+    joint->setVelocities(mean - change);
+    joint->setCommands(mean);
+  }
   if (engine_->dynamic_arm) {
     std::array<MotorCommand, kMaxJoints> motors;
     for (std::size_t i = 0; i < kinematics_.joints(); ++i) motors[i] = {to.axes.position[i], to.axes.rate[i]};
     engine_->dynamic_arm->before_step(motors, time_step_);
   } else if (engine_->gripper) {
-    for (std::size_t i = 0; i < kinematics_.joints(); ++i) engine_->arm->setCommand(i, speed[i]);
+    for (std::size_t i = 0; i < kinematics_.joints(); ++i) engine_->joint(i)->setCommand(0, speed[i]);
   } else {
-    for (std::size_t i = 0; i < kinematics_.joints(); ++i)
-      engine_->link(i)->getParentJoint()->setVelocity(0, speed[i]);
-  }
-  for (const auto& [joint, frame] : engine_->prescribed) {
-    const Motion motion = kinematics_.frame(frame, from.axes.position, speed);
-    Eigen::Vector6d twist;
-    twist << motion.pose.linear().transpose() * motion.angular_velocity,
-        motion.pose.linear().transpose() * motion.velocity;
-    joint->setRelativeSpatialVelocity(twist);
+    for (std::size_t i = 0; i < kinematics_.joints(); ++i) engine_->joint(i)->setVelocity(0, speed[i]);
   }
   for (std::size_t i = 0; i < engine_->belts.size(); ++i) {
     engine_->belts[i]->setVelocity(0, (to.belts[i].travel - from.belts[i].travel) / time_step_);
@@ -337,7 +357,8 @@ GraspState World::grasp() const {
   GraspState state;
   if (!engine_->gripper) return state;
   state.gripper = engine_->gripper->state();
-  for (std::size_t i = 0; i < kinematics_.joints(); ++i) state.arm_speed[i] = engine_->arm->getVelocity(i);
+  for (std::size_t i = 0; i < kinematics_.joints(); ++i)
+    state.arm_speed[i] = engine_->joint(i)->getVelocity(0);
   return state;
 }
 
@@ -364,7 +385,8 @@ void World::restore(const PrescribedMotion& prescribed, const WorldState& world)
   if (engine_->gripper) {
     const GraspState& grasp = world.grasp;
     engine_->gripper->restore(grasp.gripper);
-    for (std::size_t i = 0; i < kinematics_.joints(); ++i) engine_->arm->setVelocity(i, grasp.arm_speed[i]);
+    for (std::size_t i = 0; i < kinematics_.joints(); ++i)
+      engine_->joint(i)->setVelocity(0, grasp.arm_speed[i]);
   }
   for (std::size_t i = 0; i < world.parts.size(); ++i) {
     Part& part = engine_->parts[i];

@@ -101,7 +101,7 @@ class World {
   GraspState grasp() const;
   std::vector<FreePartState> free_parts() const;
   void add_supports(const CellDescription& cell);
-  void add_dynamics(const CellDescription& cell, const PrescribedMotion& start);
+  void add_dynamics(const CellDescription& cell);
   void add_gripper(const GripperDescription& description);
   void add_contact_bodies(const CellDescription& cell);
   void add_parts(const CellDescription& cell);

@@ -56,8 +56,9 @@ SkeletonPtr make_arm(const Kinematics& kinematics, bool mobile) {
   const std::size_t base = kinematics.numbers().base();
   const bool carried = !tree.path(base).empty();
   if (carried) {
-    parent =
-        arm->createJointAndBodyNodePair<FreeJoint>(nullptr, FreeJoint::Properties(), named("base")).second;
+    FreeJoint::Properties joint;
+    joint.mActuatorType = dart::dynamics::Joint::VELOCITY;
+    parent = arm->createJointAndBodyNodePair<FreeJoint>(nullptr, joint, named("base")).second;
   }
   for (std::size_t i = 0; i < kinematics.joints(); ++i) {
     RevoluteJoint::Properties joint;
@@ -95,6 +96,13 @@ SkeletonPtr make_belt(const std::string& name, const ConveyorDescription& convey
   const auto shape =
       std::make_shared<BoxShape>(Vector3d(conveyor.length, conveyor.width, conveyor.thickness));
   add_shape(belt, shape, conveyor.friction)->setRelativeTranslation({0, 0, -conveyor.thickness / 2});
+  skeleton->setMobile(false);
+  return skeleton;
+}
+
+SkeletonPtr make_carriage(const std::string& name) {
+  SkeletonPtr skeleton = Skeleton::create(name);
+  skeleton->createJointAndBodyNodePair<FreeJoint>(nullptr, FreeJoint::Properties(), named("carriage"));
   skeleton->setMobile(false);
   return skeleton;
 }

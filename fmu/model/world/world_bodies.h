@@ -9,6 +9,7 @@
 namespace robotcell {
 
 /// Joints take prescribed positions, or prescribed velocities where the arm is mobile (carries a gripper).
+/// Where an axis carries the arm, its first body is the base, on a free joint with prescribed velocities.
 dart::dynamics::SkeletonPtr make_arm(const Kinematics& kinematics, bool mobile);
 
 /// The platter; its free joint is prescribed, so that it can follow any error motion of the axis.
@@ -16,6 +17,9 @@ dart::dynamics::SkeletonPtr make_table(const TableDescription& table, bool colli
 
 /// The body of a belt does not move; a prismatic joint along x gives its surface a velocity.
 dart::dynamics::SkeletonPtr make_belt(const std::string& name, const ConveyorDescription& conveyor);
+
+/// What a further axis carries itself, on a free joint that is prescribed.
+dart::dynamics::SkeletonPtr make_carriage(const std::string& name);
 
 /// The stationary environment.
 dart::dynamics::SkeletonPtr make_ground();

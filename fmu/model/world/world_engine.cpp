@@ -73,7 +73,8 @@ std::size_t World::Engine::frame_of(std::int32_t support) const {
 
 bool World::Engine::moves_by_forces(const Support& support) const {
   const auto skeleton = support.body->getSkeleton();
-  return skeleton == arm ? dynamic_arm != nullptr : skeleton->isMobile();
+  if (skeleton != arm) return skeleton->isMobile();
+  return dynamic_arm && support.body->getIndexInSkeleton() >= first_link;
 }
 
 int World::Engine::number_in_chain(const BodyNode* body) {
@@ -121,8 +122,8 @@ std::string World::Engine::exclude_intersecting_bodies() {
     const auto b = static_cast<std::size_t>(support_of_shape_.at(shape_b));
     if (a >= first_part || b >= first_part || filter->ignores(shape_a, shape_b)) continue;
     filter->ignore(shape_a, shape_b);
-    const BodyNode *body_a = supports[a].body, *body_b = supports[b].body, *base = ground->getBodyNode(0);
-    const BodyNode* link1 = arm->getBodyNode(0);
+    const BodyNode *body_a = supports[a].body, *body_b = supports[b].body;
+    const BodyNode *base = frames[base_carrier].body, *link1 = link(0);
     if ((body_a == base && body_b == link1) || (body_a == link1 && body_b == base)) continue;
     names += (names.empty() ? "" : ", ") + supports[a].name + " and " + supports[b].name;
   }

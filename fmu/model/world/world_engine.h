@@ -83,8 +83,9 @@ struct World::Engine {
   std::shared_ptr<CappedCollisionDetector> detector;
   std::shared_ptr<ContactFilter> filter;
   dart::dynamics::SkeletonPtr arm, table, ground;
-  std::size_t first_link = 0;   // 1 in an arm whose base an axis carries
-  std::vector<Carrier> frames;  // of the tree
+  std::size_t first_link = 0;         // body of the first link; 1 in an arm whose base an axis carries
+  std::vector<Carrier> frames;        // of the tree
+  std::size_t base_carrier = kWorld;  // frame of the tree that carries the base of the arm
   std::vector<std::pair<dart::dynamics::FreeJoint*, std::size_t>> prescribed;  // and the frames they follow
   std::unique_ptr<DynamicArm> dynamic_arm;                                     // null with kinematic drives
   std::vector<dart::dynamics::SkeletonPtr> belts;
@@ -110,6 +111,7 @@ struct World::Engine {
   /// Registers soft parts, and everything else as their obstacles.
   void connect_soft_parts(SoftCollisionDetector& soft) const;
   dart::dynamics::BodyNode* link(std::size_t i) const { return arm->getBodyNode(first_link + i); }
+  dart::dynamics::Joint* joint(std::size_t i) const { return link(i)->getParentJoint(); }
 
   /// Body and pose of a support; the environment for kNoSupport. The frame of a belt travels with its
   /// surface.

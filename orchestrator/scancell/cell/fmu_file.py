@@ -37,14 +37,14 @@ from scancell.config.devices import (
     GripperDescription,
 )
 from scancell.config.loading import parse_assignment, sensor_words
-from scancell.config.robot import DriveDescription, InertiaDescription
+from scancell.config.robot import DriveDescription
 from scancell.errors import CellError, DescriptionError, OutputError, ScancellError
 from scancell.files import atomic_write
 from scancell.geometry import pose
-from scancell.geometry.mesh import MassProperties, Mesh, box_mesh, decimated, deviation, load_mesh, mass_properties
+from scancell.geometry.mesh import MassProperties, Mesh, box_mesh, decimated, deviation, mass_properties
 from scancell.geometry.tree import WORLD
 from scancell.nominal.cell import NominalCell, fmu_frame
-from scancell.nominal.parts import housing_mesh, pose_json, pose_matrix, start_width, tool_matrix
+from scancell.nominal.parts import flange_loads, pose_json, pose_matrix, rigid_body, start_width
 from scancell.proximity.scene import cell_scene
 from scancell.values import Closing
 
@@ -63,8 +63,15 @@ _CELL_BODIES = RESERVED_NAMES - {"table", "part", "finger1", "finger2"}
 _FLOOR_SIZE = (200.0, 200.0, 1.0)  # m
 
 
-def dynamics_json(cell: CellDescription) -> dict[str, Any]:
-    """Links and drives of a cell whose robot has dynamic drives; the last link carries sensor and gripper.
+def dynamics_json(cell: CellDescription, part: Mesh | None = None, *, fingers: bool = False) -> dict[str, Any]:
+    """Links and drives of a cell whose robot has dynamic drives; the last link has the mass of what it carries, too.
+
+    Parameters
+    ----------
+    part
+        The part, whose mass counts where it is on the flange.
+    fingers
+        Whether the fingers of a gripper count; in the FMU they are bodies of their own.
 
     Raises
     ------
@@ -72,40 +79,15 @@ def dynamics_json(cell: CellDescription) -> dict[str, Any]:
         If a mesh that defines masses cannot be used.
     """
     robot = cell.robot
-    links = [_body(joint.inertia, _mesh(joint.mesh), robot.link_density_kg_m3) for joint in robot.joint]
-    for load in _loads(cell):
-        if links[-1] is not None:
+    links = [rigid_body(joint.inertia, joint.mesh, robot.link_density_kg_m3) for joint in robot.joint]
+    for name, load in flange_loads(cell, part).items():
+        if links[-1] is not None and (fingers or not name.startswith("finger")):
             links[-1] = links[-1].joined_with(load)
     drives = [joint.drive for joint in robot.joint]
     return {
         "links": [_inertial_json(link) for link in links if link is not None],
         "drives": [to_si(drive.model_dump()) for drive in drives if isinstance(drive, DriveDescription)],
     }
-
-
-def _loads(cell: CellDescription) -> list[MassProperties]:
-    """Bodies that are fixed to the flange, in its frame; the gripper's fingers are bodies of their own."""
-    density = cell.robot.link_density_kg_m3
-    sensor = _body(cell.tool.inertia, _mesh(cell.sensor_mesh), density)
-    loads = [] if sensor is None else [sensor.seen_from(tool_matrix(cell.tool))]
-    housing = None if cell.gripper is None else housing_mesh(cell.gripper)
-    if cell.gripper is not None and housing is not None:
-        loads.append(mass_properties(housing, density).seen_from(pose_matrix(cell.gripper.pose)))
-    return loads
-
-
-def _mesh(path: str | None) -> Mesh | None:
-    return None if path is None else load_mesh(Path(path))
-
-
-def _body(inertia: InertiaDescription | None, mesh: Mesh | None, density: float) -> MassProperties | None:
-    """By its description, else by its mesh; None where neither is known."""
-    if inertia is not None:
-        si = to_si(inertia.model_dump())
-        xy, xz, yz = si["products"]
-        tensor = np.diag(si["inertia"]) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
-        return MassProperties(si["mass"], np.array(si["centre_of_mass"]), tensor)
-    return None if mesh is None else mass_properties(mesh, density)
 
 
 def _inertial_json(body: MassProperties) -> dict[str, Any]:
@@ -363,7 +345,7 @@ def cell_json(
             "joints": robot,
             "held_joints": [held.joint for held in cell.robot.held],
             "motion": to_si(cell.robot.motion.model_dump()),
-            "dynamics": dynamics_json(cell) if cell.robot.drive == "dynamic" else None,
+            "dynamics": dynamics_json(cell, nominal.scanned_part) if cell.robot.drive == "dynamic" else None,
             **_carried(nominal, nominal.arm_on),
         },
         **({"axes": axes} if axes else {}),
@@ -467,11 +449,8 @@ def _contact_json(cell: CellDescription, nominal: NominalCell) -> dict[str, Any]
 def _contact_bodies_json(cell: CellDescription, nominal: NominalCell) -> list[dict[str, Any]]:
     """Convex hulls of the cell's bodies and obstacles, and the floor."""
     solid = _CELL_BODIES | {item.name for item in cell.obstacle}
-    on_axis = {axis.name for axis in nominal.further_axes}  # what a further axis carries itself touches nothing
     bodies = [
-        (body.name, fmu_frame(body.moves_with), body.mesh.hull)
-        for body in nominal.bodies
-        if body.name in solid and body.moves_with not in on_axis
+        (body.name, _frame(nominal, body.moves_with), body.mesh.hull) for body in nominal.bodies if body.name in solid
     ]
     below = pose.translation((0.0, 0.0, si_value(cell.world, "floor_z_mm") - _FLOOR_SIZE[2] / 2))
     bodies.append(("floor", "world", box_mesh(_FLOOR_SIZE, "floor").transformed(below)))

@@ -181,6 +181,10 @@ class RobotDescription(FileDescription):
         default="kinematic",
         description="kinematic: joints follow their set-points exactly; dynamic: motors, gears and inertia act",
     )
+    payload_kg: Mass | None = Field(
+        default=None,
+        description="rated payload: largest mass on the flange, of tool and part together, kg; default: not stated",
+    )
     link_density_kg_m3: Density = Field(
         default=2000.0, description="mean density of the volume inside a link's mesh, motors and cavities included"
     )

@@ -388,6 +388,11 @@ class NominalCell(Value):
         return np.asarray(pose.inverse(placed["part"]) @ placed["sensor"])
 
     @property
+    def scanned_part(self) -> Mesh | None:
+        """Mesh of the part; None where there is none."""
+        return self.part if any(body.moves_with == "part" for body in self.bodies) else None
+
+    @property
     def support_from_part(self) -> Array:
         """Pose (4, 4) of the part in the frame of what carries it."""
         return self.required_belt().belt_from_part if self.support.startswith("conveyor[") else self.table_from_part

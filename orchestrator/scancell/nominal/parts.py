@@ -14,14 +14,30 @@ from numpy.typing import NDArray
 from scancell.arguments import checked_arguments
 from scancell.arrays import Array
 from scancell.config.artefact import ArtefactDescription
-from scancell.config.cell import FixtureDescription, MaterialRegionDescription, PartDescription, ToolDescription
+from scancell.config.cell import (
+    CellDescription,
+    FixtureDescription,
+    MaterialRegionDescription,
+    PartDescription,
+    ToolDescription,
+)
 from scancell.config.description import PoseDescription, si_value, to_si
 from scancell.config.devices import GripperDescription
 from scancell.config.material import Material
+from scancell.config.robot import InertiaDescription
 from scancell.errors import CellError, MeshError
 from scancell.files import file_state, require_file
 from scancell.geometry import pose
-from scancell.geometry.mesh import FORMATS, METRES_PER_UNIT, Mesh, box_mesh, joined, load_mesh
+from scancell.geometry.mesh import (
+    FORMATS,
+    METRES_PER_UNIT,
+    MassProperties,
+    Mesh,
+    box_mesh,
+    joined,
+    load_mesh,
+    mass_properties,
+)
 from scancell.geometry.shapes import Box, Cone, Cylinder, PlacedShape, Plane, Ring, Shape, ShapeGroup, ShapeMesh, Sphere
 
 PART_FORMATS = (*FORMATS, ".toml")
@@ -111,6 +127,49 @@ def lay_down(part: Mesh, description: PartDescription) -> Array:
     low, high = vertices.min(0), vertices.max(0)
     centre = (low + high) / 2
     return pose.from_rotation(rotation, (si["x"] - centre[0], si["y"] - centre[1], si["z"] - low[2]))
+
+
+def rigid_body(inertia: InertiaDescription | None, mesh_file: str | None, density: float) -> MassProperties | None:
+    """Mass properties by their description, else by a mesh and its density, kg/m³; None where neither is known.
+
+    Raises `MeshError` if the mesh cannot be used.
+    """
+    if inertia is not None:
+        si = to_si(inertia.model_dump())
+        xy, xz, yz = si["products"]
+        tensor = np.diag(si["inertia"]) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
+        return MassProperties(si["mass"], np.array(si["centre_of_mass"]), tensor)
+    return None if mesh_file is None else mass_properties(load_mesh(Path(mesh_file)), density)
+
+
+def flange_loads(cell: CellDescription, part: Mesh | None) -> dict[str, MassProperties]:
+    """Mass properties, in the frame of the flange, of what the arm always carries.
+
+    These are ``sensor``, ``gripper`` (its housing), ``finger1`` and ``finger2`` with the pads as they start, and
+    ``part``, the `part` of a cell whose description puts it on the flange; where a mass is known.
+
+    Raises `MeshError` if a mesh cannot be used.
+    """
+    loads: dict[str, MassProperties] = {}
+    density = cell.robot.link_density_kg_m3
+    sensor = rigid_body(cell.tool.inertia, cell.sensor_mesh, density)
+    if sensor is not None:
+        loads["sensor"] = sensor.seen_from(tool_matrix(cell.tool))
+    if cell.gripper is not None:
+        flange_from_gripper, housing = pose_matrix(cell.gripper.pose), housing_mesh(cell.gripper)
+        if housing is not None:
+            loads["gripper"] = mass_properties(housing, density).seen_from(flange_from_gripper)
+        # The FMU takes the fingers for boxes, whatever their meshes.
+        si = to_si(cell.gripper.model_dump())
+        size, mass = np.array([si[f"finger_{key}"] for key in ("thickness", "width", "length")]), si["finger_mass"]
+        finger = MassProperties(
+            mass, np.array([size[0] / 2, 0.0, size[2] / 2]), np.diag(mass / 12 * (size @ size - size**2))
+        )
+        placed = flange_from_gripper @ gripper_from_finger(start_width(cell.gripper))
+        loads |= {f"finger{i}": finger.seen_from(at) for i, at in enumerate(placed, 1)}
+    if part is not None and cell.part.moves_with == "flange":
+        loads["part"] = mass_properties(part, cell.part.density_kg_m3).seen_from(lay_down(part, cell.part))
+    return loads
 
 
 def pose_json(target_from_source: Array) -> dict[str, Any]:

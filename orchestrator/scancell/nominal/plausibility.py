@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from scancell.arrays import Array
-from scancell.config.cell import TableDescription
+from scancell.config.cell import CellDescription, PartDescription, TableDescription
 from scancell.config.description import si_value
+from scancell.config.devices import FurtherPartDescription
 from scancell.config.loading import Setup
 from scancell.config.robot import JointDescription, RobotDescription
 from scancell.config.sensor import (
@@ -24,7 +25,9 @@ from scancell.config.sensor import (
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.geometry.arm import Arm, Joint
-from scancell.geometry.mesh import Mesh, load_mesh
+from scancell.geometry.mesh import Mesh, load_mesh, mass_properties
+from scancell.nominal.cell import NominalCell
+from scancell.nominal.parts import flange_loads
 from scancell.sensor import Camera, Sensor
 
 _PLATTER_SHARE = 0.02  # of the radius: by which the platter's mesh may differ from its dimensions
@@ -47,6 +50,37 @@ def setup_warnings(setup: Setup) -> list[str]:
         *_camera_warnings(setup.sensor),
         *_motion_warnings(setup),
     ]
+
+
+def payload_warnings(cell: CellDescription, nominal: NominalCell) -> list[str]:
+    """Sentence on loads of the flange beyond the arm's rated payload: always, or with a part that the gripper may hold.
+
+    None where the description of the arm states no payload. Raises `MeshError` if the mesh of a load cannot be used.
+    """
+    rated = cell.robot.payload_kg
+    if rated is None:
+        return []
+    loads = {name: load.mass for name, load in flange_loads(cell, nominal.scanned_part).items()}
+    loose = []
+    if cell.gripper is not None:
+        parts: list[tuple[PartDescription | FurtherPartDescription, str, Mesh | None]] = [
+            (cell.part, "part", nominal.scanned_part)
+        ]
+        parts += [(part.description, part.description.name, part.mesh) for part in nominal.further_parts]
+        loose = [
+            (mass_properties(mesh, part.density_kg_m3).mass, name)
+            for part, name, mesh in parts
+            if mesh is not None and part.fixture == "free"
+        ]
+    carried = sum(loads.values())
+    held, part_name = max(loose, default=(0.0, ""))
+    if carried + held <= rated:
+        return []
+    named = ", ".join(f"{name} {mass:.3g} kg" for name, mass in loads.items() if mass > 0.0)
+    if carried <= rated:
+        named += f", and {part_name} {held:.3g} kg if the gripper holds it"
+        carried += held
+    return [f"cell.robot.payload_kg = {rated:g}: the flange carries {carried:.3g} kg ({named})"]
 
 
 def _table_warnings(table: TableDescription) -> list[str]:

@@ -328,7 +328,9 @@ class ScanPipeline(Closing):
 
 
 def _with_torques(cell: PlanningCell, setup: Setup) -> PlanningCell:
-    return replace(cell, torques=TorqueLimits(setup.cell)) if setup.cell.robot.drive == "dynamic" else cell
+    if setup.cell.robot.drive != "dynamic":
+        return cell
+    return replace(cell, torques=TorqueLimits(setup.cell, cell.nominal))
 
 
 def measured_motion(nominal: NominalCell, recording: Recording) -> TriggerRecords:

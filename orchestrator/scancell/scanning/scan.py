@@ -19,6 +19,7 @@ from scancell.config.sensor import ignored_by_geometric_engine
 from scancell.errors import DescriptionError, EmptyScanError
 from scancell.geometry import pose
 from scancell.nominal.cell import Body, NominalCell
+from scancell.nominal.plausibility import payload_warnings
 from scancell.planning.path_map.configuration_map import QualityFactor
 from scancell.planning.plan import Plan
 from scancell.progress import Progress, Stopwatch
@@ -254,4 +255,6 @@ class Scan:
             ignored += [f"scattering_per_mm of {name}" for name in self._translucent()]
         unused = (f"the geometric engine ignores {', '.join(ignored)}",) if ignored else ()
         planned = plan.warnings if plan is not None else ()
-        return (*self.setup_warnings, *unused, *self.world.nominal.part.warnings, *planned)
+        nominal = self.world.nominal
+        loads = payload_warnings(self.world.setup.cell, nominal)
+        return (*self.setup_warnings, *loads, *unused, *nominal.part.warnings, *planned)

@@ -14,7 +14,7 @@ from scancell.cell.fmu_file import dynamics_json
 from scancell.config.cell import CellDescription
 from scancell.errors import CellError, PlanningError
 from scancell.geometry import pose
-from scancell.nominal.cell import arm_of
+from scancell.nominal.cell import NominalCell, arm_of
 
 # Largest acceleration and jerk of a speed that rises as 3 s² - 2 s³ over unit time to unit speed.
 _RAMP_ACCELERATION = 1.5
@@ -190,11 +190,13 @@ class TorqueLimits:
     ----------
     cell
         Description; every joint must have a drive.
+    nominal
+        The cell in which the arm stands; it carries the part where this is on the flange.
     """
 
-    def __init__(self, cell: CellDescription) -> None:
+    def __init__(self, cell: CellDescription, nominal: NominalCell | None = None) -> None:
         drives = [joint.drive for joint in cell.robot.joint if joint.drive is not None]
-        self._skeleton = arm_skeleton(cell)
+        self._skeleton = arm_skeleton(cell, nominal)
         self._limit = np.array([drive.max_torque_n_m for drive in drives])
         self._rotor = np.array([drive.motor_inertia_kg_m2 for drive in drives])
         self._coulomb = np.array([drive.coulomb_friction_n_m for drive in drives])
@@ -209,8 +211,9 @@ class TorqueLimits:
         Parameters
         ----------
         q
-            (n, joints) joints, rad, every `period` s.
+            (n, axes) joints, rad, every `period` s; what follows the joints has no effect.
         """
+        q = q[:, : len(self._limit)]
         rate = np.gradient(q, period, axis=0)
         acceleration = np.gradient(rate, period, axis=0)
         rest = np.zeros_like(q)
@@ -231,7 +234,7 @@ class TorqueLimits:
 
 
 def joint_torques(skeleton: Any, q: Array, qd: Array, qdd: Array) -> Array:
-    """Joint torques (n, joints), N m, that move the links, sensor and gripper housing of an arm.
+    """Joint torques (n, joints), N m, that move the links of an arm and what its flange carries.
 
     Friction and the inertia of motors are not included.
 
@@ -252,8 +255,11 @@ def joint_torques(skeleton: Any, q: Array, qd: Array, qdd: Array) -> Array:
     return torques
 
 
-def arm_skeleton(cell: CellDescription) -> Any:
+def arm_skeleton(cell: CellDescription, nominal: NominalCell | None = None) -> Any:
     """The arm of a cell in DART, with a body per link in its Denavit-Hartenberg frame.
+
+    The last link has the mass of sensor, gripper, its fingers as they start, and of a part on the flange, too. By
+    default the arm stands where its description places it, with axes that carry it at 0, and has no part.
 
     Raises `CellError` if a link has neither an inertia nor a mesh to compute it from; `MeshError` if a mesh that
     defines masses cannot be used.
@@ -263,12 +269,13 @@ def arm_skeleton(cell: CellDescription) -> Any:
     for number, joint in enumerate(cell.robot.joint, start=1):
         if joint.inertia is None and joint.mesh is None:
             raise CellError("torques need an inertia, or a mesh to compute it from", key=f"robot.joint[{number}]")
-    arm = arm_of(cell.robot)
+    arm = arm_of(cell.robot) if nominal is None else nominal.with_axes_held().arm
+    part = None if nominal is None else nominal.scanned_part
     frames = arm.link_poses(np.zeros(len(arm.joints)))
     skeleton = dartpy.dynamics.Skeleton(cell.robot.name)
     skeleton.setGravity(np.array([0.0, 0.0, -cell.world.gravity_m_s2]))
     body = None
-    for number, link in enumerate(dynamics_json(cell)["links"], start=1):
+    for number, link in enumerate(dynamics_json(cell, part, fingers=True)["links"], start=1):
         joint = dartpy.dynamics.RevoluteJointProperties()
         joint.mAxis = np.array([0.0, 0.0, 1.0])
         joint.mName = f"joint{number}"
