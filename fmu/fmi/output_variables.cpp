@@ -56,6 +56,7 @@ void add_record(TableBuilder& table, CellOutputs& out) {
   none.links.resize(record.truth.links.size());
   none.parts.resize(record.truth.parts.size());
   none.fingers.resize(record.truth.fingers.size());
+  none.further_sensors.resize(record.truth.further_sensors.size());
   table.add_bodies("trigger.truth.", ", at the instant of the light of the current record", discrete,
                    record.truth, none);
   table.set_clocked(false);

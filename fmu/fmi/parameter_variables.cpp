@@ -181,6 +181,12 @@ Dependencies add_parameters(TableBuilder& table, const CellLayout& layout, CellP
     axes.push_back(add_as_built_frame(table, "axis." + name, "the axis " + name, as_built.axes[i]));
   }
   const FrameRefs tool = add_as_built_frame(table, "tool", "the sensor", as_built.tool);
+  std::vector<FrameRefs> further_sensors;
+  for (std::size_t i = 0; i < layout.further_sensors.size(); ++i) {
+    const std::string number = std::to_string(i + 2);
+    further_sensors.push_back(add_as_built_frame(table, "sensor[" + number + "]", "sensor " + number,
+                                                 as_built.further_sensors[i]));
+  }
   const FrameRefs table_refs = add_as_built_table(table, as_built);
   const VibrationRefs of_base =
       add_vibration(table, "base", "the robot's base", as_built.base_vibration, seed);
@@ -216,12 +222,19 @@ Dependencies add_parameters(TableBuilder& table, const CellLayout& layout, CellP
   frames.push_back(
       with(with(standing_on(layout.table_moves_with), of_table), table_refs.displacing, table_refs.turning));
   frames.push_back(with(carried_by(frames.back()), table_refs.behind, {}));
+  for (std::size_t i = 0; i < layout.further_sensors.size(); ++i) {
+    const FrameRefs& refs = further_sensors[i];
+    frames.push_back(with(carried_by(frames[layout.further_sensors[i]]), refs.displacing, refs.turning));
+  }
   BodiesDependencies& bodies = dependencies.bodies;
   for (std::size_t i = 0; i < numbers.axes; ++i) bodies.axes.push_back(frames[numbers.axis(i)]);
   for (std::size_t i = 0; i < numbers.joints; ++i) bodies.links.push_back(frames[numbers.link(i)]);
   bodies.sensor = frames[numbers.sensor()];
   bodies.table = frames[numbers.platter()];
   bodies.fingers.assign(2, frames[numbers.flange()]);
+  for (std::size_t i = 0; i < numbers.further_sensors; ++i) {
+    bodies.further_sensors.push_back(frames[numbers.further_sensor(i)]);
+  }
   for (const std::size_t frame : layout.parts) bodies.parts.push_back(carried_by(frames[frame]));
   table.add_declared("as_built.trigger.", "the trigger", Causality::kParameter, parameters.as_built.trigger);
   if (layout.conveyors > 0) {

@@ -157,6 +157,11 @@ void TableBuilder::add_bodies(const std::string& prefix, const std::string& suff
     add_body(indexed(prefix + "finger", i), "finger " + std::to_string(i + 1) + " of the gripper", suffix,
              variability, value.fingers[i], dependencies.fingers[i]);
   }
+  for (std::size_t i = 0; i < value.further_sensors.size(); ++i) {
+    const std::string number = std::to_string(i + 2);
+    add_body(prefix + "sensor[" + number + "]", "sensor " + number, suffix, variability,
+             value.further_sensors[i], dependencies.further_sensors[i]);
+  }
 }
 
 }  // namespace robotcell::fmi

@@ -27,7 +27,7 @@ struct PoseDependencies {
 struct BodiesDependencies {
   std::vector<PoseDependencies> axes, links;
   PoseDependencies sensor, table;
-  std::vector<PoseDependencies> parts, fingers;
+  std::vector<PoseDependencies> parts, fingers, further_sensors;
 };
 
 /// Parameters on which initial values depend.

@@ -30,6 +30,8 @@ struct AsBuilt {
   std::array<double, 2> platter{};  // x, y (m) of the platter's centre in the rotating frame
   /// Deviation of the frame of each further axis from nominal: x, y, z (m), rx, ry, rz (rad, intrinsic XYZ).
   std::array<std::array<double, 6>, kMaxFurtherAxes> axes{};
+  /// Deviation of each further sensor, as that of the tool.
+  std::array<std::array<double, 6>, kMaxFurtherSensors> further_sensors{};
   TableWobble wobble;
   TriggerErrors trigger;
   BeltErrors belt;
@@ -39,7 +41,7 @@ struct AsBuilt {
   template <class Visitor>
   static void declare(Visitor& visit, AsBuilt& b) {
     visit(b, state(b.dh, "dh"), state(b.tool, "tool"), state(b.table, "table"), state(b.platter, "platter"),
-          state(b.axes, "axes"), state(b.wobble, "wobble"), state(b.trigger, "trigger"),
+          state(b.axes, "axes"), state(b.further_sensors, "further_sensors"), state(b.wobble, "wobble"), state(b.trigger, "trigger"),
           state(b.belt, "belt"), state(b.base_vibration, "base_vibration"),
           state(b.flange_vibration, "flange_vibration"), state(b.table_vibration, "table_vibration"));
   }

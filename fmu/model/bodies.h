@@ -28,17 +28,19 @@ struct Bodies {
       : axes(layout.axes.size()),
         links(layout.joints.size()),
         parts(layout.parts.size()),
-        fingers(layout.gripper ? 2 : 0) {}
+        fingers(layout.gripper ? 2 : 0),
+        further_sensors(layout.further_sensors.size()) {}
 
   PerDevice<BodyState> axes;  // what the further axes carry
   PerDevice<BodyState> links;
   BodyState sensor, table;
-  PerDevice<BodyState> parts, fingers;
+  PerDevice<BodyState> parts, fingers, further_sensors;
 
   template <class Visitor>
   static void declare(Visitor& visit, Bodies& b) {
     visit(b, state(b.axes, "axes"), state(b.links, "links"), state(b.sensor, "sensor"),
-          state(b.table, "table"), state(b.parts, "parts"), state(b.fingers, "fingers"));
+          state(b.table, "table"), state(b.parts, "parts"), state(b.fingers, "fingers"),
+          state(b.further_sensors, "further_sensors"));
   }
 };
 

@@ -33,6 +33,11 @@ std::string difference(const CellLayout& layout, const CellLayout& expected) {
       layout.table_moves_with != expected.table_moves_with) {
     text += (text.empty() ? "" : ", ") + std::string("arm or table on another axis");
   }
+  compare(text, "further sensors", layout.further_sensors.size(), expected.further_sensors.size());
+  for (std::size_t i = 0; i < std::min(layout.further_sensors.size(), expected.further_sensors.size()); ++i) {
+    if (layout.further_sensors[i] == expected.further_sensors[i]) continue;
+    text += (text.empty() ? "sensor[" : ", sensor[") + std::to_string(i + 2) + "] on another frame";
+  }
   compare(text, "parts", layout.parts.size(), expected.parts.size());
   compare(text, "conveyors", layout.conveyors, expected.conveyors);
   compare(text, "grippers", layout.gripper ? 1 : 0, expected.gripper ? 1 : 0);

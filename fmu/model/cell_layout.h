@@ -13,6 +13,9 @@
 
 namespace robotcell {
 
+/// Beside the sensor of the tool.
+constexpr std::size_t kMaxFurtherSensors = 7;
+
 struct JointLayout {
   bool parallel_to_next = false;  // its axis is parallel to that of the next joint: a deviation beta exists
 };
@@ -32,6 +35,7 @@ struct CellLayout {
   std::vector<JointLayout> joints;
   std::vector<AxisLayout> axes;                                      // beside joints and table
   std::size_t robot_moves_with = kWorld, table_moves_with = kWorld;  // frames
+  std::vector<std::size_t> further_sensors;                          // frames that carry them
   std::vector<std::size_t> parts;  // frames on which they start: initial poses depend on what moves these
   std::size_t conveyors = 0;
   bool gripper = false;
@@ -41,7 +45,7 @@ struct CellLayout {
   bool dynamic_drives = false;
 
   FrameNumbers frames() const {
-    return {joints.size(), conveyors, gripper ? 2u : 0u, parts.size(), axes.size()};
+    return {joints.size(), conveyors, gripper ? 2u : 0u, parts.size(), axes.size(), further_sensors.size()};
   }
 };
 

@@ -124,6 +124,9 @@ void Cell::write_truth(std::int64_t time_us, Bodies& bodies) const {
   bodies.table = state(numbers.platter());
   for (std::size_t i = 0; i < numbers.parts; ++i) bodies.parts[i] = state(numbers.part(i));
   for (std::size_t i = 0; i < numbers.fingers; ++i) bodies.fingers[i] = state(numbers.finger(i));
+  for (std::size_t i = 0; i < numbers.further_sensors; ++i) {
+    bodies.further_sensors[i] = state(numbers.further_sensor(i));
+  }
 }
 
 /// Status of the controller, with the error of the trigger where it has none of its own.

@@ -14,9 +14,11 @@ from scancell.arguments import Count, checked_arguments, checked_fields
 from scancell.cell.recording import write_recording
 from scancell.config.choices import CloudFrame
 from scancell.config.files import plain_data
+from scancell.config.sensor import camera_label
 from scancell.evaluation.deviation import (
     Coverage,
     Deviation,
+    DeviationFigures,
     UnseenSurface,
     coverage,
     deviation_from_mesh,
@@ -179,7 +181,7 @@ class ScanResult(ScanData, Result):
     @property
     def figures(self) -> dict[str, Any]:
         """Counts, deviation and coverage; see `Result.figures`."""
-        covered = self.coverage
+        covered, by_sensor = self.coverage, self.by_sensor
         return {
             "profiles": len(self.recording),
             "points": len(self.cloud),
@@ -187,9 +189,17 @@ class ScanResult(ScanData, Result):
             "points_on_table": self.dropped.low,
             "points_on_neighbours": dict(self.dropped.foreign),
             "deviation": self.deviation.figures.as_um(),
+            **({"sensors": {name: own.as_um() for name, own in by_sensor.items()}} if len(by_sensor) > 1 else {}),
             "coverage": None if np.isnan(covered.fraction) else covered.fraction,
             "stations_s": self.render_seconds,
         }
+
+    @property
+    def by_sensor(self) -> dict[str, DeviationFigures]:
+        """Figures of the distances of the points of each sensor, by its name, m."""
+        own = self.deviation.by_sensor or {1: self.deviation.figures}
+        nothing = DeviationFigures.of(np.zeros(0))
+        return {name: own.get(number, nothing) for number, name in enumerate(self.sensor_names, 1)}
 
     def summary(self) -> str:
         """The figures as lines of text."""
@@ -206,6 +216,11 @@ class ScanResult(ScanData, Result):
             f"  deviation  mean {figures.mean * um:+.2f} um, RMS {figures.rms * um:.2f} um, "
             f"95 % within {figures.d95 * um:.1f} um, 99.9 % within {figures.d99_9 * um:.1f} um, "
             f"max {figures.max_abs * um:.1f} um{signed}",
+            *(
+                f"  sensor     {name}: {one.count} points" + (f", RMS {one.rms * um:.2f} um" if one.count else "")
+                for name, one in self.by_sensor.items()
+                if len(self.sensor_names) > 1
+            ),
             f"  dropped    {self.dropped.low} points on the {support}{self._kept_low}",
             *(f"  dropped    {count} points on '{name}'" for name, count in self.dropped.foreign.items()),
             f"  coverage   {share}",
@@ -267,16 +282,18 @@ class ScanResult(ScanData, Result):
         with watch.measure("write"):
             belt = self.setup.cell.part.arrival if self.setup.scan.belt else None
             moving = f" (moves with {belt.stands_on})" if belt and frame in ("part", "belt") else ""
-            comments = (f"scancell scan of {self.part}", f"frame {frame}{moving}")
+            comments = [f"scancell scan of {self.part}", f"frame {frame}{moving}"]
+            if len(self.sensor_names) > 1:
+                comments.append(f"sensors {', '.join(self.sensor_names)}")
             pose = self.frame_from_part(frame)
             for suffix in formats:
                 write_cloud(folder.path(f"cloud.{suffix}"), self.cloud, comments, pose)
             write_recording(self.recording, folder.path("recording.parquet"))
             index = self.recording.measured.index
-            write_profiles(self.profiles, index, self.camera_names, folder.path("profiles.parquet"))
+            write_profiles(self.profiles, index, self.setup, folder.path("profiles.parquet"))
             if self.plan is not None:
                 write_json(folder.path("plan.json"), plan_json(self.plan))
-            figures = deviation.as_json(self.camera_names, self.segment_names)
+            figures = deviation.as_json(self.setup.camera_names, self.segment_names, self.sensor_names)
             covered = {**coverage.as_json(), "unseen": unseen.shares}
             write_json(folder.path("deviation.json"), {**figures, "coverage": covered})
             folder.path("resolved.toml").write_text(resolved_toml(self.setup, run))
@@ -286,9 +303,10 @@ class ScanResult(ScanData, Result):
         with watch.measure("draw"):
             self._sheet().write(folder.path("deviation.png"))
             for sample in self.sample_images:
-                title = f"profile {sample.trigger}"
-                sheet = exposure_picture(sample.images, world.sensor, title, sample.background)
-                sheet.write(folder.path(f"images/profile_{sample.trigger:05d}.png"))
+                title, own = f"profile {sample.trigger}", world.sensors[sample.sensor - 1]
+                title, place = (title, "") if sample.sensor == 1 else (f"{title}, {own.name}", f"{own.name}/")
+                sheet = exposure_picture(sample.images, own.sensor, title, sample.background)
+                sheet.write(folder.path(f"images/{place}profile_{sample.trigger:05d}.png"))
             self._report(figures).write(folder.path("deviation.html"))
 
     def _run(self, formats: Sequence[str], frame: CloudFrame, command_line: Sequence[str] | None) -> dict[str, Any]:
@@ -314,7 +332,7 @@ class ScanResult(ScanData, Result):
 
     def _report(self, figures: Mapping[str, Any]) -> DeviationReport:
         """The page of the deviations, with the `figures` of ``deviation.json`` by camera and view."""
-        camera, segment, names = self.cloud.camera, self.cloud.segment, self.camera_names
+        cloud, names = self.cloud, self.setup.camera_names
         share = (self.coverage.surface_fraction, "surface")
         if self.coverage.measurable.any():
             share = (self.coverage.fraction, "measurable surface")
@@ -322,6 +340,8 @@ class ScanResult(ScanData, Result):
             "By camera": [{"camera": name, **own} for name, own in figures["by_camera"].items()],
             "By view": figures["by_segment"],
         }
+        if "by_sensor" in figures:
+            tables = {"By sensor": [{"sensor": name, **own} for name, own in figures["by_sensor"].items()], **tables}
         about = {
             "scancell": build_version(),
             "part": self.part,
@@ -337,7 +357,9 @@ class ScanResult(ScanData, Result):
             self.unseen,
             share,
             tables,
-            lambda row: f"{names[camera[row]]}, view {segment[row]}",
+            lambda row: (
+                f"{names[camera_label(int(cloud.sensor[row]), int(cloud.camera[row]))]}, view {cloud.segment[row]}"
+            ),
             self.warnings,
             about,
         )

@@ -323,7 +323,7 @@ def orientations() -> Array:
 
 
 def _bodies(nominal: NominalCell, frames: set[str]) -> list[Body]:
-    return [body for body in nominal.bodies if body.moves_with in frames]
+    return [body for body in nominal.bodies if nominal.carrier(body.moves_with) in frames]
 
 
 def _feed(sha: hashlib._Hash, *arrays: NDArray[np.generic]) -> None:

@@ -55,7 +55,7 @@ class Shown:
 
     @property
     def picture(self) -> np.ndarray:
-        return np.asarray(self.panel._image.image)
+        return np.asarray(self.panel._views[0]._image.image)
 
 
 @pytest.fixture
@@ -95,18 +95,18 @@ def test_no_frame_is_shown_while_none_is_wanted(shown: Shown) -> None:
 
 def test_no_blank_image_is_shown_before_the_first_frame_and_a_frame_without_a_stripe_says_why(shown: Shown) -> None:
     shown.panel.show()
-    assert not shown.panel._image.visible
+    assert not shown.panel._views[0]._image.visible
     nothing = np.zeros((0, 3))
     shown.feed.frame = replace(frame_of(1), points_in_sensor=nothing, points_in_base=nothing, camera=np.zeros(0))
     shown.panel.show()
-    assert shown.panel._image.visible
-    assert "no stripe" in shown.panel._text.content
+    assert shown.panel._views[0]._image.visible
+    assert "no stripe" in shown.panel._views[0]._text.content
     shown.feed.frame = frame_of(2)
     shown.panel.show()
-    assert "no stripe" not in shown.panel._text.content
+    assert "no stripe" not in shown.panel._views[0]._text.content
     shown.feed.frame = replace(frame_of(3), images=None, engine="geometric")
     shown.panel.show()
-    assert not shown.panel._image.visible
+    assert not shown.panel._views[0]._image.visible
 
 
 def test_stripe_is_marked_only_where_it_is_switched_on(shown: Shown) -> None:
@@ -116,13 +116,13 @@ def test_stripe_is_marked_only_where_it_is_switched_on(shown: Shown) -> None:
     shown.feed.frame = frame_of(1)
     shown.panel.show()
     assert is_marked(shown.picture)
-    shown.panel._marks.value = False
+    shown.panel._views[0]._marks.value = False
     shown.panel.show()
     assert not is_marked(shown.picture)
 
 
 def test_enlarged_image_has_every_pixel_and_the_profile_of_a_column(shown: Shown) -> None:
-    large = shown.panel._large
+    large = shown.panel._views[0]._large
     shown.feed.frame = frame_of(1)
     shown.panel.show_enlarged()
     assert large._image.image.shape[0] == 2  # nothing is sent while it is closed

@@ -29,7 +29,7 @@ def run_of(folder: Path, part: Path, **more: object) -> Path:
     with scancell.Scanner(settings={**SMALL, **more}) as scanner:
         result = scanner.scan(part, seed=11)
     write_recording(result.recording, folder / "recording.parquet")
-    write_profiles(result.profiles, result.recording.measured.index, result.camera_names, folder / "profiles.parquet")
+    write_profiles(result.profiles, result.recording.measured.index, result.setup, folder / "profiles.parquet")
     made = {"part": str(part), "unit": "mm", "engine": "ray-traced", "as_built": [], "seed": 11}
     (folder / "resolved.toml").write_text(resolved_toml(result.setup, made))
     return folder

@@ -140,6 +140,7 @@ max_speed_mm_s = 300.0
 max_acceleration_mm_s2 = 600.0
 
 [[further_sensor]]
+name = "second"
 moves_with = "track"
 pose = { x_mm = 10.0, y_mm = 20.0, z_mm = 30.0 }
 """
@@ -187,9 +188,7 @@ def test_cells_that_are_placed_alone_are_refused_by_what_moves_them(tmp_path) ->
         lambda: MotionBounds(cell, []),
         lambda: Scanner(setup=setup).scan(PLATE, engine="geometric"),
     ):
-        with pytest.raises(
-            DescriptionError, match=r"cell\.further_sensor = 'sensor\[2\]': is placed by kinematics alone"
-        ):
+        with pytest.raises(DescriptionError, match=r"cell\.part\.moves_with = 'flange': is placed by kinematics alone"):
             refusing()
     setup = load_setup(settings=['cell.part.moves_with="flange"'])
     with pytest.raises(DescriptionError, match=r"cell\.part\.moves_with = 'flange'"):

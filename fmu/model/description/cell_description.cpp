@@ -149,7 +149,7 @@ std::vector<std::string> touching_bodies(const CellDescription& cell) {
 }
 
 CellDescription parse_root(const JsonReader& json) {
-  std::vector<const char*> optional_keys{"axes"};
+  std::vector<const char*> optional_keys{"axes", "further_sensors"};
   for_each_sensor_kind([&](auto kind) { optional_keys.push_back(SensorKind<kind>::kKey); });
   json.expect_keys({"format", "name", "time_step_us", "controller_cycle_us", "gravity", "seed", "robot",
                     "tool", "table", "conveyors", "parts", "gripper", "contact", "bodies", "collision"},
@@ -178,6 +178,15 @@ CellDescription parse_root(const JsonReader& json) {
   if (json.at("table").has("moves_with")) {
     cell.table_moves_with = parse_carrier(json.at("table").at("moves_with"), cell.axes.size());
   }
+  if (json.has("further_sensors")) {
+    FrameNumbers carriers{cell.joints.size()};
+    carriers.axes = cell.axes.size();
+    for (const JsonReader& sensor : json.at("further_sensors").items(0, kMaxFurtherSensors)) {
+      sensor.expect_keys({"moves_with", "parent_from_sensor"});
+      cell.further_sensors.push_back(
+          {carriers.parse(sensor.at("moves_with")), sensor.at("parent_from_sensor").pose()});
+    }
+  }
   for (const JsonReader& conveyor : json.at("conveyors").items()) {
     cell.conveyors.push_back(parse_conveyor(conveyor));
   }
@@ -185,6 +194,7 @@ CellDescription parse_root(const JsonReader& json) {
   if (parts.empty()) json.at("parts").fail("at least one part");
   FrameNumbers frames{cell.joints.size(), cell.conveyors.size()};
   frames.axes = cell.axes.size();
+  frames.further_sensors = cell.further_sensors.size();
   for (const JsonReader& part : parts) cell.parts.push_back(parse_part(part, frames));
   if (!json.at("gripper").is_null()) cell.gripper = parse_gripper(json.at("gripper"));
   cell.sensing = parse_sensing(json, {layout_of(cell).frames(), cell.time_step_us});
@@ -206,6 +216,9 @@ CellLayout layout_of(const CellDescription& cell) {
     layout.axes.push_back({axis.name, axis.slides, axis.moves_with});
   layout.robot_moves_with = cell.robot_moves_with;
   layout.table_moves_with = cell.table_moves_with;
+  for (const FurtherSensorDescription& sensor : cell.further_sensors) {
+    layout.further_sensors.push_back(sensor.moves_with);
+  }
   for (const PartDescription& part : cell.parts) {
     // Like the world, a belt is where the description puts it.
     layout.parts.push_back(part.stands_on < layout.frames().conveyor(0) ? part.stands_on : kWorld);

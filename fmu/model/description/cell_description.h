@@ -45,6 +45,12 @@ struct AxisDescription {
   EncoderDescription encoder;
 };
 
+/// A sensor beside that of the tool.
+struct FurtherSensorDescription {
+  std::size_t moves_with = kWorld;  // frame of the world, of the table, of a link or of an axis
+  Eigen::Isometry3d parent_from_sensor;
+};
+
 /// Speed limits of linear moves and jogs.
 struct MotionDescription {
   double line_speed = 0, line_acceleration = 0;                // m/s, m/s^2
@@ -68,6 +74,7 @@ struct CellDescription {
   MotionDescription motion;
   std::optional<ArmDynamicsDescription> dynamics;  // empty: kinematic drives
   Eigen::Isometry3d flange_from_sensor;
+  std::vector<FurtherSensorDescription> further_sensors;
   TableDescription table;
   std::vector<PartDescription> parts;
   std::vector<ConveyorDescription> conveyors;

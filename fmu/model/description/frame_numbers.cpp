@@ -21,8 +21,11 @@ std::size_t FrameNumbers::parse(const JsonReader& json) const {
       if (text == name + std::to_string(i + 1) + "]") return (this->*number)(i);
     }
   }
+  for (std::size_t i = 0; i < further_sensors; ++i) {
+    if (text == "sensor[" + std::to_string(i + 2) + "]") return further_sensor(i);
+  }
   json.fail(
-      "\"world\", \"sensor\", \"table\", \"axis[i]\", \"link[i]\", \"conveyor[i]\", \"finger[i]\" or "
+      "\"world\", \"sensor\", \"sensor[i]\", \"table\", \"axis[i]\", \"link[i]\", \"conveyor[i]\", \"finger[i]\" or "
       "\"part[i]\" "
       "that is possible here");
 }

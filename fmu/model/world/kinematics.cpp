@@ -50,6 +50,11 @@ Tree tree_of(const CellDescription& cell, const AsBuilt& as_built) {
   last = tree.add({kFixed, cell.table_moves_with, 0, cell.table.world_from_table, here});
   tree.add({kRevolute, last, kTableAxis, table_from_axis,
             Isometry3d(Translation3d(as_built.platter[0], as_built.platter[1], 0))});
+  for (std::size_t i = 0; i < cell.further_sensors.size(); ++i) {
+    const FurtherSensorDescription& sensor = cell.further_sensors[i];
+    tree.add({kFixed, sensor.moves_with, 0, here,
+              displaced(sensor.parent_from_sensor, as_built.further_sensors[i])});
+  }
   for (const ConveyorDescription& conveyor : cell.conveyors) {
     tree.add({kFixed, kWorld, 0, conveyor.world_from_belt, here});
   }

@@ -83,6 +83,11 @@ def dynamics_json(cell: CellDescription, part: Mesh | None = None, *, fingers: b
     for name, load in flange_loads(cell, part).items():
         if links[-1] is not None and (fingers or not name.startswith("finger")):
             links[-1] = links[-1].joined_with(load)
+    for further in cell.further_sensor:
+        number = int(further.moves_with[5:-1]) if further.moves_with.startswith("link[") else len(links)
+        body, link = rigid_body(further.inertia, further.mesh, robot.link_density_kg_m3), links[number - 1]
+        if number < len(links) and body is not None and link is not None:
+            links[number - 1] = link.joined_with(body.seen_from(pose_matrix(further.pose)))
     drives = [joint.drive for joint in robot.joint]
     return {
         "links": [_inertial_json(link) for link in links if link is not None],
@@ -333,6 +338,10 @@ def cell_json(
         }
         for described, axis in zip(cell.axis, nominal.further_axes, strict=True)
     ]
+    further = [
+        {"moves_with": _frame(nominal, one.parent), "parent_from_sensor": pose_json(one.parent_from_joint)}
+        for one in nominal.further_sensors
+    ]
     return {
         "format": 2,
         "name": cell.name,
@@ -350,6 +359,7 @@ def cell_json(
         },
         **({"axes": axes} if axes else {}),
         "tool": {"flange_from_sensor": pose_json(nominal.flange_from_sensor)},
+        **({"further_sensors": further} if further else {}),
         "table": {
             "world_from_table": pose_json(nominal.world_from_table),
             "start": 0.0,
@@ -448,7 +458,7 @@ def _contact_json(cell: CellDescription, nominal: NominalCell) -> dict[str, Any]
 
 def _contact_bodies_json(cell: CellDescription, nominal: NominalCell) -> list[dict[str, Any]]:
     """Convex hulls of the cell's bodies and obstacles, and the floor."""
-    solid = _CELL_BODIES | {item.name for item in cell.obstacle}
+    solid = _CELL_BODIES | {item.name for item in cell.obstacle} | {item.name for item in cell.further_sensor}
     bodies = [
         (body.name, _frame(nominal, body.moves_with), body.mesh.hull) for body in nominal.bodies if body.name in solid
     ]

@@ -30,7 +30,9 @@ _PARTS_OF_POSE = (("position", 3), ("orientation", 4), ("velocity", 3), ("angula
 _TRUTH = "trigger.truth."
 _MEASURED = "trigger.measured."
 _SPAN = 0.01  # s
-_INDEXED = re.compile(r"trigger\.(?:measured|truth)\.(?P<kind>qd?|conveyor|link|part|finger)\[(?P<index>[0-9]{1,9})\]")
+_INDEXED = re.compile(
+    r"trigger\.(?:measured|truth)\.(?P<kind>qd?|conveyor|link|part|finger|sensor)\[(?P<index>[0-9]{1,9})\]"
+)
 _LARGEST = 1e6  # m, rad, m/s, rad/s or s of an exposure
 _LATEST = 1e10  # s: clocks may count from 1970
 _LARGEST_INTEGER = 2.0**32 - 1
@@ -50,7 +52,7 @@ INTEGER_COLUMNS = ("trigger.index", "trigger.segment")
 class RecordLayout:
     """Columns of a record in a cell with n `joints` of the arm, n `parts`, n `fingers` of a gripper, n `conveyors`.
 
-    `further` are the names of the axes beside joints, table and conveyors.
+    `further` are the names of the axes beside joints, table and conveyors. `sensors` counts that of the tool, too.
     """
 
     joints: int = 6
@@ -58,6 +60,7 @@ class RecordLayout:
     fingers: int = 0
     conveyors: int = 0
     further: tuple[str, ...] = ()
+    sensors: int = 1
 
     @classmethod
     def of(cls, columns: Iterable[str]) -> RecordLayout:
@@ -65,7 +68,7 @@ class RecordLayout:
 
         A column that is missing below the largest index is one of the layout.
         """
-        largest = Counter({"q": 4, "part": 1})
+        largest = Counter({"q": 4, "part": 1, "sensor": 1})
         names = list(columns)
         for name in names:
             found = _INDEXED.match(name)
@@ -75,7 +78,8 @@ class RecordLayout:
                 largest[kind] = max(largest[kind], min(int(found["index"]), len(names)))
         first = f"{_MEASURED}axis."
         further = tuple(name.removeprefix(first) for name in names if name.startswith(first))
-        return cls(largest["q"], largest["part"], largest["finger"], largest["conveyor"], further)
+        counts = (largest["q"], largest["part"], largest["finger"], largest["conveyor"])
+        return cls(*counts, further, largest["sensor"])
 
     @property
     def axes(self) -> dict[str, tuple[str, str]]:
@@ -108,6 +112,7 @@ class RecordLayout:
             *(f"axis_frame.{name}" for name in self.further),
             *_indexed("part", self.parts),
             *_indexed("finger", self.fingers),
+            *_indexed("sensor", self.sensors)[1:],
         )
 
     @property
@@ -274,7 +279,7 @@ class Recording(Value):
     def truth_at_middle(self, frame: str) -> Array:
         """Poses ``world_from_frame`` (n, 4, 4) of `frame` in the middle of every exposure.
 
-        `frame` is ``link[1]`` …, ``sensor``, ``table``, ``part[1]`` … or ``finger[1]``, ``finger[2]``.
+        `frame` is ``link[1]`` …, ``sensor``, ``sensor[2]`` …, ``table``, ``part[1]`` … or ``finger[1]``, ``finger[2]``.
 
         Raises
         ------

@@ -372,8 +372,7 @@ class CloudOptions(CellOptions):
                 raise DescriptionError(
                     "the geometric engine makes no images", key="images", expected="--engine ray-traced"
                 )
-            cameras = [camera.name for camera in setup.sensor.camera]
-            images = ImageWriter(folder, cameras) if self.images else None
+            images = ImageWriter(folder, setup) if self.images else None
             result = scan({**given, "on_images": images, "progress": progress}).evaluate(progress)
             if images is not None:
                 images.finish()

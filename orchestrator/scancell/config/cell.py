@@ -58,6 +58,7 @@ from scancell.config.robot import (
     InertiaDescription,
     RobotDescription,
 )
+from scancell.config.sensor import SensorDescription
 from scancell.errors import DescriptionError
 
 _DIGITS = 9  # of numbers in mm, deg and ms
@@ -68,6 +69,7 @@ _Angle = Field(default=0.0, description="estimated deviation, deg; as as_built o
 # Names of the cell's own tools and frames.
 RESERVED_TOOLS = frozenset({"sensor", "gripper"})
 MAX_FURTHER_AXES = 3  # beside joints and table
+MAX_FURTHER_SENSORS = 7  # beside that of the tool
 RESERVED_FRAMES = frozenset({"world", "base", "table", "tool"})
 
 # Names that would be those of other frames, or of columns of files: ``NAME_deg``, ``NAME_mm``.
@@ -76,8 +78,13 @@ _COLUMNS = ("part", "sensor", "flange", "x", "y", "z", "rx", "ry", "rz", "sigma"
 _Delay = Annotated[float, Field(ge=0.0, le=1e7)]  # ms
 
 
+def sensor_frame(number: int) -> str:
+    """Name of the frame of a sensor by its number, from 1: ``sensor``, then ``sensor[2]`` and so on."""
+    return "sensor" if number == 1 else f"sensor[{number}]"
+
+
 class EstimatedToolDescription(Description):
-    """Deviation of the sensor from its nominal pose on the flange: translation, then rotation XYZ', nominal frame."""
+    """Deviation of a sensor from its nominal pose on its carrier: translation, then rotation XYZ', nominal frame."""
 
     x_mm: Coordinate = _Length
     y_mm: Coordinate = _Length
@@ -156,6 +163,9 @@ class EstimatedDescription(Description):
     dh: Annotated[tuple[EstimatedJointDescription, ...], Field(max_length=MAX_JOINTS)] = Field(
         default=(), description="geometry of the arm, a row per joint from the base; default: as described"
     )
+    further_sensor: (
+        Annotated[tuple[EstimatedToolDescription, ...], Field(min_length=1, max_length=MAX_FURTHER_SENSORS)] | None
+    ) = Field(default=None, description="poses of the further sensors, a row per sensor; default: as described")
 
     @classmethod
     def of(cls, deviations: Mapping[str, float], joints: int) -> Self:
@@ -169,19 +179,26 @@ class EstimatedDescription(Description):
                 taken[key] = round(left.pop(f"{prefix}.{name}", 0.0) / scale, _DIGITS)
             return taken
 
-        models = {name: field.annotation for name, field in cls.model_fields.items() if name != "dh"}
+        lists = ("dh", "further_sensor")
+        models = {name: field.annotation for name, field in cls.model_fields.items() if name not in lists}
         groups: dict[str, Any] = {name: group(model, name) for name, model in models.items()}
         rows = [group(EstimatedJointDescription, f"dh[{number}]") for number in range(1, joints + 1)]
         groups["dh"] = rows if any(any(row.values()) for row in rows) else []
+        numbers = range(2, MAX_FURTHER_SENSORS + 2)
+        rows = [group(EstimatedToolDescription, f"sensor[{number}]") for number in numbers]
+        while rows and not any(rows[-1].values()):
+            rows.pop()
+        groups["further_sensor"] = rows or None
         if left:
             raise DescriptionError(key="deviations", value=[*left], expected="names of as-built parameters")
         return validate(cls, groups, "estimated")
 
     def deviations(self) -> dict[str, float]:
-        """SI values by the names of as-built parameters, such as ``tool.x`` and ``dh[3].theta``."""
+        """SI values by the names of as-built parameters, such as ``tool.x``, ``dh[3].theta`` and ``sensor[2].rx``."""
         plain = to_si(self.model_dump())
-        rows = plain.pop("dh")
+        rows, sensors = plain.pop("dh"), plain.pop("further_sensor") or ()
         groups = {**plain, **{f"dh[{number}]": row for number, row in enumerate(rows, 1)}}
+        groups |= {f"sensor[{number}]": row for number, row in enumerate(sensors, 2)}
         return {f"{group}.{key}": value for group, values in groups.items() for key, value in values.items()}
 
 
@@ -279,11 +296,32 @@ AxisDescription = Annotated[RevoluteAxisDescription | PrismaticAxisDescription, 
 
 
 class FurtherSensorDescription(Description):
-    """A sensor beside that of the tool; these are numbered from ``sensor[2]``. It is placed, but not simulated yet."""
+    """A sensor beside that of the tool, which measures at the same triggers; these are numbered from ``sensor[2]``."""
 
+    name: Name = Field(description="unique name of the sensor in clouds, files and figures")
+    sensor: SensorDescription | None = Field(
+        default=None, description="laser, cameras and detector; default: those of the main sensor"
+    )
     moves_with: str = Field(default="world", description="what carries it: world, table, link[i] or an axis")
     pose: PoseDescription = Field(
-        default=PoseDescription(), description="pose of the sensor in the frame of its carrier"
+        default=PoseDescription(), description="pose of the sensor in the frame of its carrier, with all axes at 0"
+    )
+    delay_ms: Annotated[float, Field(ge=-100.0, le=100.0)] = Field(
+        default=0.0, description="time from the middle of the main sensor's exposures to the middle of its own, ms"
+    )
+    mesh: str | None = Field(
+        default=None, description="file of the mesh of its housing, sensor frame, mm; default: none"
+    )
+    inertia: InertiaDescription | None = Field(
+        default=None,
+        description="mass properties, sensor frame, which load the link that carries it; default: from mesh and"
+        " robot.link_density_kg_m3",
+    )
+    reflectance: Fraction = Field(
+        default=0.3, description="Lambertian reflectance of its housing at the lasers' wavelengths, 0..1"
+    )
+    material: MaterialDescription | None = Field(
+        default=None, description="material of its housing; overrides reflectance"
     )
 
 
@@ -538,7 +576,7 @@ class CellDescription(FileDescription):
     axis: Annotated[tuple[AxisDescription, ...], Field(max_length=MAX_FURTHER_AXES)] = Field(
         default=(), description="axes beside the joints and the table"
     )
-    further_sensor: tuple[FurtherSensorDescription, ...] = Field(
+    further_sensor: Annotated[tuple[FurtherSensorDescription, ...], Field(max_length=MAX_FURTHER_SENSORS)] = Field(
         default=(), description="sensors beside that of the tool, numbered from sensor[2]"
     )
     tcp: tuple[TcpDescription, ...] = Field(default=(), description="named tool centre points on the flange")
@@ -566,10 +604,12 @@ class CellDescription(FileDescription):
     @model_validator(mode="after")
     def _devices_fit(self) -> Self:
         seen = set(RESERVED_NAMES)
-        devices = (self.further_part, self.conveyor, self.obstacle)
+        devices = (self.further_part, self.conveyor, self.obstacle, self.further_sensor)
         for name in [device.name for group in devices for device in group]:
             if name in seen:
-                raise ValueError(f"the name '{name}' is taken; names of parts, conveyors and obstacles must be unique")
+                raise ValueError(
+                    f"the name '{name}' is taken; names of parts, conveyors, obstacles and sensors must be unique"
+                )
             seen.add(name)
         standing = {f"part '{part.name}'": part.stands_on for part in self.further_part}
         if self.part.arrival is not None:
@@ -633,6 +673,12 @@ class CellDescription(FileDescription):
         joints = len(self.robot.joint)
         if self.estimated is not None and len(self.estimated.dh) not in (0, joints):
             raise ValueError(f"estimated.dh has {len(self.estimated.dh)} rows: expected {joints}, one for each joint")
+        rows = 0 if self.estimated is None else len(self.estimated.further_sensor or ())
+        if rows > len(self.further_sensor):
+            raise ValueError(
+                f"estimated.further_sensor has {rows} rows: expected at most {len(self.further_sensor)}, one for each"
+                " sensor"
+            )
         links = {f"link[{i}]" for i in range(1, joints + 1)}
         for key, frame in frames.items():
             if frame.startswith("link") and frame not in links:

@@ -163,7 +163,7 @@ def assets_dir() -> Path:
     Examples
     --------
     >>> sorted(file.stem for file in (scancell.assets_dir() / "cells").glob("*.toml"))
-    ['default', 'offset_wrist', 'pick_and_place', 'seven_axis', 'tilt_turn', 'track']
+    ['default', 'offset_wrist', 'pick_and_place', 'seven_axis', 'tilt_turn', 'track', 'two_sensors']
     """
     package = Path(__file__).resolve().parents[1]
     inside = package / "assets"
@@ -189,8 +189,8 @@ def read_description(kind: str, path: Path) -> tuple[dict[str, Any], str, list[O
     """Plain data of a file of some kind, its name for messages, and sources other than that file.
 
     A file with sections ``[cell]``, ``[sensor]``, ``[scan]`` (the resolved.toml of a run) gives the one of its kind.
-    A robot that a cell names by path is read in. Paths become absolute: relative to the file that names them, else
-    to the folder of the shipped descriptions of that kind, so that a copy of a shipped file works anywhere.
+    A robot and sensors that a cell names by path are read in. Paths become absolute: relative to the file that names
+    them, else to the folder of the shipped descriptions of that kind, so that a copy of a shipped file works anywhere.
 
     Raises `DescriptionError` if a file is missing or not TOML, or has sections but not the one of its kind.
     """
@@ -201,13 +201,32 @@ def read_description(kind: str, path: Path) -> tuple[dict[str, Any], str, list[O
             raise DescriptionError(f"holds [{'], ['.join(found)}]", file=path, expected=f"a section [{kind}]")
         data, source = data[kind], f"{path} [{kind}]"
     origins = []
-    if kind == "cell" and isinstance(data.get("robot"), str):
-        robot = _existing(data["robot"], _folders(kind, path), source, "robot")
-        data["robot"] = read_toml(robot)
-        resolve_files(data["robot"], lambda _: str(robot), _folders("robot", robot))
-        origins.append(Origin(("robot",), str(robot), hidden=1))
+    for owner, place in _named_by_path(data) if kind == "cell" else ():
+        key = str(place[-1])
+        file = _existing(owner[key], _folders(kind, path), source, join_path(place))
+        if key == "robot":
+            owner[key] = _read_robot(file)
+        else:
+            owner[key] = read_description(key, file)[0]
+        origins.append(Origin(place, str(file), hidden=len(place)))
     resolve_files(data, lambda _: source, _folders(kind, path))
     return data, source, origins
+
+
+def _read_robot(file: Path) -> dict[str, Any]:
+    robot = read_toml(file)
+    resolve_files(robot, lambda _: str(file), _folders("robot", file))
+    return robot
+
+
+def _named_by_path(cell: dict[str, Any]) -> Iterator[tuple[dict[str, Any], KeyPath]]:
+    """Tables of a cell that name a robot or a sensor by the path of its file, and the paths of the keys that do."""
+    if isinstance(cell.get("robot"), str):
+        yield cell, ("robot",)
+    sensors = cell.get("further_sensor")
+    for number, sensor in enumerate(sensors if isinstance(sensors, list) else ()):
+        if isinstance(sensor, dict) and isinstance(sensor.get("sensor"), str):
+            yield sensor, ("further_sensor", number, "sensor")
 
 
 def resolve_files(data: Any, source: Callable[[KeyPath], str], folders: Sequence[Path]) -> None:

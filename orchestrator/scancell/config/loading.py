@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from scancell.arguments import checked_arguments, checked_fields
-from scancell.config.cell import CellDescription
+from scancell.config.cell import CellDescription, FurtherSensorDescription, sensor_frame
 from scancell.config.description import FileDescription, checked, validate
 from scancell.config.files import (
     FILE_KEYS,
@@ -24,7 +25,7 @@ from scancell.config.files import (
     split_path,
 )
 from scancell.config.scan import PathDescription, ScanDescription
-from scancell.config.sensor import SensorDescription
+from scancell.config.sensor import SensorDescription, camera_label, profile_time
 from scancell.errors import DescriptionError
 from scancell.files import MANIFEST_VERSION, read_json, require_format_version
 
@@ -48,6 +49,8 @@ __all__ = [
 _MODELS: tuple[type[FileDescription], ...] = (CellDescription, SensorDescription, ScanDescription)
 _SECTIONS = tuple(model.kind for model in _MODELS)
 _BUILT = ("laser", "camera", "detector", "ambient")  # properties of the sensor's hardware
+_DELAY = "delay_ms"
+_FURTHER = re.compile(r"sensor\[\d+\]\.(?!r?[xyz](_\w+)?\s*=)")  # of further sensors, but not their poses
 
 
 @checked_fields
@@ -74,6 +77,32 @@ class Setup:
     cell: CellDescription
     sensor: SensorDescription
     scan: ScanDescription
+
+    @property
+    def sensor_names(self) -> tuple[str, ...]:
+        """Names of all sensors, by which clouds and files tell them apart: the main one, then the further ones."""
+        return (self.sensor.name, *(one.name for one in self.cell.further_sensor))
+
+    @property
+    def camera_names(self) -> dict[int, str]:
+        """Names of the cameras of all sensors by `camera_label`: with that of the sensor where there are several."""
+        several = len(self.sensor_names) > 1
+        return {
+            camera_label(number, index): f"{name} {camera.name}" if several else camera.name
+            for number, name in enumerate(self.sensor_names, 1)
+            for index, camera in enumerate(self.seen_by(number).sensor.camera)
+        }
+
+    @property
+    def profile_time(self) -> float:
+        """Shortest time from a trigger to the next one, s, at which all sensors follow."""
+        return max(profile_time(self.seen_by(number).sensor) for number in range(1, len(self.sensor_names) + 1))
+
+    def seen_by(self, number: int) -> Setup:
+        """The setup whose sensor is that of a number, from 1."""
+        if number == 1:
+            return self
+        return Setup(self.cell, self.cell.further_sensor[number - 2].sensor or self.sensor, self.scan)
 
 
 @checked_arguments
@@ -117,6 +146,14 @@ def load_setup(
         own = [Origin(word.path[1:], word.source) for word in words if word.path[0] == model.kind]
         sections[model.kind] = checked(model, data, source, [*origins, *own])
     setup = Setup(**sections)  # type: ignore[arg-type]
+    for number, further in enumerate(setup.cell.further_sensor, 1):
+        if further.name == setup.sensor.name:
+            raise DescriptionError(
+                "is the name of the main sensor, too",
+                key=f"cell.further_sensor[{number}].name",
+                value=further.name,
+                expected="a name of its own",
+            )
     return Setup(setup.cell, setup.sensor, with_standoffs(setup.scan, setup.sensor))
 
 
@@ -172,28 +209,77 @@ def _raw(
     return read_description(model.kind, assets_dir() / model.shipped if item is None else Path(item))
 
 
-def as_built_sensor(nominal: SensorDescription, words: Sequence[str]) -> SensorDescription:
+def as_built_sensor(nominal: SensorDescription, words: Sequence[str], number: int = 1) -> SensorDescription:
     """Sensor as built: the nominal one changed by those of `words` that begin with ``sensor.``.
+
+    With a `number` of a further sensor, by those that begin with ``sensor[2].`` and so on, and are no pose.
 
     Raises `DescriptionError` if a key is unknown, is no property of the hardware, or its value is out of bounds.
     """
-    words = sensor_words(words)
-    if not words:
+    name = sensor_frame(number)
+    own = [word for word in sensor_words(words) if word.startswith(f"{name}.") and not _is_delay(word)]
+    if not own:
         return nominal
     raw = {"sensor": plain_data(nominal)}
     origins = []
-    for word in words:
-        section = str(split_path(parse_assignment(word)[0])[1])
+    for word in own:
+        plain = f"sensor.{word.removeprefix(f'{name}.')}"
+        section = str(split_path(parse_assignment(plain)[0])[1])
         if section not in _BUILT:
-            raise DescriptionError(key="as_built", value=word, expected=f"a key of sensor.{', sensor.'.join(_BUILT)}")
-        changed = _apply_override(raw, word, "as_built")
-        origins.append(Origin(changed.path[1:], changed.source))
+            more = "" if number == 1 else f", {name}.{_DELAY}, or of its pose ({name}.x_mm … {name}.rz_deg)"
+            expected = f"a key of {name}.{f', {name}.'.join(_BUILT)}{more}"
+            raise DescriptionError(key="as_built", value=word, expected=expected)
+        changed = _apply_override(raw, plain, "as_built")
+        origins.append(Origin(changed.path[1:], f"`as_built` {word}"))
     return validate(SensorDescription, raw["sensor"], "`as_built`: sensor", origins)
 
 
+def as_built_sensors(setup: Setup, words: Sequence[str]) -> tuple[SensorDescription, ...]:
+    """All sensors as built, in the order of their numbers; see `as_built_sensor`.
+
+    Raises `DescriptionError` also if a word is of no sensor of the cell, or states a wrong delay.
+    """
+    require_sensors(words, len(setup.cell.further_sensor))
+    for number, further in enumerate(setup.cell.further_sensor, 2):
+        as_built_delay(further, words, number)
+    numbers = range(1, len(setup.sensor_names) + 1)
+    return tuple(as_built_sensor(setup.seen_by(number).sensor, words, number) for number in numbers)
+
+
+def as_built_delay(nominal: FurtherSensorDescription, words: Sequence[str], number: int) -> float:
+    """Delay, s, of the exposures of a further sensor as built; a word ``sensor[2].delay_ms`` states it.
+
+    Raises `DescriptionError` if it is no number, or out of bounds.
+    """
+    delay = nominal.delay_ms
+    for word in sensor_words(words):
+        if word.startswith(f"{sensor_frame(number)}.") and _is_delay(word):
+            origin = Origin((_DELAY,), f"`as_built` {word}")
+            raw = {**plain_data(nominal), _DELAY: parse_assignment(word)[1]}
+            delay = validate(FurtherSensorDescription, raw, "`as_built`", [origin]).delay_ms
+    return 1e-3 * delay
+
+
+def _is_delay(word: str) -> bool:
+    key = parse_assignment(word)[0]
+    return key.startswith("sensor[") and key.endswith(f"].{_DELAY}")
+
+
 def sensor_words(as_built: Sequence[str]) -> list[str]:
-    """Words of ``as_built`` that change the sensor; the others change the cell."""
-    return [word for word in as_built if word.startswith("sensor.")]
+    """Words of ``as_built`` that change a sensor; the others, such as those of its pose, change the cell."""
+    return [word for word in as_built if word.startswith("sensor.") or _FURTHER.match(word)]
+
+
+def require_sensors(as_built: Sequence[str], further: int) -> None:
+    """Refuse words of ``as_built`` that change a sensor which a cell with so many `further` ones lacks.
+
+    Raises `DescriptionError` naming the word.
+    """
+    names = [sensor_frame(number) for number in range(1, further + 2)]
+    for word in sensor_words(as_built):
+        if word.partition(".")[0] not in names:
+            expected = ", ".join(f"{name}.…" for name in names)
+            raise DescriptionError("there is no such sensor", key="as_built", value=word, expected=expected)
 
 
 def require_sensor_words(as_built: Sequence[str], why: str) -> None:
@@ -219,9 +305,18 @@ def _apply_override(raw: dict[str, Any], word: str, argument: str) -> Origin:
 
 
 def _switch_off_noise(raw: dict[str, Any]) -> None:
-    raw["sensor"].setdefault("render", {})["noise"] = False
-    owners: list[Mapping[str, Any]] = [raw["cell"].get("table", {}), *raw["cell"].get("robot", {}).get("joint", [])]
-    for owner in owners:
+    cell = raw["cell"]
+    further = [one["sensor"] for one in _tables(cell, "further_sensor") if isinstance(one.get("sensor"), dict)]
+    for sensor in (raw["sensor"], *further):
+        sensor.setdefault("render", {})["noise"] = False
+    for owner in (cell.get("table", {}), *cell.get("robot", {}).get("joint", []), *_tables(cell, "axis")):
         if isinstance(owner, dict):
-            owner["encoder_resolution_deg"] = 0.0
-            owner["encoder_noise_deg"] = 0.0
+            unit = "_mm" if owner.get("kind") == "prismatic" else "_deg"
+            owner[f"encoder_resolution{unit}"] = 0.0
+            owner[f"encoder_noise{unit}"] = 0.0
+
+
+def _tables(data: Mapping[str, Any], key: str) -> list[dict[str, Any]]:
+    """The tables of a list in data that is not checked yet."""
+    found = data.get(key)
+    return [one for one in found if isinstance(one, dict)] if isinstance(found, list) else []

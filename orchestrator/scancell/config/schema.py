@@ -39,6 +39,9 @@ def json_schemas() -> dict[str, dict[str, Any]]:
         "anyOf": [{"$ref": robot["$ref"]}, {"type": "string"}],
         "description": f"{robot['description']}, or the path of a robot file",
     }
+    sensor = schemas["cell"]["$defs"]["FurtherSensorDescription"]["properties"]["sensor"]
+    sensor["anyOf"].insert(1, {"type": "string"})
+    sensor["description"] += "; a description, or the path of a sensor file"
     # A format is given whole, or by the changes of a shipped one.
     form = schemas["format"]["$defs"]["FormatDescription"]
     form["properties"]["preset"] = {

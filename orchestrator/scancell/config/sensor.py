@@ -506,6 +506,9 @@ IMAGE_ONLY_KEYS = (
 """Keys of a sensor that act on images alone: they change nothing in the geometric engine."""
 
 
+MOST_CAMERAS = 8
+
+
 class SensorDescription(FileDescription):
     """A laser profile sensor with one or more cameras.
 
@@ -522,7 +525,7 @@ class SensorDescription(FileDescription):
     name: str = Field(description="name of the sensor")
     laser: LaserDescription = Field(description="laser and shape of its sheet")
     range: RangeDescription = Field(description="measuring range along sensor Z")
-    camera: Annotated[tuple[CameraDescription, ...], Field(min_length=1, max_length=8)] = Field(
+    camera: Annotated[tuple[CameraDescription, ...], Field(min_length=1, max_length=MOST_CAMERAS)] = Field(
         description="the cameras, with unique names"
     )
     detector: DetectorDescription = Field(description="image sensor of every camera")
@@ -596,6 +599,11 @@ class SensorDescription(FileDescription):
                 key = re.sub(r"^sensor\.cameras\[(\d+)\]", lambda found: f"camera[{int(found[1]) + 1}]", str(error))
                 raise ValueError(key) from None
         return self
+
+
+def camera_label(sensor: Any, camera: Any) -> Any:
+    """Numbers of cameras among those of all sensors, by numbers of sensors, from 1, and indices of their cameras."""
+    return (sensor - 1) * MOST_CAMERAS + camera
 
 
 def ignored_by_geometric_engine(sensor: SensorDescription) -> list[str]:

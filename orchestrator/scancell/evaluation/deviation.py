@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from scancell import sensor as sensor_rt
 from scancell.arrays import Array, Flags
-from scancell.config.sensor import SensorDescription
+from scancell.config.sensor import SensorDescription, camera_label
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import PartSurface
@@ -233,7 +233,8 @@ class Deviation(Value):
 
     Distances are positive outside the material where `is_signed`, and absolute otherwise: a mesh that is not closed
     has no inside. `is_exact`: they are distances to the exact shapes of the part, of which the mesh is a tessellation.
-    `by_camera` and `by_segment` are the figures by index of the camera and by segment of the plan.
+    `by_camera` and `by_segment` are the figures by index of the camera and by segment of the plan, `by_sensor` those by
+    number of the sensor of a cell with several. In such a cell, cameras have the numbers of `Setup.camera_names`.
 
     Examples
     --------
@@ -251,6 +252,7 @@ class Deviation(Value):
     by_segment: dict[int, DeviationFigures]
     is_signed: bool = True
     is_exact: bool = False
+    by_sensor: dict[int, DeviationFigures] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -262,14 +264,17 @@ class Deviation(Value):
         is_exact: bool = False,
     ) -> Deviation:
         """From the distance (n,) of each point of the cloud and its nearest face (n,); flags as of `Deviation`."""
+        several = (cloud.sensor != 1).any()
+        camera = camera_label(cloud.sensor.astype(np.int32), cloud.camera) if several else cloud.camera
         return cls(
             distance=distance,
             face=face.astype(np.int32),
             figures=DeviationFigures.of(distance),
-            by_camera=figures_by_label(distance, cloud.camera),
+            by_camera=figures_by_label(distance, camera),
             by_segment=figures_by_label(distance, cloud.segment),
             is_signed=is_signed,
             is_exact=is_exact,
+            by_sensor=figures_by_label(distance, cloud.sensor.astype(np.int32)) if several else {},
         )
 
     @property
@@ -292,8 +297,11 @@ class Deviation(Value):
         """Largest absolute distance, m."""
         return self.figures.max_abs
 
-    def as_json(self, cameras: Sequence[str], segments: Mapping[int, str]) -> dict[str, Any]:
-        """Plain data for ``deviation.json``; `cameras` and `segments` are names by index and by id."""
+    def as_json(
+        self, cameras: Sequence[str] | Mapping[int, str], segments: Mapping[int, str], sensors: Sequence[str] = ()
+    ) -> dict[str, Any]:
+        """Plain data for ``deviation.json``, with names of cameras by index, of segments by id, and of sensors."""
+        by_sensor = {sensors[key - 1]: figures.as_um() for key, figures in self.by_sensor.items()}
         return {
             "what": "distance from each exported point to the nearest point of the "
             + ("exact shapes, " if self.is_exact else "mesh, ")
@@ -301,6 +309,7 @@ class Deviation(Value):
             "d95_um": "95 % of the absolute distances are smaller",
             "d99_9_um": "99.9 % of the absolute distances are smaller",
             "all": self.figures.as_um(),
+            **({"by_sensor": by_sensor} if by_sensor else {}),
             "by_camera": {cameras[key]: figures.as_um() for key, figures in self.by_camera.items()},
             "by_segment": [
                 {"id": key, "name": segments.get(key, str(key)), **figures.as_um()}

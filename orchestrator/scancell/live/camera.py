@@ -19,7 +19,7 @@ from scancell.cell.recording import Recording
 from scancell.config.choices import Engine
 from scancell.config.files import Assignments, assignments
 from scancell.config.loading import require_sensor_words, sensor_words
-from scancell.errors import ScancellError
+from scancell.errors import DescriptionError, ScancellError
 from scancell.live.cell import LiveCell
 from scancell.scanning.scan import ScanData
 from scancell.scanning.sense import ExposureImages
@@ -35,7 +35,7 @@ _REPLAY_PERIOD = 0.02  # s, at which a feed that replays checks whether there is
 
 @dataclass(frozen=True, eq=False)
 class CameraFrame:
-    """Image and profile of the sensor at one instant; arrays are read-only.
+    """Image and profile of a sensor at one instant; arrays are read-only.
 
     Attributes
     ----------
@@ -57,6 +57,8 @@ class CameraFrame:
         Reason why there is no frame; empty if there is one.
     is_replayed
         Whether it shows an exposure of a recorded scan, in place of the running cell.
+    sensor
+        Number of the sensor, from 1: that of the tool.
     """
 
     number: int
@@ -71,10 +73,11 @@ class CameraFrame:
     camera: NDArray[np.int32]
     error: str = ""
     is_replayed: bool = False
+    sensor: int = 1
 
 
 class CameraFeed(Closing):
-    """Renders frames of the sensor of a live cell on demand, in a thread of its own.
+    """Renders frames of a sensor of a live cell on demand, in a thread of its own.
 
     The thread that owns the cell only reads its poses between two cycles. A new frame is rendered as soon as the last
     one is made and these or the settings have changed, so that image noise does not change at rest.
@@ -111,7 +114,7 @@ class CameraFeed(Closing):
         self._live, self._world, self._threads = live, session.world, session.pipeline.threads
         self._on_frame = on_frame
         self._setting = _Setting.of(engine, session.world)
-        self._replayed: tuple[_Setting, Recording] | None = None
+        self._replayed: tuple[_Setting, ScanData, int] | None = None
         self._frame: CameraFrame | None = None
         self._wanted, self._closed = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="cameras", daemon=True)
@@ -146,17 +149,39 @@ class CameraFeed(Closing):
         self._setting = _Setting.of(engine, self._setting.world)
 
     @property
+    def sensors(self) -> tuple[str, ...]:
+        """Names of the sensors of the cell, the main one first."""
+        return self._world.setup.sensor_names
+
+    @property
+    def sensor(self) -> str:
+        """Name of the sensor of the frames, at first the main one; may be changed at any time."""
+        return self._setting.world.name
+
+    @sensor.setter
+    def sensor(self, value: str) -> None:
+        if value not in self.sensors:
+            raise DescriptionError(key="sensor", value=value, expected=", ".join(self.sensors))
+        world, number = self._setting.world, self.sensors.index(value) + 1
+        if number == world.number:
+            return
+        self._setting = _Setting.of(self.engine, replace(self._world, as_built=world.as_built).sensors[number - 1])
+        replayed = self._replayed
+        if replayed is not None:
+            self.replay(*replayed[1:])
+
+    @property
     def as_built(self) -> tuple[str, ...]:
-        """Perturbations of the sensor in force, as ``key=value`` words."""
+        """Perturbations of the sensors in force, as ``key=value`` words."""
         return tuple(sensor_words(self._setting.world.as_built))
 
     def perturb(self, as_built: Assignments) -> None:
-        """Render with another true sensor from now on; the nominal sensor still interprets the images.
+        """Render with other true sensors from now on; the nominal ones still interpret the images.
 
         Parameters
         ----------
         as_built
-            All perturbations of the sensor, ``{"sensor.laser.turn_y_deg": 0.1}``; they replace the present ones.
+            All perturbations of the sensors, ``{"sensor.laser.turn_y_deg": 0.1}``; they replace the present ones.
 
         Raises
         ------
@@ -167,9 +192,10 @@ class CameraFeed(Closing):
         """
         words = tuple(assignments(as_built))
         require_sensor_words(words, "the cameras show the cell as it is")
-        world = replace(self._world, as_built=words)
-        _ = world.sensor_true  # a wrong one leaves the present one in force
-        self._setting = _Setting.of(self._setting.engine, world)
+        worlds = replace(self._world, as_built=words).sensors
+        for world in worlds:
+            _ = world.sensor_true, world.delays  # a wrong one leaves the present one in force
+        self._setting = _Setting.of(self.engine, worlds[self._setting.world.number - 1])
 
     def replay(self, scan: ScanData, row: int) -> None:
         """Render an exposure of a recorded scan of this cell, with its engine and sensor, until another or `resume`.
@@ -183,9 +209,10 @@ class CameraFeed(Closing):
             Index in the recording, from 0.
         """
         setting = None if self._replayed is None else self._replayed[0]
-        if setting is None or setting.world is not scan.world or setting.engine != scan.engine:
-            setting = _Setting.of(scan.engine, scan.world)
-        self._replayed = setting, scan.recording[row : row + 1]
+        world = scan.world.sensors[self._setting.world.number - 1]
+        if setting is None or setting.world is not world or setting.engine != scan.engine:
+            setting = _Setting.of(scan.engine, world)
+        self._replayed = setting, scan, row
 
     def resume(self) -> None:
         """Render the running cell again."""
@@ -210,7 +237,8 @@ class CameraFeed(Closing):
                 continue
             if (replayed := self._replayed) is not None:
                 request = None
-                setting, recording = replayed
+                setting, scan, row = replayed
+                recording = scan.recording[row : row + 1]
             else:
                 live = self._look(request or self._ask())
                 if live is None or not self._wanted.is_set():
@@ -273,7 +301,7 @@ def _made(number: int, recording: Recording, setting: _Setting, threads: int) ->
         nothing = np.zeros((0, 3))
         return CameraFrame(
             number, float(recording.measured.time[0]), setting.engine, as_built, None, (), nothing, nothing,
-            np.zeros(0), np.zeros(0, np.int32), str(error),
+            np.zeros(0), np.zeros(0, np.int32), str(error), sensor=setting.world.number,
         )  # fmt: skip
     profile = found.profile
     stripe = np.column_stack([profile.column, found.rows])
@@ -290,6 +318,7 @@ def _made(number: int, recording: Recording, setting: _Setting, threads: int) ->
         points_in_base=_read_only(found.points_in_base),
         intensity=_read_only(profile.intensity),
         camera=_read_only(profile.camera),
+        sensor=setting.world.number,
     )
 
 

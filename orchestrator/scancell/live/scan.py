@@ -5,7 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, fields, replace
 from typing import Literal, Self
@@ -251,10 +251,10 @@ class LiveScan:
     def _sense_all(self, session: ScanSession, plan: Plan) -> None:
         world = session.world
         scan = Scan(session.pipeline, world, self._engine, setup_warnings=tuple(setup_warnings(world.setup)))
-        samples, control = np.array(sample_rows(self._planned, SAMPLE_IMAGES)), world.control()
+        samples, controls = np.array(sample_rows(self._planned, SAMPLE_IMAGES)), world.controls()
         try:
             while (chunk := self._next()) is not None:
-                self._sense(chunk, scan, samples, control)
+                self._sense(chunk, scan, samples, controls)
             if not self._given_up.is_set() and self._recordings:
                 self._finish(session, plan, scan)
             elif self._ended_by:
@@ -272,10 +272,12 @@ class LiveScan:
                     return self._after_stop.popleft() if self._after_stop else None
         return None
 
-    def _sense(self, chunk: Recording, scan: Scan, samples: NDArray[np.int64], control: ExposureControl) -> None:
+    def _sense(
+        self, chunk: Recording, scan: Scan, samples: NDArray[np.int64], controls: Sequence[ExposureControl]
+    ) -> None:
         rows = samples[(samples >= self._sensed) & (samples < self._sensed + len(chunk))] - self._sensed
         with self._watch.measure("sense"):
-            sensed = scan.sense(chunk, NullProgress(), rows.tolist(), control)
+            sensed = scan.sense(chunk, NullProgress(), rows.tolist(), controls)
         self._images += sensed.images
         with self._watch.measure("reconstruct"):
             cloud, dropped = scan.points_of(chunk, sensed.points)

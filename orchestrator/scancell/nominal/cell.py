@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from scancell.arguments import checked_arguments
 from scancell.arrays import Array
-from scancell.config.cell import AxisDescription, CellDescription, PartDescription, TableDescription
+from scancell.config.cell import AxisDescription, CellDescription, PartDescription, TableDescription, sensor_frame
 from scancell.config.description import PoseDescription, si_value, to_si
 from scancell.config.devices import ConveyorDescription, FurtherPartDescription, LightDescription
 from scancell.config.material import Material, MaterialDescription
@@ -85,9 +85,10 @@ def fmu_frame(frame: str) -> str:
 class Body(Value):
     """A rigid body that can occlude, be lit, or collide.
 
-    `moves_with` names the frame that carries it: ``world``, ``link[1]`` …, ``sensor``, ``table``, ``part``
-    and, for further parts, ``part[2]`` …, for a gripper ``finger[1]`` and ``finger[2]``; the mesh is given in that
-    frame, metres. Faces of `patches` have materials of their own. `clearance` (m) replaces that of the scan.
+    `moves_with` names the frame that carries it: ``world``, ``link[1]`` …, ``sensor``, ``table``, ``part`` and, for
+    further sensors and parts, ``sensor[2]`` … and ``part[2]`` …, for a gripper ``finger[1]`` and ``finger[2]``; the
+    mesh is given in that frame, metres. Faces of `patches` have materials of their own. `clearance` (m) replaces that
+    of the scan.
     """
 
     name: str
@@ -359,19 +360,21 @@ class NominalCell(Value):
         axes = (*self.arm.tree.axes, "table", *(joint.axis for joint in further_joints))
         return Tree([*joints, *further_joints, *self.further_sensors], axes)
 
-    def require_simulated(self) -> None:
-        """Raise `DescriptionError` where the cell has a sensor or a support of the part that only has a place.
+    def carrier(self, frame: str) -> str:
+        """Frame that carries what moves with a frame: that of a further sensor is fixed to another one."""
+        return next((one.parent for one in self.further_sensors if one.frame == frame), frame)
 
-        The FMU, planning, the guard and scans know one arm, one table, its sensor, conveyors and further axes.
+    def require_simulated(self) -> None:
+        """Raise `DescriptionError` where the cell has a support of the part that only has a place.
+
+        The FMU, planning, the guard and scans know one arm, one table, sensors, conveyors and further axes.
         """
-        found = [("further_sensor", joint.frame) for joint in self.further_sensors]
-        found += [("part.moves_with", "flange")] if self.support == self.arm.flange else []
-        for key, value in found:
+        if self.support == self.arm.flange:
             raise DescriptionError(
                 "is placed by kinematics alone: the FMU, planning, the guard and scans do not know it yet",
-                key=f"cell.{key}",
-                value=value,
-                expected="one arm, its sensor, and a part on the table or on a conveyor",
+                key="cell.part.moves_with",
+                value="flange",
+                expected="one arm, its sensors, and a part on the table or on a conveyor",
             )
 
     def world_from(self, frame: str, axes: ArrayLike = ()) -> Array:
@@ -382,10 +385,11 @@ class NominalCell(Value):
         """Pose (..., 4, 4) of the sensor at positions (..., k) of the `axes`, of which only the joints matter, rad."""
         return self.world_from("sensor", axes)
 
-    def part_from_sensor(self, axes: ArrayLike) -> Array:
-        """Pose (..., 4, 4) of the sensor in the frame of the part at positions (..., k) of the `axes`."""
-        placed = self.tree.place(axes, ["part", "sensor"])
-        return np.asarray(pose.inverse(placed["part"]) @ placed["sensor"])
+    def part_from_sensor(self, axes: ArrayLike, number: int = 1) -> Array:
+        """Pose (..., 4, 4) of a sensor, by its number, in the frame of the part at positions (..., k) of the `axes`."""
+        sensor = sensor_frame(number)
+        placed = self.tree.place(axes, ["part", sensor])
+        return np.asarray(pose.inverse(placed["part"]) @ placed[sensor])
 
     @property
     def scanned_part(self) -> Mesh | None:
@@ -494,7 +498,7 @@ def nominal_cell(cell: CellDescription, part: Mesh | None) -> NominalCell:
         table_on=cell.table.moves_with,
         further_axes=tuple(_further_axis(axis) for axis in cell.axis),
         further_sensors=tuple(
-            Joint(f"sensor[{number}]", sensor.moves_with, parent_from_joint=pose_matrix(sensor.pose))
+            Joint(sensor_frame(number), sensor.moves_with, parent_from_joint=pose_matrix(sensor.pose))
             for number, sensor in enumerate(cell.further_sensor, 2)
         ),
         world_from_conveyors=tuple(pose_matrix(belt.pose) for belt in cell.conveyor),
@@ -617,6 +621,10 @@ def _bodies(cell: CellDescription, part: Mesh) -> tuple[Body, ...]:
         ("base", cell.robot_moves_with, _mesh(cell.robot.base_mesh, cell.robot.base), robot_material),
         *((f"link{i}", f"link[{i}]", _mesh(joint.mesh), robot_material) for i, joint in enumerate(cell.robot.joint, 1)),
         ("sensor", "sensor", _mesh(cell.sensor_mesh), robot_material),
+        *(
+            (one.name, sensor_frame(number), _mesh(one.mesh), _material(one.material, one.reflectance))
+            for number, one in enumerate(cell.further_sensor, 2)
+        ),
         ("table", "table", _mesh(table.platter_mesh) or _cylinder(table), table_material),
         ("table_base", table.moves_with, _mesh(table.base_mesh, table.pose), table_material),
     ]
@@ -682,6 +690,9 @@ def estimated_cell(nominal: NominalCell, deviations: Mapping[str, float]) -> Nom
         eccentricity=(*values("platter", "x", "y"),),
         wobble=(*values("table", *(f"wobble_{key}" for key in WOBBLE)),),
         trigger_latency=deviations.get("trigger.latency", 0.0),
+        further_sensors=tuple(
+            replace(one, parent_from_joint=one.parent_from_joint @ delta(one.frame)) for one in nominal.further_sensors
+        ),
     )
 
 

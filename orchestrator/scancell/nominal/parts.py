@@ -20,6 +20,7 @@ from scancell.config.cell import (
     MaterialRegionDescription,
     PartDescription,
     ToolDescription,
+    sensor_frame,
 )
 from scancell.config.description import PoseDescription, si_value, to_si
 from scancell.config.devices import GripperDescription
@@ -145,8 +146,8 @@ def rigid_body(inertia: InertiaDescription | None, mesh_file: str | None, densit
 def flange_loads(cell: CellDescription, part: Mesh | None) -> dict[str, MassProperties]:
     """Mass properties, in the frame of the flange, of what the arm always carries.
 
-    These are ``sensor``, ``gripper`` (its housing), ``finger1`` and ``finger2`` with the pads as they start, and
-    ``part``, the `part` of a cell whose description puts it on the flange; where a mass is known.
+    These are ``sensor``, ``sensor[2]`` and so on, ``gripper`` (its housing), ``finger1`` and ``finger2`` with the pads as
+    they start, and ``part``, the `part` of a cell whose description puts it on the flange; where a mass is known.
 
     Raises `MeshError` if a mesh cannot be used.
     """
@@ -155,6 +156,10 @@ def flange_loads(cell: CellDescription, part: Mesh | None) -> dict[str, MassProp
     sensor = rigid_body(cell.tool.inertia, cell.sensor_mesh, density)
     if sensor is not None:
         loads["sensor"] = sensor.seen_from(tool_matrix(cell.tool))
+    for number, further in enumerate(cell.further_sensor, 2):
+        body = rigid_body(further.inertia, further.mesh, density)
+        if further.moves_with == f"link[{len(cell.robot.joint)}]" and body is not None:
+            loads[sensor_frame(number)] = body.seen_from(pose_matrix(further.pose))
     if cell.gripper is not None:
         flange_from_gripper, housing = pose_matrix(cell.gripper.pose), housing_mesh(cell.gripper)
         if housing is not None:

@@ -18,7 +18,6 @@ from scancell.config.sensor import (
     CameraDescription,
     SensorDescription,
     principal_point_px,
-    profile_time,
     read_out,
     sensor_json,
 )
@@ -232,7 +231,7 @@ def _motion_warnings(setup: Setup) -> list[str]:
     scan, sensor, table = setup.scan, setup.sensor, setup.cell.table
     if scan.pose:
         return []
-    needed = 1e3 * profile_time(sensor)
+    needed = 1e3 * setup.profile_time
     if scan.belt is not None:
         period = 1e3 * scan.belt.pitch_mm / abs(scan.belt.speed_mm_s)
         return _rate_warning("belt", "pitch_mm", "speed_mm_s", period, needed)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
+from scancell.config.loading import Setup
 from scancell.config.sensor import SensorDescription
 from scancell.errors import ImageError, OutputError
 from scancell.files import require_file
@@ -325,19 +326,26 @@ class FrameFiles:
 
 
 class ImageWriter:
-    """Callback that writes the images of every exposure into ``images/`` and ``laser_off/`` of a run folder."""
+    """Callback that writes the images of every exposure into ``images/`` and ``laser_off/`` of a run folder.
 
-    def __init__(self, folder: RunFolder, cameras: Sequence[str]) -> None:
-        self._images = FrameFiles(folder, "images", cameras)
-        self._background = FrameFiles(folder, "laser_off", cameras)
+    Those of further sensors come into subfolders of these with the names of the sensors.
+    """
+
+    def __init__(self, folder: RunFolder, setup: Setup) -> None:
+        self._images, self._background = [], []
+        for number, name in enumerate(setup.sensor_names, 1):
+            cameras = [camera.name for camera in setup.seen_by(number).sensor.camera]
+            place = "" if number == 1 else f"/{name}"
+            self._images.append(FrameFiles(folder, f"images{place}", cameras))
+            self._background.append(FrameFiles(folder, f"laser_off{place}", cameras))
 
     def __call__(self, images: ExposureImages) -> None:
-        name = f"raw_{images.trigger:05d}"
-        self._images.add(name, images.images, "on")
+        name, number = f"raw_{images.trigger:05d}", images.sensor - 1
+        self._images[number].add(name, images.images, "on")
         if images.background is not None:
-            self._background.add(name, images.background, "off")
+            self._background[number].add(name, images.background, "off")
 
     def finish(self) -> None:
         """Write the index of each folder."""
-        self._images.finish()
-        self._background.finish()
+        for files in (*self._images, *self._background):
+            files.finish()

@@ -337,11 +337,13 @@ def resolved_toml(setup: Setup, run: Mapping[str, Any]) -> str:
 def write_profiles(
     profiles: ProfilePoints,
     index: NDArray[np.int64],
-    cameras: Sequence[str],
+    setup: Setup,
     path: Path,
     covariance: NDArray[np.float64] | None = None,
 ) -> None:
     """Write all points in the sensor frame as Parquet: lengths in mm; `profile` is the trigger index of (n,) `index`.
+
+    In a cell with several sensors, a column `sensor` holds their numbers, and the names of the cameras include theirs.
 
     With `covariance` (m, 3, 3), m², also its columns, see `covariance_columns`.
     """
@@ -349,6 +351,10 @@ def write_profiles(
 
     index = index.astype(np.int32)
     few_values = ["profile", "camera", "x_mm", "flags", "time_offset_s"]
+    sensors, names = setup.sensor_names, {"cameras": ",".join(setup.camera_names.values())}
+    if len(sensors) > 1:
+        names["sensors"] = ",".join(sensors)
+        few_values.append("sensor")
     writer = None
     try:
         for start in range(0, max(len(profiles.frame), 1), _ROWS):
@@ -356,6 +362,7 @@ def write_profiles(
             points = 1e3 * np.asarray(profiles.points_in_sensor[rows], float)
             columns = {
                 "profile": index[profiles.frame[rows]],
+                **({"sensor": np.asarray(profiles.sensor[rows])} if len(sensors) > 1 else {}),
                 "camera": np.asarray(profiles.camera[rows], np.uint8),
                 "column": np.asarray(profiles.column[rows], np.int32),
                 **{f"{axis}_mm": np.ascontiguousarray(points[:, i]) for i, axis in enumerate("xyz")},
@@ -366,7 +373,7 @@ def write_profiles(
                 **({} if covariance is None else covariance_columns(covariance[rows])),
             }
             table = arrow_table(columns)
-            table = table.replace_schema_metadata({"frame": "sensor", "cameras": ",".join(cameras)})
+            table = table.replace_schema_metadata({"frame": "sensor", **names})
             writer = writer or pyarrow.parquet.ParquetWriter(
                 path, table.schema, compression="none", use_dictionary=few_values, write_statistics=False
             )

@@ -53,9 +53,13 @@ class ScanOptions:
         return si_value(sweep, "azimuth_deg")
 
 
-def scan_options(scan: ScanDescription, sensor: SensorDescription) -> ScanOptions:
-    """Options of a validated description; `sensor` sets stand-offs by its range and spacings by its `profile_time`."""
-    period = profile_time(sensor)
+def scan_options(scan: ScanDescription, sensor: SensorDescription, period: float | None = None) -> ScanOptions:
+    """Options of a validated description; `sensor` sets stand-offs by its range.
+
+    The shortest time from a profile to the next one, `period` (s), sets spacings: by default the sensor's
+    `profile_time`.
+    """
+    period = profile_time(sensor) if period is None else period
     scan = with_standoffs(scan, sensor)
     sweep, raster = scan.sweep, scan.raster
     is_least_angle, is_least_pitch = sweep.angle_step_deg == "sensor", raster.pitch_mm == "sensor"

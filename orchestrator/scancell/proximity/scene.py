@@ -117,7 +117,7 @@ class ProximityScene:
 
 def arm_chain(nominal: NominalCell) -> list[str]:
     """Names of the arm's bodies, base first, tools last."""
-    return [b.name for b in nominal.bodies if b.name == "base" or b.moves_with.startswith(_ON_ARM)]
+    return [b.name for b in nominal.bodies if b.name == "base" or nominal.carrier(b.moves_with).startswith(_ON_ARM)]
 
 
 def cell_scene(

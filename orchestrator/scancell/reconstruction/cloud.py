@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -54,6 +54,8 @@ class Cloud(Value):
         (n,) index, segment and mid-exposure time (s) of the trigger.
     saturated
         (n,) whether the stripe was saturated, so that its centre is that of its flanks; see `docs/light.md`.
+    sensor
+        (n,) number of the sensor, from 1: that of the tool; by default of all points.
 
     Examples
     --------
@@ -75,19 +77,22 @@ class Cloud(Value):
     segment: Annotated[NDArray[np.int32], _INTEGERS]
     time: Annotated[Array, _NUMBERS]
     saturated: Annotated[NDArray[np.bool_], _BOOLEANS]
+    sensor: Annotated[NDArray[np.uint8], _INTEGERS] = field(default_factory=lambda: np.zeros(0, np.uint8))
 
     def __post_init__(self) -> None:
-        """Refuse columns of different lengths.
+        """Make points without a sensor those of the first, and refuse columns of different lengths.
 
         Raises
         ------
         DescriptionError
             Naming the column and its length.
         """
-        for field in fields(self):
-            length = len(getattr(self, field.name))
+        if not len(self.sensor):
+            object.__setattr__(self, "sensor", np.ones(len(self), np.uint8))
+        for column in fields(self):
+            length = len(getattr(self, column.name))
             if length != len(self):
-                raise DescriptionError(f"{length} rows", key=field.name, expected=f"{len(self)}, one for each point")
+                raise DescriptionError(f"{length} rows", key=column.name, expected=f"{len(self)}, one for each point")
 
     def __repr__(self) -> str:
         return f"Cloud({len(self)} points of {len(np.unique(self.profile))} profiles)"
@@ -105,7 +110,7 @@ class Cloud(Value):
         """
         if np.ndim(chosen) == 0 and not isinstance(chosen, slice):  # type: ignore[arg-type]
             raise DescriptionError(f"cloud[{chosen!r}]: expected a mask, a list of indices or a slice")
-        return type(self)(**{field.name: getattr(self, field.name)[chosen] for field in fields(self)})
+        return type(self)(**{column.name: getattr(self, column.name)[chosen] for column in fields(self)})
 
     @checked_arguments
     def save(self, path: str | Path) -> Path:
@@ -146,7 +151,7 @@ class Cloud(Value):
         """Concatenation of several clouds."""
         if not clouds:
             raise DescriptionError(key="clouds", expected="at least one")
-        names = [field.name for field in fields(cls)]
+        names = [column.name for column in fields(cls)]
         return cls(**{name: np.concatenate([getattr(cloud, name) for cloud in clouds]) for name in names})
 
 

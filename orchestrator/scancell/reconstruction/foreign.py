@@ -19,7 +19,7 @@ from scancell import sensor as sensor_rt
 from scancell.arrays import Array, Flags
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
-from scancell.nominal.cell import NominalCell
+from scancell.nominal.cell import Body, NominalCell
 from scancell.sensor import closest_points
 
 TOLERANCE = 1e-3  # m: more than as-built errors move points, less than parts stand apart
@@ -52,11 +52,26 @@ class Neighbour:
 
 
 @dataclass(frozen=True)
+class CarriedBodies:
+    """Bodies with their meshes, each in its frame, m, and the cell that places them by positions of its axes."""
+
+    cell: NominalCell
+    bodies: tuple[Body, ...]
+
+    def poses(self, axes: Array) -> list[Array]:
+        """Poses (n, 4, 4) of each body in the frame of the part's support at positions (n, k) of the axes."""
+        placed = self.cell.tree.place(axes, [self.cell.support, *(body.moves_with for body in self.bodies)])
+        support_from_world = pose.inverse(placed[self.cell.support])
+        return [np.asarray(support_from_world @ placed[body.moves_with]) for body in self.bodies]
+
+
+@dataclass(frozen=True)
 class Neighbours:
     """Nominal bodies around the scanned part, the part itself, and the distance (m) that tells them apart.
 
     The part rests on its support at `support_from_part` (4, 4); the support turns about its z or `slides` along its x
-    with the axis in the column `axis` of the positions of axes.
+    with the axis in the column `axis` of the positions of axes. `carried` are bodies that other axes move, such as
+    those of the arm, which a sensor that it does not carry sees.
     """
 
     bodies: tuple[Neighbour, ...]
@@ -65,6 +80,7 @@ class Neighbours:
     axis: int
     slides: bool = False
     tolerance: float = TOLERANCE
+    carried: CarriedBodies | None = None
 
     def moved(self, points: Array, position: Array) -> Array:
         """Points (n, 3) of the support moved with it by positions (n,) of its axis, rad or m."""
@@ -79,9 +95,10 @@ class Neighbours:
 
 
 def neighbours_of(nominal: NominalCell) -> Neighbours:
-    """Bodies that stand in the cell, without the arm and the part's support (which the envelope removes).
+    """Bodies that stand in the cell, without the part's support (which the envelope removes).
 
-    Where other axes than that of the support move them, they are where they start.
+    Where other axes than that of the support move them, they are where they start. The arm, and what it carries, is in
+    view of further sensors alone.
     """
     frames, tree = nominal.frame_poses(nominal.start), nominal.tree
     support_from_world, axis = (
@@ -97,10 +114,13 @@ def neighbours_of(nominal: NominalCell) -> Neighbours:
             tree.axes_of(body.moves_with) == tree.axes_of(nominal.support),
         )
         for body in nominal.bodies
-        if body.name not in ("part", support) and body.moves_with.partition("[")[0] in standing
+        if body.name not in ("part", support) and nominal.carrier(body.moves_with).partition("[")[0] in standing
     )
-    slides = tree[nominal.support].kind == "prismatic"
-    return Neighbours(bodies, nominal.part, nominal.support_from_part, tree.axes.index(axis), slides)
+    slides, carried = tree[nominal.support].kind == "prismatic", None
+    if nominal.further_sensors:
+        known = {"part", support, *(body.name for body in bodies)}
+        carried = CarriedBodies(nominal, tuple(body for body in nominal.bodies if body.name not in known))
+    return Neighbours(bodies, nominal.part, nominal.support_from_part, tree.axes.index(axis), slides, carried=carried)
 
 
 def foreign_points(points_on_support: Array, position: Array, neighbours: Neighbours) -> NDArray[np.int64]:
@@ -125,6 +145,40 @@ def foreign_points(points_on_support: Array, position: Array, neighbours: Neighb
             place = neighbours.moved(place, -position[rows[on_it]])
         contact = _nearer(place, neighbours.part_on_support, _CONTACT * tolerance)
         owner[rows[on_it[~contact]]] = number
+    return owner
+
+
+def carried_points(
+    points_on_support: Array, frame: NDArray[np.int64], axes: Array, neighbours: Neighbours
+) -> NDArray[np.int64]:
+    """Number (n,) of the carried body that each point lies on, -1 for none.
+
+    Parameters
+    ----------
+    points_on_support
+        (n, 3) in the frame that moves with the part's support, m.
+    frame
+        (n,) exposure of each point.
+    axes
+        (exposures, k) measured positions of the axes, rad or m.
+    """
+    owner = np.full(len(points_on_support), -1, np.int64)
+    if neighbours.carried is None:
+        return owner
+    tolerance, bodies = neighbours.tolerance, neighbours.carried.bodies
+    for number, (body, poses) in enumerate(zip(bodies, neighbours.carried.poses(axes), strict=True)):
+        mesh = body.mesh
+        centre = mesh.bounds.mean(0)
+        radius = float(np.linalg.norm(mesh.vertices - centre, axis=1).max()) + tolerance
+        away = np.linalg.norm(points_on_support - pose.transform_points(poses, centre[None])[:, 0][frame], axis=1)
+        rows = np.flatnonzero((away <= radius) & (owner < 0))
+        if not len(rows):
+            continue
+        points = pose.transform_each(pose.inverse(poses)[frame[rows]], points_on_support[rows])
+        near = ((points >= mesh.bounds[0] - tolerance) & (points <= mesh.bounds[1] + tolerance)).all(1)
+        rows, points = rows[near], points[near]
+        signed = np.asarray(closest_points(mesh.vertices, mesh.faces.astype(np.uint32), points)[2])
+        owner[rows[((signed < 0.0) & mesh.is_closed) | (np.abs(signed) <= tolerance)]] = number
     return owner
 
 

@@ -7,8 +7,8 @@ the part are removed by nominal geometry.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Protocol, Self
 
@@ -21,7 +21,7 @@ from scancell.geometry import pose
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import read_cloud
 from scancell.reconstruction.cloud_files.read import CloudFile, read_cloud_file
-from scancell.reconstruction.foreign import TOLERANCE, Footprint, Neighbours, foreign_points
+from scancell.reconstruction.foreign import TOLERANCE, Footprint, Neighbours, carried_points, foreign_points
 from scancell.sensor import PEAK_FLAGS, estimate_normals
 from scancell.values import Value
 
@@ -82,6 +82,8 @@ class ProfilePoints(Value):
         (m,) warning flags of the peak.
     time_offset
         (m,) time of the point minus latch time of its trigger, s; not 0 with a rolling shutter or several exposures.
+    sensor
+        (m,) number of the sensor, from 1: that of the tool; by default of all points.
     """
 
     points_in_sensor: Array
@@ -92,22 +94,28 @@ class ProfilePoints(Value):
     frame: NDArray[np.integer[Any]]
     flags: NDArray[np.uint32]
     time_offset: NDArray[np.floating[Any]]
+    sensor: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, np.uint8))
+
+    def __post_init__(self) -> None:
+        """Make points without a sensor those of the first."""
+        if len(self.sensor) != len(self.frame):
+            object.__setattr__(self, "sensor", np.ones(len(self.frame), np.uint8))
 
     def __getitem__(self, rows: NDArray[Any]) -> Self:
         """The points of some rows."""
-        return type(self)(**{field.name: getattr(self, field.name)[rows] for field in fields(self)})
+        return type(self)(**{column.name: getattr(self, column.name)[rows] for column in fields(self)})
 
     @classmethod
     def concatenate(cls, batches: Iterable[ProfilePoints]) -> Self:
         """Concatenation of batches with common frame numbers; each batch is released before the next is taken."""
         columns: dict[str, NDArray[Any]] = {}
         for batch in batches:
-            for field in fields(cls):
-                values = np.asarray(getattr(batch, field.name))
-                if field.name not in columns:
-                    columns[field.name] = values.copy()
+            for column in fields(cls):
+                values = np.asarray(getattr(batch, column.name))
+                if column.name not in columns:
+                    columns[column.name] = values.copy()
                     continue
-                grown = columns[field.name]
+                grown = columns[column.name]
                 start = len(grown)
                 # In place: large arrays are remapped, so that they do not exist twice.
                 grown.resize((start + len(values), *grown.shape[1:]), refcheck=False)
@@ -267,12 +275,58 @@ def why_empty(dropped: Dropped, envelope: Envelope) -> list[str]:
 
 @dataclass(frozen=True)
 class Reconstructed:
-    """A cloud, the points that were dropped, the rows (k,) of the points kept, and ``part_from_sensor`` (n, 4, 4)."""
+    """A cloud, the points that were dropped, the rows (k,) of the points kept, and ``part_from_sensor`` (n, 4, 4).
+
+    With several sensors the poses are those of the first, and `beside` holds those of the others.
+    """
 
     cloud: Cloud
     dropped: Dropped
     rows: NDArray[np.int64]
     part_from_sensor: Array
+    beside: tuple[Array, ...] = ()
+
+    def poses_of(self, profiles: ProfilePoints) -> Array:
+        """Poses (m, 4, 4) in the frame of the part of the sensors that measured points, at their exposures."""
+        frame = np.asarray(profiles.frame, np.intp)
+        if not self.beside:
+            return np.asarray(self.part_from_sensor[frame])
+        return np.asarray(np.stack([self.part_from_sensor, *self.beside])[profiles.sensor - 1, frame])
+
+
+def reconstruct_sensors(
+    profiles: ProfilePoints,
+    triggers: Triggers,
+    poses_after: Sequence[PosesAfter],
+    support_from_part: Array,
+    envelope: Envelope,
+    normals: bool = True,
+    neighbours: Neighbours | None = None,
+    threads: int = 0,
+) -> Reconstructed:
+    """Cloud of the points of several sensors, in the order in which they came; see `reconstruct_points`.
+
+    Parameters
+    ----------
+    poses_after
+        Of each sensor, in the order of their numbers.
+    """
+    others = (support_from_part, envelope, normals, neighbours, threads)
+    if len(poses_after) == 1:
+        return reconstruct_points(profiles, triggers, poses_after[0], *others)
+    made, rows = [], []
+    for number, poses in enumerate(poses_after, 1):
+        own = np.flatnonzero(profiles.sensor == number)
+        one = reconstruct_points(profiles[own], triggers, poses, *others)
+        made.append(replace(one, cloud=replace(one.cloud, sensor=np.full(len(one.cloud), number, np.uint8))))
+        rows.append(own[one.rows])
+    order = np.argsort(np.concatenate(rows))
+    dropped = made[0].dropped
+    for one in made[1:]:
+        dropped += one.dropped
+    first, *beside = (one.part_from_sensor for one in made)
+    cloud = Cloud.concatenate([one.cloud for one in made])[order]
+    return Reconstructed(cloud, dropped, np.concatenate(rows)[order], first, tuple(beside))
 
 
 def reconstruct_points(
@@ -327,6 +381,7 @@ def reconstruct_points(
         ),
         envelope,
         neighbours,
+        lambda points_on_support, rows, known: carried_points(points_on_support, frame[rows], triggers.axes, known),
     )
     points, frame = points[kept], frame[kept]
     sigma = np.asarray(profiles.sigma)[kept]
@@ -353,11 +408,20 @@ def reconstruct_points(
     return Reconstructed(cloud, dropped, kept, poses)
 
 
-def with_normals(cloud: Cloud, triggers: Triggers, poses_after: PosesAfter, threads: int = 0) -> Cloud:
-    """The cloud with its normals, which are those of `reconstruct_points`; parameters as there."""
-    row = np.searchsorted(triggers.index, cloud.profile)
-    column, positions = cloud.column.astype(np.int64), poses_after(0.0)[:, :3, 3]
-    normals = estimate_normals(cloud.points_in_part, row, cloud.camera, column, positions, threads)
+def with_normals(cloud: Cloud, triggers: Triggers, poses_after: Sequence[PosesAfter], threads: int = 0) -> Cloud:
+    """The cloud with its normals, which are those of `reconstruct_sensors`; parameters as there."""
+
+    def estimated(part: Cloud, poses: PosesAfter) -> Array:
+        row = np.searchsorted(triggers.index, part.profile)
+        column, positions = part.column.astype(np.int64), poses(0.0)[:, :3, 3]
+        return estimate_normals(part.points_in_part, row, part.camera, column, positions, threads)
+
+    if len(poses_after) == 1:
+        return replace(cloud, normals=estimated(cloud, poses_after[0]))
+    normals = np.full_like(cloud.points_in_part, np.nan)
+    for number, poses in enumerate(poses_after, 1):
+        own = np.flatnonzero(cloud.sensor == number)
+        normals[own] = estimated(cloud[own], poses)
     return replace(cloud, normals=normals)
 
 
@@ -367,11 +431,13 @@ def _sort_out(
     position: Callable[[int, NDArray[np.int64]], Array],
     envelope: Envelope,
     neighbours: Neighbours | None,
+    on_carried: Callable[[Array, NDArray[np.int64], Neighbours], NDArray[np.int64]],
 ) -> tuple[NDArray[np.int64], Dropped]:
     """Rows (k,) of the part's points among those in the frame of its support (n, 3), and what became of the others.
 
     `sigma` (n,) are the standard deviations of the points, m.
     `position` gives the positions (k,) of one axis, by its column, at the points of some rows.
+    `on_carried` gives the owners (k,) of the points (k, 3) of some rows, see `carried_points`.
     """
     inside = envelope.contains(points_on_support)
     on_part = ambiguous = np.zeros(0, bool)
@@ -388,6 +454,11 @@ def _sort_out(
         found = zip(*np.unique(owner[owner >= 0], return_counts=True), strict=True)
         foreign = {neighbours.bodies[number].name: int(count) for number, count in found}
         kept = kept[owner < 0]
+        if neighbours.carried is not None:
+            owner = on_carried(points_on_support[kept], kept, neighbours)
+            found = zip(*np.unique(owner[owner >= 0], return_counts=True), strict=True)
+            foreign |= {neighbours.carried.bodies[number].name: int(count) for number, count in found}
+            kept = kept[owner < 0]
     beside = 0
     if envelope.outline is not None:
         lowest = points_on_support[kept[points_on_support[kept, 2] < envelope.lowest + TOLERANCE], :2]

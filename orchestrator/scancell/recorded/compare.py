@@ -349,7 +349,7 @@ def compare(
     threads: Threads = 0,
     progress: Progress | ProgressCallback | None = None,
 ) -> ComparisonResult:
-    """Compare real measurements of a part with those of the ray-traced sensor at the same poses.
+    """Compare real measurements of a part by the main sensor with those of the ray-traced one at the same poses.
 
     The other parameters are those of `Scanner` and `Scanner.scan`.
 
@@ -393,6 +393,9 @@ def compare(
         source = folder / "points.parquet"
         measurements = read_table_of(source, len(setup.cell.robot.joint))
         latency = 1e-3 * float(made["latency_ms"])
+    measurements = measurements.of_main_sensor()
+    if not len(measurements.profiles.frame):
+        raise EmptyScanError(f"the main sensor, '{setup.sensor.name}', measured nothing", file=source)
     real = reconstruct_measurements(measurements, setup, mesh, latency, keep_all, threads)
     simulated = simulate(measurements, real.readings, real.measured_cell, setup, seed, threads, as_progress(progress))
     if not len(simulated.profiles.frame):
@@ -432,8 +435,13 @@ def _of_scan(folder: Path, setup: Setup) -> Measurements:
     if len(unknown):
         row = int(unknown[0])
         refuse_value(file, "profile", row, int(whole["profile"][row]), "a trigger.index of recording.parquet")
+    sensor = integers(table, "sensor", file) if "sensor" in table.column_names else np.ones(len(points), np.int64)
+    beyond = np.flatnonzero((sensor < 1) | (sensor > len(setup.sensor_names)))
+    if len(beyond):
+        row = int(beyond[0])
+        refuse_value(file, "sensor", row, int(sensor[row]), f"1 to {len(setup.sensor_names)}, as the cell has")
     cameras = len(setup.sensor.camera)
-    strange = np.flatnonzero(whole["camera"] >= cameras)
+    strange = np.flatnonzero((sensor == 1) & (whole["camera"] >= cameras))
     if len(strange):
         row = int(strange[0])
         refuse_value(file, "camera", row, int(whole["camera"][row]), f"0 to {cameras - 1}, as the sensor has")
@@ -446,6 +454,7 @@ def _of_scan(folder: Path, setup: Setup) -> Measurements:
         frame=np.searchsorted(measured.index, whole["profile"]).astype(np.int32),
         flags=whole["flags"].astype(np.uint32),
         time_offset=numbers(table, "time_offset_s", file, _LARGEST_S),
+        sensor=sensor.astype(np.uint8),
     )
     readings = readings_of(measured)
     return Measurements(

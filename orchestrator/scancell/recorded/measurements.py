@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from scancell.calibration.cell.kinematics import AxisReadings
 from scancell.calibration.cell.points import read_axes, read_points
 from scancell.calibration.measured_table import MeasuredTable, read_profiles, write_measured_table
 from scancell.calibration.pose_files import flange_columns, has_flange, read_flange
+from scancell.config.cell import MAX_FURTHER_SENSORS
 from scancell.config.sensor import SensorDescription
 from scancell.config.table_format import FormatDescription
 from scancell.errors import DescriptionError
@@ -81,6 +82,11 @@ class Measurements(Value):
         is_known = np.any(self.covariance != 0.0, axis=(1, 2))
         return np.where(is_known[:, None], vectors, [0.0, 0.0, 1.0])
 
+    def of_main_sensor(self) -> Measurements:
+        """Those of the main sensor alone."""
+        own = self.profiles.sensor == 1
+        return self if own.all() else replace(self, profiles=self.profiles[own], covariance=self.covariance[own])
+
     def write(self, path: Path) -> None:
         """Write the table of points that `read_table` reads again: CSV or Parquet, by the suffix.
 
@@ -105,6 +111,8 @@ class Measurements(Value):
             "intensity_dn": np.asarray(profiles.intensity, float),
             "flags": np.asarray(profiles.flags, np.int64),
         }
+        if (profiles.sensor != 1).any():
+            columns["sensor"] = profiles.sensor.astype(np.int64)
         if readings.flange is not None:
             del columns["time_offset_ms"]  # poses state no rates
         write_measured_table(path, columns)
@@ -182,6 +190,10 @@ def read_table_of(
     numbers = found.exposures
     whole = bool((numbers == np.round(numbers)).all() and (np.abs(numbers) <= _MOST_NUMBER).all())
     per_point = {name: _whole(table, name) for name in ("camera", "column_px", "flags")}
+    sensor = _whole(table, "sensor", 1)
+    wrong = np.flatnonzero((sensor < 1) | (sensor > MAX_FURTHER_SENSORS + 1))
+    if len(wrong):
+        table.refuse(int(wrong[0]), "sensor", f"the number of a sensor, 1 to {MAX_FURTHER_SENSORS + 1}")
     if "column_px" not in table.names:
         per_point["column_px"] = _order_within(observed.frame)
     profiles = ProfilePoints(
@@ -193,6 +205,7 @@ def read_table_of(
         frame=observed.frame.astype(np.int32)[kept],
         flags=per_point["flags"].astype(np.uint32)[kept],
         time_offset=observed.time_offset[kept],
+        sensor=sensor.astype(np.uint8)[kept],
     )
     direction = observed.direction
     if direction is None:
@@ -389,9 +402,9 @@ def _require_radians(stated: StatedPoses, file: Path) -> None:
         )
 
 
-def _whole(table: MeasuredTable, name: str) -> Array:
-    """A column of integers from 0, by default 0."""
-    values = table.numbers(name, 0.0)
+def _whole(table: MeasuredTable, name: str, default: int = 0) -> Array:
+    """A column of integers from 0, which the table may lack."""
+    values = table.numbers(name, float(default))
     wrong = np.flatnonzero((values < 0) | (values != np.round(values)) | (values > _MOST_NUMBER))
     if len(wrong):
         table.refuse(int(wrong[0]), name, "an integer, 0 or more")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from scancell.calibration.cell.solve import solve
 from scancell.calibration.pose_files import refuse_misread, refuse_wrong
 from scancell.calibration.sensor.problem import RADIUS_OFFSET, SensorParameters
 from scancell.cell.recording import TriggerRecords
-from scancell.config.cell import CellDescription, EstimatedDescription, EstimatedToolDescription
+from scancell.config.cell import CellDescription, EstimatedDescription, EstimatedToolDescription, sensor_frame
 from scancell.config.choices import LatencyWord
 from scancell.config.loading import Setup
 from scancell.config.robot import MAX_JOINTS
@@ -34,9 +34,10 @@ from scancell.nominal.cell import NominalCell, estimated_cell, nominal_cell
 from scancell.reconstruction.foreign import neighbours_of
 from scancell.reconstruction.reconstruct import (
     Envelope,
+    ProfilePoints,
     Reconstructed,
     points_in_part,
-    reconstruct_points,
+    reconstruct_sensors,
     table_warnings,
     why_empty,
 )
@@ -427,14 +428,29 @@ class MeasuredCell:
         """Name of the cloud's frame; that of the base is meant with the table at 0."""
         return "part" if self.has_part else "base"
 
-    def part_from_sensor(self, readings: AxisReadings) -> Array:
-        """Poses (n, 4, 4) of the sensor in the frame of the cloud."""
-        return np.asarray(pose.inverse(self.world_from("part", readings)) @ self.world_from("sensor", readings))
+    def part_from_sensor(self, readings: AxisReadings, number: int = 1) -> Array:
+        """Poses (n, 4, 4) of a sensor, by its number, in the frame of the cloud."""
+        world_from_sensor = self.world_from(sensor_frame(number), readings)
+        return np.asarray(pose.inverse(self.world_from("part", readings)) @ world_from_sensor)
 
-    def world_from(self, frame: Literal["sensor", "table", "part"], readings: AxisReadings) -> Array:
-        """Poses (n, 4, 4) of a frame in the world."""
-        if frame == "sensor" and readings.flange is not None:
-            return np.asarray(self.cell.arm.world_from_base @ readings.flange @ self.cell.flange_from_sensor)
+    def world_from(self, frame: str, readings: AxisReadings) -> Array:
+        """Poses (n, 4, 4) of ``table``, ``part`` or a sensor in the world.
+
+        Raises `DescriptionError` if poses of the flange do not place the sensor, which another link carries.
+        """
+        if frame.startswith("sensor") and readings.flange is not None:
+            carrier, carrier_from_sensor = self.cell.arm.flange, self.cell.flange_from_sensor
+            if frame != "sensor":
+                carrier, carrier_from_sensor = self.cell.tree[frame].parent, self.cell.tree[frame].parent_from_joint
+            if carrier == self.cell.arm.flange:
+                return np.asarray(self.cell.arm.world_from_base @ readings.flange @ carrier_from_sensor)
+            if carrier.startswith("link["):
+                raise DescriptionError(
+                    "poses of the flange do not place a sensor that another link carries",
+                    key=f"cell.further_sensor[{int(frame[7:-1]) - 1}].moves_with",
+                    value=carrier,
+                    expected="joints, or a sensor on the flange, the table or in the world",
+                )
         return self.cell.world_from(frame, self.all_axes(readings.axes))
 
     def all_axes(self, axes: Array) -> Array:
@@ -520,18 +536,31 @@ def reconstruct_measurements(
     delay = _latency(found, setup, measured_cell, latency)
     readings = found.readings.after(delay.value)
     surface = None if part is None else PartSurface(part)
-    if surface is not None and len(found.profiles.frame):
+    sensors = range(1, len(cell.further_sensors) + 2)
+    if len(found.profiles.frame) and int(found.profiles.sensor.max()) not in sensors:
+        raise DescriptionError(
+            "the cell has no such sensor",
+            file=found.files[0],
+            key="column 'sensor'",
+            value=int(found.profiles.sensor.max()),
+            expected=f"1 to {len(sensors)}",
+        )
+    main = found.of_main_sensor()
+    if surface is not None and len(main.profiles.frame):
         check_readings(
-            replace(found, readings=readings),
+            replace(main, readings=readings),
             surface,
             lambda other, points, frame: points_in_part(points, frame, measured_cell.part_from_sensor(other)),
         )
     whole = keep_all or part is None
     envelope = _EVERYWHERE if whole else envelope_of(cell, setup)
-    made = reconstruct_points(
+    made = reconstruct_sensors(
         found.profiles,
         records_of(measured_cell, found, readings),
-        lambda time: measured_cell.part_from_sensor(readings.moved(time)),
+        [
+            lambda time, number=number: measured_cell.part_from_sensor(readings.moved(time), number)
+            for number in sensors
+        ],
         cell.table_from_part,
         envelope,
         neighbours=None if whole else neighbours_of(cell),
@@ -544,7 +573,7 @@ def reconstruct_measurements(
     frame = np.asarray(found.profiles.frame, np.intp)[made.rows]
     if surface is not None:
         check_exposures(found, frame, surface.distances(made.cloud.points_in_part, threads)[0])
-    turn = made.part_from_sensor[frame, :3, :3]
+    turn = made.poses_of(found.profiles[made.rows])[:, :3, :3]
     covariance = turn @ found.covariance[made.rows] @ np.swapaxes(turn, 1, 2)
     warnings = [*found.notes, *([] if whole else table_warnings(made.dropped, setup.scan.table_margin_mm))]
     empty = len(found.index) - len(np.unique(found.profiles.frame))
@@ -564,24 +593,42 @@ def _systematic(
     made: Reconstructed,
 ) -> Array:
     """Covariances (k, 3, 3) of the points of the cloud, m², by that of calibrated values."""
-    frame = np.asarray(found.profiles.frame, np.intp)[made.rows]
-    points = np.asarray(found.profiles.points_in_sensor, float)[made.rows]
+    profiles = found.profiles[made.rows]
+    result = np.zeros((len(profiles.frame), 3, 3))
+    for number in np.unique(profiles.sensor).tolist():
+        own = np.flatnonzero(profiles.sensor == number)
+        if uncertainty.of_sensor and number != 1:  # the keys are those of the main sensor
+            continue
+        of_sensor = (profiles[own], setup, measured, readings, made, number)
+        result[own] = propagated(uncertainty.covariance, _derivatives(uncertainty, *of_sensor), len(own))
+    return result
+
+
+def _derivatives(
+    uncertainty: ValueCovariance,
+    profiles: ProfilePoints,
+    setup: Setup,
+    measured: MeasuredCell,
+    readings: AxisReadings,
+    made: Reconstructed,
+    number: int,
+) -> Derivatives:
+    """Derivatives of the points of one sensor, by its number, by calibrated values."""
+    frame, points = np.asarray(profiles.frame, np.intp), np.asarray(profiles.points_in_sensor, float)
     if uncertainty.of_sensor:
-        camera = np.asarray(found.profiles.camera)[made.rows]
-        derivatives = by_sensor(
+        camera = np.asarray(profiles.camera)
+        return by_sensor(
             uncertainty.names, setup.sensor, points, camera, lambda rows: made.part_from_sensor[frame[rows], :3, :3]
         )
-    else:
-        nominal, deviations = nominal_cell_of(measured, setup), _deviations(setup)
+    nominal, deviations = nominal_cell_of(measured, setup), _deviations(setup)
 
-        def poses(name: str, change: float) -> Array:
-            if name == LATENCY:
-                return measured.part_from_sensor(readings.after(change))
-            moved = {**deviations, name: deviations.get(name, 0.0) + change}
-            return MeasuredCell.with_deviations(nominal, moved, measured.has_part).part_from_sensor(readings)
+    def poses(name: str, change: float) -> Array:
+        if name == LATENCY:
+            return measured.part_from_sensor(readings.after(change), number)
+        moved = {**deviations, name: deviations.get(name, 0.0) + change}
+        return MeasuredCell.with_deviations(nominal, moved, measured.has_part).part_from_sensor(readings, number)
 
-        derivatives = by_poses(uncertainty.names, poses, points, frame)
-    return propagated(uncertainty.covariance, derivatives, len(points))
+    return by_poses(uncertainty.names, poses, points, frame)
 
 
 def _deviations(setup: Setup) -> dict[str, float]:
@@ -591,7 +638,9 @@ def _deviations(setup: Setup) -> dict[str, float]:
 
 def _latency(found: Measurements, setup: Setup, measured: MeasuredCell, wanted: float | LatencyWord | None) -> Latency:
     if isinstance(wanted, str):
-        return estimate_latency(found, nominal_cell_of(measured, setup), start_of(setup), measured.has_part)
+        return estimate_latency(
+            found.of_main_sensor(), nominal_cell_of(measured, setup), start_of(setup), measured.has_part
+        )
     value = measured.cell.trigger_latency if wanted is None else wanted
     if wanted and not found.moves:
         missing = "flange poses state no rates" if found.stated is not None else "all rates are 0"

@@ -18,7 +18,7 @@ from scancell.config.cell import CellDescription
 from scancell.config.choices import FlangeConvention, LatencyWord, LengthUnit
 from scancell.config.files import Assignments, assignments
 from scancell.config.loading import Setup, load_setup
-from scancell.config.sensor import SensorDescription
+from scancell.config.sensor import SensorDescription, camera_label
 from scancell.config.table_format import read_format, recognised_format
 from scancell.errors import DescriptionError
 from scancell.evaluation.deviation import (
@@ -177,11 +177,12 @@ class ReconstructionResult(Result):
         return deviation_picture(self.cloud.points_in_part, deviation, part, name=Path(part.source).name)
 
     def _deviation_figures(self, deviation: Deviation) -> dict[str, Any]:
-        return deviation.as_json(self.camera_names, {1: "measured"})
+        return deviation.as_json(self.setup.camera_names, {1: "measured"}, self.setup.sensor_names)
 
     def _report(self, part: Mesh, deviation: Deviation) -> DeviationReport:
         """The page of the deviations; the measurable surface is not searched: any surface might be seen."""
         cell, sensor, cloud = self.data.measured_cell.cell, self.setup.sensor, self.cloud
+        names = self.setup.camera_names
         poses = self.data.made.part_from_sensor
         surface = unknown_surface(cell, sensor, threads=self.threads)
         surface = replace(surface, measurable=np.ones(len(surface.samples), bool))
@@ -203,7 +204,9 @@ class ReconstructionResult(Result):
             unseen,
             (covered.surface_fraction, "surface"),
             {"By camera": [{"camera": name, **own} for name, own in cameras]},
-            lambda row: f"{self.camera_names[cloud.camera[row]]}, exposure {cloud.profile[row]}",
+            lambda row: (
+                f"{names[camera_label(int(cloud.sensor[row]), int(cloud.camera[row]))]}, exposure {cloud.profile[row]}"
+            ),
             self.warnings,
             {"scancell": build_version(), "part": Path(part.source).name},
         )
@@ -236,7 +239,7 @@ class ReconstructionResult(Result):
                 write_cloud(files.path(f"cloud.{suffix}"), self.cloud, comments)
             self._write_covariance(files.path("covariance.parquet"))
             profiles = files.path("profiles.parquet")
-            write_profiles(data.found.profiles, data.found.index, self.camera_names, profiles, data.found.covariance)
+            write_profiles(data.found.profiles, data.found.index, self.setup, profiles, data.found.covariance)
             data.found.write(files.path("points.parquet"))
             recording = self._recording()
             if recording is not None:

@@ -53,12 +53,13 @@ from scancell.reconstruction.foreign import footprint_of, neighbours_of
 from scancell.reconstruction.reconstruct import (
     Dropped,
     Envelope,
+    PosesAfter,
     ProfilePoints,
     poses_by_axes,
-    reconstruct_points,
+    reconstruct_sensors,
     with_normals,
 )
-from scancell.scanning.world import World, build_scene, visible_bodies
+from scancell.scanning.world import World, scenes_of
 from scancell.values import Closing
 from scancell.visibility import MeasurableSurface, cache_folder, measurable_surface
 
@@ -180,9 +181,8 @@ class ScanPipeline(Closing):
                 nominal = nominal.on_belt()
             true = with_unknown_obstacles(nominal, cell)
             check_cell(true)
-            bodies = visible_bodies(true)
-            surface = PartSurface(nominal.part)
-            return World(setup, nominal, true, bodies, build_scene(bodies), surface)
+            own, *beside = scenes_of(true)
+            return World(setup, nominal, true, *own, PartSurface(nominal.part), beside=tuple(beside))
 
         described = cell.model_dump_json(exclude={"estimated"})
         files = [file_state(Path(table[key])) for table, key, _ in file_entries(plain_data(cell))]
@@ -199,7 +199,8 @@ class ScanPipeline(Closing):
             recording_file=recording_file,
             estimated_sensor=estimated_sensor,
         )
-        _ = world.sensor, world.sensor_true  # wrong ones are found before anything moves
+        for one in world.sensors:
+            _ = one.sensor, one.sensor_true, one.delays  # wrong ones are found before anything moves
         return world
 
     def plan(
@@ -220,7 +221,8 @@ class ScanPipeline(Closing):
         setup = world.setup
         work = Work(setup.scan.max_planning_work, progress)
         cell = replace(self._planning_cell(world), work=work)
-        is_dynamic, options = setup.cell.robot.drive == "dynamic", scan_options(setup.scan, setup.sensor)
+        is_dynamic = setup.cell.robot.drive == "dynamic"
+        options = scan_options(setup.scan, setup.sensor, setup.profile_time)
         if setup.scan.belt is not None:
             cell = replace(cell, nominal=with_passing_part(cell.nominal, setup.scan.belt, cell.cycle))
         nominal, further = cell.nominal, tuple(axis.start for axis in world.nominal.further_axes)
@@ -233,7 +235,11 @@ class ScanPipeline(Closing):
             )
         sight = Sight(nominal, setup.sensor, partial(self._measurable, work), self.threads, work)
         # Only what this plan depends on: a study of other values plans once.
-        described = [setup.scan.model_dump_json(), options.spacing, [path.pitch_mm for path in options.scan.path]]
+        described: list[Any] = [
+            setup.scan.model_dump_json(),
+            options.spacing,
+            [path.pitch_mm for path in options.scan.path],
+        ]
         described += [setup.sensor.model_dump_json()] if setup.scan.coverage.enabled else []
         described += [setup.cell.model_dump_json()] if is_dynamic else []
         key = _digest([_without_optics(nominal), cell.range, cell.cycle, *described])
@@ -303,10 +309,10 @@ class ScanPipeline(Closing):
         `nominal` may be an estimated (calibrated) cell, see `World.estimated`.
         """
         measured = measured_motion(nominal, recording)
-        made = reconstruct_points(
+        made = reconstruct_sensors(
             profiles,
             measured,
-            poses_by_axes(measured, nominal.part_from_sensor),
+            sensor_poses(nominal, measured),
             nominal.support_from_part,
             envelope_of(nominal, setup),
             normals,
@@ -318,7 +324,7 @@ class ScanPipeline(Closing):
     def with_normals(self, nominal: NominalCell, recording: Recording, cloud: Cloud) -> Cloud:
         """A cloud that was reconstructed in parts, without normals, with its normals; `nominal` as of `reconstruct`."""
         measured = measured_motion(nominal, recording)
-        return with_normals(cloud, measured, poses_by_axes(measured, nominal.part_from_sensor), self.threads)
+        return with_normals(cloud, measured, sensor_poses(nominal, measured), self.threads)
 
     def close(self) -> None:
         """Release the FMU, its files and the cached scenes."""
@@ -331,6 +337,12 @@ def _with_torques(cell: PlanningCell, setup: Setup) -> PlanningCell:
     if setup.cell.robot.drive != "dynamic":
         return cell
     return replace(cell, torques=TorqueLimits(setup.cell, cell.nominal))
+
+
+def sensor_poses(nominal: NominalCell, measured: TriggerRecords) -> list[PosesAfter]:
+    """Poses of each sensor of a cell in the frame of the part, by measurements."""
+    numbers = range(1, len(nominal.further_sensors) + 2)
+    return [poses_by_axes(measured, partial(nominal.part_from_sensor, number=number)) for number in numbers]
 
 
 def measured_motion(nominal: NominalCell, recording: Recording) -> TriggerRecords:

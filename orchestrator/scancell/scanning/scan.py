@@ -85,8 +85,13 @@ class ScanData(Value):
 
     @property
     def camera_names(self) -> list[str]:
-        """Names of the cameras, by camera index."""
+        """Names of the cameras of the main sensor, by camera index."""
         return [camera.name for camera in self.world.sensor.cameras]
+
+    @property
+    def sensor_names(self) -> tuple[str, ...]:
+        """Names of the sensors, of which the cloud holds the numbers, from 1."""
+        return self.setup.sensor_names
 
     @checked_arguments
     def frame_from_part(self, frame: CloudFrame, table_angle: float = 0.0) -> Array:
@@ -166,9 +171,9 @@ class Scan:
         return plan
 
     def measure(self, plan: Plan, progress: Progress) -> tuple[Recording, SensedProfiles]:
-        """Drive and sense a plan of which no cloud is wanted."""
+        """Drive and sense a plan by the main sensor alone; no cloud is wanted."""
         recording = self.pipeline.drive(self.world, plan, progress)
-        return recording, self.sense(recording, progress)
+        return recording, self.sense(recording, progress, alone=True)
 
     def of_recording(self, recording: Recording, plan: Plan | None, progress: Progress, watch: Stopwatch) -> ScanData:
         """Sense and reconstruct a recording, whose `plan` may be unknown.
@@ -227,7 +232,8 @@ class Scan:
         recording: Recording,
         progress: Progress,
         rows: Sequence[int] = (),
-        control: ExposureControl | None = None,
+        controls: Sequence[ExposureControl] | None = None,
+        alone: bool = False,
     ) -> SensedProfiles:
         """Profiles, with the images of those in `rows`; `on_images` receives the images of all, see `World.sense`."""
         if self.on_images is not None and self.engine == "geometric":
@@ -238,7 +244,8 @@ class Scan:
             progress,
             on_images=self.on_images,
             kept=rows,
-            control=control,
+            controls=controls,
+            alone=alone,
             threads=self.pipeline.threads,
         )
 

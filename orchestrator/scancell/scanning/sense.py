@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from typing import IO, Any, Generic, Self, TypeVar
@@ -31,6 +31,8 @@ class ExposureImages(Value):
     ----------
     trigger
         Index of the trigger record.
+    sensor
+        Number of the sensor, from 1: that of the tool.
     images
         (cameras, height, width) digital numbers; of several exposures of a profile, those of the first.
     background
@@ -49,6 +51,7 @@ class ExposureImages(Value):
     images: NDArray[np.uint16]
     background: NDArray[np.uint16] | None
     bit_depth: int = 16
+    sensor: int = 1
 
     @property
     def pixel_type(self) -> type[np.uint8] | type[np.uint16]:
@@ -103,6 +106,20 @@ class SensedProfiles:
         found = ProfilePoints.concatenate(points())
         return cls(found, count, dict(timings), tuple(images))
 
+    @classmethod
+    def beside(cls, sensors: Sequence[Self]) -> Self:
+        """The profiles of the same exposures by several sensors: exposure by exposure, one sensor after another."""
+        points = ProfilePoints.concatenate(one.points for one in sensors)
+        points = points[np.argsort(points.frame, kind="stable")]
+        timings = sum((Counter(one.timings) for one in sensors), Counter[str]())
+        images = tuple(images for one in sensors for images in one.images)
+        return cls(points, sensors[0].count, dict(timings), images)
+
+    def of_sensor(self, number: int) -> Self:
+        """The profiles as those of a sensor by its number."""
+        points = replace(self.points, sensor=np.full(len(self.points.frame), number, np.uint8))
+        return replace(self, points=points, images=tuple(replace(one, sensor=number) for one in self.images))
+
     def signals(self, black_level: float) -> list[NDArray[np.float64]]:
         """Brightest digital number of each column of the images, by profile; without images, of the stripe."""
         if self.images:
@@ -154,6 +171,8 @@ def expose(
         points, row, spread = points[chosen], row[chosen], None if spread is None else spread[chosen]
         late = (points.time_offset + offsets[number[chosen]]).astype(np.float32)
         points = replace(points, time_offset=late)
+    elif offsets.any():
+        points = replace(points, time_offset=(points.time_offset + offsets).astype(np.float32))
     # The library numbers profiles by trigger index, which selects their noise.
     points = replace(points, frame=np.searchsorted(index, points.frame).astype(np.int32))
     images = tuple(_images(result, offsets.size, index, bit_depth or 0))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -87,16 +87,16 @@ def measure_profile(
     threads: int,
     control: ExposureControl | None = None,
 ) -> Profile:
-    """The profile of a recording of one profile; `control` is that of `World.sense`.
+    """The profile of a recording of one profile by the sensor of a world; `control` chooses its exposure time.
 
     Raises `SensorError` if the sensor library reports an error.
     """
     cell = world.estimated
     measured = measured_motion(cell, recording)
-    part_from_sensor = cell.part_from_sensor(measured.axes[0])
+    part_from_sensor = cell.part_from_sensor(measured.axes[0], world.number)
     sensed = world.expose(recording, engine, control=control, images=True, threads=threads)
-    frames = cell.tree.place(measured.axes[0], ["base", "sensor"])
-    return _profile(sensed, pose.inverse(frames["base"]) @ frames["sensor"], part_from_sensor)
+    frames = cell.tree.place(measured.axes[0], ["base", world.frame])
+    return _profile(sensed, pose.inverse(frames["base"]) @ frames[world.frame], part_from_sensor)
 
 
 def take_shot(world: World, part_from_sensor: Array, engine: Engine, threads: int) -> tuple[Profile, tuple[str, ...]]:
@@ -134,7 +134,8 @@ def _posture(world: World, part_from_sensor: Array, threads: int) -> tuple[dict[
     else:
         frames = nominal.frame_poses(nominal.start)
         away, moving = pose.translation((0.0, 0.0, -900.0)), ("link[", "finger[", "sensor")
-        frames = {name: away @ value if name.startswith(moving) else value for name, value in frames.items()}
+        is_away = {name: nominal.carrier(name).startswith(moving) for name in frames}
+        frames = {name: away @ value if is_away[name] else value for name, value in frames.items()}
         warnings = (f"the arm is left out: {placed.reason}",)
     frames = {**frames, "sensor": frames["part"] @ part_from_sensor}
     return {name: value[None] for name, value in frames.items()}, warnings
@@ -264,10 +265,10 @@ class ScanSession(CellSession):
             If the sensor library reports an error.
         """
         world = self.world
-        control, taken, sensing = world.control(), [], ThreadPoolExecutor(1, "sense")
+        controls, taken, sensing = world.controls(), [], ThreadPoolExecutor(1, "sense")
 
         def take(batch: Recording) -> None:
-            taken.append((len(batch), sensing.submit(self._sense, batch, engine, control)))
+            taken.append((len(batch), sensing.submit(self._sense, batch, engine, controls)))
 
         try:
             batches = RecordBatches(_BATCH, take)
@@ -280,9 +281,9 @@ class ScanSession(CellSession):
         self.on_exposures(recording, cloud)
         return cloud
 
-    def _sense(self, batch: Recording, engine: Engine, control: ExposureControl) -> SensedProfiles:
+    def _sense(self, batch: Recording, engine: Engine, controls: Sequence[ExposureControl]) -> SensedProfiles:
         world, pipeline = self.world, self.pipeline
-        sensed = world.sense(batch, engine, NullProgress(), control=control, threads=pipeline.threads)
+        sensed = world.sense(batch, engine, NullProgress(), controls=controls, threads=pipeline.threads)
         if self.on_points is not None:
             points = sensed.points
             self.on_points(pipeline.reconstruct(world.estimated, batch, points, world.setup, normals=False)[0])

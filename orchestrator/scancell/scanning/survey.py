@@ -247,7 +247,7 @@ class Survey:
             return np.array([0, left_out, 0])
         pipeline, nominal = self._pipeline, self._world.nominal
         recording = pipeline.drive(self._world, plan, progress)
-        points = self._world.sense(recording, "geometric", progress, threads=pipeline.threads).points
+        points = self._world.sense(recording, "geometric", progress, alone=True, threads=pipeline.threads).points
         placed = nominal.tree.place(recording.measured.axes, ["table", "sensor"])
         table_from_sensor = pose.inverse(placed["table"]) @ placed["sensor"]
         seen = Profiles(table_from_sensor, points.points_in_sensor, np.asarray(points.frame, np.int64))
@@ -312,6 +312,6 @@ class Survey:
 def _merged(nominal: NominalCell, frames: dict[str, Array], kinds: tuple[str, ...]) -> Mesh:
     """One mesh of the bodies whose frame is of one of the kinds, in the frame of the table."""
     table_from_world = pose.inverse(frames["table"])
-    chosen = [body for body in nominal.bodies if body.moves_with.partition("[")[0] in kinds]
+    chosen = [body for body in nominal.bodies if nominal.carrier(body.moves_with).partition("[")[0] in kinds]
     placed = [body.mesh.transformed(table_from_world @ frames[body.moves_with]) for body in chosen]
     return joined(placed, "cell")

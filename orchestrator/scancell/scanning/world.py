@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections import deque
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -17,9 +18,10 @@ from scancell import sensor as sensor_rt
 from scancell.arrays import Array
 from scancell.cell.fmu_file import cell_json
 from scancell.cell.recording import ExposureTruth, Recording
+from scancell.config.cell import sensor_frame
 from scancell.config.choices import Engine
 from scancell.config.description import si_value
-from scancell.config.loading import Setup, as_built_sensor
+from scancell.config.loading import Setup, as_built_delay, as_built_sensor, require_sensors
 from scancell.config.material import Material
 from scancell.config.sensor import SensorDescription, exposure_windows, read_out, sensor_json
 from scancell.errors import DescriptionError, SensorError
@@ -29,8 +31,7 @@ from scancell.nominal.parts import Patch
 from scancell.progress import Progress
 from scancell.scanning.sense import OnImages, SensedProfiles, expose
 
-# The housing of the sensor blocks neither its light nor its view.
-_INVISIBLE = frozenset({"sensor"})
+_SEED_BYTES = 7  # the library takes seeds below 2^63
 
 _LARGEST_STEP = 4.0  # of the exposure time, from one image to the profile that it sets
 _IN_THE_DARK = 2.0  # factor without any light of the stripe
@@ -40,9 +41,13 @@ _NEAR_ENOUGH = 0.05  # relative change that is not worth it
 _BATCH = 64
 
 
-def visible_bodies(cell: NominalCell) -> tuple[Body | Lamp, ...]:
-    """Bodies that reflect or block light, then lamps, in the order of the scene."""
-    return (*(body for body in cell.bodies if body.name not in _INVISIBLE), *cell.lamps)
+def visible_bodies(cell: NominalCell, number: int = 1) -> tuple[Body | Lamp, ...]:
+    """Bodies that reflect or block light, then lamps, in the order of the scene of a sensor, by its number.
+
+    The housing of a sensor blocks neither its own light nor its view.
+    """
+    own = sensor_frame(number)
+    return (*(body for body in cell.bodies if body.moves_with != own), *cell.lamps)
 
 
 def build_scene(bodies: Sequence[Body | Lamp]) -> sensor_rt.Scene:
@@ -106,9 +111,13 @@ def native_material(m: Material) -> sensor_rt.Material:
 
 
 def exposures_from_truth(
-    truth: ExposureTruth, index: NDArray[np.int64], bodies: Sequence[Body | Lamp], rows: slice = slice(None)
+    truth: ExposureTruth,
+    index: NDArray[np.int64],
+    bodies: Sequence[Body | Lamp],
+    rows: slice = slice(None),
+    sensor: str = "sensor",
 ) -> sensor_rt.Exposures:
-    """Exposures with the true poses of sensor and bodies at start and end of each.
+    """Exposures with the true poses of a sensor and of bodies at start and end of each.
 
     Parameters
     ----------
@@ -120,8 +129,17 @@ def exposures_from_truth(
         Bodies and lamps in the order of the scene.
     rows
         Rows of the recording to convert.
+    sensor
+        Frame of the sensor.
+
+    Raises `DescriptionError` if the recording does not state the pose of the sensor or of a body.
     """
-    world_from_sensor = truth.world_from_frame["sensor"][rows]
+    needed = [sensor, *(fmu_frame(body.moves_with) for body in bodies if body.moves_with != "world")]
+    for frame in needed:
+        if frame not in truth.world_from_frame:
+            expected = f"trigger.truth.{frame}.position[1] …"
+            raise DescriptionError(f"states no true pose of {frame}", key="recording", expected=expected)
+    world_from_sensor = truth.world_from_frame[sensor][rows]
     identity = np.broadcast_to(np.eye(4), world_from_sensor.shape)
     poses = [
         identity if body.moves_with == "world" else truth.world_from_frame[fmu_frame(body.moves_with)][rows]
@@ -142,16 +160,20 @@ def readout_time(sensor: sensor_rt.Sensor) -> float:
 
 
 def still_exposures(
-    frames: Mapping[str, Array], bodies: Sequence[Body | Lamp], index: NDArray[np.int64], durations: Array
+    frames: Mapping[str, Array],
+    bodies: Sequence[Body | Lamp],
+    index: NDArray[np.int64],
+    durations: Array,
+    sensor: str = "sensor",
 ) -> sensor_rt.Exposures:
     """Exposures of `durations` (k,), s, at each pose (n, 4, 4) of the frames, without motion.
 
-    `index` (n,) and the `bodies` are as of `exposures_from_truth`.
+    `index` (n,), the `bodies` and the frame of the `sensor` are as of `exposures_from_truth`.
     """
     count = len(durations)
     world_from_body = np.stack([frames[body.moves_with] for body in bodies], 1)
     return sensor_rt.Exposures(
-        np.repeat(frames["sensor"][:, None], count, 0),
+        np.repeat(frames[sensor][:, None], count, 0),
         np.repeat(world_from_body[:, :, None], count, 0),
         np.tile(durations, len(index)),
         sub_indices(index, count),
@@ -270,9 +292,19 @@ def _require_same_images(nominal: SensorDescription, estimated: SensorDescriptio
         )
 
 
+SensorScene = tuple[tuple[Body | Lamp, ...], sensor_rt.Scene]
+"""What the light of a sensor can meet, and its ray-tracing scene."""
+
+
+def scenes_of(cell: NominalCell) -> tuple[SensorScene, ...]:
+    """Bodies and scenes of the sensors of a cell, in the order of their numbers."""
+    visible = [visible_bodies(cell, number) for number in range(1, len(cell.further_sensors) + 2)]
+    return tuple((bodies, build_scene(bodies)) for bodies in visible)
+
+
 @dataclass(frozen=True, eq=False)
 class World:
-    """A part in the cell, and its sensor; it can be pickled.
+    """A part in the cell, and one of its sensors, which exposes; it can be pickled.
 
     Attributes
     ----------
@@ -290,6 +322,10 @@ class World:
         Unit of the part's file.
     estimated_sensor
         Calibrated sensor that interprets the images in place of the nominal one.
+    number
+        Number of the sensor, from 1: that of the tool. `setup` holds its description.
+    beside
+        What `bodies` and `scene` are for each further sensor.
     """
 
     setup: Setup
@@ -304,12 +340,41 @@ class World:
     unit: str = "mm"
     recording_file: Path | None = None
     estimated_sensor: SensorDescription | None = None
+    number: int = 1
+    beside: tuple[SensorScene, ...] = field(default=(), compare=False)
+
+    @cached_property
+    def sensors(self) -> tuple[World, ...]:
+        """The worlds of all sensors that expose at a trigger: this one, and of the main sensor those of the others.
+
+        Raises `DescriptionError` if a perturbation is of none of them.
+        """
+        if self.number == 1:
+            require_sensors(self.as_built, len(self.beside))
+        return (self, *(self._seen_by(number, *seen) for number, seen in enumerate(self.beside, 2)))
+
+    def _seen_by(self, number: int, bodies: tuple[Body | Lamp, ...], scene: sensor_rt.Scene) -> World:
+        setup = self.setup.seen_by(number)
+        return replace(self, setup=setup, bodies=bodies, scene=scene, estimated_sensor=None, number=number, beside=())
+
+    @property
+    def frame(self) -> str:
+        """Frame of the sensor."""
+        return sensor_frame(self.number)
+
+    @property
+    def name(self) -> str:
+        """Name of the sensor."""
+        names = self.setup.sensor_names
+        return names[self.number - 1] if self.number > 1 else self.setup.sensor.name
 
     def __getstate__(self) -> dict[str, Any]:
-        return {one.name: getattr(self, one.name) for one in fields(self) if one.name != "scene"}
+        scenes = {"scene": None, "beside": [bodies for bodies, _ in self.beside]}
+        return {one.name: scenes.get(one.name, getattr(self, one.name)) for one in fields(self)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state, scene=build_scene(state["bodies"]))
+        beside = tuple((bodies, build_scene(bodies)) for bodies in state["beside"])
+        self.__dict__.update({**state, "scene": build_scene(state["bodies"]), "beside": beside})
 
     @cached_property
     def estimated(self) -> NominalCell:
@@ -326,14 +391,22 @@ class World:
         nominal, estimated = self.setup.sensor, self.estimated_sensor
         if estimated is not None:
             _require_same_images(nominal, estimated)
-        return make_sensor(estimated or nominal, self.seed)
+        return make_sensor(estimated or nominal, self._noise_seed)
+
+    @property
+    def _noise_seed(self) -> int:
+        """Seed of the images: the noise of different sensors is independent."""
+        if self.number == 1:
+            return self.seed
+        digest = hashlib.blake2b(f"{self.seed} {self.frame}".encode(), digest_size=_SEED_BYTES)
+        return int.from_bytes(digest.digest(), "little")
 
     @cached_property
     def sensor_true(self) -> sensor_rt.Sensor:
         """The sensor as built, which makes the images; the object `sensor` if they are equal. Errors as of `sensor`."""
         true = self.sensor_true_description
         same = true is self.setup.sensor and self.estimated_sensor is None
-        return self.sensor if same else make_sensor(true, self.seed)
+        return self.sensor if same else make_sensor(true, self._noise_seed)
 
     @cached_property
     def sensor_true_description(self) -> SensorDescription:
@@ -341,7 +414,7 @@ class World:
 
         Raises `DescriptionError` if a perturbation is invalid.
         """
-        return as_built_sensor(self.setup.sensor, self.as_built)
+        return as_built_sensor(self.setup.sensor, self.as_built, self.number)
 
     @property
     def part(self) -> str:
@@ -363,8 +436,20 @@ class World:
         described = self.sensor_true_description
         if described.exposure.mode == "automatic":
             return AutomaticExposure(described)
-        as_recorded = np.array_equal(self.windows, exposure_windows(self.setup.sensor))
+        as_recorded = self.number == 1 and np.array_equal(self.windows, exposure_windows(self.setup.sensor))
         return SameExposures(None if as_recorded and described.exposure.mode == "fixed" else self.windows)
+
+    def controls(self) -> tuple[ExposureControl, ...]:
+        """`control` of each of the `sensors`."""
+        return tuple(world.control() for world in self.sensors)
+
+    @property
+    def delays(self) -> tuple[float, float]:
+        """Nominal and true time from the recorded middle of exposures to that of its own, s."""
+        if self.number == 1:
+            return 0.0, 0.0
+        described = self.setup.cell.further_sensor[self.number - 2]
+        return si_value(described, "delay_ms"), as_built_delay(described, self.as_built, self.number)
 
     def sense(
         self,
@@ -374,10 +459,13 @@ class World:
         *,
         on_images: OnImages | None = None,
         kept: Collection[int] = (),
-        control: ExposureControl | None = None,
+        controls: Sequence[ExposureControl] | None = None,
+        alone: bool = False,
         threads: int = 0,
     ) -> SensedProfiles:
         """Profiles of a recording, with the images of those in the rows `kept`; no images with the geometric engine.
+
+        All `sensors` expose, each lit by its own laser.
 
         Raises `SensorError` if the library reports an error.
 
@@ -385,28 +473,57 @@ class World:
         ----------
         on_images
             Called with the images of each profile, in order.
-        control
-            Chooses the exposure times. Recordings of one scan that are sensed one after another share it; by default a
-            new one.
+        controls
+            Choose the exposure times, one for each of the `sensors`. Recordings of one scan that are sensed one after
+            another share them; by default new ones.
+        alone
+            Whether this sensor alone exposes.
         """
-        control, kept = control or self.control(), () if engine == "geometric" else kept
+        worlds, kept = (self,) if alone else self.sensors, () if engine == "geometric" else kept
+        chosen = zip(worlds, controls or [world.control() for world in worlds], strict=True)
+        exposing = [
+            partial(world._sense_batch, recording, engine, control=control, on_images=on_images, kept=kept,
+                    threads=threads)
+            for world, control in chosen
+        ]  # fmt: skip
         progress.stage("sensing", len(recording), "profiles")
+
+        def advanced(some: SensedProfiles) -> SensedProfiles:
+            progress.advance(some.count / len(worlds))
+            return some
 
         def sensed() -> Iterator[SensedProfiles]:
             for batch, wanted in _batches(len(recording), kept, on_images is not None):
-                first = batch.start
-                while first < batch.stop:
-                    rows = recording[first : batch.stop]
-                    some = self.expose(rows, engine, control=control, images=wanted, threads=threads)
-                    if on_images is not None:
-                        for images in some.images:
-                            on_images(images)
-                    chosen = [images for row, images in enumerate(some.images, first) if row in kept]
-                    yield replace(some, images=tuple(chosen))
-                    progress.advance(some.count)
-                    first += some.count
+                parts = [map(advanced, expose_batch(batch, wanted)) for expose_batch in exposing]
+                if len(parts) == 1:
+                    yield from parts[0]
+                else:
+                    yield SensedProfiles.beside([SensedProfiles.joined(part) for part in parts])
 
         return SensedProfiles.joined(sensed())
+
+    def _sense_batch(
+        self,
+        recording: Recording,
+        engine: Engine,
+        batch: slice,
+        wanted: bool,
+        *,
+        control: ExposureControl,
+        on_images: OnImages | None,
+        kept: Collection[int],
+        threads: int,
+    ) -> Iterator[SensedProfiles]:
+        """Profiles of a batch of rows by this sensor, see `sense`; images are rendered if `wanted`."""
+        first = batch.start
+        while first < batch.stop:
+            rows = recording[first : batch.stop]
+            some = self.expose(rows, engine, control=control, images=wanted, threads=threads)
+            if on_images is not None:
+                for images in some.images:
+                    on_images(images)
+            yield replace(some, images=tuple(images for row, images in enumerate(some.images, first) if row in kept))
+            first += some.count
 
     def expose(
         self,
@@ -417,15 +534,18 @@ class World:
         images: bool = False,
         threads: int = 0,
     ) -> SensedProfiles:
-        """The first profiles of a recording: as many as `control` knows the exposure times of; see `sense`."""
+        """The first profiles of a recording by this sensor: as many as `control` knows the exposure times of."""
         control = control or self.control()
         windows = control.next(len(recording))
         windows = recording.windows if windows is None else windows
         recording, detector = recording[: len(windows)], self.sensor_true_description.detector
         index = recording.measured.index
-        truth = recording.truth_for_rows(readout_time(self.sensor_true), windows)
-        exposures = exposures_from_truth(truth, sub_indices(index, windows.shape[1]), self.bodies)
-        found = self._expose(exposures, index, windows[0], engine, images or control.looks, threads)
+        nominal, true = self.delays
+        truth = recording.truth_for_rows(readout_time(self.sensor_true), windows + np.array([true, 0.0]))
+        exposures = exposures_from_truth(truth, sub_indices(index, windows.shape[1]), self.bodies, sensor=self.frame)
+        found = self._expose(
+            exposures, index, windows[0] + np.array([nominal, 0.0]), engine, images or control.looks, threads
+        )
         if control.looks:
             control.learn(found.signals(detector.black_level_dn))
         return found if images else replace(found, images=())
@@ -444,7 +564,7 @@ class World:
 
         `windows` are as the property. Raises `SensorError` if the library reports an error.
         """
-        exposures = still_exposures(frames, self.bodies, index, windows[:, 1])
+        exposures = still_exposures(frames, self.bodies, index, windows[:, 1], self.frame)
         return self._expose(exposures, index, windows, engine, images, threads)
 
     def _expose(
@@ -458,9 +578,10 @@ class World:
     ) -> SensedProfiles:
         depth = self.sensor_true_description.detector.bit_depth if images else None
         sensors = self.sensor, self.sensor_true
-        return expose(
+        found = expose(
             self.scene, *sensors, exposures, index, engine, offsets=windows[:, 0], bit_depth=depth, threads=threads
         )
+        return found if self.number == 1 else found.of_sensor(self.number)
 
 
 def _batches(count: int, kept: Collection[int], all_images: bool) -> Iterator[tuple[slice, bool]]:

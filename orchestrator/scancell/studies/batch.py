@@ -162,6 +162,11 @@ class Batch(ScanSeries):
         """Also requires the packages that write the files, before hours of scans."""
         require("h5py", "formats")
         parse_formats(",".join(self.description.formats), "formats", self.source)
+        for key in ("truth", "images"):
+            if self.setup.cell.further_sensor and getattr(self.description, key):
+                raise DescriptionError(
+                    "is of one sensor; the cell has several", file=self.source, key=key, value=True, expected="false"
+                )
         if self.description.labels or self.description.as_built:
             super().check()
 

@@ -24,7 +24,16 @@ from scancell.arrays import Array
 from scancell.cell.fmu_file import parse_as_built
 from scancell.config.cell import CellDescription
 from scancell.config.description import Description, validate
-from scancell.config.loading import FILE_KEYS, Setup, as_built_sensor, load_setup, parse_assignment, split_path
+from scancell.config.loading import (
+    FILE_KEYS,
+    Setup,
+    as_built_delay,
+    as_built_sensors,
+    load_setup,
+    parse_assignment,
+    sensor_words,
+    split_path,
+)
 from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
 from scancell.config.study import (
@@ -53,7 +62,6 @@ _QUANTILES = 20_000  # the variance of a normal distribution is 1e-4 too small b
 Units = Mapping[str, str | None]
 
 _AS_BUILT = "as_built."
-_TRUE_SENSOR = "as_built.sensor."
 _SECTIONS: dict[str, type[Description]] = {
     "cell": CellDescription,
     "sensor": SensorDescription,
@@ -369,7 +377,7 @@ class Factors:
             Naming the file, the factor, the value and what was expected.
         """
         parse_as_built(self._study.as_built, units)
-        as_built_sensor(self._setup.sensor, self._study.as_built)
+        as_built_sensors(self._setup, self._study.as_built)
         described = self._study.factor
         for j, ((path, mode), nominal) in enumerate(zip(self._paths, self._nominals, strict=True)):
             try:
@@ -398,7 +406,7 @@ class Factors:
         """Check one factor at this value, all others at nominal."""
         if path.startswith(_AS_BUILT):
             word = f"{path.removeprefix(_AS_BUILT)}={_toml(result)}"
-            as_built_sensor(self._setup.sensor, [word])
+            as_built_sensors(self._setup, [word])
             parse_as_built([word], units)
         else:
             section, *keys = split_path(path)
@@ -406,9 +414,15 @@ class Factors:
             self._checked({**self._raw, name: _with(self._raw[name], keys, result, path)})
 
     def _nominal(self, path: str) -> Any:
-        if path.startswith(_TRUE_SENSOR):
-            true = as_built_sensor(self._setup.sensor, self._study.as_built).model_dump(mode="json")
-            return _value_at(true, split_path(path.removeprefix(_TRUE_SENSOR)))
+        own = path.removeprefix(_AS_BUILT)
+        if path.startswith(_AS_BUILT) and sensor_words([f"{own}=0"]):
+            keys = split_path(own)[1:]
+            number = int(keys.pop(0)) + 1 if keys and isinstance(keys[0], int) else 1
+            if keys == ["delay_ms"] and 2 <= number <= len(self._setup.sensor_names):
+                further = self._setup.cell.further_sensor[number - 2]
+                return 1e3 * as_built_delay(further, self._study.as_built, number)
+            true = as_built_sensors(self._setup, self._study.as_built)
+            return _value_at(true[number - 1].model_dump(mode="json"), keys) if number <= len(true) else None
         if path.startswith(_AS_BUILT):
             given = dict(parse_assignment(word) for word in self._study.as_built)
             key = path.removeprefix(_AS_BUILT)

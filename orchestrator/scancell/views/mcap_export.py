@@ -16,6 +16,7 @@ from PIL import Image
 
 from scancell.arguments import checked_arguments
 from scancell.arrays import Array
+from scancell.config.cell import sensor_frame
 from scancell.errors import OutputError, require
 from scancell.evaluation.deviation import deviation_from_mesh
 from scancell.files import atomic_write
@@ -230,7 +231,7 @@ class SessionRecorder(Closing):
     """Records a live cell as MCAP: it takes states, chunks of scans and camera frames as they arrive, from any thread.
 
     ``/tf`` holds the poses of all bodies, ``/scene`` their meshes, ``/joints`` angles, ``/profiles`` points of scans,
-    ``/camera1`` … images, and ``/log`` texts of the cell.
+    ``/camera1`` … images (``/sensor2/camera1`` … of further sensors), and ``/log`` texts of the cell.
 
     Parameters
     ----------
@@ -288,8 +289,11 @@ class SessionRecorder(Closing):
     @checked_arguments
     def cameras(self, frame: CameraFrame) -> None:
         """Record the images of a `frame` of `CameraFeed`, where it has any."""
+        own = sensor_frame(frame.sensor)
+        body = next((body.name for body in self._cell.bodies if body.moves_with == own), "world")
+        topic, body = ("", "sensor") if frame.sensor == 1 else (f"/sensor{frame.sensor}", body)
         for number, image in enumerate(() if frame.images is None else frame.images, start=1):
-            self._file.image(f"/camera{number}", frame.time, "sensor", image)
+            self._file.image(f"{topic}/camera{number}", frame.time, body, image)
 
     def close(self) -> None:
         """Complete the file."""

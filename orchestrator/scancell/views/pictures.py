@@ -360,7 +360,8 @@ def painted(body: Body, number: int) -> PaintedBody:
     else:
         by_name = {"table_base": _STAND, "sensor": _SENSOR, "table": _TABLE, "part": _PART, "gripper": _GRIPPER}
         colour = _GRIPPER if frame.startswith("finger[") else by_name.get(name, _OTHER)
-    return PaintedBody(name, body.mesh, colour, lets_laser_pass=frame == "sensor")
+        colour = _SENSOR if frame.startswith("sensor[") else colour
+    return PaintedBody(name, body.mesh, colour, lets_laser_pass=frame.startswith("sensor"))
 
 
 def write_page(run: RecordedRun, out: str | Path, *, colour: ColourBy = "deviation", threads: int = 0) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -129,7 +129,7 @@ def column_text(frame: CameraFrame, camera: int, column: int) -> str:
 
 
 class CameraPanel:
-    """Shows frames of a feed: the images side by side, with the stripe that was found in them, and the profile.
+    """Shows frames of a feed; in a cell with several sensors those of the chosen one, which all browsers share.
 
     Parameters
     ----------
@@ -137,35 +137,25 @@ class CameraPanel:
         Inputs of viser.
     feed
         Feed of the cameras; frames are made while its switch, which all browsers share, is on.
-    sensor
-        Nominal description.
+    sensors
+        Nominal descriptions by name, the main one first; or that of the only sensor.
     beside
         Dock the panel at the left edge, else below the main panel, where a narrow window has room.
     """
 
-    def __init__(self, gui: Any, feed: CameraFeed, sensor: SensorDescription, beside: bool) -> None:
+    def __init__(
+        self, gui: Any, feed: CameraFeed, sensors: SensorDescription | Mapping[str, SensorDescription], beside: bool
+    ) -> None:
         self._feed = feed
-        self._names, self._shown = tuple(camera.name for camera in sensor.camera), 0
-        half = round(1e3 * float(field_corners(sensor)[:, 1].max()), 1)
-        self._width = (-half, half)
-        self._range = (sensor.range.near_mm, sensor.range.far_mm)
-        self._why_dark = f"no stripe: no surface that returns light is {self._range[0]:g} to {self._range[1]:g} mm away"
-        self._uplot = require("viser.uplot", "workspace")
+        described = sensors if isinstance(sensors, Mapping) else {sensors.name: sensors}
         panel = gui.add_panel()
         with panel.add_tab("Cameras"):
-            blank = np.full((2, 2, 3), 40, np.uint8)
-            label = f"{' | '.join(self._names)}, {_CLICK}"
-            self._image = gui.add_image(blank, label=label, format="jpeg", visible=False)
-            self._text = gui.add_html(small_html(["the first images are being made"]))
-            self._plot = self._add_plot(gui)
-            enlarge = gui.add_button_group(_ENLARGE, self._names)
-            self._marks = gui.add_checkbox("found stripe", True)
+            self._choice = self._chooser(gui, [*described]) if len(described) > 1 else None
+            self._views = [SensorView(gui, feed, sensor, number) for number, sensor in enumerate(described.values(), 1)]
             on = gui.add_checkbox("cameras", feed.wanted)
             gui.add_html(run_once(_SCRIPT))
-        self._on, self._redrawn = Follower(on), 0
-        self._large = EnlargedImage(gui, self._names, self._drawn)
-        enlarge.on_click(lambda event: self._large.open(event.target.value))
-        self._marks.on_update(lambda _: self._redraw())
+        self._on, self._number = Follower(on), 1
+        self._show_chosen()
         if beside:
             panel.dock_left()
             panel.set_width(_PANEL)
@@ -173,10 +163,71 @@ class CameraPanel:
             panel.dock_below(gui.main_panel)
         on.on_update(lambda event: setattr(feed, "wanted", on.value) if event.client is not None else None)
 
+    def _chooser(self, gui: Any, names: list[str]) -> Follower:
+        dropdown = gui.add_dropdown("sensor", names, initial_value=self._feed.sensor)
+        dropdown.on_update(
+            lambda event: setattr(self._feed, "sensor", dropdown.value) if event.client is not None else None
+        )
+        return Follower(dropdown)
+
+    def _show_chosen(self) -> None:
+        for number, view in enumerate(self._views, 1):
+            view.set_visible(number == self._number)
+
     def show(self) -> None:
         """Show the last frame, if it is new."""
+        self._on.show(self._feed.wanted)
+        if self._choice is not None:
+            chosen = self._feed.sensor
+            self._choice.show(chosen)
+            number = self._feed.sensors.index(chosen) + 1
+            if number != self._number:
+                self._number = number
+                self._show_chosen()
+        self._views[self._number - 1].show()
+
+    def show_enlarged(self) -> None:
+        """Show the last frame in the enlarged image, if it is open and the frame is new."""
+        for view in self._views:
+            view.show_enlarged()
+
+
+class SensorView:
+    """Shows frames of one sensor: the images side by side, with the stripe that was found in them, and the profile."""
+
+    def __init__(self, gui: Any, feed: CameraFeed, sensor: SensorDescription, number: int) -> None:
+        self._feed, self._number = feed, number
+        self._names, self._shown = tuple(camera.name for camera in sensor.camera), 0
+        half = round(1e3 * float(field_corners(sensor)[:, 1].max()), 1)
+        self._width = (-half, half)
+        self._range = (sensor.range.near_mm, sensor.range.far_mm)
+        self._why_dark = f"no stripe: no surface that returns light is {self._range[0]:g} to {self._range[1]:g} mm away"
+        self._uplot = require("viser.uplot", "workspace")
+        blank = np.full((2, 2, 3), 40, np.uint8)
+        label = f"{' | '.join(self._names)}, {_CLICK}"
+        self._image = gui.add_image(blank, label=label, format="jpeg", visible=False)
+        self._text = gui.add_html(small_html(["the first images are being made"]))
+        self._plot = self._add_plot(gui)
+        self._enlarge = gui.add_button_group(_ENLARGE, self._names)
+        self._marks = gui.add_checkbox("found stripe", True)
+        self._redrawn = 0
+        self._large = EnlargedImage(gui, self._names, self._drawn)
+        self._enlarge.on_click(lambda event: self._large.open(event.target.value))
+        self._marks.on_update(lambda _: self._redraw())
+
+    def set_visible(self, visible: bool) -> None:
+        """Show or hide all of it; an image and a profile appear with their frame."""
+        for handle in (self._enlarge, self._marks, self._text, self._plot):
+            set_changed(handle, "visible", visible)
+        if not visible:
+            set_changed(self._image, "visible", False)
+            self._large.close()
+
+    def show(self) -> None:
+        """Show the last frame, if it is new and of this sensor."""
         wanted, frame = self._feed.wanted, self._feed.frame
-        self._on.show(wanted)
+        if frame is not None and frame.sensor != self._number:
+            frame = None
         for handle in (self._plot, self._text):
             set_changed(handle, "visible", wanted)
         has_images = frame is not None and frame.images is not None
@@ -191,8 +242,9 @@ class CameraPanel:
         self._fit_range(1e3 * frame.points_in_sensor[:, 2])
 
     def show_enlarged(self) -> None:
-        """Show the last frame in the enlarged image, if it is open and the frame is new."""
-        self._large.show(self._feed.frame, self._redrawn)
+        """Show the last frame in the enlarged image, if it is open and the frame is new and of this sensor."""
+        frame = self._feed.frame
+        self._large.show(None if frame is not None and frame.sensor != self._number else frame, self._redrawn)
 
     def _redraw(self) -> None:
         self._shown = 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -48,7 +48,7 @@ class Shared:
     playback: ScanPlayback
     feed: CameraFeed
     recording: SessionRecording
-    sensor: SensorDescription
+    sensors: Mapping[str, SensorDescription]
     program: LiveProgram
     taught: TaughtFile
     program_file: Path | None
@@ -89,7 +89,9 @@ class ClientView:
         self._add_tab(motions, "Pose", lambda: PosePanel(gui, client.scene, operator, state))
         self._add_tab(motions, "Jog", lambda: JogPanel(gui, operator, state))
         self._add_tab(motions, "Cell", lambda: CellPanel(gui, operator, state))
-        self._add_tab(tabs, "Sensor", lambda: SensorPanel(gui, operator, shared.feed, shared.sensor))
+        self._add_tab(
+            tabs, "Sensor", lambda: SensorPanel(gui, operator, shared.feed, next(iter(shared.sensors.values())))
+        )
         scan = self._add_tab(tabs, "Scan", lambda: ScanPanel(gui, operator, shared.scans, shared.playback))
         with scan, gui.add_folder("Plan", expand_by_default=False):
             self._panels.append(PlanPanel(gui, operator, shared.plans))
@@ -100,7 +102,7 @@ class ClientView:
         )
         self._add_tab(programs, "Teach", lambda: TeachPanel(gui, operator, shared.taught))
         self._add_tab(tabs, "File", lambda: FilePanel(gui, operator, shared.opener, shared.recording, shared.scans))
-        self._cameras = CameraPanel(gui, shared.feed, shared.sensor, is_wide)
+        self._cameras = CameraPanel(gui, shared.feed, shared.sensors, is_wide)
         self._view = ViewPanel(gui, client.camera, operator, shared.scene)
         self._next_step = shared.next_step
         self._card = TourCard(gui) if shared.attempt is None else None

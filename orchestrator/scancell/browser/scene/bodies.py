@@ -106,7 +106,7 @@ def split_at_creases(mesh: Mesh, angle: float = _CREASE) -> DrawnMesh:
 def body_colour(body: Body, number: int) -> Rgb:
     """Displayed colour of a body: parts, belts and obstacles by their material, the machine as in pictures."""
     machine = ("base", "table", "table_base", "sensor", "gripper")
-    if body.name in machine or body.moves_with.startswith(("link[", "finger[")):
+    if body.name in machine or body.moves_with.startswith(("link[", "finger[", "sensor[")):
         return as_rgb(painted(body, number).colour)
     return material_colour(body.material)
 
@@ -262,7 +262,7 @@ class Ghost:
         colour: Rgb = TARGET,
     ) -> None:
         self._root, self._colour = root, colour
-        self._bodies = [body for body in cell.bodies if _moves(body)]
+        self._bodies = [body for body in cell.bodies if _moves(cell, body)]
         self._table_from_part = cell.table_from_part
         flanges = [body.name for body in self._bodies if body.moves_with.startswith("link[")]
         self._carrier = {"finger": flanges[-1] if flanges else "", "part": "table"}
@@ -320,9 +320,10 @@ class Ghost:
         return np.asarray(target_from_body[carrier] @ carrier_from_body)
 
 
-def _moves(body: Body) -> bool:
+def _moves(cell: NominalCell, body: Body) -> bool:
     """Whether a body has a ghost; the platter looks the same at all angles."""
-    carried = body.moves_with in ("sensor", "table", "part") or body.moves_with.startswith(("link[", "finger["))
+    frame = cell.carrier(body.moves_with)
+    carried = frame in ("sensor", "table", "part") or frame.startswith(("link[", "finger["))
     return carried and body.name != "table"
 
 

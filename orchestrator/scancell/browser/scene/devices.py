@@ -170,18 +170,20 @@ class SensorView:
         Scene of viser; the frame of the sensor is a node of it.
     sensor
         Range and laser.
+    frame
+        Name of the frame of the sensor.
     """
 
-    def __init__(self, scene: viser.SceneApi, sensor: SensorDescription) -> None:
+    def __init__(self, scene: viser.SceneApi, sensor: SensorDescription, frame: str = "sensor") -> None:
         self._shown, self._laser = True, True
         corners = field_corners(sensor)
         outline = np.stack([corners, np.roll(corners, -1, 0)], 1)
         self._range = scene.add_line_segments(
-            "/frames/sensor/field_of_view", outline, _RANGE, thickness=2.0, thickness_units="screen"
+            f"/frames/{frame}/field_of_view", outline, _RANGE, thickness=2.0, thickness_units="screen"
         )
         source = np.array([[0.0, 0.0, si_value(sensor.laser, "source_z_mm")]])
         self._sheet = scene.add_mesh_simple(
-            "/frames/sensor/laser",
+            f"/frames/{frame}/laser",
             np.asarray(np.concatenate([source, corners[2:]]), np.float32),
             np.array([[0, 1, 2]], np.uint32),
             color=_LASER,
@@ -191,7 +193,12 @@ class SensorView:
             receive_shadow=False,
         )
         self._stripe = scene.add_line_segments(
-            "/stripe", np.zeros((1, 2, 3)), _STRIPE, thickness=3.0, thickness_units="screen", visible=False
+            "/stripe" if frame == "sensor" else f"/stripe/{frame}",
+            np.zeros((1, 2, 3)),
+            _STRIPE,
+            thickness=3.0,
+            thickness_units="screen",
+            visible=False,
         )
 
     def show(self, shown: bool) -> None:

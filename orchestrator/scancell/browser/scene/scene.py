@@ -16,7 +16,7 @@ from scancell.browser.scene.cloud import GrowingCloud, Trace
 from scancell.browser.scene.devices import BeltMarks, DeviceView, SensorView
 from scancell.cell.driver import Mode
 from scancell.cell.fmu_file import collision_meshes
-from scancell.config.cell import CellDescription
+from scancell.config.cell import CellDescription, sensor_frame
 from scancell.config.sensor import SensorDescription
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
@@ -180,7 +180,13 @@ class CellScene:
         meshes = collision_meshes(description, cell)
         drawn = {body.name: drawn_mesh(body) for body in cell.bodies}
         self._bodies = BodyNodes(scene, cell, drawn, meshes)
-        self._sensor_view = SensorView(scene, sensor)
+        self._sensor_views = [
+            SensorView(scene, sensor),
+            *(
+                SensorView(scene, further.sensor or sensor, sensor_frame(number))
+                for number, further in enumerate(description.further_sensor, 2)
+            ),
+        ]
         self._devices = DeviceView(scene, description)
         self._belts = [BeltMarks(scene, belt) for belt in description.conveyor]
         self._drawn, self._ghost = drawn, Ghost(scene, cell, drawn)
@@ -225,7 +231,7 @@ class CellScene:
         with self._lock, self._server.atomic():
             self._state = None
             self._bodies.move(frames)
-            self._sensor_view.show_laser(laser)
+            self._show_laser(laser)
             self._pairs.clear()
             self._show_ghost()
         self._server.flush()
@@ -256,15 +262,19 @@ class CellScene:
         with self._lock:
             return viewpoint(view, self._cell.bodies, self._bodies.poses, aspect)
 
+    def _show_laser(self, on: bool) -> None:
+        for view in self._sensor_views:
+            view.show_laser(on)
+
     def show_laser(self, on: bool) -> None:
         """Switch the laser's sheet on or off; it is on at first, and seen with the field of view."""
         with self._lock:
-            self._sensor_view.show_laser(on)
+            self._show_laser(on)
 
     def show_stripe(self, points: Array | None) -> None:
         """Draw the stripe through world points (n, 3), m, in their order along the line, or none."""
         with self._lock:
-            self._sensor_view.show_stripe(points)
+            self._sensor_views[0].show_stripe(points)
 
     def add_points(self, points_in_part: Array, colours: Image, size: float) -> int:
         """Add a chunk of points (n, 3), m, of colours (n, 3) and a size, m, to the cloud, and send it once.
@@ -318,7 +328,8 @@ class CellScene:
             options = self.options
             self._bodies.show_frames(options.frames)
             self._bodies.show_collision_meshes(options.collision_meshes)
-            self._sensor_view.show(options.field_of_view)
+            for view in self._sensor_views:
+                view.show(options.field_of_view)
             self._trace.show(options.trace)
             self._pairs.show_distances(options.distances)
             self._devices.show(options.devices)

@@ -139,7 +139,7 @@ class Workspace:
             self.playback,
             self.feed,
             self._recording,
-            setup.sensor,
+            {name: setup.seen_by(number).sensor for number, name in enumerate(setup.sensor_names, 1)},
             program,
             taught,
             settings.program,

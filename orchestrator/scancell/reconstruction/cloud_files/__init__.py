@@ -1,7 +1,8 @@
 """Point-cloud files: one writer for all formats.
 
 Coordinates are millimetres in the coordinate system of the scanned mesh file (E57: metres, by its standard); normals
-point out of the surface, towards the sensor; times are seconds since the start of the run.
+point out of the surface, towards the sensor; times are seconds since the start of the run. Files of clouds of several
+sensors have a field more: the number of the sensor.
 
 ======  =============================================================================================================
 ply     all fields; positions and times in double precision, the others as floats and integers

@@ -17,8 +17,9 @@ from scancell.reconstruction.cloud_files.formats import record_of
 
 libe57 = require("pye57", "formats").libe57
 
+_SENSORS = 256  # more than any cell has
 _NORMALS = ("nor", "http://www.libe57.org/E57_NOR_surface_normals.txt")
-_OURS = ("scancell", "urn:scancell:e57:1")  # sigma in m, quality 0 to 1, camera, segment, profile index
+_OURS = ("scancell", "urn:scancell:e57:1")  # sigma in m, quality 0 to 1, camera, segment, profile index, sensor
 
 
 def write_e57(path: Path, cloud: Cloud, comments: Sequence[str]) -> None:
@@ -77,7 +78,9 @@ def _begin(image: Any, digest: bytes) -> Any:
 
 
 def _fields(cloud: Cloud) -> dict[str, NDArray[Any]]:
-    rows = np.unique(cloud.profile, return_inverse=True)[1]
+    # A profile is that of one sensor: those of several at one exposure are rows of their own.
+    several = (cloud.sensor != 1).any()
+    rows = np.unique(np.int64(cloud.profile) * _SENSORS + cloud.sensor, return_inverse=True)[1]
     columns: dict[str, tuple[NDArray[Any], str]] = {
         **{f"cartesian{axis}": (cloud.points_in_part[:, i], "f8") for i, axis in enumerate("XYZ")},
         "rowIndex": (rows, "i8"),
@@ -91,6 +94,7 @@ def _fields(cloud: Cloud) -> dict[str, NDArray[Any]]:
         "scancell:segment": (cloud.segment, "i8"),
         "scancell:profile": (cloud.profile, "i8"),
         "scancell:saturated": (cloud.saturated, "i8"),
+        **({"scancell:sensor": (cloud.sensor, "i8")} if several else {}),
     }
     return {name: np.array(values, kind) for name, (values, kind) in columns.items()}
 

@@ -41,9 +41,12 @@ RECORD = np.dtype(
         ("saturated", "u1"),
     ]
 )
+_FIELDS = [(name, RECORD[name].str) for name in RECORD.names or ()]
 # Of files by earlier versions.
-WITHOUT_SATURATED = np.dtype([(name, RECORD[name].str) for name in (RECORD.names or ())[:-1]])
-_SAME_IN_RECORD = ("intensity", "quality", "camera", "column", "segment", "profile", "time", "saturated")
+WITHOUT_SATURATED = np.dtype(_FIELDS[:-1])
+# Of clouds of several sensors.
+WITH_SENSOR = np.dtype([*_FIELDS, ("sensor", "u1")])
+_FIRST_SAME = 7  # field from which on records hold what clouds do
 
 _PCD_TYPES = {"f": "F", "i": "I", "u": "U"}
 _PCD_NAMES = {"nx": "normal_x", "ny": "normal_y", "nz": "normal_z"}
@@ -63,14 +66,19 @@ _MOST_POINTS = 2**31
 _MOST_COUNT = 1 << 20  # values of a field
 
 
-def record_of(cloud: Cloud) -> NDArray[Any]:
-    """Records (n,) of type `RECORD` of a cloud, mm and s."""
-    record = np.zeros(len(cloud), RECORD)
+def record_type(cloud: Cloud) -> np.dtype[np.void]:
+    """`RECORD`, or `WITH_SENSOR` where points are of further sensors."""
+    return WITH_SENSOR if (cloud.sensor != 1).any() else RECORD
+
+
+def record_of(cloud: Cloud, kind: np.dtype[np.void] | None = None) -> NDArray[Any]:
+    """Records (n,) of a cloud, mm and s, of its `record_type`, or of that of a cloud of which it is a part."""
+    record = np.zeros(len(cloud), record_type(cloud) if kind is None else kind)
     for axis, name in enumerate("xyz"):
         record[name] = cloud.points_in_part[:, axis] * MM
         record[f"n{name}"] = cloud.normals[:, axis]
     record["sigma"] = cloud.sigma * MM
-    for name in _SAME_IN_RECORD:
+    for name in (record.dtype.names or ())[_FIRST_SAME:]:
         record[name] = getattr(cloud, name)
     return record
 
@@ -101,6 +109,7 @@ def cloud_of_record(record: NDArray[Any]) -> Cloud:
         segment=record["segment"].astype(np.int32),
         time=record["time"].astype(float),
         saturated=record["saturated"].astype(bool) if "saturated" in names else np.zeros(len(record), bool),
+        sensor=record["sensor"] if "sensor" in names else np.ones(len(record), np.uint8),
     )
 
 
@@ -114,7 +123,12 @@ def write_npz(path: Path, cloud: Cloud, comments: Sequence[str]) -> None:
         saturated=cloud.saturated,
         comments=np.array([UNITS, *comments]),
         **{name: getattr(cloud, name) for name in _SAME},
+        **_sensor_column(cloud),
     )
+
+
+def _sensor_column(cloud: Cloud) -> dict[str, Any]:
+    return {"sensor": cloud.sensor} if (cloud.sensor != 1).any() else {}
 
 
 def read_npz(path: Path) -> Cloud:
@@ -130,6 +144,7 @@ def read_npz(path: Path) -> Cloud:
                 sigma=archive["sigma_mm"] / MM,
                 time=archive["time_s"],
                 saturated=archive["saturated"] if "saturated" in archive else np.zeros(len(archive["time_s"]), bool),
+                sensor=archive["sensor"] if "sensor" in archive else np.ones(len(archive["time_s"]), np.uint8),
                 **{name: archive[name] for name in _SAME},
             )
     except (
@@ -150,7 +165,7 @@ def read_npz(path: Path) -> Cloud:
 def write_pcd(path: Path, cloud: Cloud, comments: Sequence[str]) -> None:
     """Write binary PCD 0.7; positions in single precision, because other programs accept no double x, y, z."""
     record = record_of(cloud)
-    single = np.dtype([(name, "<f4" if name in "xyz" else RECORD[name].str) for name in RECORD.names or ()])
+    single = np.dtype([(name, "<f4" if name in "xyz" else record.dtype[name].str) for name in record.dtype.names or ()])
     kinds = [single[name] for name in single.names or ()]
     lines = [
         "# .PCD v0.7 - Point Cloud Data file format",
@@ -173,10 +188,11 @@ def write_pcd(path: Path, cloud: Cloud, comments: Sequence[str]) -> None:
 
 def write_xyz(path: Path, cloud: Cloud, comments: Sequence[str]) -> None:
     """Write text, one line per point; header lines with the names of the columns, the units and the comments."""
-    names = RECORD.names or ()
+    kind = record_type(cloud)
+    names = kind.names or ()
     head = "\n".join([" ".join(names), UNITS, *(" ".join(note.split()) for note in comments)])
     floats = {name: _DECIMALS.get(name, "%.7g") for name in names}
-    layout = [floats[name] if RECORD[name].kind == "f" else "%d" for name in names]
+    layout = [floats[name] if kind[name].kind == "f" else "%d" for name in names]
     np.savetxt(path, record_of(cloud), layout, header=head, encoding="utf-8")
 
 
@@ -186,9 +202,11 @@ def write_ply(path: str | Path, cloud: Cloud, comments: tuple[str, ...] = ()) ->
     Raises `OutputError` if the file cannot be written.
     """
     with atomic_write(path) as temporary, temporary.open("wb") as stream:
-        stream.write(_header(len(cloud), comments))
+        kind = record_type(cloud)
+        stream.write(_header(len(cloud), kind, comments))
         for start in range(0, len(cloud), _BLOCK):
-            stream.write(record_of(cloud[start : start + _BLOCK]).tobytes())  # `tofile` hides the cause of write errors
+            record = record_of(cloud[start : start + _BLOCK], kind)
+            stream.write(record.tobytes())  # `tofile` hides the cause of write errors
 
 
 def read_ply(path: str | Path) -> Cloud:
@@ -228,11 +246,11 @@ def _properties(kind: np.dtype[np.void]) -> list[str]:
     return [f"property {_PLY_NAMES[kind[name].str]} {name}" for name in kind.names or ()]
 
 
-def _header(count: int, comments: tuple[str, ...]) -> bytes:
+def _header(count: int, kind: np.dtype[np.void], comments: tuple[str, ...]) -> bytes:
     notes = (f"units: {UNITS}", *comments)
     lines = ["ply", "format binary_little_endian 1.0"]
     lines += [f"comment {' '.join(note.split())}" for note in notes]
-    lines += [f"element vertex {count}", *_properties(RECORD), "end_header"]
+    lines += [f"element vertex {count}", *_properties(kind), "end_header"]
     return ("\n".join(lines) + "\n").encode("utf-8")
 
 
@@ -242,7 +260,7 @@ def _read_ply_header(start: bytes) -> tuple[int, np.dtype[np.void], int] | None:
     lines = head.decode("utf-8", errors="replace").splitlines()
     properties = [line for line in lines if line.startswith("property")]
     elements = [line.split() for line in lines if line.startswith("element")]
-    kinds = [kind for kind in (RECORD, WITHOUT_SATURATED) if properties == _properties(kind)]
+    kinds = [kind for kind in (RECORD, WITHOUT_SATURATED, WITH_SENSOR) if properties == _properties(kind)]
     ours = mark and lines[:2] == ["ply", "format binary_little_endian 1.0"] and kinds
     if not ours or len(elements) != 1 or not elements[0][-1].isdecimal():
         return None

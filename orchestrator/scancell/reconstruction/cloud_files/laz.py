@@ -9,7 +9,7 @@ import numpy as np
 
 from scancell.errors import require
 from scancell.reconstruction.cloud import Cloud
-from scancell.reconstruction.cloud_files.formats import RECORD, UNITS, record_of
+from scancell.reconstruction.cloud_files.formats import UNITS, record_of
 
 laspy = require("laspy", "formats")
 require("lazrs", "formats")
@@ -30,6 +30,7 @@ _EXTRA = {
     "segment": "of the program",
     "profile": "index of the exposure",
     "saturated": "1: saturated stripe",
+    "sensor": "number, from 1",
 }
 
 
@@ -41,9 +42,9 @@ def write_laz(path: Path, cloud: Cloud, comments: Sequence[str]) -> None:
     header.generating_software = "scancell"
     header.scales = np.full(3, _STEP_MM)
     header.offsets = np.rint(cloud.points_in_part.mean(0) * 1e3) if len(cloud) else np.zeros(3)
-    header.add_extra_dims(
-        [laspy.ExtraBytesParams(name, RECORD[_source(name)].str, text) for name, text in _EXTRA.items()]
-    )
+    kind = record.dtype
+    extra = {name: text for name, text in _EXTRA.items() if _source(name) in (kind.names or ())}
+    header.add_extra_dims([laspy.ExtraBytesParams(name, kind[_source(name)].str, text) for name, text in extra.items()])
     text = "\n".join([UNITS, *comments]).encode()
     header.vlrs.append(laspy.VLR(user_id="scancell", record_id=1, description="units and origin", record_data=text))
     las = laspy.LasData(header)
@@ -52,7 +53,7 @@ def write_laz(path: Path, cloud: Cloud, comments: Sequence[str]) -> None:
     las.intensity = np.clip(np.rint(record["intensity"]), 0, _MAX_INTENSITY).astype(np.uint16)
     las.return_number[:] = 1
     las.number_of_returns[:] = 1
-    for name in _EXTRA:
+    for name in extra:
         las[name] = record[_source(name)]
     with path.open("wb") as stream:
         las.write(stream, do_compress=True)
