@@ -146,8 +146,8 @@ def rigid_body(inertia: InertiaDescription | None, mesh_file: str | None, densit
 def flange_loads(cell: CellDescription, part: Mesh | None) -> dict[str, MassProperties]:
     """Mass properties, in the frame of the flange, of what the arm always carries.
 
-    These are ``sensor``, ``sensor[2]`` and so on, ``gripper`` (its housing), ``finger1`` and ``finger2`` with the pads as
-    they start, and ``part``, the `part` of a cell whose description puts it on the flange; where a mass is known.
+    These are ``sensor``, ``sensor[2]`` and so on, ``gripper`` (its housing), ``finger1`` and ``finger2`` with the pads
+    as they start, and ``part``, the `part` of a cell whose description puts it on the flange; where a mass is known.
 
     Raises `MeshError` if a mesh cannot be used.
     """

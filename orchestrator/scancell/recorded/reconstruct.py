@@ -34,6 +34,7 @@ from scancell.nominal.cell import NominalCell, estimated_cell, nominal_cell
 from scancell.reconstruction.foreign import neighbours_of
 from scancell.reconstruction.reconstruct import (
     Envelope,
+    PosesAfter,
     ProfilePoints,
     Reconstructed,
     points_in_part,
@@ -433,6 +434,10 @@ class MeasuredCell:
         world_from_sensor = self.world_from(sensor_frame(number), readings)
         return np.asarray(pose.inverse(self.world_from("part", readings)) @ world_from_sensor)
 
+    def poses_after(self, readings: AxisReadings, number: int) -> PosesAfter:
+        """`part_from_sensor` of a sensor by seconds after the readings."""
+        return lambda time: self.part_from_sensor(readings.moved(time), number)
+
     def world_from(self, frame: str, readings: AxisReadings) -> Array:
         """Poses (n, 4, 4) of ``table``, ``part`` or a sensor in the world.
 
@@ -557,10 +562,7 @@ def reconstruct_measurements(
     made = reconstruct_sensors(
         found.profiles,
         records_of(measured_cell, found, readings),
-        [
-            lambda time, number=number: measured_cell.part_from_sensor(readings.moved(time), number)
-            for number in sensors
-        ],
+        [measured_cell.poses_after(readings, number) for number in sensors],
         cell.table_from_part,
         envelope,
         neighbours=None if whole else neighbours_of(cell),
