@@ -184,8 +184,8 @@ Dependencies add_parameters(TableBuilder& table, const CellLayout& layout, CellP
   std::vector<FrameRefs> further_sensors;
   for (std::size_t i = 0; i < layout.further_sensors.size(); ++i) {
     const std::string number = std::to_string(i + 2);
-    further_sensors.push_back(add_as_built_frame(table, "sensor[" + number + "]", "sensor " + number,
-                                                 as_built.further_sensors[i]));
+    further_sensors.push_back(
+        add_as_built_frame(table, "sensor[" + number + "]", "sensor " + number, as_built.further_sensors[i]));
   }
   const FrameRefs table_refs = add_as_built_table(table, as_built);
   const VibrationRefs of_base =

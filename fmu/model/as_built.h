@@ -41,8 +41,8 @@ struct AsBuilt {
   template <class Visitor>
   static void declare(Visitor& visit, AsBuilt& b) {
     visit(b, state(b.dh, "dh"), state(b.tool, "tool"), state(b.table, "table"), state(b.platter, "platter"),
-          state(b.axes, "axes"), state(b.further_sensors, "further_sensors"), state(b.wobble, "wobble"), state(b.trigger, "trigger"),
-          state(b.belt, "belt"), state(b.base_vibration, "base_vibration"),
+          state(b.axes, "axes"), state(b.further_sensors, "further_sensors"), state(b.wobble, "wobble"),
+          state(b.trigger, "trigger"), state(b.belt, "belt"), state(b.base_vibration, "base_vibration"),
           state(b.flange_vibration, "flange_vibration"), state(b.table_vibration, "table_vibration"));
   }
 };

@@ -25,7 +25,8 @@ std::size_t FrameNumbers::parse(const JsonReader& json) const {
     if (text == "sensor[" + std::to_string(i + 2) + "]") return further_sensor(i);
   }
   json.fail(
-      "\"world\", \"sensor\", \"sensor[i]\", \"table\", \"axis[i]\", \"link[i]\", \"conveyor[i]\", \"finger[i]\" or "
+      "\"world\", \"sensor\", \"sensor[i]\", \"table\", \"axis[i]\", \"link[i]\", \"conveyor[i]\", "
+      "\"finger[i]\" or "
       "\"part[i]\" "
       "that is possible here");
 }
