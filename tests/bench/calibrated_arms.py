@@ -21,8 +21,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.config.urdf import robot_from_urdf
 from scancell.nominal.cell import arm_of
+from scancell.nominal.from_urdf import robot_from_urdf
 
 Array = NDArray[np.float64]
 

@@ -10,10 +10,10 @@ import pytest
 
 from bench.calibrated_arms import LIMIT, OWN, POSE, campaign, judged_pose, links_of
 from scancell.config.robot import RobotDescription
-from scancell.config.urdf import robot_from_urdf
 from scancell.geometry import pose
 from scancell.geometry.arm import Arm
 from scancell.nominal.cell import arm_of
+from scancell.nominal.from_urdf import robot_from_urdf
 
 RIGHT = np.pi / 2
 

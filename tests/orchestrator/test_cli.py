@@ -14,7 +14,7 @@ import typer
 from scancell import cli
 from scancell.cli import common, scan
 from scancell.cli.common import GROUPS
-from scancell.config.loading import assets_dir
+from scancell.config.loading import assets_dir, load_setup
 from scancell.config.robot import RobotDescription
 from scancell.errors import MeshError, ScancellError
 from scancell.geometry import pose
@@ -179,6 +179,40 @@ def test_robot_from_urdf(monkeypatch, capsys, tmp_path) -> None:
     code, _, err = call(monkeypatch, capsys, *words, str(lonely))
     assert code == 1
     assert "link 'link0': mesh 'package://seven_axis_urdf/meshes/link0.stl': no such file" in err
+
+
+def test_robot_from_urdf_with_its_cell(monkeypatch, capsys, tmp_path) -> None:
+    """The shipped arm on a track, beside a turntable and a fence."""
+    source = assets_dir() / "robots" / "seven_axis_urdf"
+    shutil.copytree(source, tmp_path / "seven_axis_urdf")
+    urdf = tmp_path / "seven_axis_urdf" / "seven_axis.urdf"
+    limit = '<limit lower="-1" upper="1" velocity="1" effort="1"/>'
+    around = [
+        ("rail", "prismatic", "link0", limit),
+        ("turn", "continuous", "plate", limit),
+        ("post", "fixed", "pole", ""),
+    ]
+    shape = '<visual><geometry><cylinder radius="0.15" length="0.02"/></geometry></visual>'
+    text = "".join(
+        f'<joint name="{name}" type="{kind}"><parent link="floor"/><child link="{child}"/>{more}</joint>'
+        + (f'<link name="{child}">{shape}</link>' if child != "link0" else "")
+        for name, kind, child, more in around
+    )
+    urdf.write_text(urdf.read_text().replace("</robot>", f'<link name="floor"/>{text}</robot>'))
+    words = ["robot", "from-urdf", str(urdf), "--tip", "flange", "--hold", "3", "--out", str(tmp_path / "arm.toml")]
+    more = ["--cell", str(tmp_path / "cell.toml"), "--table", "plate", "--base", "link0"]
+    code, out, _ = call(monkeypatch, capsys, *words, *more)
+    assert code == 0
+    assert "cell.toml: 1 axes, 1 obstacles" in out
+    assert "world carries the table, axis 'rail', obstacle 'pole'" in out
+    assert "rail carries the arm" in out
+    code, out, _ = call(monkeypatch, capsys, *words, *more, "--json")
+    assert json.loads(out.splitlines()[-1])["figures"] == {"joints": 7, "axes": 1, "obstacles": 1}
+    assert load_setup(tmp_path / "cell.toml").cell.robot_moves_with == "rail"
+    code, _, err = call(monkeypatch, capsys, *words)
+    assert code == 1
+    assert "the joints 'rail' move the base of the arm" in err
+    assert "expected --cell, the file of a cell" in err
 
 
 def test_tip_that_is_no_flange_is_reported(monkeypatch, capsys, tmp_path) -> None:

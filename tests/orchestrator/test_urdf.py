@@ -15,10 +15,10 @@ import trimesh
 from scancell.config.files import plain_data
 from scancell.config.loading import assets_dir, load_setup
 from scancell.config.robot import RobotDescription
-from scancell.config.urdf import ConvertedRobot, robot_from_urdf
 from scancell.errors import CellError, DescriptionError
 from scancell.geometry import pose
 from scancell.nominal.cell import arm_of
+from scancell.nominal.from_urdf import ConvertedRobot, robot_from_urdf
 from scancell.planning.motion.trajectory import arm_skeleton, joint_torques
 
 RNG = np.random.default_rng(12)
@@ -223,7 +223,7 @@ def test_rounded_right_angles_are_right(tmp_path: Path) -> None:
 
 def test_joint_beside_chain_is_reported(tmp_path: Path) -> None:
     made, _ = converted(any_arm(tmp_path, 5), tmp_path, 5)
-    assert made.warnings == ("left out joint 'grip' and what it carries: it is beside the chain",)
+    assert made.warnings == ("left out joint 'grip' and what it carries, link 'finger': it is beside the chain",)
     assert len(made.description.joint) == 5
 
 

@@ -100,34 +100,52 @@ def ssp_build(
 
 @command("robot from-urdf")
 def from_urdf(
-    urdf: Annotated[Path, "URDF file of a serial arm of 4 to 8 joints"],
+    urdf: Annotated[Path, "URDF file of a serial arm of 4 to 8 joints, and of what is around it"],
     tip: Annotated[str, typer.Option(help="link at the end of the arm, which carries the tool")],
     out: Annotated[Path, typer.Option(help="robot file (TOML) to write; meshes go into a folder beside")],
+    cell: Annotated[
+        Path | None, "cell description (TOML) to write: axes before arm and table, table, obstacles"
+    ] = None,
+    base: Annotated[str | None, "link on which the arm stands; joints before it become axes of the cell"] = None,
+    table: Annotated[str | None, "link that becomes the table; the last joint before it turns it"] = None,
     home: Annotated[str | None, "joint angles of the home position, deg, commas between them"] = None,
     hold: Annotated[
         list[int] | None, "joint that inverse kinematics holds: one for each beyond six; repeatable"
     ] = None,
 ) -> Outcome:
-    """Write the arm of a URDF file as a robot file: Denavit-Hartenberg rows, limits, masses and meshes."""
+    """Write the arm of a URDF file as a robot file, and with --cell its axes, table and fixed links as a cell."""
     import numpy as np  # noqa: PLC0415
 
-    from scancell.config.urdf import RAMP_TIME, robot_from_urdf  # noqa: PLC0415
     from scancell.errors import DescriptionError  # noqa: PLC0415
     from scancell.geometry import pose  # noqa: PLC0415
+    from scancell.nominal.from_urdf import RAMP_TIME, robot_from_urdf  # noqa: PLC0415
 
     try:
         angles = [float(word) for word in (home or "").split(",") if word.strip()]
     except ValueError:
         raise DescriptionError(key="home", value=home, expected="angles with commas between them") from None
-    made = robot_from_urdf(urdf, tip, out, angles, hold or ())
+    made = robot_from_urdf(urdf, tip, out, angles, hold or (), cell=cell, base=base, table=table)
+    figures = {"joints": len(made.description.joint)}
     lines = [
         f"{made.description.name}: {len(made.description.joint)} joints",
         f"  written to {out}",
-        f"  accelerations are assumed: full speed in {RAMP_TIME:g} s (joint.max_acceleration_deg_s2)",
+        f"  accelerations are assumed: full speed in {RAMP_TIME:g} s (max_acceleration)",
     ]
     warnings = list(made.warnings)
     remainder = made.flange_from_tip
-    if np.abs(remainder - np.eye(4)).max() > 1e-9:
+    if made.cell is not None:
+        figures |= {"axes": len(made.cell.axis), "obstacles": len(made.cell.obstacle)}
+        carried = [
+            ("the arm", made.cell.robot_moves_with),
+            ("the table", made.cell.table.moves_with),
+            *((f"axis '{axis.name}'", axis.moves_with) for axis in made.cell.axis),
+            *((f"obstacle '{obstacle.name}'", obstacle.moves_with) for obstacle in made.cell.obstacle),
+        ]
+        lines.append(f"  cell written to {cell}: {len(made.cell.axis)} axes, {len(made.cell.obstacle)} obstacles")
+        for carrier in ("world", *(axis.name for axis in made.cell.axis)):
+            names = [name for name, moves_with in carried if moves_with == carrier]
+            lines.append(f"    {carrier} carries {', '.join(names) or 'nothing'}")
+    elif np.abs(remainder - np.eye(4)).max() > 1e-9:
         x, y, z = 1e3 * remainder[:3, 3]
         rx, ry, rz = np.degrees(pose.euler_xyz_from_rotation(remainder[:3, :3]))
         warnings.append(
@@ -135,4 +153,4 @@ def from_urdf(
             f" x_mm = {x:.6f}, y_mm = {y:.6f}, z_mm = {z:.6f}, rx_deg = {rx:.6f}, ry_deg = {ry:.6f},"
             f" rz_deg = {rz:.6f}"
         )
-    return Outcome(lines, {"joints": len(made.description.joint)}, [str(file) for file in made.files], warnings)
+    return Outcome(lines, figures, [str(file) for file in made.files], warnings)

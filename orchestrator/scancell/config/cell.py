@@ -72,7 +72,7 @@ MAX_FURTHER_AXES = 3  # beside joints and table
 MAX_FURTHER_SENSORS = 7  # beside that of the tool
 RESERVED_FRAMES = frozenset({"world", "base", "table", "tool"})
 
-# Names that would be those of other frames, or of columns of files: ``NAME_deg``, ``NAME_mm``.
+# Names that would be those of columns of files: ``NAME_deg``, ``NAME_mm``.
 _COLUMNS = ("part", "sensor", "flange", "x", "y", "z", "rx", "ry", "rz", "sigma", "diameter")
 
 _Delay = Annotated[float, Field(ge=0.0, le=1e7)]  # ms
@@ -81,6 +81,11 @@ _Delay = Annotated[float, Field(ge=0.0, le=1e7)]  # ms
 def sensor_frame(number: int) -> str:
     """Name of the frame of a sensor by its number, from 1: ``sensor``, then ``sensor[2]`` and so on."""
     return "sensor" if number == 1 else f"sensor[{number}]"
+
+
+def is_reserved_axis(name: str) -> bool:
+    """Whether an axis cannot have a name, because another frame or a column of files has it."""
+    return name in {*RESERVED_FRAMES, *_COLUMNS} or re.fullmatch(r"qd{0,2}[0-9]+", name) is not None
 
 
 class EstimatedToolDescription(Description):
@@ -643,7 +648,7 @@ class CellDescription(FileDescription):
             if axis.moves_with not in carriers:
                 expected = f"{', '.join(carriers)}: an axis is listed after what carries it"
                 raise ValueError(f"axis[{number}].moves_with = '{axis.moves_with}': expected {expected}")
-            if axis.name in {*carriers, *RESERVED_FRAMES, *_COLUMNS} or re.fullmatch(r"qd{0,2}[0-9]+", axis.name):
+            if axis.name in carriers or is_reserved_axis(axis.name):
                 raise ValueError(f"axis[{number}].name = '{axis.name}': expected a name of no other frame or column")
             carriers.append(axis.name)
         carried = {"robot_moves_with": self.robot_moves_with, "table.moves_with": self.table.moves_with}

@@ -1,4 +1,4 @@
-"""Robot files from URDF files: Denavit-Hartenberg parameters of the joint axes, meshes in the frames of the links.
+"""Reading of URDF files: the arm, the axes before it and before a table, and what is fixed to each of them.
 
 Angles of origins count as a multiple of 90 degrees where they are that multiple in the decimal places that the file
 gives, and within 1e-5 rad, because files often round pi.
@@ -7,100 +7,154 @@ gives, and within 1e-5 rad, because files often round pi.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
-from functools import reduce
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scancell.arrays import Array
-from scancell.config.description import validate
-from scancell.config.robot import MAX_JOINTS, RobotDescription
+from scancell.config.robot import MAX_JOINTS
 from scancell.errors import DescriptionError
-from scancell.files import atomic_write, read_file
+from scancell.files import read_file
 from scancell.geometry import pose
-from scancell.geometry.arm import Chain, dh_from_axes
 from scancell.geometry.mesh import MassProperties
-from scancell.geometry.mesh_files import FORMATS, read_mesh, write_stl
+from scancell.geometry.mesh_files import FORMATS, read_mesh
 
 _ROUNDED, _EXACT = 1e-5, 1e-12  # rad: rounding of pi to decimal places, and that of computed angles
 _UNIT = 1e-3  # by which the length of a quaternion may differ from 1
 _NO_INERTIA = 1e-3  # relative: by which moments of inertia may be negative, or one exceed the sum of the others
 
-RAMP_TIME = 0.25  # s: to full speed, because a URDF file contains no accelerations
-_ASSUMED_SPEED = np.pi / 2  # rad/s, where a file states none
-_DIGITS = 10  # decimal places of lengths in mm and angles in deg
-# What is larger, m, rad and rad/s, is probably in mm and degrees.
-_MOST_REACH, _MOST_MESH, _MOST_ANGLE, _MOST_SPEED = 10.0, 10.0, 20.0, 20.0
+# What a file does not state: rad/s, m/s.
+_ASSUMED_SPEED = {"revolute": np.pi / 2, "prismatic": 0.5}
+# What is larger, m, rad, rad/s and m/s, is probably in mm and degrees.
+_MOST_REACH, _MOST_MESH = 10.0, 10.0
+_MOST_POSITION, _MOST_SPEED = {"revolute": 20.0, "prismatic": 100.0}, 20.0
+_LARGEST = 1e9  # in any unit
 _NEAREST = 4  # folders above a file in which packages are looked for
+_TURNING = ("revolute", "continuous")
+_MOVING = (*_TURNING, "prismatic")
 
 
 @dataclass(frozen=True)
 class UrdfJoint:
-    """A revolute joint; limits in rad and rad/s."""
+    """A joint that an axis of the cell moves; limits in rad and rad/s, or m and m/s.
+
+    `root_from_joint` (4, 4) and `axis` (3,), a unit vector of that frame, are those with every joint at 0.
+    """
 
     name: str
+    kind: Literal["revolute", "prismatic"]
     lower: float
     upper: float
     max_speed: float
+    root_from_joint: Array
+    axis: Array
+
+    @property
+    def point(self) -> Array:
+        """A point on its axis, (3,), frame of the root link."""
+        return np.asarray(self.root_from_joint[:3, 3])
+
+    @property
+    def direction(self) -> Array:
+        """Direction of its axis, (3,), frame of the root link."""
+        return np.asarray(self.root_from_joint[:3, :3] @ self.axis)
 
 
 @dataclass
-class UrdfBody:
-    """Links that are fixed to each other, in the frame of the root link with every joint at 0 (m, kg).
+class UrdfLink:
+    """A link in the frame of the root link with every joint at 0 (m, kg).
 
-    `vertices` and `faces` of each visual mesh; mass properties of each link.
+    `parent` is the link that carries it. `vertices` and `faces` of each visual mesh; mass properties, if it has any.
     """
 
+    name: str
+    parent: str
+    root_from_link: Array
     meshes: list[tuple[Array, NDArray[np.int64]]] = field(default_factory=list)
     masses: list[MassProperties] = field(default_factory=list)
 
 
+@dataclass
+class UrdfBody:
+    """Links that are fixed to each other, the joint that moves them, and the number of the body that carries it."""
+
+    joint: UrdfJoint | None = None
+    carrier: int = 0
+    links: dict[str, UrdfLink] = field(default_factory=dict)
+
+
 @dataclass(frozen=True)
-class UrdfArm:
-    """A serial arm in the frame of its root link with every joint at 0, m.
+class UrdfTree:
+    """What a cell is made from, in the frame of the root link with every joint at 0, m.
 
     Attributes
     ----------
-    points, axes
-        (n, 3) each: a point on the axis of each joint, and its direction.
+    bodies
+        What is fixed to the root, then what each joint moves, after what carries it.
+    axes, arm, table
+        Numbers of the bodies that the axes before arm and table move, that the joints of the arm move, from its base
+        on, and that the table turns, if there is one.
+    base, table_link
+        Names of the links from which the arm and the table begin.
     tip
         (4, 4) ``root_from_tip``.
-    bodies
-        n + 1: the fixed base, then what each joint moves.
+    meshes
+        Files that were read.
     warnings
         What was assumed, left out or is not plausible, as sentences.
     """
 
     name: str
-    joints: tuple[UrdfJoint, ...]
-    points: Array
-    axes: Array
-    tip: Array
     bodies: tuple[UrdfBody, ...]
+    axes: tuple[int, ...]
+    arm: tuple[int, ...]
+    table: int | None
+    base: str
+    table_link: str
+    tip: Array
+    meshes: frozenset[Path]
     warnings: tuple[str, ...]
 
+    def joint(self, number: int) -> UrdfJoint:
+        """The joint that moves a body."""
+        joint = self.bodies[number].joint
+        assert joint is not None  # only what is fixed to the root has none
+        return joint
 
-def read_urdf(path: str | Path, tip: str) -> UrdfArm:
-    """Read the chain from the root of a URDF file to its link `tip`.
 
-    What the specification makes optional has its defaults: a limit of 0, a mass of 0 where none is stated.
+def read_urdf(
+    path: str | Path, tip: str, base: str | None = None, table: str | None = None, home_deg: Sequence[float] = ()
+) -> UrdfTree:
+    """Read the chains from the root of a URDF file to its link `tip` and to its link `table`.
+
+    The arm consists of the joints behind the last prismatic one, or behind the link `base`; those before are axes. The
+    last joint before `table` turns it; those before are axes, too. Joints that follow one of these (``<mimic>``) rest
+    at the value that belongs to its start. What the specification makes optional has its defaults: a limit of 0, a mass
+    of 0 where none is stated.
 
     Raises `DescriptionError` naming the file, the link or joint and what was expected: not URDF, no such link, equal
-    names, a joint that is not revolute, missing limits, a mesh that does not exist or cannot be read.
+    names, a joint of another kind, missing limits, no arm of 4 to 8 joints, no joint that turns the table, a mesh that
+    does not exist or cannot be read.
+
+    Parameters
+    ----------
+    home_deg
+        Joint angles of the arm at the start; default: 0, or the nearest that the limits allow.
     """
-    return _Reader(Path(path)).arm(tip)
+    return _Reader(Path(path)).tree(tip, base, table, home_deg)
 
 
 class _Reader:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._warnings: list[str] = []
+        self._meshes: set[Path] = set()
         content = read_file(path)
         try:
             root = ET.fromstring(content)
@@ -122,98 +176,241 @@ class _Reader:
                 raise DescriptionError(
                     f"{names.count(repeated)} of this name", file=path, key=f"{kind} '{repeated}'", expected="one"
                 )
-        self._above = {self._end(joint, "child"): joint for joint in self._joints}
+        self._named = {str(joint.get("name")): joint for joint in self._joints}
+        self._above: dict[str, ET.Element] = {}
+        self._below: dict[str, list[ET.Element]] = {}
+        for joint in self._joints:
+            child = self._end(joint, "child")
+            if child in self._above:
+                other = self._above[child].get("name")
+                raise self._fault(joint, f"carries link '{child}' like joint '{other}'; expected one joint per link")
+            self._above[child] = joint
+            self._below.setdefault(self._end(joint, "parent"), []).append(joint)
 
-    def arm(self, tip: str) -> UrdfArm:
-        chain = self._chain(tip)
-        moving = [joint for joint in chain if joint.get("type") != "fixed"]
+    def tree(self, tip: str, base: str | None, table: str | None, home_deg: Sequence[float]) -> UrdfTree:
+        chain = self._chain(tip, "tip")
         root = self._end(chain[0], "parent") if chain else tip
-        bodies = [UrdfBody() for _ in range(len(moving) + 1)]
-        points, axes = [], []
-        frames = {root: np.eye(4)}
-        bodies_of = {root: 0}
-        for link in self._from_root(root):
-            self._add_link(link, frames[link], bodies[bodies_of[link]])
-            for joint in self._joints:
-                if self._end(joint, "parent") != link:
-                    continue
-                child, number = self._end(joint, "child"), bodies_of[link]
-                frame = frames[link] @ self._origin(_name(joint), joint)
-                if joint in moving:
-                    number += 1
-                    points.append(frame[:3, 3])
-                    axes.append(frame[:3, :3] @ self._axis(joint))
-                elif joint.get("type") != "fixed":
-                    self._warnings.append(
-                        f"left out joint '{joint.get('name')}' and what it carries: it is beside the chain"
-                    )
-                    continue
-                frames[child], bodies_of[child] = frame, number
-        joints = tuple(self._joint(joint) for joint in moving)
-        stations = [np.zeros(3), *points, frames[tip][:3, 3]]
-        reach = sum(float(np.linalg.norm(b - a)) for a, b in pairwise(stations))
+        before, arm = self._split(chain, tip, base)
+        branch = self._branch(table, root, before, arm)
+        driven = {str(joint.get("name")): joint for joint in (*before, *branch, *arm)}
+        limits = {name: self._limits(joint) for name, joint in driven.items()}
+        starts = {name: min(max(0.0, lower), upper) for name, (lower, upper, _) in limits.items()}
+        starts |= dict(zip((str(joint.get("name")) for joint in arm), np.radians(home_deg).tolist(), strict=False))
+        if branch:
+            starts[str(branch[-1].get("name"))] = 0.0
+        bodies, numbers = self._bodies(root, driven, limits, starts)
+        self._name_unconnected(root)
+        in_table, in_arm = ([numbers[str(joint.get("name"))] for joint in joints] for joints in (branch, arm))
+        axes = {*(numbers[str(joint.get("name"))] for joint in before), *in_table[:-1]}
+        tip_body = in_arm[-1]
+        pose_of_tip = bodies[tip_body].links[tip].root_from_link
+        begin = base or self._end(arm[0], "parent")
+        start = bodies[bodies[in_arm[0]].carrier].links[begin].root_from_link[:3, 3] if axes else np.zeros(3)
+        points = [body.joint.point for body in (bodies[k] for k in in_arm) if body.joint is not None]
+        reach = sum(float(np.linalg.norm(b - a)) for a, b in pairwise([start, *points, pose_of_tip[:3, 3]]))
         if reach > _MOST_REACH:
             self._warnings.append(
                 f"the joints and '{tip}' are {reach:.4g} m apart along the arm: are the lengths in mm?"
             )
-        warnings = tuple(dict.fromkeys(self._warnings))
-        return UrdfArm(self._name, joints, np.array(points), np.array(axes), frames[tip], tuple(bodies), warnings)
+        return UrdfTree(
+            self._name,
+            tuple(bodies),
+            tuple(sorted(axes)),
+            tuple(in_arm),
+            in_table[-1] if branch else None,
+            begin,
+            table or "",
+            pose_of_tip,
+            frozenset(self._meshes),
+            tuple(dict.fromkeys(self._warnings)),
+        )
 
-    def _from_root(self, root: str) -> list[str]:
-        """Links that fixed joints and those of the chain connect to the root, each after the one that carries it."""
-        order = [root]
-        for link in order:
-            order += [
-                self._end(joint, "child")
-                for joint in self._joints
-                if self._end(joint, "parent") == link and (joint.get("type") == "fixed" or joint in self._on_chain)
-            ]
-        return order
+    def _bodies(
+        self,
+        root: str,
+        driven: Mapping[str, ET.Element],
+        limits: Mapping[str, tuple[float, float, float]],
+        starts: Mapping[str, float],
+    ) -> tuple[list[UrdfBody], dict[str, int]]:
+        """Bodies, and their numbers by the names of the joints that move them."""
+        bodies, numbers = [UrdfBody()], dict[str, int]()
+        placed = [("", root, np.eye(4), 0)]
+        for parent, name, frame, number in placed:
+            bodies[number].links[name] = self._link(name, parent, frame)
+            for joint in self._below.get(name, ()):
+                key, kind, carried = str(joint.get("name")), joint.get("type"), number
+                at = frame @ self._origin(_name(joint), joint)
+                if key in driven:
+                    carried = numbers[key] = len(bodies)
+                    moves: Literal["prismatic", "revolute"] = "prismatic" if kind == "prismatic" else "revolute"
+                    bodies.append(UrdfBody(UrdfJoint(key, moves, *limits[key], at, self._axis(joint)), number))
+                elif kind != "fixed":
+                    value = self._held(joint, starts)
+                    if value is None:
+                        self._name_left_out(joint)
+                        continue
+                    at = at @ self._motion(joint, value)
+                placed.append((name, self._end(joint, "child"), at, carried))
+        return bodies, numbers
 
-    def _chain(self, tip: str) -> list[ET.Element]:
-        if tip not in self._links:
-            raise DescriptionError(f"no link '{tip}'", file=self._path, expected=f"one of {', '.join(self._links)}")
+    def _chain(self, link: str, end: str) -> list[ET.Element]:
+        """The joints from the root to a link, the `end` of an arm or of a branch."""
+        if link not in self._links:
+            expected = f"one of {', '.join(self._links)}"
+            raise DescriptionError(f"no link '{link}'", file=self._path, expected=expected)
         chain: list[ET.Element] = []
-        link = tip
         while link in self._above:
             joint = self._above[link]
             if joint in chain:
                 raise self._fault(joint, "is part of a loop; expected a tree")
-            chain.insert(0, joint)
+            chain.append(joint)
             link = self._end(joint, "parent")
+        chain.reverse()
         for joint in chain:
             kind = joint.get("type")
-            if kind not in ("revolute", "continuous", "fixed"):
-                raise self._fault(joint, f"type '{kind}' between root and tip; expected revolute, continuous or fixed")
+            if kind not in (*_MOVING, "fixed"):
+                expected = "revolute, continuous, prismatic or fixed"
+                raise self._fault(joint, f"type '{kind}' between root and {end}; expected {expected}")
             mimic = joint.find("mimic")
             if mimic is not None:
+                leader, expected = mimic.get("joint"), "a joint of its own"
                 raise self._fault(
-                    joint,
-                    f"follows joint '{mimic.get('joint')}' (<mimic>) between root and tip; expected a joint of its own",
+                    joint, f"follows joint '{leader}' (<mimic>) between root and {end}; expected {expected}"
                 )
-        self._on_chain = chain
         return chain
 
-    def _joint(self, joint: ET.Element) -> UrdfJoint:
-        limit, name = joint.find("limit"), _name(joint)
-        speed = self._numbers(name, limit, "velocity", "0", 1)[0]
-        if not speed >= 0:
-            raise self._fault(joint, f"velocity {speed:g} rad/s; expected a number above 0")
-        if speed == 0:
-            speed = _ASSUMED_SPEED
-            self._warnings.append(
-                f"{name} states no velocity: {np.degrees(speed):g} deg/s are assumed (max_speed_deg_s)"
+    def _split(
+        self, chain: Sequence[ET.Element], tip: str, base: str | None
+    ) -> tuple[list[ET.Element], list[ET.Element]]:
+        """The joints before the arm, and those of the arm."""
+        begin = 1 + max((i for i, joint in enumerate(chain) if joint.get("type") == "prismatic"), default=-1)
+        if base is not None:
+            links = [self._end(joint, "parent") for joint in chain]
+            if base not in links:
+                expected = f"one of {', '.join(links) or 'no links'}, between the root and '{tip}'"
+                raise DescriptionError(f"no link '{base}' before the arm", file=self._path, expected=expected)
+            if links.index(base) < begin:
+                fault = f"type 'prismatic' between base '{base}' and tip; expected revolute, continuous or fixed"
+                raise self._fault(chain[begin - 1], fault)
+            begin = links.index(base)
+        before, arm = ([j for j in part if j.get("type") in _MOVING] for part in (chain[:begin], chain[begin:]))
+        if not 4 <= len(arm) <= MAX_JOINTS:
+            if before and base is None:
+                expected = f"4 to {MAX_JOINTS} that turn"
+                raise self._fault(
+                    before[-1], f"type 'prismatic', with {len(arm)} joints behind it up to '{tip}'; expected {expected}"
+                )
+            expected = f"4 to {MAX_JOINTS}" + (
+                ": name the link on which the arm stands (`base`)" if len(arm) > MAX_JOINTS else ""
             )
+            origin = "the root" if base is None else f"link '{base}'"
+            raise DescriptionError(f"{len(arm)} joints from {origin} to '{tip}'", file=self._path, expected=expected)
+        return before, arm
+
+    def _branch(
+        self, table: str | None, root: str, before: Sequence[ET.Element], arm: Sequence[ET.Element]
+    ) -> list[ET.Element]:
+        """The joints from the root to the table, of which the last one turns it; none without a table."""
+        if table is None:
+            return []
+        chain = self._chain(table, "table")
+        key = f"link '{table}'"
+        if (self._end(chain[0], "parent") if chain else table) != root:
+            raise DescriptionError(
+                "the table is not connected to the arm", file=self._path, key=key, expected=f"a branch of '{root}'"
+            )
+        branch = [joint for joint in chain if joint.get("type") in _MOVING]
+        shared = next((joint for joint in branch if joint in arm or (joint is branch[-1] and joint in before)), None)
+        if shared is not None:
+            fault = f"the table and the arm both move with joint '{shared.get('name')}'"
+            raise DescriptionError(fault, file=self._path, key=key, expected="a joint of the table's own")
+        if not branch or branch[-1].get("type") == "prismatic":
+            fault = "no joint moves the table" if not branch else f"joint '{branch[-1].get('name')}' slides the table"
+            raise DescriptionError(fault, file=self._path, key=key, expected="a revolute or continuous joint before it")
+        return branch
+
+    def _held(self, joint: ET.Element, starts: Mapping[str, float]) -> float | None:
+        """Position of a joint that follows one of those that start somewhere (<mimic>); None of any other."""
+        first, factor, offset = joint, 1.0, 0.0
+        followed: list[ET.Element] = []
+        while (name := str(joint.get("name"))) not in starts:
+            mimic = joint.find("mimic")
+            if mimic is None:
+                return None
+            if joint in followed:
+                raise self._fault(first, "follows itself (<mimic>); expected another joint")
+            followed.append(joint)
+            leader = self._named.get(str(mimic.get("joint")))
+            if leader is None:
+                fault = f"follows joint '{mimic.get('joint')}' (<mimic>); expected a joint of the file"
+                raise self._fault(joint, fault)
+            offset += factor * float(self._numbers(_name(joint), mimic, "offset", "0", 1)[0])
+            factor *= float(self._numbers(_name(joint), mimic, "multiplier", "1", 1)[0])
+            joint = leader
+        if first.get("type") not in _MOVING:
+            return None
+        value = factor * starts[name] + offset
+        shown = f"{1e3 * value:.6g} mm" if first.get("type") == "prismatic" else f"{np.degrees(value):.6g} deg"
+        self._warnings.append(
+            f"{_name(first)} is held at {shown}, where it is at the start: it follows joint '{name}' (<mimic>)"
+        )
+        return value
+
+    def _motion(self, joint: ET.Element, value: float) -> Array:
+        """Pose (4, 4) of what a joint carries in its frame, at a position."""
+        axis = self._axis(joint)
+        if joint.get("type") == "prismatic":
+            return pose.translation(value * axis)
+        return pose.from_rotation(pose.exp_rotation(value * axis))
+
+    def _name_left_out(self, joint: ET.Element) -> None:
+        """Warn of a joint beside the chains, and of all that it carries."""
+        links, joints = [self._end(joint, "child")], []
+        for link in links:
+            for other in self._below.get(link, ()):
+                links.append(self._end(other, "child"))
+                if other.get("type") != "fixed":
+                    joints.append(str(other.get("name")))
+        further = f", and joint{'s' * (len(joints) > 1)} {_listed(joints)} between them" if joints else ""
+        kind = "" if joint.get("type") in _MOVING else f" of type '{joint.get('type')}'"
+        self._warnings.append(
+            f"left out joint '{joint.get('name')}'{kind} and what it carries, link{'s' * (len(links) > 1)}"
+            f" {_listed(links)}{further}: it is beside the chain"
+        )
+
+    def _name_unconnected(self, root: str) -> None:
+        connected = [root]
+        for link in connected:
+            connected += [self._end(joint, "child") for joint in self._below.get(link, ())]
+        reached = set(connected)
+        left = [name for name in self._links if name not in reached]
+        if left:
+            self._warnings.append(
+                f"left out link{'s' * (len(left) > 1)} {_listed(left)}, which no joint connects to '{root}'"
+            )
+
+    def _limits(self, joint: ET.Element) -> tuple[float, float, float]:
+        """Lower and upper limit and speed of a joint, rad and rad/s, or m and m/s."""
+        limit, name = joint.find("limit"), _name(joint)
+        kind, unit, si = ("prismatic", "mm", "m") if joint.get("type") == "prismatic" else ("revolute", "deg", "rad")
+        doubt = "in mm" if kind == "prismatic" else "in degrees"
+        speed = float(self._numbers(name, limit, "velocity", "0", 1)[0])
+        if not speed >= 0:
+            raise self._fault(joint, f"velocity {speed:g} {si}/s; expected a number above 0")
+        if speed == 0:
+            speed = _ASSUMED_SPEED[kind]
+            shown = 1e3 * speed if kind == "prismatic" else np.degrees(speed)
+            self._warnings.append(f"{name} states no velocity: {shown:g} {unit}/s are assumed (max_speed_{unit}_s)")
         if speed > _MOST_SPEED:
-            self._warnings.append(f"{name}: velocity {speed:g} rad/s: is it in degrees?")
+            self._warnings.append(f"{name}: velocity {speed:g} {si}/s: is it {doubt}?")
         if joint.get("type") == "continuous":
-            return UrdfJoint(str(joint.get("name")), -2 * np.pi, 2 * np.pi, float(speed))
+            return -2 * np.pi, 2 * np.pi, speed
         lower, upper = (float(self._numbers(name, limit, key, "0", 1)[0]) for key in ("lower", "upper"))
         if not lower < upper:
-            raise self._fault(joint, f"limits {lower:g} to {upper:g} rad; expected lower below upper")
-        if max(-lower, upper) > _MOST_ANGLE:
-            self._warnings.append(f"{name}: limits {lower:g} to {upper:g} rad: are they in degrees?")
-        return UrdfJoint(str(joint.get("name")), lower, upper, float(speed))
+            raise self._fault(joint, f"limits {lower:g} to {upper:g} {si}; expected lower below upper")
+        if max(-lower, upper) > _MOST_POSITION[kind]:
+            self._warnings.append(f"{name}: limits {lower:g} to {upper:g} {si}: are they {doubt}?")
+        return lower, upper, speed
 
     def _axis(self, joint: ET.Element) -> Array:
         axis = self._numbers(_name(joint), joint.find("axis"), "xyz", "1 0 0", 3)
@@ -255,10 +452,11 @@ class _Reader:
         rotation = pose.rotation_about(2, y) @ pose.rotation_about(1, p) @ pose.rotation_about(0, r)
         return pose.from_rotation(rotation, position)
 
-    def _add_link(self, name: str, root_from_link: Array, body: UrdfBody) -> None:
+    def _link(self, name: str, parent: str, root_from_link: Array) -> UrdfLink:
         link, key = self._links[name], _name(self._links[name])
+        made = UrdfLink(name, parent, root_from_link)
         if (inertial := link.find("inertial")) is not None:
-            body.masses += self._mass(key, inertial, root_from_link)
+            made.masses += self._mass(key, inertial, root_from_link)
         shapes = link.findall("visual") or link.findall("collision")
         unread = [file for shape in shapes if (file := self._file_of(shape)) and not file.lower().endswith(FORMATS)]
         if unread and link.findall("collision"):
@@ -269,7 +467,8 @@ class _Reader:
             size = float(np.ptp(vertices, axis=0).max()) if len(vertices) else 0.0
             if size > _MOST_MESH:
                 self._warnings.append(f"{key}: its mesh is {size:.4g} m large: is it in mm, without a scale of 0.001?")
-            body.meshes.append((pose.transform_points(root_from_link @ self._origin(key, shape), vertices), faces))
+            made.meshes.append((pose.transform_points(root_from_link @ self._origin(key, shape), vertices), faces))
+        return made
 
     def _mass(self, key: str, inertial: ET.Element, root_from_link: Array) -> list[MassProperties]:
         """Mass properties of a link; none of one without mass."""
@@ -278,10 +477,8 @@ class _Reader:
         names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
         xx, xy, xz, yy, yz, zz = (self._numbers(key, tensor, name, "0", 1)[0] for name in names)
         inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        if not (mass >= 0 and np.isfinite(mass) and np.isfinite(inertia).all()):
-            raise DescriptionError(
-                "<inertial>", file=self._path, key=key, expected="a mass of at least 0 and a finite inertia"
-            )
+        if mass < 0:
+            raise DescriptionError(f"mass {mass:g} kg", file=self._path, key=key, expected="at least 0")
         if mass == 0:
             return []
         if tensor is None:
@@ -307,15 +504,18 @@ class _Reader:
         if shape is not None and kind == "mesh":
             file = self._mesh_file(link, shape.get("filename", ""))
             vertices, faces, remarks = read_mesh(file)
+            self._meshes.add(file.resolve())
             self._warnings += remarks
-            return np.asarray(vertices, float) * self._numbers(key, shape, "scale", "1 1 1", 3), faces
+            scale = self._numbers(key, shape, "scale", "1 1 1", 3)
+            # A mirrored mesh keeps its outside.
+            return np.asarray(vertices, float) * scale, faces if np.prod(scale) >= 0 else faces[:, ::-1]
         if kind == "box":
-            made = trimesh.creation.box(self._numbers(key, shape, "size", "nan nan nan", 3))
+            made = trimesh.creation.box(self._sizes(key, shape, "size", 3))
         elif kind == "cylinder":
-            sizes = (self._numbers(key, shape, name, "nan", 1)[0] for name in ("radius", "length"))
+            sizes = (self._sizes(key, shape, name, 1)[0] for name in ("radius", "length"))
             made = trimesh.creation.cylinder(*sizes)
         elif kind == "sphere":
-            made = trimesh.creation.icosphere(3, self._numbers(key, shape, "radius", "nan", 1)[0])
+            made = trimesh.creation.icosphere(3, self._sizes(key, shape, "radius", 1)[0])
         else:
             raise DescriptionError(
                 f"geometry '{kind}'", file=self._path, key=key, expected="mesh, box, cylinder or sphere"
@@ -349,7 +549,7 @@ class _Reader:
             values = np.array([float(word) for word in text.split()])
         except ValueError:
             values = np.zeros(0)
-        if len(values) != count:
+        if len(values) != count or not (np.abs(values) <= _LARGEST).all():
             raise DescriptionError(
                 file=self._path,
                 key=f"{owner}: {key}",
@@ -357,6 +557,14 @@ class _Reader:
                 expected="1 number" if count == 1 else f"{count} numbers",
             )
         return values
+
+    def _sizes(self, owner: str, shape: ET.Element | None, key: str, count: int) -> Array:
+        """Dimensions of a box, cylinder or sphere, m."""
+        sizes = self._numbers(owner, shape, key, "", count)
+        if shape is not None and (sizes < 0).any():
+            text, expected = shape.get(key), "at least 0"
+            raise DescriptionError(file=self._path, key=f"{owner}: {key}", value=text, expected=expected)
+        return sizes
 
     def _end(self, joint: ET.Element, which: str) -> str:
         element = joint.find(which)
@@ -371,8 +579,15 @@ class _Reader:
 
 def _last_place(word: str) -> float:
     """One unit of the last decimal place of a number; 0 if it is not finite."""
-    exponent = Decimal(word).as_tuple().exponent
+    try:
+        exponent = Decimal(word).as_tuple().exponent
+    except ArithmeticError:  # of an exponent of too many digits, as in a number that is 0
+        return 0.0
     return float(f"1e{exponent}") if isinstance(exponent, int) else 0.0
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(f"'{name}'" for name in names)
 
 
 def _name(element: ET.Element) -> str:
@@ -390,113 +605,3 @@ def _packages(folders: Sequence[Path], name: str) -> Iterator[Path]:
                 continue
             if stated.strip() == name:
                 yield file.parent
-
-
-@dataclass(frozen=True)
-class ConvertedRobot:
-    """A robot file that was written.
-
-    Attributes
-    ----------
-    description
-        What it holds.
-    files
-        It and its meshes.
-    flange_from_tip
-        (4, 4), m: what four parameters cannot express of the tip's pose, to be put before the tool; identity for a tip
-        whose z is the last axis.
-    warnings
-        What was assumed, left out or is not plausible, as sentences.
-    """
-
-    description: RobotDescription
-    files: tuple[Path, ...]
-    flange_from_tip: Array
-    warnings: tuple[str, ...]
-
-
-def robot_from_urdf(
-    urdf: str | Path, tip: str, out: str | Path, home_deg: Sequence[float] = (), hold: Sequence[int] = ()
-) -> ConvertedRobot:
-    """Write the arm between the root and the `tip` link of a URDF file as a robot file, its meshes in a folder beside.
-
-    Raises `DescriptionError` if the URDF file is wrong, see `read_urdf`, or describes no arm of 4 to 8 joints.
-
-    Parameters
-    ----------
-    out
-        TOML file to write; the meshes, in mm, go into the folder of the same name without suffix.
-    home_deg
-        Joint angles of the home position; default: 0, or the nearest that the limits allow.
-    hold
-        Numbers of the joints, from 1, that inverse kinematics holds: one for each beyond six.
-    """
-    arm, out = read_urdf(urdf, tip), Path(out)
-    if not 4 <= len(arm.joints) <= MAX_JOINTS:
-        raise DescriptionError(
-            f"{len(arm.joints)} joints from the root to '{tip}'", file=urdf, expected=f"4 to {MAX_JOINTS}"
-        )
-    chain, last_from_tip = dh_from_axes(arm.points, arm.axes, arm.tip)
-    rows = [(1e3 * one.a, 1e3 * one.d, *np.degrees([one.alpha, one.beta, one.theta])) for one in chain.joints]
-    keys = ("a_mm", "d_mm", "alpha_deg", "beta_deg", "theta_deg")
-    joints: list[dict[str, Any]] = [dict(zip(keys, _rounded(row), strict=True)) for row in rows]
-    for row, joint in zip(joints, arm.joints, strict=True):
-        low, high, speed = np.degrees([joint.lower, joint.upper, joint.max_speed]).round(6).tolist()
-        row |= {"min_deg": low, "max_deg": high, "max_speed_deg_s": speed}
-        row["max_acceleration_deg_s2"] = _rounded([speed / RAMP_TIME])[0]
-    bodies = _bodies(arm, chain)
-    data: dict[str, Any] = {"name": arm.name, "base": _pose_data(chain.world_from_base), "joint": joints}
-    data["home_deg"] = list(home_deg) or [min(max(0.0, row["min_deg"]), row["max_deg"]) for row in joints]
-    data["held"] = [{"joint": number} for number in hold]
-    for row, body in zip(joints, bodies[1:], strict=True):
-        if body.masses:
-            row["inertia"] = _inertia_data(body)
-    names = {
-        k: out.with_suffix("") / ("base.stl" if k == 0 else f"link{k}.stl") for k, b in enumerate(bodies) if b.meshes
-    }
-    for k, file in names.items():
-        (data if k == 0 else joints[k - 1])["base_mesh" if k == 0 else "mesh"] = str(file.resolve())
-    description = validate(RobotDescription, data, str(urdf))
-    for k, file in names.items():
-        _write_mesh(file, bodies[k])
-    description.to_toml(out)
-    return ConvertedRobot(description, (out, *names.values()), last_from_tip, arm.warnings)
-
-
-def _bodies(urdf: UrdfArm, chain: Chain) -> list[UrdfBody]:
-    """The bodies in the frames of their links."""
-    moved = []
-    for body, root_from_link in zip(urdf.bodies, chain.link_poses(np.zeros(len(urdf.joints))), strict=True):
-        link_from_root = pose.inverse(root_from_link)
-        meshes = [(pose.transform_points(link_from_root, vertices), faces) for vertices, faces in body.meshes]
-        moved.append(UrdfBody(meshes, [mass.seen_from(link_from_root) for mass in body.masses]))
-    return moved
-
-
-def _inertia_data(body: UrdfBody) -> dict[str, Any]:
-    """Mass, centre of mass and inertia about it of all links of a body together."""
-    whole = reduce(MassProperties.joined_with, body.masses)
-    return {
-        "mass_kg": whole.mass,
-        "centre_of_mass_mm": _rounded(1e3 * whole.centre_of_mass),
-        "inertia_kg_m2": _rounded(np.diag(whole.inertia)),
-        "products_kg_m2": _rounded(whole.inertia[[0, 0, 1], [1, 2, 2]]),
-    }
-
-
-def _write_mesh(file: Path, body: UrdfBody) -> None:
-    """All meshes of a body as one binary STL file in mm."""
-    corners = np.concatenate([vertices[faces].reshape(-1, 3) for vertices, faces in body.meshes]) * 1e3
-    with atomic_write(file) as temporary:
-        write_stl(temporary, corners, np.arange(len(corners)).reshape(-1, 3))
-
-
-def _pose_data(target_from_source: Array) -> dict[str, float]:
-    angles = np.degrees(pose.euler_xyz_from_rotation(target_from_source[:3, :3]))
-    values = [*_rounded(1e3 * target_from_source[:3, 3]), *_rounded(angles)]
-    keys = ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")
-    return {key: value for key, value in zip(keys, values, strict=True) if value != 0.0}
-
-
-def _rounded(values: Any) -> list[float]:
-    return [float(value) + 0.0 for value in np.round(np.asarray(values, float), _DIGITS)]
