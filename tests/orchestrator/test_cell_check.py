@@ -75,6 +75,54 @@ def test_enclosed_part_is_detected(tmp_path):
         check_cell(nominal)
 
 
+OBSTACLES = """
+robot_moves_with = "{arm_on}"
+[[axis]]
+name = "track"
+kind = "prismatic"
+min_mm = -1.0
+max_mm = 1.0
+max_speed_mm_s = 1.0
+max_acceleration_mm_s2 = 1.0
+[[obstacle]]
+name = "post"
+mesh = "neighbour.stl"
+moves_with = "{first}"
+pose = {{ x_mm = {x}, z_mm = 20.0 }}
+[[obstacle]]
+name = "lamp"
+mesh = "neighbour.stl"
+moves_with = "{second}"
+pose = {{ x_mm = {x}, z_mm = 25.0 }}
+"""
+
+
+def obstacles(tmp_path, arm_on: str, first: str, second: str, x: float) -> NominalCell:
+    export_mm(BLOCK, tmp_path / "neighbour.stl")
+    more = OBSTACLES.format(arm_on=arm_on, first=first, second=second, x=x)
+    top, _, rest = more.partition("[[axis]]")
+    text = (assets_dir() / "cells" / "default.toml").read_text()
+    (tmp_path / "cell.toml").write_text(f"{top}{text}\n[[axis]]{rest}")
+    return nominal_cell(load_setup(tmp_path / "cell.toml").cell, BLOCK)
+
+
+def test_obstacles_on_one_carrier_are_one_body(tmp_path):
+    for carrier in ("world", "table", "track"):
+        check_cell(obstacles(tmp_path, "world", carrier, carrier, 2000.0))
+    with pytest.raises(CellError, match="'post' and 'lamp' intersect"):
+        check_cell(obstacles(tmp_path, "world", "world", "track", 2000.0))
+
+
+def test_an_arm_stands_on_its_carriage(tmp_path):
+    check_cell(obstacles(tmp_path, "track", "track", "track", 0.0))
+    with pytest.raises(CellError, match="'base' and 'lamp' intersect"):
+        check_cell(obstacles(tmp_path, "track", "track", "world", 0.0))
+    with pytest.raises(CellError, match="'base' and 'post' intersect"):
+        check_cell(obstacles(tmp_path, "world", "world", "world", 0.0))
+    with pytest.raises(CellError, match="'part' and 'post' intersect"):
+        check_cell(obstacles(tmp_path, "world", "table", "table", 0.0))
+
+
 def test_touching_bodies_are_accepted(tmp_path):
     check_cell(cell(tmp_path, NEIGHBOUR.format(x=60.0, z=0.0)))
 

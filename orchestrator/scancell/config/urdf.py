@@ -457,11 +457,12 @@ class _Reader:
         made = UrdfLink(name, parent, root_from_link)
         if (inertial := link.find("inertial")) is not None:
             made.masses += self._mass(key, inertial, root_from_link)
-        shapes = link.findall("visual") or link.findall("collision")
+        visual, collision = self._shapes(link, "visual"), self._shapes(link, "collision")
+        shapes = visual or collision
         unread = [file for shape in shapes if (file := self._file_of(shape)) and not file.lower().endswith(FORMATS)]
-        if unread and link.findall("collision"):
+        if unread and collision:
             self._warnings.append(f"{key}: its collision meshes are used instead of '{unread[0]}', which is not read")
-            shapes = link.findall("collision")
+            shapes = collision
         for shape in shapes:
             vertices, faces = self._geometry(name, shape)
             size = float(np.ptp(vertices, axis=0).max()) if len(vertices) else 0.0
@@ -489,6 +490,14 @@ class _Reader:
                 f"{key}: no body has the principal moments of inertia {low:.4g}, {middle:.4g} and {high:.4g} kg m²"
             )
         return [MassProperties(mass, np.zeros(3), inertia).seen_from(frame)]
+
+    def _shapes(self, link: ET.Element, kind: str) -> list[ET.Element]:
+        """The <visual> or <collision> elements of a link that have a shape."""
+        shapes = link.findall(kind)
+        filled = [shape for shape in shapes if shape.find("geometry/*") is not None]
+        if len(filled) < len(shapes):
+            self._warnings.append(f"{_name(link)} has a <{kind}> without a shape")
+        return filled
 
     @staticmethod
     def _file_of(owner: ET.Element) -> str:

@@ -32,6 +32,7 @@ from scancell.nominal.parts import tool_matrix
 RAMP_TIME = 0.25  # s: to full speed, because a URDF file contains no accelerations
 _DIGITS = 10  # decimal places of lengths in mm and angles in deg
 _ALONG = 1e-6  # rad: between directions that count as equal
+_GAP = 1e-3  # m: between a table's top and its meshes that is worth a remark
 _SAME = 1e-9  # m, and elements of a rotation matrix: poses that differ by less are equal
 
 _Meshes = list[tuple[Array, NDArray[np.int64]]]
@@ -305,12 +306,18 @@ class _Conversion:
         meshes = _seen_from(pose.inverse(root_from_table), links)
         if meshes:
             corners = np.concatenate([vertices[np.unique(faces)] for vertices, faces in meshes])
-            top = max(0.0, float(corners[:, 2].max()))
-            if top > _SAME:
+            highest = float(corners[:, 2].max())
+            top = max(0.0, highest)
+            if highest > _SAME:
                 root_from_table = root_from_table @ pose.translation((0.0, 0.0, top))
                 self.warnings.append(
                     f"the top of the table is that of the meshes of link '{tree.table_link}', {1e3 * top:.3f} mm above"
                     " its origin"
+                )
+            elif highest < -_GAP:
+                self.warnings.append(
+                    f"the top of the table is the origin of link '{tree.table_link}', {-1e3 * highest:.3f} mm above the"
+                    " meshes that turn"
                 )
             data["radius_mm"] = _rounded([1e3 * np.hypot(*corners[:, :2].T).max()])[0]
             data["thickness_mm"] = max(_rounded([1e3 * (top - corners[:, 2].min())])[0], 0.001)
