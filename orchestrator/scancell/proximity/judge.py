@@ -160,12 +160,13 @@ def check_cell(nominal: NominalCell) -> None:
     """Raise `CellError` if standing bodies of a cell (robot base, table, belts, parts, obstacles) intersect.
 
     The table is at angle 0, other axes where they start, and the arm does not count: its motion is checked by planning.
-    Obstacles on one carrier may intersect, and so may all bodies on one further axis: they are one rigid body.
+    Obstacles on one carrier may intersect, and so may all bodies on one further axis: they are one rigid body. What an
+    axis carries may intersect what carries the axis, in its bearing, except for the arm and the platter.
 
     Raises `CellError` naming each pair, the depth in mm, and the keys that place them.
     """
     carriers = {body.name: body.moves_with for body in nominal.bodies}
-    axes = {axis.name for axis in nominal.further_axes}
+    below = {axis.name: axis.joint.parent for axis in nominal.further_axes}
     nominal = nominal.with_axes_held()
     frames = nominal.frame_poses(nominal.home)
     carried = {body.name: nominal.carrier(body.moves_with).partition("[")[0] for body in nominal.bodies}
@@ -173,8 +174,10 @@ def check_cell(nominal: NominalCell) -> None:
     placed = [(body.name, body.mesh.transformed(frames[body.moves_with])) for body in standing]
     problems = []
     for (a, mesh_a), (b, mesh_b) in combinations(placed, 2):
-        one = carriers[a] == carriers[b] and (carriers[a] in axes or not {a, b} & set(_KEYS))
-        depth = 0.0 if one or {a, b} == _JOINED else penetration(mesh_a, mesh_b)
+        one, other = carriers[a], carriers[b]
+        is_one_body = one == other and (one in below or not {a, b} & set(_KEYS))
+        is_bearing = (below.get(one) == other or below.get(other) == one) and not {a, b} & {"base", "table"}
+        depth = 0.0 if is_one_body or is_bearing or {a, b} == _JOINED else penetration(mesh_a, mesh_b)
         if depth > 0.0:
             keys = f"{_key(a, nominal)} or {_key(b, nominal)}"
             problems.append(f"'{a}' and '{b}' intersect, about {depth * 1e3:.2g} mm deep: change {keys}")
