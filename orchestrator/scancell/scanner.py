@@ -12,6 +12,7 @@ from typing import Self
 from scancell.arguments import Length, Pose, Seed, Share, Threads, checked_arguments
 from scancell.calibration.cell.report import (
     CalibrationReport,
+    ExchangedSensor,
     calibrate_from_points,
     calibrate_in_cell,
     start_of,
@@ -447,7 +448,16 @@ class Scanner(Closing):
         True
         """
         wanted = CalibrationRequest(request) if isinstance(request, str) else request
-        part = assets_dir() / wanted.artefact if artefact is None else artefact
+        part, name = assets_dir() / wanted.artefact if artefact is None else artefact, wanted.further_sensor
+        if name is not None:
+            exchanged = ExchangedSensor.of(setup or self.setup, name)
+            words = [exchanged.word(word) for word in assignments(as_built)]
+            report = self.calibrate(
+                replace(wanted, further_sensor=None), part, unit=unit, engine=engine, as_built=words, seed=seed,
+                setup=exchanged.exchanged, from_points=from_points, flange=flange, convention=convention,
+                table_format=table_format, progress=progress,
+            )  # fmt: skip
+            return replace(report, exchanged=exchanged)
         world = self._world(part, unit, as_built, seed, setup)
         scan = self._calibration_scan(self._world(part, unit, setup=setup), wanted)
         if from_points is not None:

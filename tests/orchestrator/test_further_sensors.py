@@ -14,9 +14,13 @@ from scipy.spatial.transform import Rotation
 
 import scancell
 from scancell import (
+    CalibrationRequest,
+    CameraFeed,
     Cloud,
     DescriptionError,
     EstimatedDescription,
+    LiveCell,
+    LiveScan,
     Scanner,
     ScanResult,
     assets_dir,
@@ -25,6 +29,8 @@ from scancell import (
 )
 from scancell.geometry import pose
 from scancell.geometry.shapes import PartSurface
+from scancell.live.camera import CameraFrame
+from scancell.live.scan import LiveChunk
 from scancell.output.image_files import ImageSet
 from scancell.progress import NullProgress, Stopwatch
 from scancell.proximity.scene import arm_chain
@@ -457,3 +463,152 @@ def test_survey_and_shot_are_those_of_the_main_sensor() -> None:
     with Scanner(assets_dir() / "cells/two_sensors.toml", ideal=True, threads=1) as scanner:
         shot = scanner.shot(PART, scancell.location(0, 0, 0.1, rx=np.pi), engine="geometric")
     assert len(shot.points_in_part) > 100 and set(np.unique(shot.profile.sensor)) == {1}
+
+
+def test_feed_shows_images_and_profile_of_the_chosen_sensor() -> None:
+    setup = load_setup(assets_dir() / "cells/two_sensors.toml")
+    with Scanner(setup=setup, threads=1) as scanner, scanner.session(PART) as session:
+        live = LiveCell(session)
+        with CameraFeed(live, session, "geometric") as feed:
+            assert (feed.sensor, feed.sensors) == ("two_camera_probe", ("two_camera_probe", "post"))
+            with pytest.raises(DescriptionError, match="sensor = 'pots': expected two_camera_probe, post"):
+                feed.sensor = "pots"
+            feed.sensor = "post"
+            feed.wanted = True
+            live.run(lambda: feed.frame is not None and feed.frame.sensor == 2, realtime=False)
+            frame = feed.frame
+            assert frame is not None and len(frame.stripes) == 2 and len(frame.points_in_base) > 100
+            base_from_sensor = pose.inverse(session.nominal.arm.world_from_base) @ session.nominal.world_from(
+                "sensor[2]"
+            )
+            expected = pose.transform_points(base_from_sensor, frame.points_in_sensor)
+            assert frame.points_in_base == pytest.approx(expected, abs=1e-9)
+            # Deviations stay in force for all sensors while another one is chosen.
+            feed.perturb({"sensor[2].laser.turn_y_deg": 0.5, "sensor.laser.turn_y_deg": 0.5})
+            assert len(feed.as_built) == 2
+            with pytest.raises(DescriptionError, match="there is no such sensor"):
+                feed.perturb({"sensor[3].laser.turn_y_deg": 0.5})
+            feed.sensor = "two_camera_probe"
+            assert len(feed.as_built) == 2
+            live.run(lambda: feed.frame is not None and feed.frame.sensor == 1, realtime=False)
+
+
+def test_panel_follows_the_chosen_sensor() -> None:
+    viser = pytest.importorskip("viser")
+    from types import SimpleNamespace  # noqa: PLC0415
+
+    from scancell.browser.panels.camera_panel import CameraPanel  # noqa: PLC0415
+
+    sensor = load_setup().sensor
+    other = scancell.SensorDescription.from_toml(PRESETS / "medium_range_50.toml")
+    server = viser.ViserServer(port=0, verbose=False)
+    try:
+        feed = SimpleNamespace(frame=None, wanted=True, sensor="main", sensors=("main", "post"))
+        panel = CameraPanel(server.gui, feed, {"main": sensor, "post": other}, beside=True)  # type: ignore[arg-type]
+
+        def shown() -> list[bool]:
+            return [view._marks.visible for view in panel._views]
+
+        panel.show()
+        assert shown() == [True, False]
+        feed.sensor = "post"
+        panel.show()
+        assert shown() == [False, True] and panel._choice is not None and panel._choice.value == "post"
+        images, points = np.full((1, 600, 1280), 9, np.uint8), np.array([[0.0, 0.001, 0.1]])
+        frame = CameraFrame(
+            4, 0.5, "ray-traced", (), images, (np.array([[5.0, 6.0]]),), points, points, np.ones(1),
+            np.zeros(1, np.int32), sensor=2,
+        )  # fmt: skip
+        feed.frame = frame
+        panel.show()
+        assert panel._views[1]._image.visible and not panel._views[0]._image.visible
+        # A late frame of the other sensor is not shown in its place.
+        before = panel._views[1]._image.image
+        feed.frame = replace(frame, number=5, sensor=1)
+        panel.show()
+        assert panel._views[1]._image.image is before
+    finally:
+        server.stop()
+
+
+def test_live_scan_gives_the_cloud_of_the_scan() -> None:
+    setup = load_setup(assets_dir() / "cells/two_sensors.toml", settings={"scan.max_profiles": 40})
+    with Scanner(setup=setup, threads=1) as scanner, scanner.session(PART, seed=2) as session:
+        live, chunks = LiveCell(session), list[LiveChunk]()
+        scan = LiveScan("geometric", on_points=chunks.append)
+        scan.start(live)
+        live.run(scan.result.done, realtime=False)
+        found = scan.result.result()
+    assert set(np.unique(found.cloud.sensor)) == {1, 2}
+    assert sum(len(chunk.time) for chunk in chunks) == len(found.cloud)
+    assert found.deviation.by_sensor.keys() == {1, 2}
+    assert bool((np.diff(found.cloud.time) >= 0).all())
+
+
+def test_studies_vary_each_sensor_and_batches_refuse_what_they_lack(tmp_path) -> None:
+    (tmp_path / "study.toml").write_text(
+        f"""
+        name = "mounts"
+        part = "{PART}"
+        cell = "{assets_dir() / "cells/two_sensors.toml"}"
+        engine = "geometric"
+        ideal = true
+        coverage_samples = 0
+        set = ["scan.max_profiles=30", "cell.further_sensor[1].sensor.laser.straightness_mrad=[]"]
+        [design]
+        kind = "one_at_a_time"
+        levels = 2
+        [[factor]]
+        path = "as_built.sensor[2].ry_deg"
+        distribution = {{ kind = "normal", std = 0.1 }}
+        [[factor]]
+        path = "as_built.sensor[2].laser.offset_x_mm"
+        mode = "additive"
+        distribution = {{ kind = "normal", std = 0.05 }}
+        """
+    )
+    scancell.study(tmp_path / "study.toml", tmp_path / "out", workers=1)
+    rows = pyarrow.parquet.read_table(tmp_path / "out/results.parquet").to_pylist()
+    assert len(rows) == 5 and all(row["status"] == "ok" for row in rows)
+    rms = [row["rms_um"] for row in rows]
+    assert rms[0] < 0.1 and min(rms[1:]) > 10
+    (tmp_path / "wrong.toml").write_text(
+        (tmp_path / "study.toml").read_text().replace("sensor[2].ry_deg", "sensor[3].ry_deg")
+    )
+    with pytest.raises(DescriptionError, match=r"unknown perturbation 'sensor\[3\]\.ry_deg'"):
+        scancell.study(tmp_path / "wrong.toml", tmp_path / "other", workers=1)
+    (tmp_path / "batch.toml").write_text(f'cell = "{assets_dir() / "cells/two_sensors.toml"}"\nengine = "geometric"\n')
+    with pytest.raises(DescriptionError, match="truth = True: is of one sensor; the cell has several"):
+        scancell.batch([PART], tmp_path / "clouds", config=tmp_path / "batch.toml", workers=1)
+
+
+def test_further_sensor_on_the_flange_is_calibrated_in_place_of_the_main_one(tmp_path) -> None:
+    text = MOUNTS[MOUNTS.index("[[further_sensor]]") : MOUNTS.index('name = "post"')].rpartition("[[further_sensor]]")[
+        0
+    ]
+    built = {"sensor[2].x_mm": 0.3, "sensor[2].ry_deg": 0.2, "tool.y_mm": 0.4, "sensor[3].x_mm": 1.0}
+    settings = {"scan.max_profiles": 60}
+    with Scanner(mounts(tmp_path, text), settings=settings) as scanner:
+        request = CalibrationRequest("tool", further_sensor="beside")
+        report = scanner.calibrate(request, as_built=built)
+        assert [row.name for row in report.rows] == [f"sensor[2].{key}" for key in ("x", "y", "z", "rx", "ry", "rz")]
+        assert all(abs(row.value - (row.true or 0.0)) < 5e-3 for row in report.rows)
+        found = report.estimated.deviations()
+        assert found["sensor[2].x"] == pytest.approx(3e-4, abs=5e-6) and found["tool.y"] == 0.0
+        result = scanner.scan(PART, engine="geometric", as_built=built, estimated=report.estimated)
+        assert rms(result, 2) < 1e-5 < rms(result, 1)
+        report.save(tmp_path / "out")
+        calibrated = load_setup(tmp_path / "out/calibrated.toml").cell
+        assert calibrated.further_sensor == scanner.setup.cell.further_sensor
+        assert calibrated.estimated == report.estimated
+        stated = scancell.files.read_json(tmp_path / "out/calibration.json")
+        assert stated["deviations"][0]["name"] == "sensor[2].x"
+        # What was found of one sensor stays when the other one is calibrated.
+        setup = replace(scanner.setup, cell=calibrated)
+        both = scanner.calibrate("tool", as_built=built, setup=setup).estimated
+        result = scanner.scan(PART, engine="geometric", as_built=built, estimated=both)
+        assert max(rms(result, 1), rms(result, 2)) < 1e-5
+        with pytest.raises(DescriptionError, match=r"further_sensor\[2\]\.moves_with = 'table'.*link\[6\]"):
+            scanner.calibrate(CalibrationRequest("tool", further_sensor="rider"))
+        with pytest.raises(DescriptionError, match="further_sensor = 'main': expected beside, rider"):
+            scanner.calibrate(CalibrationRequest("tool", further_sensor="main"))

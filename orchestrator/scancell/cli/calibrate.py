@@ -70,6 +70,10 @@ class CellCalibrationOptions(Options):
     robot_noise: Annotated[
         Literal["none", "joints", "flange"], "random errors of the robot that the covariance includes"
     ] = "flange"
+    further_sensor: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="name of a further sensor on the flange, to calibrate in place of the main"),
+    ] = None
     engine: EngineOption = "geometric"
     sensor: SensorOption = None
     settings: SetOption = None
@@ -90,6 +94,7 @@ class CellCalibrationOptions(Options):
             designed=not self.random_poses,
             robot_noise=self.robot_noise,
             pose_seed=self.seed,
+            further_sensor=self.further_sensor,
         )
         with show_progress(self.as_json) as progress:
             report = scancell.calibrate(

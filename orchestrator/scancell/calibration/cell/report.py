@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +18,16 @@ from scancell.calibration.cell.scan import Calibration, CalibrationRequest, Cali
 from scancell.calibration.measured_table import MeasuredTable, read_profiles
 from scancell.calibration.report import SavedCalibration, comparison_text
 from scancell.cell.fmu_file import parse_as_built
-from scancell.config.cell import CellDescription, EstimatedDescription
+from scancell.config.cell import CellDescription, EstimatedDescription, ToolDescription, sensor_frame
 from scancell.config.choices import Engine
-from scancell.config.loading import Setup
+from scancell.config.description import PoseDescription
+from scancell.config.loading import Setup, sensor_words
 from scancell.config.table_format import read_format, recognised_format
+from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import ShapeMesh
+from scancell.nominal.parts import tool_matrix
 from scancell.output.run_folder import RunFolder, resolved_toml, write_json
 from scancell.planning.plan import plan_json
 from scancell.progress import Progress
@@ -67,6 +70,8 @@ class CalibrationReport(SavedCalibration):
         Files and settings for the manifest.
     probability
         Probability of the intervals.
+    exchanged
+        Where a further sensor was calibrated, with which the main one was exchanged in `setup`.
 
     Examples
     --------
@@ -86,6 +91,15 @@ class CalibrationReport(SavedCalibration):
     run: Mapping[str, Any]
     true: Mapping[str, float] | None = None
     probability: float = 0.95
+    exchanged: ExchangedSensor | None = None
+
+    def _named(self, name: str) -> str:
+        """Name of a deviation in the described cell."""
+        return name if self.exchanged is None else self.exchanged.word(name)
+
+    @property
+    def _described(self) -> Setup:
+        return self.setup if self.exchanged is None else self.exchanged.setup
 
     @property
     def result(self) -> CalibrationResult:
@@ -95,12 +109,13 @@ class CalibrationReport(SavedCalibration):
     @property
     def estimated(self) -> EstimatedDescription:
         """The estimated deviations as a section of the cell's description."""
-        return EstimatedDescription.of(self.result.deviations, len(self.setup.cell.robot.joint))
+        found = {self._named(name): value for name, value in self.result.deviations.items()}
+        return EstimatedDescription.of(found, len(self.setup.cell.robot.joint))
 
     @property
     def cell(self) -> CellDescription:
         """The calibrated cell."""
-        return self.setup.cell.model_copy(update={"estimated": self.estimated})
+        return self._described.cell.model_copy(update={"estimated": self.estimated})
 
     @property
     def flange_from_sensor(self) -> NDArray[np.float64]:
@@ -118,7 +133,7 @@ class CalibrationReport(SavedCalibration):
         for name, value, half in found:
             unit, scale = written_unit(name)
             true = None if self.true is None else self.true.get(name, 0.0) / scale
-            rows.append(Row(name, unit, float(value / scale), float(half / scale), true))
+            rows.append(Row(self._named(name), unit, float(value / scale), float(half / scale), true))
         return rows
 
     @cached_property
@@ -163,7 +178,10 @@ class CalibrationReport(SavedCalibration):
             "probability": self.probability,
             "covariance_si": result.covariance.tolist(),
             "observability": [
-                {"direction": one.text(result.names), "standard_deviation_mm_mrad_ms": one.standard_deviation}
+                {
+                    "direction": one.text([*map(self._named, result.names)]),
+                    "standard_deviation_mm_mrad_ms": one.standard_deviation,
+                }
                 for one in result.directions
             ],
             "degrees_of_freedom": result.degrees_of_freedom.tolist(),
@@ -216,7 +234,11 @@ class CalibrationReport(SavedCalibration):
         result = self.result
         moved = [f"artefact.{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz")]
         is_known = self.calibration.problem.artefact.is_pose_known
-        return [*result.names, *([] if is_known else moved), *(f"size[{i + 1}]" for i in range(len(result.sizes)))]
+        return [
+            *map(self._named, result.names),
+            *([] if is_known else moved),
+            *(f"size[{i + 1}]" for i in range(len(result.sizes))),
+        ]
 
     @property
     def _covariance(self) -> NDArray[np.float64]:
@@ -270,12 +292,81 @@ class CalibrationReport(SavedCalibration):
             write_json(folder.path("plan.json"), plan_json(self.calibration.plan))
         self.cell.to_toml(folder.path("calibrated.toml"))
         write_points(self.calibration.problem.observations, folder.path("points.parquet"))
-        folder.path("resolved.toml").write_text(resolved_toml(self.setup, self.run))
+        folder.path("resolved.toml").write_text(resolved_toml(self._described, self.run))
 
 
 def _mm(found: NDArray[np.float64]) -> str:
     """Position of a pose (4, 4) as text."""
     return "(" + ", ".join(f"{1e3 * value:.3f}" for value in found[:3, 3]) + ") mm"
+
+
+@dataclass(frozen=True)
+class ExchangedSensor:
+    """A described cell, and the number of a sensor that takes the place of the main one to be calibrated."""
+
+    setup: Setup
+    number: int
+
+    @classmethod
+    def of(cls, setup: Setup, name: str) -> Self:
+        """By the name of a further sensor.
+
+        Raises `DescriptionError` if there is none, or the flange does not carry it, or it exposes with a delay.
+        """
+        names, flange = setup.sensor_names, f"link[{len(setup.cell.robot.joint)}]"
+        if name not in names[1:]:
+            expected = ", ".join(names[1:]) or "none: the cell has one sensor"
+            raise DescriptionError(key="further_sensor", value=name, expected=expected)
+        number = names.index(name) + 1
+        key, sensor = f"cell.further_sensor[{number - 1}]", setup.cell.further_sensor[number - 2]
+        if sensor.moves_with != flange:
+            raise DescriptionError(
+                "calibrations find the pose of a sensor on the flange", key=f"{key}.moves_with",
+                value=sensor.moves_with, expected=flange,
+            )  # fmt: skip
+        if sensor.delay_ms:
+            raise DescriptionError(
+                "calibrations expose at the triggers", key=f"{key}.delay_ms", value=sensor.delay_ms, expected="0"
+            )
+        return cls(setup, number)
+
+    @property
+    def exchanged(self) -> Setup:
+        """The same cell with both sensors exchanged: the further one is that of the tool."""
+        cell, row = self.setup.cell, self.number - 2
+        sensor = cell.further_sensor[row]
+        flange_from_main = tool_matrix(cell.tool)
+        angles = np.degrees(pose.euler_xyz_from_rotation(flange_from_main[:3, :3]))
+        values = (*(1e3 * flange_from_main[:3, 3]), *angles)
+        place = dict(zip(("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg"), map(float, values), strict=True))
+        main = sensor.model_copy(
+            update={
+                "sensor": self.setup.sensor,
+                "pose": PoseDescription(**place),
+                "mesh": cell.sensor_mesh,
+                "inertia": cell.tool.inertia,
+            }
+        )
+        tool = ToolDescription(flange_from_sensor=sensor.pose, inertia=sensor.inertia)
+        others = [one.model_copy(update={"sensor": one.sensor or self.setup.sensor}) for one in cell.further_sensor]
+        others[row] = main
+        changes: dict[str, Any] = {"tool": tool, "sensor_mesh": sensor.mesh, "further_sensor": (*others,)}
+        if cell.estimated is not None:
+            found = {self.word(name): value for name, value in cell.estimated.deviations().items()}
+            changes["estimated"] = EstimatedDescription.of(found, len(cell.robot.joint))
+        return Setup(cell.model_copy(update=changes), sensor.sensor or self.setup.sensor, self.setup.scan)
+
+    def word(self, word: str) -> str:
+        """A deviation, or its ``key=value`` word, of the cell in the exchanged one, and the other way round."""
+        own = sensor_frame(self.number)
+        if word.startswith("tool."):
+            return f"{own}.{word.removeprefix('tool.')}"
+        if word.startswith("sensor."):
+            return f"{own}.{word.removeprefix('sensor.')}"
+        if not word.startswith(f"{own}."):
+            return word
+        of_optics = sensor_words([word if "=" in word else f"{word}=0"])
+        return f"{'sensor' if of_optics else 'tool'}.{word.removeprefix(f'{own}.')}"
 
 
 def calibrate_in_cell(

@@ -284,6 +284,8 @@ class CalibrationRequest:
         Whether to find the wobble of the table axis, too.
     pose_seed
         Random seed of the views among which poses are chosen.
+    further_sensor
+        Name of a further sensor on the flange that is calibrated in place of the main one.
 
     Examples
     --------
@@ -303,6 +305,7 @@ class CalibrationRequest:
     designed: bool = True
     robot_noise: RobotNoise = "flange"
     pose_seed: Seed = 0
+    further_sensor: str | None = None
 
     @classmethod
     def of(cls, described: CalibrateDescription) -> Self:
