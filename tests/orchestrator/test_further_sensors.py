@@ -612,3 +612,21 @@ def test_further_sensor_on_the_flange_is_calibrated_in_place_of_the_main_one(tmp
             scanner.calibrate(CalibrationRequest("tool", further_sensor="rider"))
         with pytest.raises(DescriptionError, match="further_sensor = 'main': expected beside, rider"):
             scanner.calibrate(CalibrationRequest("tool", further_sensor="main"))
+
+
+def test_poses_of_the_flange_do_not_place_what_other_links_carry(sample, tmp_path) -> None:
+    from test_reconstruct_measurements import flange_columns_of, write_table  # noqa: PLC0415
+
+    from scancell.calibration.measured_table import MeasuredTable, write_measured_table  # noqa: PLC0415
+
+    file = write_table(sample, tmp_path / "points.parquet", flange_columns_of(sample, "wxyz"))
+    table = MeasuredTable(file)
+    columns = {name: table.numbers(name) for name in table.names} | {"sensor": sample.profiles.sensor.astype(np.int64)}
+    write_measured_table(file, columns)
+    cell = assets_dir() / "cells/two_sensors.toml"
+    found = scancell.reconstruct(file, cell=cell, part=PART)
+    assert any("points on the arm stay in the cloud" in warning for warning in found.warnings)
+    assert len(found.cloud) >= len(sample.cloud)
+    assert (found.cloud.sensor == 2).sum() >= (sample.cloud.sensor == 2).sum()
+    with pytest.raises(DescriptionError, match=r"further_sensor\[1\]\.moves_with = 'link\[3\]'"):
+        scancell.reconstruct(file, cell=cell, settings={"cell.further_sensor[1].moves_with": "link[3]"}, part=PART)

@@ -46,7 +46,13 @@ def setup_warnings(setup: Setup) -> list[str]:
     return [
         *_link_warnings(cell.robot),
         *_table_warnings(cell.table),
-        *_camera_warnings(setup.sensor),
+        *_camera_warnings(setup.sensor, "sensor"),
+        *(
+            warning
+            for number, further in enumerate(setup.cell.further_sensor, 1)
+            if further.sensor is not None
+            for warning in _camera_warnings(further.sensor, f"cell.further_sensor[{number}].sensor")
+        ),
         *_motion_warnings(setup),
     ]
 
@@ -171,8 +177,8 @@ def _distance_from_axis(bounds: Array, point: Array, direction: Array) -> float:
     return 1e3 * distance((low + high) / 2)
 
 
-def _camera_warnings(sensor: SensorDescription) -> list[str]:
-    """Cameras that see the laser line in less than half of the measuring range."""
+def _camera_warnings(sensor: SensorDescription, key: str) -> list[str]:
+    """Cameras that see the laser line in less than half of the measuring range; `key` is that of the description."""
     native = Sensor(json.dumps(sensor_json(sensor, seed=0)))
     warnings = []
     images = zip(native.cameras, sensor.camera, read_out(sensor).camera, strict=True)
@@ -185,7 +191,7 @@ def _camera_warnings(sensor: SensorDescription) -> list[str]:
         hint = "check its tilt_deg, half_angle_deg, baseline_mm and height_mm, and sensor.range"
         if described.region_rows_px is not None:
             hint = "its region_rows_px and sensor.range must match"
-        name = f"sensor.camera[{number}] '{described.name}'"
+        name = f"{key}.camera[{number}] '{described.name}'"
         if share == 0.0:
             raise DescriptionError(f"sees the laser line nowhere {seen}; {hint}", key=name)
         warnings.append(f"{name}: sees the laser line in {share:.0%} {seen}; {hint}")

@@ -558,6 +558,10 @@ def reconstruct_measurements(
             lambda other, points, frame: points_in_part(points, frame, measured_cell.part_from_sensor(other)),
         )
     whole = keep_all or part is None
+    neighbours, notes = None if whole else neighbours_of(cell), list[str]()
+    if neighbours is not None and neighbours.carried is not None and readings.flange is not None:
+        neighbours = replace(neighbours, carried=None)
+        notes = ["points on the arm stay in the cloud: poses of the flange do not state where its links are"]
     envelope = _EVERYWHERE if whole else envelope_of(cell, setup)
     made = reconstruct_sensors(
         found.profiles,
@@ -565,7 +569,7 @@ def reconstruct_measurements(
         [measured_cell.poses_after(readings, number) for number in sensors],
         cell.table_from_part,
         envelope,
-        neighbours=None if whole else neighbours_of(cell),
+        neighbours=neighbours,
         threads=threads,
     )
     if not len(made.cloud):
@@ -577,7 +581,7 @@ def reconstruct_measurements(
         check_exposures(found, frame, surface.distances(made.cloud.points_in_part, threads)[0])
     turn = made.poses_of(found.profiles[made.rows])[:, :3, :3]
     covariance = turn @ found.covariance[made.rows] @ np.swapaxes(turn, 1, 2)
-    warnings = [*found.notes, *([] if whole else table_warnings(made.dropped, setup.scan.table_margin_mm))]
+    warnings = [*found.notes, *notes, *([] if whole else table_warnings(made.dropped, setup.scan.table_margin_mm))]
     empty = len(found.index) - len(np.unique(found.profiles.frame))
     if empty:
         warnings.append(f"{empty} of {len(found.index)} exposures give no point")

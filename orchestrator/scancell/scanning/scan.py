@@ -258,7 +258,8 @@ class Scan:
         """Warnings about descriptions, mesh and plan."""
         ignored = []
         if self.engine == "geometric":
-            ignored = ignored_by_geometric_engine(self.world.setup.sensor)
+            of_sensors = (ignored_by_geometric_engine(world.setup.sensor) for world in self.world.sensors)
+            ignored = [*dict.fromkeys(key for keys in of_sensors for key in keys)]
             ignored += [f"scattering_per_mm of {name}" for name in self._translucent()]
         unused = (f"the geometric engine ignores {', '.join(ignored)}",) if ignored else ()
         planned = plan.warnings if plan is not None else ()
