@@ -9,6 +9,7 @@ from .api import calibrate_sensor as calibrate_sensor
 from .recorded.compare import compare as compare
 from .api import evaluate as evaluate
 from .output.extract_images import extract as extract
+from .api import layout as layout
 from .api import mesh as mesh
 from .api import place as place
 from .api import plan as plan
@@ -59,6 +60,7 @@ from .scanning.sense import ExposureImages as ExposureImages
 from .results import ScanResult as ScanResult
 from .results import ShotResult as ShotResult
 from .scanning.survey import SurveyResult as SurveyResult
+from .planning.layout import Layouts as Layouts
 from .planning.setups import SetUps as SetUps
 from .evaluation.deviation import Deviation as Deviation
 from .evaluation.deviation import Coverage as Coverage

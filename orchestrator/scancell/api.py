@@ -44,6 +44,7 @@ from scancell.errors import DescriptionError, require
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import ShapeGroup
 from scancell.nominal.parts import load_artefact, load_part
+from scancell.planning.layout import Layouts, Ranges
 from scancell.planning.plan import Plan
 from scancell.planning.setups import SetUps
 from scancell.progress import Progress, ProgressCallback, as_progress
@@ -88,7 +89,7 @@ class ScannerOptions(CellOptions, total=False):
 
 
 class PlanOptions(ScannerOptions, total=False):
-    """Options of `plan` and `place`."""
+    """Options of `plan`, `place` and `layout`."""
 
     unit: str
     progress: Progress | ProgressCallback | None
@@ -255,6 +256,28 @@ def place(part: str | Path | Mesh, share: Share = 0.99, **options: Unpack[PlanOp
       one set-up scans ... % of that
     """
     return _once(Scanner.place, part, share, **options)
+
+
+@_single_call(Scanner.layout, PlanOptions)
+def layout(
+    parts: str | Path | Mesh | Sequence[str | Path | Mesh],
+    vary: Ranges = (),
+    samples: Count = 128,
+    plans: Count = 4,
+    seed: Seed = 0,
+    **options: Unpack[PlanOptions],
+) -> Layouts:
+    """Propose where table, base of the arm and sensor should stand; parameters as of `Scanner` and `Scanner.layout`.
+
+    Examples
+    --------
+    >>> fast = {"scan.raster.enabled": False, "scan.coverage.share": 0.5}
+    >>> part = scancell.box_mesh((0.05, 0.03, 0.02))
+    >>> layouts = scancell.layout(part, {"table.pose.x_mm": (400, 500)}, samples=8, plans=1, settings=fast)
+    >>> 400 <= layouts.chosen[0].values["table.pose.x_mm"] <= 500
+    True
+    """
+    return _once(Scanner.layout, parts, vary, samples=samples, plans=plans, seed=seed, **options)
 
 
 @_single_call(Scanner.calibrate, CalibrateOptions)

@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Self
 
-from scancell.arguments import Length, Pose, Seed, Share, Threads, checked_arguments
+from scancell.arguments import Count, Length, Pose, Seed, Share, Threads, checked_arguments
 from scancell.calibration.cell.report import (
     CalibrationReport,
     ExchangedSensor,
@@ -30,6 +30,7 @@ from scancell.errors import DescriptionError, ScancellError
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.parts import PartCache
 from scancell.nominal.plausibility import setup_warnings
+from scancell.planning.layout import MOST_CLEARANCE, LayoutPlanner, Layouts, Ranges, layout_bounds
 from scancell.planning.model import SensorRange, Work
 from scancell.planning.options import scan_options
 from scancell.planning.path_map.configuration_map import QualityFactor
@@ -328,6 +329,50 @@ class Scanner(Closing):
         planner = SetUpPlanner(setup.cell, setup.sensor, range_, options, threads, work)
         return planner.propose(mesh, share, reporter)
 
+    @checked_arguments
+    def layout(
+        self,
+        parts: str | Path | Mesh | Sequence[str | Path | Mesh],
+        vary: Ranges = (),
+        *,
+        samples: Count = 128,
+        plans: Count = 4,
+        seed: Seed = 0,
+        unit: str = "mm",
+        progress: Progress | ProgressCallback | None = None,
+    ) -> Layouts:
+        """Propose where table, base of the arm and sensor should stand for the shortest scan of one or several parts.
+
+        The other parameters are those of `Scanner.scan`; views are chosen by coverage (``scan.coverage``).
+
+        Parameters
+        ----------
+        parts
+            All that the cell is to scan: the time is that of all together, coverage that of the worst.
+        vary
+            Bounds of keys of the cell, in their units: ``{"table.pose.x_mm": (300, 700)}`` or
+            ``["table.pose.x_mm=300:700"]``; default: of table, rotation of the arm's base, and sensor on the flange.
+        samples
+            Number of layouts that are screened by inverse kinematics.
+        plans
+            Number of layouts that are planned in full, the best ones of these.
+        seed
+            Random seed of the layouts; the same seed gives the same result.
+
+        Raises
+        ------
+        DescriptionError
+            If a key is unknown, a range empty, or the cell not valid within the bounds.
+        PlanningError
+            If no layout can scan all parts, naming what limits it.
+        """
+        given = [parts] if isinstance(parts, str | Path | Mesh) else [*parts]
+        if not given:
+            raise DescriptionError(key="parts", value=[], expected="at least one part")
+        bounds, reporter = layout_bounds(self.setup.cell, vary), as_progress(progress)
+        planner = self._layout_planner([self.load_part(part, unit) for part in given], reporter)
+        return planner.propose(bounds, samples, plans, seed)
+
     @contextmanager
     @checked_arguments
     def session(
@@ -547,6 +592,25 @@ class Scanner(Closing):
             recording_file=recording_file,
             estimated_sensor=estimated_sensor,
         )
+
+    def _layout_planner(self, parts: Sequence[Mesh], progress: Progress) -> LayoutPlanner:
+        """Planner of layouts for some parts, which are scanned by coverage."""
+        setup = self.setup
+        for key in ("pose", "belt", "path"):
+            if getattr(setup.scan, key):
+                raise DescriptionError(
+                    "a layout is judged by views that are chosen by coverage", key=f"scan.{key}", expected="none"
+                )
+        scan = setup.scan.replace({"coverage.enabled": True})
+
+        def planned(cell: CellDescription, part: Mesh) -> tuple[Plan, float]:
+            world = self._world(part, "mm", setup=replace(setup, cell=cell, scan=scan))
+            plan = self.pipeline.plan(world, progress=progress)
+            return plan, self.pipeline.clearance(world, plan, MOST_CLEARANCE)
+
+        options, threads = scan_options(scan, setup.sensor), self.pipeline.threads
+        range_ = SensorRange.of(make_sensor(setup.sensor, 0))
+        return LayoutPlanner(setup.cell, setup.sensor, range_, options, planned, parts, progress, threads)
 
     def _calibration_scan(self, nominal: World, request: CalibrationRequest) -> CalibrationScan:
         """The one made last, whose plan is kept, where it is for the same cell and request."""

@@ -36,7 +36,7 @@ EXIT_ERROR = 1
 _RENAMED = {"is_size_known": "unknown_size"}
 
 GROUPS = {
-    "Scan": ("scan", "shot", "plan", "place", "survey", "render", "rerun", "extract", "reconstruct"),
+    "Scan": ("scan", "shot", "plan", "place", "layout", "survey", "render", "rerun", "extract", "reconstruct"),
     "Evaluate and calibrate": ("evaluate", "compare", "mesh", "calibrate", "acceptance"),
     "Many scans": ("study", "batch"),
     "Robot cell": ("workspace", "run", "guard", "fmu", "ssp", "robot"),
@@ -53,7 +53,7 @@ _WITH_SUBCOMMANDS = {
     "study": "Vary inputs over many scans: run, sensitivity analysis, report.",
 }
 
-KEY_VALUE = "KEY=VALUE"  # metavar of options whose words set keys
+KEY_VALUE, KEY_RANGE = "KEY=VALUE", "KEY=LOW:HIGH"  # metavars of options whose words set keys
 JsonOption = Annotated[bool, typer.Option("--json", help="print one JSON object as the last line")]
 
 

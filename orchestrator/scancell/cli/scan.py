@@ -11,6 +11,7 @@ import typer
 
 import scancell
 from scancell.cli.common import (
+    KEY_RANGE,
     CellOptions,
     CloudOptions,
     Options,
@@ -20,6 +21,7 @@ from scancell.cli.common import (
     PartOptions,
     PathOption,
     ScanOption,
+    SeedOption,
     SetOption,
     SimulationOptions,
     ThreadsOption,
@@ -34,6 +36,9 @@ if TYPE_CHECKING:
     from scancell.planning.setups import SetUp
     from scancell.planning.views.coverage import CoverageReport
     from scancell.results import ScanResult
+
+
+_LAYOUTS = ("present", *(f"layout_{rank}" for rank in range(1, 1001)))  # names that an earlier run may have used
 
 
 @command("scan", CloudOptions)
@@ -333,6 +338,53 @@ def place(
         if out is not None:
             files += _write(one, setup.cell, out if number == 1 else _numbered(out, number))
     return Outcome(lines, found.figures, files)
+
+
+@command("layout", PartOptions)
+def layout(
+    parts: Annotated[list[Path], "meshes (STL, OBJ, PLY) or artefacts (TOML) that the cell is to scan"],
+    options: PartOptions,
+    scan: ScanOption = None,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar=KEY_RANGE,
+            help="bounds of a key of the cell: table.pose.x_mm=300:700; repeatable; default: table, rotation of the"
+            " arm's base, sensor on the flange",
+        ),
+    ] = None,
+    samples: Annotated[int, typer.Option(min=1, help="layouts that are screened by inverse kinematics alone")] = 128,
+    plans: Annotated[int, typer.Option(min=1, help="layouts that are planned in full, the best of these")] = 4,
+    seed: SeedOption = 0,
+    out: OutOption = Path("out/layout"),
+) -> Outcome:
+    """Propose where table, arm and sensor should stand for the shortest scan, beside the present layout of the cell."""
+    from scancell.output.run_folder import RunFolder, command_words, manifest, write_json  # noqa: PLC0415
+    from scancell.views.pictures import cell_picture  # noqa: PLC0415
+
+    setup = options.setup(scan)
+    with (
+        show_progress(options.as_json) as progress,
+        scancell.Scanner(setup=setup, threads=options.threads) as scanner,
+        RunFolder(out, [f"{name}.{suffix}" for name in _LAYOUTS for suffix in ("toml", "png")]) as folder,
+    ):
+        found = scanner.layout(
+            parts, vary or (), samples=samples, plans=plans, seed=seed, unit=options.unit, progress=progress
+        )
+        mesh = scanner.load_part(parts[0], options.unit)
+        for rank, one in enumerate(found.ranked, 1):
+            if one is not found.present:
+                one.cell.to_toml(folder.path(f"{one.name}.toml"))
+            nominal = scancell.nominal_cell(one.cell, mesh)
+            axes = one.scans[0].middle if one.scans else nominal.home
+            facts = [f"rank {rank}", *one.facts]
+            cell_picture(nominal, axes, one.name, facts).write(folder.path(f"{one.name}.png"))
+        write_json(folder.path("layouts.json"), found.figures)
+        run = {"command_line": command_words(None), "seed": seed, "unit": options.unit}
+        write_json(folder.path("manifest.json"), manifest(setup, parts, run))
+    names = ", ".join(part.name for part in parts)
+    files = [str(path) for path in folder.paths]
+    return Outcome([f"{names}: {found.summary()}", f"  results    {out}"], found.figures, files)
 
 
 def _write(one: SetUp, cell: CellDescription, file: Path) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Literal
 
@@ -20,6 +20,7 @@ from scancell.config.devices import ConveyorDescription, FurtherPartDescription,
 from scancell.config.material import Material, MaterialDescription
 from scancell.config.robot import RobotDescription
 from scancell.errors import CellError, CommandError, DescriptionError
+from scancell.files import file_state
 from scancell.geometry import pose
 from scancell.geometry.arm import Arm, HeldJoint
 from scancell.geometry.arm import Joint as ArmJoint
@@ -44,6 +45,7 @@ from scancell.values import Value
 _OF_SPEED, _OF_ACCELERATION = 0.4, 0.3
 
 
+_MOST_MESHES = 32  # of files that are kept
 _SIDES = 96  # of a platter without a mesh: 0.05 % beyond its radius at the corners
 _PLACEHOLDER = box_mesh((0.01, 0.01, 0.01), "no part")
 
@@ -635,8 +637,14 @@ def _bodies(cell: CellDescription, part: Mesh) -> tuple[Body, ...]:
 
 def _mesh(path: str | None, world_from_mesh: PoseDescription | None = None) -> Mesh | None:
     """Mesh of a file; that of a standing body is drawn in the frame in which it stands, and moved to the world."""
-    mesh = None if path is None else load_mesh(Path(path))
+    mesh = None if path is None else _file_mesh(path, file_state(Path(path)))
     return mesh if mesh is None or world_from_mesh is None else mesh.transformed(pose_matrix(world_from_mesh))
+
+
+@lru_cache(_MOST_MESHES)
+def _file_mesh(path: str, _state: tuple[str, int, int]) -> Mesh:
+    """Mesh of a file in a state; many cells of one arm, as of a search or a study, read it once."""
+    return load_mesh(Path(path))
 
 
 def _cylinder(table: TableDescription) -> Mesh:

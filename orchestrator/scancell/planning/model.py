@@ -277,6 +277,20 @@ class PlanningCell:
             found += [replace(clash, index=first + clash.index) for clash in clashes]
         return found
 
+    def least_distance(self, axes: Array, bound: float) -> float:
+        """Smallest distance, m, at positions (n, axes) of joints and table, rad; at most `bound`, m.
+
+        It is that of the bodies as planning knows them, reduced; links of the arm are not compared with one another.
+        """
+        wanted, least = ~self._of_arm, bound
+        for first in range(0, len(axes), _BLOCK):
+            block = axes[first : first + _BLOCK]
+            self.work.spend(CONFIGURATION * len(block))
+            bounds = np.where(wanted, bound, 0.0)
+            found = self.proximity.distances(self.nominal.body_poses(block), bounds, self.threads)
+            least = float(np.minimum(least, (found - self._errors)[:, wanted].min(initial=least)))
+        return max(least, 0.0)
+
     def contacts(self, axes: Array) -> list[Clash]:
         """Pairs of bodies that touch (0.1 mm) at positions (n, axes) of joints and table, rad."""
         self.work.spend(0.0)

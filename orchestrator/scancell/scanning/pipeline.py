@@ -71,6 +71,7 @@ PreScanHook = Callable[[CellSession], None]
 
 _MAX_CELLS = 2
 _MAX_PLANS = 16
+_CLEARANCE_STEP = 4  # set-points from one look at the clearance of a plan to the next
 _ENVELOPE_HEIGHT = 0.5  # m above the table: beyond the reach of the sensor
 
 T = TypeVar("T")
@@ -276,6 +277,11 @@ class ScanPipeline(Closing):
         clearance = scan_options(setup.scan, setup.sensor).clearance
         found = approach(cell, clearance, start, goal[:joints_and_table], purpose)
         return None if found is None else replace(found, further=further)
+
+    def clearance(self, world: World, plan: Plan, bound: float) -> float:
+        """Smallest distance of a plan between bodies, m, at most `bound`, m; see `PlanningCell.least_distance`."""
+        axes = np.concatenate([segment.axes for segment in plan.program.segments])
+        return self._planning_cell(world).least_distance(axes[::_CLEARANCE_STEP], bound)
 
     def _planning_cell(self, world: World) -> PlanningCell:
         setup = world.setup

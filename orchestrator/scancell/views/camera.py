@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -19,7 +19,7 @@ _FIELD_DEG = 34.0  # of view along the longer side of the picture: that of a 60 
 _RIM = 0.05  # of the picture's width and height that framing leaves free on every side
 View = Literal["cell", "part", "orbit", "sensor"]
 
-_AZIMUTH, _ELEVATION = -52.0, 24.0  # deg, of the standard view
+AZIMUTH_DEG, ELEVATION_DEG = -52.0, 24.0  # deg, of the standard view
 _PART_ELEVATION = 38.0  # deg: lower views hardly show the top of a part
 _SAMPLES = 16  # of the run, at which everything is kept in view
 _MOST_VERTICES = 150  # of a body that framing looks at
@@ -118,24 +118,28 @@ def camera_path(view: View, run: RecordedRun, size: tuple[int, int]) -> CameraPa
     bodies = run.cell.bodies
     if view == "part":
         near = [body for body in bodies if body.moves_with in ("table", "part")]
-        fixed = framing(_swept(near, run, times), _AZIMUTH, _PART_ELEVATION, size)
+        fixed = framing(_swept(near, run, times), AZIMUTH_DEG, _PART_ELEVATION, size)
         return lambda time, share: fixed
     if view == "sensor":
         return _following(run, size)
     swept = _swept(bodies, run, times)
     if view == "cell":
-        whole = framing(swept, _AZIMUTH, _ELEVATION, size)
+        whole = framing(swept, AZIMUTH_DEG, ELEVATION_DEG, size)
         return lambda time, share: whole
     return _orbiting(swept, size)
 
 
 def _swept(bodies: list[Body] | tuple[Body, ...], run: RecordedRun, times: Array) -> Array:
     """World points (n, 3) of some vertices of bodies at some times."""
+    return np.concatenate([points_of_bodies(bodies, frames) for frames in map(run.motion.frames, times.tolist())])
+
+
+def points_of_bodies(bodies: Sequence[Body], frames: Mapping[str, Array]) -> Array:
+    """World points (n, 3) of some vertices of bodies, whose `frames` are at poses (4, 4)."""
     found = []
-    for frames in map(run.motion.frames, times.tolist()):
-        for body in bodies:
-            vertices = body.mesh.vertices[:: max(1, len(body.mesh.vertices) // _MOST_VERTICES)]
-            found.append(pose.transform_points(frames[body.moves_with], vertices))
+    for body in bodies:
+        vertices = body.mesh.vertices[:: max(1, len(body.mesh.vertices) // _MOST_VERTICES)]
+        found.append(pose.transform_points(frames[body.moves_with], vertices))
     return np.concatenate(found)
 
 
@@ -145,7 +149,7 @@ def _orbiting(points: Array, size: tuple[int, int]) -> CameraPath:
     radius = np.hypot(*(points - middle)[:, :2].T)
     around = np.radians(np.arange(0, 360, 15))[:, None]
     circles = np.stack(np.broadcast_arrays(radius * np.cos(around), radius * np.sin(around), points[:, 2] - middle[2]))
-    framed = framing(middle + circles.reshape(3, -1).T, _AZIMUTH, _ELEVATION, size)
+    framed = framing(middle + circles.reshape(3, -1).T, AZIMUTH_DEG, ELEVATION_DEG, size)
 
     def camera(time: float, share: float) -> PinholeCamera:
         turn = pose.rotation_about(2, 2 * np.pi * share)
@@ -160,7 +164,7 @@ def _following(run: RecordedRun, size: tuple[int, int]) -> CameraPath:
     far = 1e-3 * run.setup.sensor.range.far_mm
     housing = next((body.mesh for body in run.cell.bodies if body.moves_with == "sensor"), None)
     extent = far if housing is None else float(np.linalg.norm(np.ptp(housing.bounds, axis=0)))
-    away = 2.0 * (far + extent) * direction(_AZIMUTH, _ELEVATION)
+    away = 2.0 * (far + extent) * direction(AZIMUTH_DEG, ELEVATION_DEG)
 
     def camera(time: float, share: float) -> PinholeCamera:
         frames: Mapping[str, Array] = run.motion.frames(time)

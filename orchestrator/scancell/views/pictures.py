@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 import os
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from os import cpu_count
@@ -17,16 +17,25 @@ import numpy as np
 from PIL import Image as Picture
 
 from scancell.arguments import Threads, Within, checked_arguments
-from scancell.arrays import Image
+from scancell.arrays import Array, Image
 from scancell.errors import DescriptionError, OutputError
 from scancell.files import atomic_write
 from scancell.geometry import pose
-from scancell.nominal.cell import Body
+from scancell.nominal.cell import Body, NominalCell
 from scancell.output.sheet import INK, Sheet, text_width
 from scancell.output.web_page import packed, packed_mesh, quantised, script_data, write_filled
 from scancell.progress import Progress, ProgressCallback, as_progress
 from scancell.views import renderer
-from scancell.views.camera import CameraPath, View, camera_path, laser_sheet
+from scancell.views.camera import (
+    AZIMUTH_DEG,
+    ELEVATION_DEG,
+    CameraPath,
+    View,
+    camera_path,
+    framing,
+    laser_sheet,
+    points_of_bodies,
+)
 from scancell.views.recorded_run import RecordedRun, open_run
 from scancell.views.renderer import ColourBy, ColouredCloud, PaintedBody, Renderer, coloured_by, displayed
 
@@ -139,13 +148,18 @@ def _without_native_messages() -> Iterator[None]:
 
 def captioned(image: Image, name: str, time: float, cloud: ColouredCloud | None) -> Image:
     """The picture (h, w, 3) with its caption, whose size goes with the height, on a paler background."""
-    height, width, _ = image.shape
-    size, rim = max(9.0, height / 42), height / 30
-    facts = [f"t = {time:.2f} s", f"grid {1e3 * renderer.GRID:.0f} mm"]
+    facts = [f"t = {time:.2f} s"]
     if cloud is not None:
         share = cloud.measured_until(time) / max(len(cloud.time), 1)
-        facts.insert(1, f"{cloud.total * share:,.0f} points")
-    line = "  ·  ".join(facts)
+        facts.append(f"{cloud.total * share:,.0f} points")
+    return _captioned(image, name, facts, cloud)
+
+
+def _captioned(image: Image, name: str, facts: Sequence[str], cloud: ColouredCloud | None = None) -> Image:
+    """The picture (h, w, 3) with a name, a line of facts, and the colour scale of a cloud."""
+    height, width, _ = image.shape
+    size, rim = max(9.0, height / 42), height / 30
+    line = "  ·  ".join([*facts, f"grid {1e3 * renderer.GRID:.0f} mm"])
     written = max(text_width(name, 1.15 * size, bold=True), text_width(line, size))
     pale = image.copy()
     _pale(pale, rim / 2, rim / 2, 1.5 * rim + written, rim + 3 * size)
@@ -213,10 +227,28 @@ def run_pictures(
     """Prepare pictures of a run; see `animate`, and `RunPictures` for `span`."""
     path = camera_path(view, run, size)
     cloud = None if run.cloud is None else coloured_by(run.cloud, run.cloud_points, run.part, colour, threads)
-    standing = [body.mesh.bounds[0, 2] for body in run.cell.bodies if body.moves_with == "world"]
-    middle = (run.cell.arm.world_from_base[:3, 3] + run.cell.world_from_table[:3, 3]) / 2
-    bodies = [painted(body, number) for number, body in enumerate(run.cell.bodies)]
-    return RunPictures(run, Renderer(bodies, float(min(standing, default=0.0)), middle), path, cloud, span)
+    return RunPictures(run, renderer_of(run.cell), path, cloud, span)
+
+
+def renderer_of(cell: NominalCell) -> Renderer:
+    """Renderer of the bodies of a cell, on the floor on which the lowest of them stands."""
+    standing = [body.mesh.bounds[0, 2] for body in cell.bodies if body.moves_with == "world"]
+    middle = (cell.arm.world_from_base[:3, 3] + cell.world_from_table[:3, 3]) / 2
+    bodies = [painted(body, number) for number, body in enumerate(cell.bodies)]
+    return Renderer(bodies, float(min(standing, default=0.0)), middle)
+
+
+def cell_picture(
+    cell: NominalCell, axes: Array, name: str, facts: Sequence[str], size: tuple[int, int] = (1280, 720)
+) -> Sheet:
+    """Picture of a whole cell at positions (axes,) of its axes, rad or m, with a name and a line of facts.
+
+    `size` is its width and height, px.
+    """
+    frames = cell.frame_poses(cell.with_further_axes(axes))
+    camera = framing(points_of_bodies(cell.bodies, frames), AZIMUTH_DEG, ELEVATION_DEG, size)
+    poses = np.stack([frames[body.moves_with] for body in cell.bodies])
+    return Sheet.of(_captioned(displayed(renderer_of(cell).render(camera, poses).light), name, facts))
 
 
 @checked_arguments

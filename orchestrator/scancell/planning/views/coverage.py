@@ -69,7 +69,7 @@ _ROUNDS = 12  # of legs for what is not seen
 _FRUITLESS = 3  # rounds without a gain after which the rest counts as invisible
 _LEAST_GAIN = 2  # samples that a view must add
 _MOST_REFUSED = 60  # infeasible candidates in a row after which the others of a round are not tried
-_TRANSIT = 0.8  # s, about the time from one view to the next
+TRANSIT = 0.8  # s, about the time from one view to the next
 _SEED = 0
 CHOICE_SHARE = 0.7  # of the limit of work, after which no further views are chosen
 
@@ -185,7 +185,14 @@ class Leg:
     judged: Judgements
 
 
-def legs(sight: Sight, wanted: Indices, targets: int, legs_each: int, rng: np.random.Generator) -> list[Leg]:
+def legs(
+    sight: Sight,
+    wanted: Indices,
+    targets: int,
+    legs_each: int,
+    rng: np.random.Generator,
+    is_searched: bool = True,
+) -> list[Leg]:
     """Passes over samples `wanted`, from poses that see randomly drawn targets among them.
 
     The poses are drawn at random from the orientations of the grid of the measurable surface, in steps of 15 degrees;
@@ -200,15 +207,18 @@ def legs(sight: Sight, wanted: Indices, targets: int, legs_each: int, rng: np.ra
         Largest number of passes for each.
     rng
         Random numbers.
+    is_searched
+        Whether the grid is searched, for poses that the arm reaches.
     """
-    poses, hard = [], []
+    poses, hard = [np.zeros((0, 4, 4))], []
     for target in rng.choice(wanted, min(targets, len(wanted)), replace=False):
         tried = _poses_above(sight, target, rng)
         good = np.flatnonzero(sight.judge_at(tried, np.full(len(tried), target)) == SEEN)
         poses.append(tried[rng.choice(good, min(legs_each, len(good)), replace=False)])
         if not len(good):
             hard.append(target)
-    poses.append(sight.search.poses(sight.rows[hard], legs_each)[1])
+    if is_searched:
+        poses.append(sight.search.poses(sight.rows[hard], legs_each)[1])
     made = (_leg(sight, at, wanted) for at in np.concatenate(poses))
     return [leg for leg in made if leg is not None]
 
@@ -379,6 +389,24 @@ class CoveragePlanner:
         self._drop_redundant()
         return self._report()
 
+    def candidates(self, part: Surface, rounds: int) -> tuple[list[Sweep | Pass], Flags, Array]:
+        """Views of the part whether or not the arm reaches them, passes from several `rounds` of `legs`.
+
+        Returns
+        -------
+        views, seen, time
+            Views (c), the samples of `Sight` that they see (c, n), and their estimated duration (c,), s, which includes
+            `TRANSIT`.
+        """
+        self._add_sweeps(part)
+        rng = np.random.default_rng(_SEED)
+        for _ in range(rounds if self._raster.enabled else 0):
+            unseen = np.flatnonzero(~self._possible())
+            for leg in legs(self._sight, unseen, _TARGETS, _LEGS_EACH, rng, is_searched=False):
+                self._add(leg.view, leg.judged)
+        seen = np.array(self._pool.seen, bool).reshape(-1, len(self.covered))
+        return self._pool.views, seen, np.array(self._pool.time)
+
     def _add_sweeps(self, part: Surface) -> None:
         if self._sweep.enabled:
             range_, nothing = self._cell.range, np.zeros(len(part.points), bool)
@@ -418,7 +446,7 @@ class CoveragePlanner:
         else:
             step, speed = view.length / (count - 1), si_value(self._raster, "speed_mm_s")
             run = trajectory.run(count, step, speed, PATH_ACCELERATION, self._cell.cycle)
-        return _TRANSIT + run.duration
+        return TRANSIT + run.duration
 
     def _count(self, view: Sweep | Pass) -> int:
         return exposure_counts([view], self._options.spacing, sys.maxsize)[0]
@@ -521,6 +549,23 @@ class CoveragePlanner:
             greedy_factor=float(1 + np.log(goal / max(goal - before, 1))),
             unseen=unseen,
         )
+
+
+def greedy_cover(seen: Flags, time: Array, goal: int) -> list[int]:
+    """Numbers of views chosen in turn by added samples per time, until `goal` samples are seen or none adds any.
+
+    `seen` (c, n) are the samples that each view sees, `time` (c,) its duration, s.
+    """
+    chosen: list[int] = []
+    covered = np.zeros(seen.shape[1], bool)
+    while len(seen) and (missing := goal - int(covered.sum())) > 0:
+        gain = np.minimum((seen & ~covered).sum(1), missing)
+        best = int(np.argmax(gain / time))
+        if not gain[best]:
+            break
+        chosen.append(best)
+        covered |= seen[best]
+    return chosen
 
 
 def _least_time(gain: Indices, time: Array, goal: int) -> float:

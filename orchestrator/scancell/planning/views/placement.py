@@ -29,7 +29,7 @@ from scancell.proximity.motion_check import MotionClash
 LIMIT_FRACTION = 0.8
 PATH_ACCELERATION = 0.5  # m/s² along straight passes
 _AZIMUTH_STEP = np.radians(15.0)
-_MIN_METRIC = 1e-3  # product of Eq. 7 below which a pose counts as infeasible: too near to a joint limit
+MIN_METRIC = 1e-3  # product of Eq. 7 below which a pose counts as infeasible: too near to a joint limit
 _TURN_CHECKS = 120  # table angles per turn at which collisions are checked
 _TURN_STEPS = 24  # parts of a turn of the table that are free or not
 _MAX_TRIES = 24  # choices that keep the clearance where it is checked first
@@ -136,7 +136,7 @@ class Placer:
         branches = found.shape[1]
         q = found.reshape(len(views), -1, found.shape[-1])
         metric = configuration_map.arm_metric(self._cell.nominal.arm, q)
-        usable = metric > _MIN_METRIC
+        usable = metric > MIN_METRIC
         # A choice is a side (azimuth and roll) and a branch, numbered side * branches + branch. Choices that serve most
         # views come first, then those near the preferred azimuth.
         offset = np.repeat([abs(a - self._azimuth) for a, _ in sides], branches)
@@ -191,7 +191,7 @@ class Placer:
         q = found.reshape(len(views), len(angles), *found.shape[1:])
         metric = configuration_map.arm_metric(cell.nominal.arm, q[:, :, ::2]).min(2).reshape(len(views), -1)
         within = np.repeat(self._is_within_turn(angles), branches)
-        usable = (metric > _MIN_METRIC) & within
+        usable = (metric > MIN_METRIC) & within
         other_branch = np.tile(np.arange(branches) != branch, len(angles))
         order = np.lexsort((-metric.mean(0), other_branch, -usable.sum(0)))
         result: list[PlacedPass | Infeasible] = []
@@ -208,7 +208,7 @@ class Placer:
                 return self._try_pass(view, runs[i], counts[i], float(angles[turned]), middle, number)
 
             choices = order[usable[i][order]]
-            if not len(choices) and (metric[i] > _MIN_METRIC).any():
+            if not len(choices) and (metric[i] > MIN_METRIC).any():
                 result.append(Infeasible(f"{view.name}: {self._blocked_turn()}"))
                 continue
             ends = targets[i, :, ::2].reshape(-1, 4, 4)
@@ -247,7 +247,7 @@ class Placer:
             def place(choice: int, i: int = i, name: str = name) -> PlacedPose:
                 return PlacedPose(name, axes(choice, i))
 
-            choices = order[i][metric[i][order[i]] > _MIN_METRIC]
+            choices = order[i][metric[i][order[i]] > MIN_METRIC]
             result.append(self._first_feasible(name, choices, 0 * choices, check, place, targets[i]))
         return result
 
@@ -264,7 +264,7 @@ class Placer:
         def place(choice: int) -> PlacedPose:
             return PlacedPose(name, axes[choice])
 
-        choices = order[metric[order] > _MIN_METRIC]
+        choices = order[metric[order] > MIN_METRIC]
         return self._first_feasible(name, choices, 0 * choices, check, place, table_from_sensor[None])
 
     def _first_feasible(
