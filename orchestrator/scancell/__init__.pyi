@@ -110,6 +110,7 @@ from .live.state import LiveState as LiveState
 from .live.state import JogJoints as JogJoints
 from .live.state import JogSensor as JogSensor
 from .live.state import MoveJoints as MoveJoints
+from .live.state import MoveAxis as MoveAxis
 from .live.state import MoveTool as MoveTool
 from .live.state import MoveLine as MoveLine
 from .live.state import SetMonitorSpeed as SetMonitorSpeed

@@ -93,7 +93,7 @@ def _ahead(
     _, jacobian = tool.poses(axes[None, :-1])
     rates = np.append(tool.rates(jacobian, speed * twist[None])[0], 0.0)
     path = list(Path)[rng.integers(3)]
-    state = MeasuredState(0.0, axes[:-1], float(axes[-1]))
+    state = MeasuredState(0.0, axes)
     hypothesis = Hypothesis(path, state, rng.choice([1.0, 1.0, -1.0]) * rates, np.zeros(len(rates)), 0.0)
     return predictor.axes([hypothesis], CYCLE * np.arange(ROWS)[None])[0]
 

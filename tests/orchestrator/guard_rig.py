@@ -15,7 +15,6 @@ from fcl_collisions import colliding
 from scancell.cell.driver import Mode
 from scancell.cell.fmu_file import cell_json, make_temporary_fmu
 from scancell.cell.instance import CellInstance
-from scancell.cell.program import Program, Segment, program_data
 from scancell.cell.session import CellSession
 from scancell.config.cell import CellDescription
 from scancell.geometry import pose
@@ -26,6 +25,7 @@ from scancell.guard.transport import InProcess, Link
 from scancell.nominal.cell import NominalCell, fmu_frame, nominal_cell
 from scancell.proximity.scene import ProximityScene
 from scancell.scanning.session import guard_of, settings_of
+from scancell.studies.guard.scenario import moving_program
 from scancell.studies.guard.simulation import EarlierCell
 
 EMERGENCY_STOP = 3  # of controller.state
@@ -54,7 +54,7 @@ class RestartedServer:
 
 @dataclass
 class GuardRig:
-    """A robot at `start` (joints + 1,), rad, that does what a test commands."""
+    """A robot at `start` (axes,), rad or m, that does what a test commands."""
 
     description: CellDescription
     nominal: NominalCell
@@ -86,7 +86,7 @@ class GuardRig:
 
     @property
     def now(self) -> np.ndarray:
-        """Commanded joints and table (joints + 1,), rad, of a robot at rest."""
+        """Commanded positions (axes,), rad or m, of a robot at rest."""
         return self.session.commanded
 
     def cycles(self, count: int) -> None:
@@ -109,18 +109,17 @@ class GuardRig:
         return False
 
     def move(self, by: np.ndarray, speed: float = 1.0, patience: float = 1.0) -> bool:
-        """Whether a joint move by an angle of each axis (joints + 1,), rad, arrives."""
-        target = self.now + by
-        self.session.start_move_joints(target[:-1], float(target[-1]), speed=speed)
+        """Whether a joint move by a travel of each axis (axes,), rad or m, arrives."""
+        self.session._start_move(self.now + by, speed)
         return self.until_there(patience)
 
     def run_program(self, by: np.ndarray, points: int = 2, patience: float = 1.0) -> bool:
         """Whether a segment of equidistant set-points arrives, one per controller cycle."""
         cell, start = self.session.cell, self.now
         path = start + np.linspace(0.0, 1.0, points)[:, None] * by
-        segment = Segment(1, self.session.cycle * np.arange(points), np.asarray(path))
+        times = self.session.cycle * np.arange(points)
         file = self.folder / f"program{len(self.axes)}.json"
-        file.write_text(json.dumps(program_data(Program((segment,)))))
+        file.write_text(json.dumps(moving_program(times, np.asarray(path), len(self.nominal.home))))
         cell.set_string("command.program", str(file))
         cell.set_integer("command.segment", 1)
         cell.set_integer("command.mode", Mode.PROGRAM)
@@ -179,16 +178,17 @@ class GuardRig:
 def guard_rig(
     folder: Path, description: CellDescription, part: Mesh | None, start: np.ndarray, version: int = 2
 ) -> Iterator[GuardRig]:
-    """A robot at `start` (joints + 1,), rad, in front of a guard of the description and the part.
+    """A robot at `start` (axes,), rad or m, in front of a guard of the description and the part.
 
     Its controller speaks a `version` of the guard's protocol.
     """
     nominal = nominal_cell(description, part)
     server = RestartedServer(lambda: guard_of(description, part))
     described = cell_json(description, nominal, 0, collision_outputs=False)
-    for joint, angle in zip(described["robot"]["joints"], start[:-1], strict=True):
-        joint["start"] = float(angle)
-    described["table"]["start"] = float(start[-1])
+    for axis, at in zip(
+        [*described["robot"]["joints"], described["table"], *described.get("axes", ())], start, strict=True
+    ):
+        axis["start"] = float(at)
     max_age = settings_of(description).max_age
     with CellInstance(make_temporary_fmu(described, folder / "fmu")) as cell:
         cycle_us = description.world.controller_cycle_us

@@ -20,9 +20,9 @@ Square = tuple[np.ndarray, np.ndarray, float, NominalCell, ProximityScene]
 
 
 @cache
-def boxes() -> NominalCell:
-    """The default cell with a box of half the size in place of each body."""
-    nominal, _ = cell_of("six_axis")
+def boxes(arm: str = "six_axis") -> NominalCell:
+    """The default cell, or another one, with a box of half the size in place of each body."""
+    nominal, _ = cell_of(arm)
 
     def small(mesh: Mesh) -> Mesh:
         lower, upper = mesh.bounds
@@ -31,11 +31,13 @@ def boxes() -> NominalCell:
     return replace(nominal, bodies=tuple(replace(body, mesh=small(body.mesh)) for body in nominal.bodies))
 
 
-def behind_wall(axes: np.ndarray, direction: np.ndarray, gap: float) -> tuple[NominalCell, ProximityScene]:
-    """The cell with a wall across `direction`, `gap` in front of the foremost point of the sensor at `axes`."""
-    cell = boxes()
+def behind_wall(
+    axes: np.ndarray, direction: np.ndarray, gap: float, arm: str = "six_axis", body: str = "sensor"
+) -> tuple[NominalCell, ProximityScene]:
+    """A cell with a wall across `direction`, `gap` in front of the foremost point of a body at `axes`."""
+    cell = boxes(arm)
     poses = dict(zip([body.name for body in cell.bodies], cell.body_poses(axes), strict=True))
-    points = transform_points(poses["sensor"], next(b.mesh.vertices for b in cell.bodies if b.name == "sensor"))
+    points = transform_points(poses[body], next(b.mesh.vertices for b in cell.bodies if b.name == body))
     foremost = points[np.argmax(points @ direction)]
     across = np.linalg.svd(direction[None])[2][1]
     turned = np.column_stack([direction, across, np.cross(direction, across)])

@@ -11,7 +11,6 @@ from cells import block, cell_file, export_mm
 from scancell import (
     CommandError,
     DescriptionError,
-    Guard,
     LiveCell,
     LivePlan,
     Operation,
@@ -163,12 +162,6 @@ def test_saved_plan_is_refused_where_the_axis_starts_elsewhere(tmp_path) -> None
         ),
     ):
         scanner.scan(part, engine="geometric", plan=file)
-
-
-def test_guard_refuses_axes_that_it_does_not_supervise() -> None:
-    setup = load_setup(assets_dir() / "cells/tilt_turn.toml")
-    with pytest.raises(DescriptionError, match=r"cell\.axis = 'tilt': the guard supervises joints and table alone"):
-        Guard(nominal_cell(setup.cell, None), setup.cell.robot)
 
 
 def test_track_shakes_an_arm_with_motors_and_scans_know_where_its_links_were() -> None:

@@ -28,7 +28,7 @@ def manual_check(cell: NominalCell, scene: ProximityScene, worst: WorstCase) -> 
 
 
 def hypothesis_of(axes: np.ndarray, rates: np.ndarray) -> Hypothesis:
-    return Hypothesis(Path.BASE, MeasuredState(0.0, axes[:-1], float(axes[-1])), rates, np.zeros(7), 0.032)
+    return Hypothesis(Path.BASE, MeasuredState(0.0, axes), rates, np.zeros(7), 0.032)
 
 
 def walled(rng: np.random.Generator, names: tuple[str, ...], times: np.ndarray, gaps: tuple[float, float], count: int):

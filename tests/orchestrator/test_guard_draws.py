@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from cells import block
 
-from scancell.config.loading import load_setup
+from scancell.config.loading import assets_dir, load_setup
 from scancell.geometry.mesh import decimated
 from scancell.nominal.cell import nominal_cell
 from scancell.scanning.session import settings_of
@@ -78,8 +78,9 @@ def test_strata_have_equal_counts_of_kinds_lengths_and_speeds() -> None:
     strata = [stratum_of(number) for number in range(5 * BLOCK)]
     pure = [one for one in strata if one.kind != MIXED]
     keys = [(one.kind, one.decade, one.length) for one in pure]
-    assert len(set(keys)) == len(keys) == len(Kind) * 3 * len(LENGTHS)
-    assert len(strata) - len(pure) == 5 * 3 * (len(KINDS) - len(Kind))
+    kinds = len(set(KINDS) - {MIXED})
+    assert len(set(keys)) == len(keys) == kinds * 3 * len(LENGTHS)
+    assert len(strata) - len(pure) == 5 * 3 * (len(KINDS) - kinds)
     assert 0.5 < np.mean([one.near for one in strata]) < 0.7
     assert np.mean([stratum_of(number).silent for number in range(0, 80 * BLOCK, BLOCK)]) == pytest.approx(1 / 8)
 
@@ -139,3 +140,28 @@ def test_fingers_are_around_the_part_of_a_gripping_robot(gripping: World) -> Non
     part, one, other = (centres[names.index(name)] for name in ("part", "finger1", "finger2"))
     np.testing.assert_allclose(((one + other) / 2)[:2], part[:2], atol=1e-3)
     assert one[2] - part[2] < 0.03
+
+
+@pytest.mark.parametrize("cell", ["track", "tilt_turn"])
+def test_axes_beyond_the_table_start_at_both_ends_and_move_in_all_kinds_of_motions(cell: str) -> None:
+    """They are jogged and moved alone half as often as all axes beyond the joints, and together with the joints."""
+    described = described_cells(str(assets_dir() / "cells" / f"{cell}.toml"))[cell]
+    world = world_of(described, standing_parts()["post"], "post", np.random.default_rng(3))
+    draws, (axis,) = Draws(world, CYCLE), world.nominal.further_axes
+    rng = np.random.default_rng(4)
+    starts = np.array([draws.anywhere(rng)[-1] for _ in range(200)])
+    assert ((starts >= axis.min) & (starts <= axis.max)).all()
+    assert min((starts < axis.min + 1e-4).sum(), (starts > axis.max - 1e-4).sum()) >= 25
+    assert np.abs(starts[(starts > axis.min + 1e-3) & (starts < axis.max - 1e-3)]).min() < 0.2 * axis.max
+    alone = []
+    for kind in set(KINDS) - {MIXED}:
+        for _ in range(20):
+            along = draws.along(np.zeros(8), rng)
+            motion = draws.motion(Kind(kind), along, 0.01, 0.5, world.nominal.start, rng)
+            if kind in (Kind.TABLE_MOVE, Kind.TABLE_JOG):
+                assert np.count_nonzero(motion.by) == 1
+                alone.append(motion.by[-1] != 0)
+                assert (motion.kind in (Kind.AXIS_MOVE, Kind.AXIS_JOG)) == alone[-1]
+            elif kind not in (Kind.BASE_JOG, Kind.TOOL_JOG):
+                assert (motion.by[-1] != 0) == (along[-1] != 0)
+    assert 8 <= sum(alone) <= 32

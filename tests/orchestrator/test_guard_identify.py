@@ -1,4 +1,4 @@
-"""Identification of motion by hand: seeded random motions of every kind by three arms, at encoder noise."""
+"""Identification of motion by hand: seeded random motions of every kind by three arms and axes, at encoder noise."""
 
 from __future__ import annotations
 
@@ -8,29 +8,32 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from guard_motions import CELLS, KIND_OF, KINDS, NOISE, cell_of, random_motion
+from guard_motions import AXIS, CELLS, KIND_OF, KINDS, NOISE, WITH_AXES, cell_of, described_cell, random_motion
 from scancell.guard.endpoints import Identifier, _Window
 from scancell.guard.parts import Tool
 from scancell.guard.stopping import Kind, MeasuredState, Path
+from scancell.scanning.session import settings_of
 
 MOTIONS = 100  # of each kind
 
 
-@pytest.mark.parametrize("arm", CELLS)
+@pytest.mark.parametrize("arm", [*CELLS, *WITH_AXES])
 def test_kinds_and_paths_from_three_samples(arm):
     """At least 99.5 % are of the true kind; the true path stays possible, and the true rates are within their error."""
-    identifier = Identifier(cell_of(arm)[0], NOISE)
+    noise = np.asarray(settings_of(described_cell(arm)).noise)
+    identifier = Identifier(cell_of(arm)[0], noise)
     rng = np.random.default_rng(11)
     wrong, missing, outside = Counter(), Counter(), 0
-    for name in KINDS:
+    kinds = (*KINDS, AXIS) if arm in WITH_AXES else KINDS
+    for name in kinds:
         for _ in range(MOTIONS):
             motion = random_motion(arm, name, rng)
-            found = identifier.identify(motion.states(rng))
+            found = identifier.identify(motion.states(rng, noise))
             wrong[name] += found.kind is not KIND_OF[name]
             missing[name] += motion.path not in [hypothesis.path for hypothesis in found.hypotheses]
             rates = (motion.axes[-1] - motion.axes[0]) / (motion.times[-1] - motion.times[0])
             outside += bool((np.abs(found.hypotheses[0].rates - rates) > found.hypotheses[0].rate_error).any())
-    count = MOTIONS * len(KINDS)
+    count = MOTIONS * len(kinds)
     assert wrong.total() <= 0.005 * count, wrong
     assert missing.total() <= 0.002 * count, missing
     assert outside <= 0.005 * count
@@ -101,7 +104,7 @@ def test_changes_of_rates_are_bounded_by_their_age():
         now = np.concatenate([[0], np.cumsum(steps)])  # in polls
         rate = rng.uniform(-1, 1, 7) + 0.032 / 8 * np.cumsum(np.repeat(rng.choice([-1, 1], (now[-1], 7)), 8, 0), 0)
         axes = np.append(nominal.home, 0.0) + np.vstack([np.zeros(7), np.cumsum(rate * 0.032 / 8, 0)])
-        states = [MeasuredState(0.032 * float(k), axes[8 * k, :-1], float(axes[8 * k, -1])) for k in now]
+        states = [MeasuredState(0.032 * float(k), axes[8 * k]) for k in now]
         found = identifier.identify(states).hypotheses[0]
         room = found.rate_age + 0.032 / 8 + 1e-4 - np.abs(found.rates - rate[-1])
         nearest = min(nearest, room.min())
@@ -125,14 +128,14 @@ def test_motion_that_changes_within_the_samples_leaves_all_paths_possible():
     nominal, _ = cell_of("six_axis")
     axes = np.append(nominal.home, 0.0)
     turn = np.radians(1.0) * np.eye(7)
-    states = [MeasuredState(0.032 * i, q[:-1], q[-1]) for i, q in enumerate((axes, axes + turn[0], axes + turn[1]))]
+    states = [MeasuredState(0.032 * i, q) for i, q in enumerate((axes, axes + turn[0], axes + turn[1]))]
     found = Identifier(nominal, NOISE).identify(states)
     assert {hypothesis.path for hypothesis in found.hypotheses} == set(Path)
 
 
 def test_states_out_of_order_and_lone_states_are_refused():
     nominal, _ = cell_of("six_axis")
-    state = MeasuredState(0.0, nominal.home, 0.0)
-    for states in ([state], [state, state], [MeasuredState(1.0, nominal.home, 0.0), state]):
+    state = MeasuredState(0.0, nominal.start)
+    for states in ([state], [state, state], [MeasuredState(1.0, nominal.start), state]):
         with pytest.raises(ValueError, match="order of time"):
             Identifier(nominal, NOISE).identify(states)

@@ -13,7 +13,7 @@ TIMES = np.linspace(0.0, 0.5, 9)
 
 
 def hypothesis_of(path: Path, axes: np.ndarray, rates: np.ndarray) -> Hypothesis:
-    return Hypothesis(path, MeasuredState(0.0, axes[:-1], float(axes[-1])), rates, np.zeros(len(rates)), 0.0)
+    return Hypothesis(path, MeasuredState(0.0, axes), rates, np.zeros(len(rates)), 0.0)
 
 
 @pytest.mark.parametrize("arm", CELLS)

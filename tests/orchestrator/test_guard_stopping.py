@@ -70,7 +70,7 @@ def test_latest_stop_bounds_every_earlier_and_harder_one():
     for _ in range(300):
         rates = random_rates(rng)
         error = np.full(7, np.radians(0.5))
-        state = MeasuredState(0.0, np.zeros(6), 0.0)
+        state = MeasuredState(0.0, np.zeros(7))
         stop = latest_stop(Hypothesis(Path.JOINT, state, rates, error, 0.032), worst)
         way = np.linspace(0, worst.reaction + stop.braking_time / 2, 400)[:, None] * rates
         before = rates + error * rng.choice([-1, 1], 7)

@@ -21,6 +21,7 @@ class Handle:
 
     def __init__(self, value: float = 0.0) -> None:
         self.value, self.callbacks = value, []
+        self.min = self.max = 0.0
 
     def on_update(self, callback: Callable[[], None]) -> None:
         self.callbacks.append(callback)
@@ -38,8 +39,9 @@ class Gui:
     def __init__(self) -> None:
         self.sliders: list[Handle] = []
 
-    def add_slider(self, _name: str, _low: float, _high: float, _step: float, value: float) -> Handle:
+    def add_slider(self, _name: str, low: float, high: float, _step: float, value: float) -> Handle:
         self.sliders.append(Handle(value))
+        self.sliders[-1].min, self.sliders[-1].max = low, high
         return self.sliders[-1]
 
     def add_button(self, _name: str) -> Handle:
@@ -52,7 +54,7 @@ class Operator:
     def __init__(self) -> None:
         self.submitted: list[Command] = []
         arm = SimpleNamespace(limits=np.radians([[-180.0] * 2, [180.0] * 2]))
-        self.nominal = SimpleNamespace(arm=arm, home=HOME)
+        self.nominal = SimpleNamespace(arm=arm, home=HOME, further_axes=())
         self.submit = self.submitted.append
 
     def add_inputs(self, _handles: list[Any], _condition: Any) -> None:
@@ -66,8 +68,8 @@ class Operator:
         return act
 
 
-def state(joints: np.ndarray) -> Any:
-    return SimpleNamespace(joints=joints, table_angle=0.0, moving=False)
+def state(joints: np.ndarray, table: float = 0.0) -> Any:
+    return SimpleNamespace(axes=np.append(joints, table), table_angle=table, moving=False)
 
 
 @pytest.fixture
@@ -102,11 +104,14 @@ def test_sliders_follow_the_robot_and_return_after_a_refused_motion(rig: Any) ->
     assert slider.value == 12.0
 
 
-def test_whole_turns_of_the_table_stay_when_a_joint_is_moved(rig: Any) -> None:
-    turned = SimpleNamespace(joints=HOME, table_angle=np.radians(2295.0), moving=False)
+def test_table_is_shown_with_its_turns_which_stay_when_a_joint_is_moved(rig: Any) -> None:
+    """Its slider goes a turn further to either side of the whole turn that it is next to."""
+    turned, slider = state(HOME, np.radians(2295.0)), rig.gui.sliders[2]
+    assert (slider.min, slider.max) == (-360.0, 360.0)
     rig.panel.show(turned)
-    assert rig.gui.sliders[2].value == pytest.approx(135.0)
-    for slider, value, expected in ((0, 35.0, None), (2, 165.0, 2325.0)):
+    assert slider.value == pytest.approx(2295.0)
+    assert (slider.min, slider.max) == (1800.0, 2520.0)
+    for slider, value, expected in ((0, 35.0, None), (2, 2325.0, 2325.0)):
         rig.gui.sliders[slider].value = value
         rig.gui.sliders[slider].call_back()
         rig.now.time += 1.0
@@ -114,3 +119,16 @@ def test_whole_turns_of_the_table_stay_when_a_joint_is_moved(rig: Any) -> None:
         asked = rig.operator.submitted[-1].arguments["table_angle"]
         assert asked is None if expected is None else asked == pytest.approx(np.radians(expected))
         rig.panel.show(turned)
+
+
+def test_slider_of_the_table_can_be_dragged_on_from_either_end(rig: Any) -> None:
+    slider = rig.gui.sliders[2]
+    for degrees, ends in (
+        (359.9, (-360.0, 360.0)),
+        (360.0, (0.0, 720.0)),
+        (0.0, (-360.0, 360.0)),
+        (-400.0, (-720.0, 0.0)),
+    ):
+        rig.panel.show(state(HOME, np.radians(degrees)))
+        assert (slider.min, slider.max) == ends
+        assert slider.value == pytest.approx(degrees)

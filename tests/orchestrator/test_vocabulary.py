@@ -65,7 +65,7 @@ def test_taught_commands_are_those_of_robot_programs() -> None:
     for name, arguments in TAUGHT.items():
         names = [each.name for each in parameters(public(Robot)[name])]
         assert not arguments.value or names[-1] == arguments.value
-        assert len(names) == (arguments.point is not None) + (arguments.value != "")
+        assert len(names) == (arguments.point is not None) + (arguments.value != "") + arguments.of_axis
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -172,6 +172,10 @@ class CellInstance(Closing):
             *(f"{prefix}axis.{name}" for name in further),
         ]
 
+    def prismatic_axes(self) -> list[bool]:
+        """Whether each of the axes of `axis_names` is prismatic: its positions are in m."""
+        return [self._unit(name) == "m" for name in self.axis_names("measured.")]
+
     def reset(self, cell_file: Path | None = None, parameters: Mapping[str, float] | None = None) -> None:
         """Reset to time 0 without loading the FMU again.
 
@@ -226,11 +230,12 @@ class CellInstance(Closing):
 
     def units(self) -> dict[str, str | None]:
         """Unit of every ``as_built.*`` parameter by name; None where it has none."""
-        return {
-            name: v.declaredType.unit if v.declaredType is not None else v.unit
-            for name, v in self._variables.items()
-            if name.startswith("as_built.")
-        }
+        return {name: self._unit(name) for name in self._variables if name.startswith("as_built.")}
+
+    def _unit(self, name: str) -> str | None:
+        variable = self._variables[name]
+        unit = variable.unit if variable.declaredType is None else variable.declaredType.unit
+        return None if unit is None else str(unit)
 
     @property
     def names(self) -> list[str]:

@@ -216,6 +216,7 @@ class CellSession:
         tool: Tool = "sensor",
         near: JointAngles | None = None,
         configuration: str | None = None,
+        axes: ArrayLike | None = None,
     ) -> Array:
         """Joint angles (joints,), rad, that bring a tool to a pose.
 
@@ -230,6 +231,8 @@ class CellSession:
             the present joints.
         configuration
             Name of the only branch that counts (``NominalCell.arm.branch_names``); None: all of them.
+        axes
+            Positions (axes,) of all axes, rad or m, from which it is brought there; None: the measured ones.
 
         Raises
         ------
@@ -239,8 +242,9 @@ class CellSession:
         DescriptionError
             If `world_from_tool` is no pose, or there is no such tool.
         """
-        reference = self.joints if near is None else np.asarray(near, float)
-        carrier = self._nominal.world_from(self._nominal.arm_on, self._cell.get(self._position))
+        start = self._cell.get(self._position) if axes is None else np.asarray(axes, float)
+        reference = start[: len(self.home)].copy() if near is None else np.asarray(near, float)
+        carrier = self._nominal.world_from(self._nominal.arm_on, start)
         target = pose.inverse(carrier) @ np.asarray(world_from_tool, float) @ pose.inverse(self.flange_from_tool(tool))
         branches, names = self._nominal.arm.ik(target, reference)[0], self._nominal.arm.branch_names
         if configuration is not None:

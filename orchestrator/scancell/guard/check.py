@@ -2,6 +2,7 @@
 
 Both are certified queries along the predicted motion.  A pair of bodies that does not approach raises no warning, and
 it needs no room for a stop as long as the motion never brings it nearer than it is: moving away is always allowed.
+Positions, rates and accelerations of an axis are in rad, rad/s and rad/s², those of a prismatic one in m, m/s and m/s².
 """
 
 from __future__ import annotations
@@ -23,9 +24,9 @@ _PIECES = 4  # straight in the axes, of a predicted motion
 _PARTS = 64  # of a motion in which the contact is looked for
 _RATE_STEP = 1e-3  # s: step of the difference that gives the rate of a distance
 _SURELY = 5e-3  # m/s: faster pairs approach whatever the noise of the rates, and are warned of
-_FINEST = 2e-4  # rad: finest intervals, a fraction of a millimetre of motion
-_FINE = 1e-4  # rad: those of the proof that a pair does not come nearer
-_FARTHEST_ASTRAY = 0.2  # rad: links of an arm are too close to each other for stops that may deviate more
+_FINEST = 2e-4  # rad, and m of prismatic axes: finest intervals, a fraction of a millimetre of motion
+_FINE = 1e-4  # rad and m: those of the proof that a pair does not come nearer
+_FARTHEST_ASTRAY = 0.2  # rad and m: links of an arm are too close to each other for stops that may deviate more
 # Comparisons of faces or their bounding volumes (about 0.08 µs each) for all hypotheses of an answer.
 _WORK = 70_000
 _BENDING = 1.5  # of the measured curvature between its samples
@@ -249,7 +250,7 @@ class ManualCheck:
         begin = float(first[touching].min())
         piece, step = int(begin), times[1] - times[0]
         reached = axes[piece] + (begin - piece) * (axes[piece + 1] - axes[piece])
-        travel = self._tool.length(np.vstack([axes[: piece + 1], reached])[:, :-1])
+        travel = self._tool.length(np.vstack([axes[: piece + 1], reached]))
         until = float(times[0] + begin * step)
         return Contact(found, motion.path, until, float(until + step / motion.finer), travel)
 
@@ -263,13 +264,13 @@ class _Motion:
     path
         Its continuation.
     now
-        Axes from which it continues, (axes,), rad.
+        Axes from which it continues, (axes,).
     rates, rate_error
-        There, and a bound on their error, (axes,), rad/s.
+        There, and a bound on their error, (axes,).
     stop, way
         The latest stop, and where it leads.
     axes, times
-        Predicted axes of the motion if it continues, (n, axes), rad, at equally spaced times (n,), s.
+        Predicted axes of the motion if it continues, (n, axes), at equally spaced times (n,), s.
     """
 
     path: Path
@@ -289,14 +290,14 @@ class _Motion:
 
 @dataclass(frozen=True)
 class _Way:
-    """Straight motions of stops, each from a start to an end, (n, axes), rad.
+    """Straight motions of stops, each from a start to an end, (n, axes).
 
     Attributes
     ----------
     near
         A few near which every stop stays, but for its deviation.
     bend
-        How near, (axes,), rad.
+        How near, (axes,).
     predicted
         Stops from the points of the predicted motion, and the motion from each to the next.
     """
@@ -366,7 +367,7 @@ class JogCheck:
     reaction
         Time from the measured state to the beginning of braking in the worst case, s.
     deceleration
-        That every axis attains, (axes,), rad/s².
+        That every axis attains, (axes,).
     limits
         Accelerations of jogs: those at which the controller follows a lower permitted speed.
     """
@@ -384,9 +385,9 @@ class JogCheck:
         Parameters
         ----------
         axes
-            Measured joints and table angle, (axes,), rad.
+            Measured positions, (axes,).
         points
-            Path of the jog at full speed from the state on, (n, axes), rad, `spacing` apart.
+            Path of the jog at full speed from the state on, (n, axes), `spacing` apart.
         spacing
             s.
         in_force
@@ -459,15 +460,15 @@ class JogCheck:
         return float(share) if share >= _LEAST else 0.0
 
     def _ramp(self, axes: Array, rates: Array) -> float:
-        """Time in which the controller slows a jog of `rates` (axes,), rad/s, down to rest, s."""
-        twist = self._tool.poses(axes[None, :-1])[1][0] @ rates[:-1]
+        """Time in which the controller slows a jog of `rates` (axes,) down to rest, s."""
+        twist = self._tool.twist(axes, rates)
         line, turn = float(np.linalg.norm(twist[:3])), float(np.linalg.norm(twist[3:]))
         return max(braking_time(rates, self._limits.axes), line / self._limits.line, turn / self._limits.turn)
 
 
 @dataclass(frozen=True)
 class _Jog:
-    """A jog at full speed: set-points (n, axes), rad, `spacing` (s) apart, and their rates, rad/s.
+    """A jog at full speed: set-points (n, axes), `spacing` (s) apart, and their rates.
 
     `braking` (n,), s, is the time of a stop from each of them, `longest` that of the longest stop within the reaction
     time, and `ramp` the time in which the controller slows the jog down. `exact`: the first one is no measured one.
@@ -538,7 +539,7 @@ class PathCheck:
     reaction
         Time from the measured state to the beginning of braking in the worst case, s.
     deceleration
-        That every axis attains, (axes,), rad/s².
+        That every axis attains, (axes,).
     """
 
     def __init__(self, free_path: FreePath, reaction: float, deceleration: Array) -> None:
@@ -552,9 +553,9 @@ class PathCheck:
         Parameters
         ----------
         axes
-            Measured joints and table angle, (axes,), rad.
+            Measured positions, (axes,).
         points
-            Path from the measured state on, (n, axes), rad, `spacing` apart.
+            Path from the measured state on, (n, axes), `spacing` apart.
         spacing
             s of path clock.
         rate
@@ -599,7 +600,7 @@ class PathCheck:
 
 
 def _bend_aside(points: Array) -> Array:
-    """Bound (axes,), rad, on how far the motion through set-points leaves the straight lines sideways."""
+    """Bound (axes,) on how far the motion through set-points leaves the straight lines sideways."""
     change, along = np.diff(points, n=2, axis=0), points[2:] - points[:-2]
     length = np.linalg.norm(along, axis=1, keepdims=True)
     unit = np.divide(along, length, out=np.zeros_like(along), where=length > 0)

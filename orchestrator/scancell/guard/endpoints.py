@@ -36,6 +36,7 @@ _STATES = 3
 _NOT_PLAIN = 5e-4  # chance to miss that a motion is of a plain kind
 _IMPOSSIBLE = 1e-6  # chance to rule out the true path
 _SIGMAS = 4.0  # of a rate's error
+_JOINTS_REST = (Kind.REST, Kind.TABLE, Kind.FURTHER_AXES)
 
 
 class Outcome(StrEnum):
@@ -253,13 +254,13 @@ class Identifier:
     nominal
         Kinematics.
     noise
-        Standard deviation of the measured angles, one or (axes,), rad.
+        Standard deviation of the measured positions, one or (axes,), rad or m.
     """
 
     def __init__(self, nominal: NominalCell, noise: ArrayLike) -> None:
         self._tool = Tool(nominal)
-        self._joints = len(nominal.arm.joints)
-        self._noise = np.broadcast_to(np.asarray(noise, float), (self._joints + 1,))
+        self._joints = self._tool.joints
+        self._noise = np.broadcast_to(np.asarray(noise, float), (len(nominal.axes),))
         if not (self._noise > 0).all():
             raise ValueError(f"noise = {self._noise}: expected standard deviations above 0")
 
@@ -280,7 +281,7 @@ class Identifier:
             raise ValueError(f"measured states at {times.tolist()} s: expected at least two, in the order of time")
         window = _Window(self._tool, times, np.array([state.axes for state in states]), self._noise)
         kind, rates = self._plainest(window)
-        paths = [Path.JOINT] if kind in (Kind.REST, Kind.TABLE) else self._paths(kind, window)
+        paths = [Path.JOINT] if kind in _JOINTS_REST else self._paths(kind, window)
         error = np.abs(window.rates - rates) + _SIGMAS * window.rate_noise
         age = float(times[-1] - window.rate_time)
         return Identification(kind, tuple(Hypothesis(path, states[-1], rates, error, age) for path in paths))
@@ -288,22 +289,23 @@ class Identifier:
     def _plainest(self, window: _Window) -> tuple[Kind, Array]:
         """The simplest kind of motion, and the rates (axes,) of this kind that are nearest to the measured."""
         rates = window.rates.copy()
-        still = window.stillness
-        freedom = len(window.times) - 1
-        table_rests = still[-1] <= _limit(freedom, _NOT_PLAIN)
-        if table_rests:
-            rates[-1] = 0.0
-        if still[:-1].sum() <= _limit(freedom * self._joints, _NOT_PLAIN):
-            rates[:-1] = 0.0
-            return (Kind.REST if table_rests else Kind.TABLE), rates
-        most = int(np.argmax(still[:-1]))
-        if still[:-1].sum() - still[most] <= _limit(freedom * (self._joints - 1), _NOT_PLAIN):
-            rates[:-1] = np.where(np.arange(self._joints) == most, rates[:-1], 0.0)
+        freedom, joints = len(window.times) - 1, slice(self._joints)
+        still, of_others = np.split(window.stillness, [self._joints])
+        others_rest = of_others <= _limit(freedom, _NOT_PLAIN)
+        rates[self._joints :][others_rest] = 0.0
+        if still.sum() <= _limit(freedom * self._joints, _NOT_PLAIN):
+            rates[joints] = 0.0
+            table_rests, *further_rest = others_rest.tolist()
+            kind = Kind.REST if table_rests else Kind.TABLE
+            return (kind if all(further_rest) else Kind.FURTHER_AXES), rates
+        most = int(np.argmax(still))
+        if still.sum() - still[most] <= _limit(freedom * (self._joints - 1), _NOT_PLAIN):
+            rates[joints] = np.where(np.arange(self._joints) == most, rates[joints], 0.0)
             return Kind.SINGLE_JOINT, rates
         if window.moves_straight and window.held_stillness <= _limit(window.held_freedom, _NOT_PLAIN):
             for kind, kept in ((Kind.TRANSLATION, slice(3, 6)), (Kind.ROTATION, slice(0, 3))):
                 if window.constancy(kept) <= _limit(3 * freedom, _NOT_PLAIN):
-                    rates[:-1] = window.rates_without(kept)
+                    rates[joints] = window.rates_without(kept)
                     return kind, rates
         return Kind.COMBINED, rates
 
@@ -336,14 +338,18 @@ class _Window:
     """Measured axes (k, axes) at `times` (k,), and tests of their constancy and straightness."""
 
     def __init__(self, tool: Tool, times: Array, axes: Array, noise: Array) -> None:
-        self._tool, self.times, self._axes, self._noise = tool, times, axes, noise
+        self._tool, self.times = tool, times
+        self._axes, self._noise = axes[:, : tool.joints], noise[: tool.joints]  # of the joints
         since = times - times.mean()
         spread = (since**2).sum()
         self.rates = since @ axes / spread
         self.rate_noise = noise / np.sqrt(spread)
         # The slope is a weighted mean of the rate in the window: this is the mean of the time with the same weights.
         self.rate_time = float(since @ times**2 / (2 * spread))
-        self._poses, self._jacobians = tool.poses(axes[:, :-1])
+        # Cartesian motion does not move what carries the arm: its noise is none of the tool.
+        placed = axes.copy()
+        placed[:, tool.joints + 1 :] = axes[:, tool.joints + 1 :].mean(0)
+        self._poses, self._jacobians = tool.poses(placed)
         self._jacobian = self._jacobians[len(times) // 2]
         self.moves_straight = tool.moves_straight(self._jacobian)
         self.held_freedom = len(tool.held) * (len(times) - 1)
@@ -362,14 +368,14 @@ class _Window:
         else:
             middle = self._poses[len(self.times) // 2, :3, :3]
             values = pose.log_rotation(self._poses[:, :3, :3] @ middle.T)
-        spread = self._jacobians[:, rows] * self._noise[:-1]
+        spread = self._jacobians[:, rows] * self._noise
         covariance = (spread @ np.swapaxes(spread, -1, -2)).mean(0)
         deviation = values - values.mean(0)
         return float(np.sum(deviation * np.linalg.solve(covariance, deviation.T).T))
 
     def rates_without(self, rows: slice) -> Array:
         """Rates (joints,), rad/s, of the measured motion of the tool without some of its velocities."""
-        twist = self._jacobian @ self.rates[:-1]
+        twist = self._jacobian @ self.rates[: self._tool.joints]
         twist[rows] = 0.0
         return np.asarray(self._tool.rates(self._jacobian[None], twist[None])[0])
 
@@ -379,7 +385,7 @@ class _Window:
         Eq. 9 for joints, Eq. 10 for the tool in a frame, with a length of each step of its own.
         """
         if path is Path.JOINT:
-            first, second = np.diff(self._axes[:, :-1], axis=0) / self._noise[:-1]
+            first, second = np.diff(self._axes, axis=0) / self._noise
         else:
             first, second = np.linalg.solve(self._deviation_of_change(), self._steps(path).T).T
         both, change = first + second, second - first
@@ -392,7 +398,7 @@ class _Window:
 
     def _deviation_of_change(self) -> Array:
         """Cholesky factor (6, 6) of the covariance of the change between the steps, over 6 as that of joints is."""
-        spread = self._jacobians * self._noise[:-1]
+        spread = self._jacobians * self._noise
         covariance = spread @ np.swapaxes(spread, -1, -2)
         return np.asarray(np.linalg.cholesky((covariance[0] + 4 * covariance[1] + covariance[2]) / 6))
 

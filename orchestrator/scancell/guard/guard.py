@@ -25,8 +25,8 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import reduced
 from scancell.guard.check import Contact, JogCheck, JogVerdict, ManualCheck, PathCheck, Verdict
 from scancell.guard.endpoints import Identifier
-from scancell.guard.messages import MAX_TEXT, CellState, GuardMessage, PlacedPart, axes_digest
-from scancell.guard.parts import FreePath, NearPairs, PartTracker, jog_limits
+from scancell.guard.messages import MAX_TEXT, CellState, GuardMessage, PlacedPart, axes_digest, axis_bits
+from scancell.guard.parts import FreePath, NearPairs, PartTracker, carriers, jog_limits
 from scancell.guard.stopping import Hypothesis, MeasuredState, WorstCase
 from scancell.guard.transport import Link
 from scancell.nominal.cell import NominalCell
@@ -101,7 +101,8 @@ class GuardedCell:
         self._cell, self._cycle_us, self._link, self._shows_jogs = cell, cycle_us, link, shows_jogs
         self._parts = parts
         axes = cell.axis_names("")
-        self._digest = axes_digest(axes)
+        self._prismatic = axis_bits(cell.prismatic_axes())
+        self._digest = axes_digest(axes, self._prismatic)
         self._widths = cell.real_group([name for name in cell.names if name == "measured.gripper.width"])
         belts = sum(name.startswith("measured.conveyor[") and name.endswith("].travel") for name in cell.names)
         self._travel = cell.real_group([f"measured.conveyor[{i}].travel" for i in range(1, belts + 1)])
@@ -205,6 +206,7 @@ class GuardedCell:
             self._shows_jogs,
             cell.get(self._widths).copy(),
             self._placed_parts(axes),
+            prismatic=self._prismatic,
             digest=self._digest,
         )
 
@@ -230,11 +232,11 @@ class GuardSettings:
     cycle
         Cycle of the controller, s: it notices the age, and brakes, one cycle late each.
     noise
-        Standard deviation of the measured angles, rad.
+        Standard deviation of the measured positions, rad, or m of prismatic axes: one for all axes, or (axes,).
     angle_error
-        Largest error of the measured angles, rad, one or (axes,): of the encoders, and of the gears behind them.
+        Largest error of the measured positions, likewise: of the encoders, and of the gears behind them.
     latency
-        Largest age of measured angles when the controller stamps them, s.
+        Largest age of measured positions when the controller stamps them, s.
     position_error
         Largest deviation of a body from its nominal position, m: two bodies may be nearer by twice as much.
     mesh_error
@@ -261,7 +263,7 @@ class GuardSettings:
 
     max_age: _Positive = 0.12
     cycle: _Positive = 0.016
-    noise: _Positive = float(np.radians(0.005))
+    noise: _Positive | tuple[_Positive, ...] = float(np.radians(0.005))
     angle_error: _NotNegative | tuple[_NotNegative, ...] = float(np.radians(0.025))
     latency: _NotNegative = 0.0
     position_error: _NotNegative = 1e-3
@@ -342,15 +344,15 @@ class Guard:
         ignored: Collection[tuple[str, str]] = (),
         movable: Collection[int] = (),
     ) -> None:
-        if nominal.further_axes:
-            names = ", ".join(axis.name for axis in nominal.further_axes)
-            raise DescriptionError(
-                "the guard supervises joints and table alone", key="cell.axis", value=names, expected="no further axes"
-            )
         self.settings = settings = settings or GuardSettings()
-        self._axes = len(nominal.arm.joints) + 1
-        self._names = [*(f"q[{i}]" for i in range(1, self._axes)), "table"]
-        self._digest = axes_digest(self._names)
+        self._axes, joints = len(nominal.axes), len(nominal.arm.joints)
+        for key in ("noise", "angle_error"):
+            if np.ndim(value := getattr(settings, key)) and len(value) != self._axes:
+                raise DescriptionError(key=key, value=value, expected=f"one number, or {self._axes} for all axes")
+        further = [f"axis.{axis.name}" for axis in nominal.further_axes]
+        self._names = [*(f"q[{i}]" for i in range(1, joints + 1)), "table", *further]
+        self._prismatic = axis_bits(nominal.prismatic)
+        self._digest = axes_digest(self._names, self._prismatic)
         meshes = {body.name: reduced(body.mesh, _MAX_FACES, settings.mesh_error) for body in nominal.bodies}
         bodies = tuple(replace(body, mesh=meshes[body.name].mesh, patches=()) for body in nominal.bodies)
         self._nominal, self._limits = replace(nominal, bodies=bodies), jog_limits(robot, nominal)
@@ -393,8 +395,7 @@ class Guard:
             elif number in placed:
                 position, quaternion = np.split(np.array(placed[number].pose), [3])
                 at = pose.from_rotation(pose.rotation_from_quaternion(quaternion), position)
-                link = placed[number].carrier
-                carrier = {0: "world", self._axes: "table"}.get(link, f"link[{link}]")
+                carrier = carriers(self._nominal)[placed[number].carrier]
                 bodies.append(replace(body, moves_with=carrier, mesh=body.mesh.transformed(at)))
         return replace(self._nominal, bodies=tuple(bodies))
 
@@ -417,7 +418,7 @@ class Guard:
         Parameters
         ----------
         points
-            Set-points of joints and table (n, axes), rad.
+            Set-points (n, axes) of joints, table and further axes, rad or m.
 
         Returns
         -------
@@ -441,12 +442,7 @@ class Guard:
         MessageError
             If the state is that of another cell.
         """
-        if (axes := np.size(state.axes)) != self._axes:
-            raise MessageError(key="axes", value=axes, expected=f"{self._axes}, the cell's joints and table")
-        if state.prismatic or state.digest not in (0, self._digest):
-            raise MessageError(
-                key="digest", value=state.digest, expected=f"{self._digest}, of {', '.join(self._names)}, revolute axes"
-            )
+        self._require_own_axes(state)
         parts = tuple(part for part in state.parts if part.number in self._movable.values())
         if parts != self._parts:
             self._place(parts)
@@ -470,12 +466,28 @@ class Guard:
             self._number, state.sequence, state.time, decision.monitor_speed, self._stopping, text, decision.beep
         )
 
+    def _require_own_axes(self, state: CellState) -> None:
+        """Raise `MessageError` for a state of other axes; those beside joints and table must have kinds."""
+        further = self._names[self._names.index("table") + 1 :]
+        if (axes := np.size(state.axes)) != self._axes:
+            others = f", and {', '.join(further)}" if further else ""
+            raise MessageError(key="axes", value=axes, expected=f"{self._axes}, the cell's joints and table{others}")
+        if state.version == 1 and further:
+            raise MessageError(key="version", value=1, expected=f"2, which has axes such as {further[0]}")
+        if state.prismatic != self._prismatic:
+            slides = [name for i, name in enumerate(self._names) if self._prismatic >> i & 1]
+            named = f", of which {', '.join(slides)} slide" if slides else ", all revolute axes"
+            raise MessageError(key="prismatic", value=state.prismatic, expected=f"{self._prismatic}{named}")
+        if state.digest not in (0, self._digest):
+            expected = f"{self._digest}, of {', '.join(self._names)}{'' if self._prismatic else ', revolute axes'}"
+            raise MessageError(key="digest", value=state.digest, expected=expected)
+
     def _by_hand(self, state: CellState) -> Decision:
         axes, path = np.asarray(state.axes), _path(state)
         oldest = state.time - _STATES * self.settings.max_age
         while self._states and self._states[0].time < oldest:
             self._states.popleft()
-        self._states.append(MeasuredState(state.time, axes[:-1], float(axes[-1])))
+        self._states.append(MeasuredState(state.time, axes))
         self._moving = self._moving + 1 if state.moving else 0
         if not state.moving and not _leads_away(path):
             return Decision()
@@ -536,7 +548,7 @@ class Guard:
 
 
 def _path(state: CellState) -> Array:
-    """Path (n, axes), rad, from the time of a state on; empty if none is shown.
+    """Path (n, axes), rad or m, from the time of a state on; empty if none is shown.
 
     In version 1 the rows begin one spacing later: a jog is continued backwards, another path begins where the axes are
     measured, so that a motion shorter than the spacing counts as one, too.

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from numbers import Integral, Real
@@ -63,12 +63,17 @@ def axes_digest(names: Sequence[str], prismatic: int = 0) -> int:
     Parameters
     ----------
     names
-        Names of the axes in the order of their values, for example ``q[1]`` … ``q[6]``, ``table``.
+        Names of the axes in the order of their values, for example ``q[1]`` … ``q[6]``, ``table``, ``axis.track``.
     prismatic
         Bit i is set if axis i is prismatic.
     """
     kinds = ("prismatic" if prismatic >> i & 1 else "revolute" for i in range(len(names)))
     return zlib.crc32("".join(f"{name} {kind}\n" for name, kind in zip(names, kinds, strict=True)).encode())
+
+
+def axis_bits(flags: Iterable[bool]) -> int:
+    """The number whose bit i is set if flag i of the axes is."""
+    return sum(1 << i for i, flag in enumerate(flags) if flag)
 
 
 @dataclass(frozen=True)
@@ -80,8 +85,8 @@ class PlacedPart:
     number
         Number of the part, from 1, the one that is scanned.
     carrier
-        What it moves with: 0 the world, else the number of an axis from 1: the last joint for the flange, the table's
-        axis for the platter.
+        What it moves with: 0 the world, else the number of an axis from 1 in the order of `CellState.axes`: the last
+        joint for the flange, the next axis for the platter of the table, those behind it for what further axes carry.
     pose
         Position (x, y, z), m, and quaternion (w, x, y, z) in the frame behind that axis.
 
@@ -124,12 +129,12 @@ class CellState:
     moving
         Whether an axis moves.
     axes
-        Measured positions of the axes, in a cell of scancell joints and table, (n,), rad.
+        Measured positions of the axes, in a cell of scancell joints, table and further axes, (n,), rad or m.
     rate
         Rate of the path clock, 0 to 1; 1 is the speed of the path ahead.
     ahead
-        Axes on the path ahead, (m, n), rad, one row per `spacing` of path clock, or of time in a jog; the first row is
-        the present set-point, in version 1 the one after it. m = 0 if nothing is shown.
+        Axes on the path ahead, (m, n), rad or m, one row per `spacing` of path clock, or of time in a jog; the first
+        row is the present set-point, in version 1 the one after it. m = 0 if nothing is shown.
     spacing
         s of path clock, 0.001 to 10; 0 if there is no path ahead.
     path_time

@@ -25,7 +25,7 @@ from scancell.guard.messages import PlacedPart
 from scancell.nominal.cell import Body, NominalCell
 from scancell.nominal.parts import pose_matrix
 from scancell.proximity.motion_check import Budget, MotionBounds, MotionCheck, MotionClash, arm_motion
-from scancell.proximity.scene import ProximityScene, arm_chain
+from scancell.proximity.scene import ProximityScene, arm_chain, carrying_axes
 
 _OPENED = 0.5e-3  # m by which the fingers open to release a part
 _NEAR_GRIP = 0.02  # m: a part farther from the space between the fingers is not what they hold
@@ -41,7 +41,7 @@ _NEARER, _NEARER_SHARE = 0.2e-3, 0.1  # m, and share of its distance, by which a
 
 STILL = 1e-9  # m: pairs whose distance changes less in a short motion do not approach
 
-_FINEST = 2e-4  # rad: finest intervals, a fraction of a millimetre of motion
+_FINEST = 2e-4  # rad, and m of prismatic axes: finest intervals, a fraction of a millimetre of motion
 _FIRST_SHARE = 1 / 16  # of the first piece of a path, after which a distance tells whether it grows
 
 _LEVER_GROWTH = 1.1  # factor by which levers may grow during a stop
@@ -112,7 +112,7 @@ class PartTracker:
         Parameters
         ----------
         axes
-            Measured joints and table angle, (axes,), rad.
+            Measured positions, (axes,), rad or m.
         travel
             Measured travels of the belts, (belts,), m.
         width
@@ -129,7 +129,7 @@ class PartTracker:
             self._held = None
         elif self._held is None and gripped:
             self._take(frames, width)
-        numbers = {self._flange: len(axes) - 1, TABLE: len(axes)}
+        numbers = {frame: number for number, frame in enumerate(carriers(self._nominal)) if number}
         return tuple(
             PlacedPart(number, 0, _numbers(frames[place.carrier] @ place.pose))
             if place.carrier not in numbers
@@ -169,16 +169,24 @@ class PartTracker:
         place = self._places[number]
         at = frames[place.carrier] @ place.pose
         mesh = self._meshes[number].transformed(at)
-        centre, lowest = mesh.bounds.mean(0), mesh.bounds[0][2]
+        centre = mesh.bounds.mean(0)
         carrier = WORLD
         for frame in (*self._belts, TABLE):
-            top = self._nominal.world_from(frame)
-            across = np.abs(pose.transform_points(pose.inverse(top), centre[None])[0, :2])
+            top = frames[TABLE] if frame == TABLE else self._nominal.world_from(frame)  # belts stand where they are
+            top_from_world = pose.inverse(top)
+            across = np.abs(pose.transform_points(top_from_world, centre[None])[0, :2])
+            height = pose.transform_points(top_from_world, mesh.vertices)[:, 2].min()
             half = self._belts.get(frame)
             inside = np.hypot(*across) < self._nominal.table_radius if half is None else (across < half).all()
-            if inside and abs(lowest - top[2, 3]) < _ABOVE:
+            if inside and abs(height) < _ABOVE:
                 carrier = frame
         self._places[number] = _Place(carrier, pose.inverse(frames[carrier]) @ at)
+
+
+def carriers(nominal: NominalCell) -> tuple[str, ...]:
+    """Frames by the numbers of `PlacedPart.carrier`: the world, then the frames behind all axes in their order."""
+    links = (f"link[{i}]" for i in range(1, len(nominal.arm.joints) + 1))
+    return (WORLD, *links, TABLE, *(axis.name for axis in nominal.further_axes))
 
 
 def _numbers(at: Array) -> tuple[float, ...]:
@@ -191,24 +199,35 @@ class Tool:
 
     Attributes
     ----------
+    joints
+        Number of joints of the arm, the first axes; the next one is the table.
     active
         Numbers from 0 of the joints that Cartesian motion moves.
     held
-        Those that it does not.
+        Those of the axes that it does not: other joints, and all axes beyond the table.
     """
 
     def __init__(self, nominal: NominalCell) -> None:
-        self._motion, self._flange_from_tool = arm_motion(nominal), nominal.flange_from_sensor
+        (self._motion, self._axes), self._flange_from_tool = arm_motion(nominal), nominal.flange_from_sensor
+        self.joints = len(nominal.arm.joints)
         held = {joint.index for joint in nominal.arm.held}
-        self.held = np.array(sorted(held), np.int64)
-        self.active = np.array([i for i in range(len(nominal.arm.joints)) if i not in held], np.int64)
+        self.held = np.array([*sorted(held), *range(self.joints + 1, len(nominal.axes))], np.int64)
+        self.active = np.array([i for i in range(self.joints) if i not in held], np.int64)
 
-    def poses(self, joints: Array) -> tuple[Array, Array]:
-        """``world_from_tool`` (n, 4, 4) at joints (n, joints), and the geometric Jacobian (n, 6, joints) of its origin.
+    def poses(self, axes: Array) -> tuple[Array, Array]:
+        """``world_from_tool`` (n, 4, 4) at positions (n, axes), and the Jacobian (n, 6, joints) of its origin.
 
-        The Jacobian is in world axes: linear velocity, then angular velocity.
+        The Jacobian is in world axes, linear velocity, then angular velocity, with all axes but the joints at rest.
         """
-        return self._motion.tool_poses(joints, joints.shape[1] - 1, self._flange_from_tool)
+        placed, jacobian = self._placed(axes)
+        return placed, jacobian[..., : self.joints]
+
+    def twist(self, axes: Array, rates: Array) -> Array:
+        """Velocity and angular velocity (6,), world axes, of the tool's origin at `axes` (axes,) with all `rates`."""
+        return np.asarray(self._placed(axes[None])[1][0] @ rates[self._axes])
+
+    def _placed(self, axes: Array) -> tuple[Array, Array]:
+        return self._motion.tool_poses(axes[:, self._axes], len(self._axes) - 1, self._flange_from_tool)
 
     def moves_straight(self, jacobian: Array) -> bool:
         """Whether Cartesian motion is possible with a Jacobian (6, joints): six active joints, no singular position."""
@@ -222,9 +241,9 @@ class Tool:
         rates[:, self.active] = np.linalg.solve(jacobian[..., self.active], twist[..., None])[..., 0]
         return rates
 
-    def length(self, joints: Array) -> float:
-        """Length (m) of the path of the tool's origin through joints (n, joints)."""
-        position = self.poses(joints)[0][:, :3, 3]
+    def length(self, axes: Array) -> float:
+        """Length (m) of the path of the tool's origin through positions (n, axes)."""
+        position = self.poses(axes)[0][:, :3, 3]
         return float(np.linalg.norm(np.diff(position, axis=0), axis=1).sum())
 
 
@@ -240,12 +259,12 @@ class NearPairs:
     clearance
         Distance that counts as contact, one for all pairs or (pairs,), m.
     angle_error
-        Angle error of the measured angles, one or (axes,), rad.
+        Error of the measured positions, one or (axes,), rad or m.
 
     Attributes
     ----------
     clearance, angle_error
-        As given, (pairs,), m, and (axes,), rad.
+        As given, (pairs,), m, and (axes,), rad or m.
     """
 
     def __init__(
@@ -253,7 +272,7 @@ class NearPairs:
     ) -> None:
         self._pairs, self._bounds = pairs, MotionBounds(nominal, pairs)
         self.clearance = np.broadcast_to(np.asarray(clearance, float), (len(pairs),))
-        self.angle_error = np.broadcast_to(np.asarray(angle_error, float), (len(nominal.arm.joints) + 1,))
+        self.angle_error = np.broadcast_to(np.asarray(angle_error, float), (len(nominal.axes),))
         self._begins = True
         self.release()
 
@@ -280,7 +299,7 @@ class NearPairs:
         Parameters
         ----------
         axes
-            Joints and table angle where the motion begins, (axes,), rad.
+            Positions where the motion begins, (axes,), rad or m.
         distance
             Distance of the pairs at `axes`, (pairs,), m; NaN or infinite for pairs that have their room.
         exact
@@ -308,14 +327,14 @@ class ShownPath:
     Attributes
     ----------
     points
-        (n, axes), rad, equally spaced in path clock.
+        (n, axes), rad or m, equally spaced in path clock.
     deviation
         Bound on the deviation of the axes from the straight motion from each point to the next, (n - 1, axes),
-        rad.
+        rad or m.
     ends
-        End of the motion from each point that pairs without room have to survive, (n - 1, axes), rad.
+        End of the motion from each point that pairs without room have to survive, (n - 1, axes), rad or m.
     aside
-        The deviation that applies to those, (axes,), rad.
+        The deviation that applies to those, (axes,), rad or m.
     exact
         Whether the first point is a set-point, not measured.
     """
@@ -376,7 +395,7 @@ class FreePath:
         return float(max(section.end for section in sections)), None
 
     def distance(self, axes: Array, pair: tuple[str, str]) -> float:
-        """Distance of a pair of the scene at `axes` (axes,), rad, m."""
+        """Distance of a pair of the scene at positions `axes` (axes,), m."""
         return self._distance(axes, self._pairs.index(pair))
 
     def _clash(self, points: Array, piece: int, share: float, number: int) -> MotionClash:
@@ -409,7 +428,7 @@ class FreePath:
 
 @dataclass(frozen=True)
 class JogLimits:
-    """Largest accelerations in manual operation: of all axes (axes,), rad/s², of the tool, m/s² and rad/s²."""
+    """Largest accelerations in manual operation: all axes (axes,), rad/s² or m/s², and the tool, m/s² and rad/s²."""
 
     axes: Array
     line: float
@@ -444,24 +463,28 @@ class UnseenApproach:
         carriers = ("sensor", "finger[1]", "finger[2]", f"link[{len(nominal.arm.joints)}]")
         lever = {body.name: _lever(nominal, body) for body in nominal.bodies if body.moves_with in carriers}
         moving = {name for name in arm_chain(nominal) if name != "base"}
+        # The limits of the tool are those of its motion in the world, not on what carries the arm.
+        carriers_of_arm = set(nominal.tree.axes_of("base"))
+        moving |= {body.name for body in nominal.bodies if carriers_of_arm & carrying_axes(nominal, body)}
         by_tool = {}
         for i, (a, b) in enumerate(pairs):
             on_tool = a if a in lever else b if b in lever else None
             if on_tool is not None and (b if on_tool == a else a) not in moving:
                 by_tool[i] = limits.line + limits.turn * lever[on_tool]
+        self._joints = len(nominal.arm.joints)
         self._on_tool, self._by_tool = np.array(list(by_tool), np.int64), np.array(list(by_tool.values()))  # m/s²
 
     def bound(self, axes: Array, time_squared: float) -> Array:
-        """Bound (pairs,), m, on how much nearer accelerations of a jog at `axes` (axes,), rad, bring each pair.
+        """Bound (pairs,), m, on how much nearer accelerations of a jog at `axes` (axes,) bring each pair.
 
         Half of `time_squared` (s²) is the distance per unit of acceleration.
         """
         half = time_squared / 2
-        joints, table = self._limits.axes.copy(), np.zeros_like(self._limits.axes)
-        table[-1], joints[-1] = joints[-1], 0.0
-        by_joints, by_table = self._bounds.pairs(axes[None], half * np.stack([joints, table])[:, None])[:, 0]
+        is_joint = np.arange(len(axes)) < self._joints
+        joints, others = np.where([is_joint, ~is_joint], self._limits.axes, 0.0)
+        by_joints, by_others = self._bounds.pairs(axes[None], half * np.stack([joints, others])[:, None])[:, 0]
         by_joints[self._on_tool] = np.minimum(by_joints[self._on_tool], half * self._by_tool)
-        return np.asarray(_LEVER_GROWTH * (by_joints + by_table))
+        return np.asarray(_LEVER_GROWTH * (by_joints + by_others))
 
 
 def _lever(nominal: NominalCell, body: Body) -> float:

@@ -1,4 +1,6 @@
-"""Stops in closed form: all axes brake in proportion, on a straight line in their angles.
+"""Stops in closed form: all axes brake in proportion, on a straight line in their positions.
+
+Positions, rates and accelerations of an axis are in rad, rad/s and rad/s², those of a prismatic one in m, m/s and m/s².
 
 Until the brakes act the axes keep their rates for the reaction time T.  The axis that needs longest to brake at its
 deceleration sets the braking time B, in which all rates fall to 0 linearly: the axes travel as far as in T + B / 2 at
@@ -26,16 +28,10 @@ _NO_TURN = 1e-9  # rad/s
 
 @dataclass(frozen=True)
 class MeasuredState:
-    """Measured joints (joints,) and table angle, rad, at `time` (s) by the controller's clock."""
+    """Measured positions of all axes (axes,), rad or m, at `time` (s) by the controller's clock."""
 
     time: float
-    joints: Array
-    table: float
-
-    @property
-    def axes(self) -> Array:
-        """Joints and table angle, (axes,), rad."""
-        return np.append(self.joints, self.table)
+    axes: Array
 
 
 class Path(Enum):
@@ -55,6 +51,7 @@ class Kind(Enum):
 
     REST = "at rest"
     TABLE = "table"
+    FURTHER_AXES = "further axes"  # beside the table, which may turn, too
     SINGLE_JOINT = "single joint"
     TRANSLATION = "translation"
     ROTATION = "rotation"
@@ -72,9 +69,9 @@ class Hypothesis:
     state
         Last measured state.
     rates
-        Rates of joints and table, (axes,), rad/s.
+        Rates of all axes, (axes,).
     rate_error
-        Bound on the error of each rate, (axes,), rad/s.
+        Bound on the error of each rate, (axes,).
     rate_age
         Time from which the rates are, before that of the state, s.
     """
@@ -107,9 +104,9 @@ class WorstCase:
     delay
         From the command to the beginning of braking, s; the rest of the controller's cycle included.
     deceleration
-        That every axis attains, rad/s².
+        That every axis attains.
     angle_error
-        Angle error of the measured angles, rad.
+        Error of the measured positions.
     unseen
         Largest accelerations of unseen changes of the motion by the operator; None: it continues as identified.
     """
@@ -136,8 +133,8 @@ class Stop:
     braking_time
         Time from the beginning of braking to the standstill, s.
     deviation
-        Bound on the deviation of the axes from the predicted motion on the way, (axes,), rad, without changes by
-        the operator.
+        Bound on the deviation of the axes from the predicted motion on the way, (axes,), without changes by the
+        operator.
     unseen
         What such changes add to the way is what their accelerations do in half of this, s².
     """
@@ -148,7 +145,7 @@ class Stop:
 
 
 def braking_time(rates: ArrayLike, deceleration: ArrayLike) -> float:
-    """Time (s) in which axes of `rates` (axes,), rad/s, brake in proportion at `deceleration`, rad/s²."""
+    """Time (s) in which axes of `rates` (axes,) brake in proportion at `deceleration`, one or (axes,)."""
     return float((np.abs(np.asarray(rates, float)) / np.asarray(deceleration, float)).max(initial=0.0))
 
 
@@ -175,10 +172,11 @@ class Predictor:
         self._tool = Tool(nominal)
 
     def axes(self, hypotheses: Sequence[Hypothesis], times: Array) -> Array:
-        """Positions (h, n, axes), rad, of h hypotheses at increasing `times` (h, n) after their states, s.
+        """Positions (h, n, axes) of h hypotheses at increasing `times` (h, n) after their states, s.
 
         Cartesian paths solve the inverse kinematics by Newton's method from joint-interpolated motion. Behind a place
-        that it does not reach, such as a singular position, the joints keep the rates that they had there.
+        that it does not reach, such as a singular position, the joints keep the rates that they had there. What carries
+        the arm rests meanwhile.
         """
         start = np.array([hypothesis.state.axes for hypothesis in hypotheses])
         rates = np.array([hypothesis.rates for hypothesis in hypotheses])
@@ -186,21 +184,28 @@ class Predictor:
         bent = [i for i, hypothesis in enumerate(hypotheses) if hypothesis.path is not Path.JOINT]
         if bent:
             in_tool = np.array([hypotheses[i].path is Path.TOOL for i in bent])
-            found[bent, :, :-1] = self._cartesian(start[bent, :-1], rates[bent, :-1], in_tool, times[bent])
+            joints = self._tool.joints
+            found[bent, :, :joints] = self._cartesian(start[bent], rates[bent, :joints], in_tool, times[bent])
         return found
 
     def _cartesian(self, start: Array, rates: Array, in_tool: NDArray[np.bool_], times: Array) -> Array:
+        """Joints (h, n, joints) of Cartesian motion from `start` (h, axes) with `rates` (h, joints) there."""
         here, jacobian = self._tool.poses(start)
         twist = (jacobian @ rates[..., None])[..., 0]
         wanted = _poses(here, twist, in_tool, times)
-        guess = start[:, None] + times[..., None] * rates[:, None]
-        joints, met = self._solved(guess.reshape(-1, start.shape[1]), wanted.reshape(-1, 4, 4))
+        first, others = np.split(start, [self._tool.joints], 1)
+        guess = first[:, None] + times[..., None] * rates[:, None]
+        at_rest = np.repeat(others, times.shape[1], 0)
+        joints, met = self._solved(guess.reshape(-1, first.shape[1]), at_rest, wanted.reshape(-1, 4, 4))
         return _continued(joints.reshape(guess.shape), met.reshape(times.shape), guess, times)
 
-    def _solved(self, joints: Array, wanted: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Joints (n, joints) at which the tool has the poses (n, 4, 4), and for which of them that is the case."""
+    def _solved(self, joints: Array, others: Array, wanted: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Joints (n, joints) at which the tool has the poses (n, 4, 4), and for which of them that is the case.
+
+        They are looked for from `joints` on, with the other axes at `others` (n, others).
+        """
         for _ in range(_STEPS):
-            here, jacobian = self._tool.poses(joints)
+            here, jacobian = self._tool.poses(np.hstack([joints, others]))
             miss = np.concatenate(
                 [wanted[:, :3, 3] - here[:, :3, 3], _rotation_between(here[:, :3, :3], wanted[:, :3, :3])], 1
             )

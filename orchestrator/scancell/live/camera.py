@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 from concurrent.futures import TimeoutError as NotDone
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Self, TypeVar
 
 import numpy as np
@@ -20,7 +20,9 @@ from scancell.config.choices import Engine
 from scancell.config.files import Assignments, assignments
 from scancell.config.loading import require_sensor_words, sensor_words
 from scancell.errors import DescriptionError, ScancellError
+from scancell.geometry import pose
 from scancell.live.cell import LiveCell
+from scancell.scanning.pipeline import measured_motion
 from scancell.scanning.scan import ScanData
 from scancell.scanning.sense import ExposureImages
 from scancell.scanning.session import ScanSession, measure_profile
@@ -59,6 +61,8 @@ class CameraFrame:
         Whether it shows an exposure of a recorded scan, in place of the running cell.
     sensor
         Number of the sensor, from 1: that of the tool.
+    world_from_base
+        Pose (4, 4) of the base of the arm by the measured positions of what carries it.
     """
 
     number: int
@@ -74,6 +78,12 @@ class CameraFrame:
     error: str = ""
     is_replayed: bool = False
     sensor: int = 1
+    world_from_base: Array = field(default_factory=lambda: np.eye(4))
+
+    @property
+    def points_in_world(self) -> Array:
+        """The points (m, 3) in the world, m."""
+        return pose.transform_points(self.world_from_base, self.points_in_base)
 
 
 class CameraFeed(Closing):
@@ -319,7 +329,13 @@ def _made(number: int, recording: Recording, setting: _Setting, threads: int) ->
         intensity=_read_only(profile.intensity),
         camera=_read_only(profile.camera),
         sensor=setting.world.number,
+        world_from_base=_base_of(setting.world, recording),
     )
+
+
+def _base_of(world: World, recording: Recording) -> Array:
+    """Pose (4, 4) of the base of the arm by the measured positions of what carries it."""
+    return world.estimated.world_from("base", measured_motion(world.estimated, recording).axes[0])
 
 
 def _for_display(images: ExposureImages) -> NDArray[np.uint8]:

@@ -55,7 +55,7 @@ class MapPose:
     reason
         Why it is forbidden; empty where it is not.
     axes
-        Joints and table angle (axes,), rad; None out of reach.
+        Joints and table angle (joints + 1,), rad; None out of reach.
     """
 
     share: float
@@ -177,7 +177,7 @@ class LivePlan:
     def go_to(self, axes: Axes, purpose: str) -> Future[None]:
         """Move the robot to `axes`, joints and table angle (joints + 1,), rad, on a planned path free of collision.
 
-        `purpose` is for messages: ``the start``.
+        Axes beyond the table stay where they are. `purpose` is for messages: ``the start``.
 
         The table turns in the shorter direction. Where there is no path the job fails with a `PlanningError`, which
         names the bodies that collide, and the robot does not move.
@@ -188,7 +188,8 @@ class LivePlan:
 
     def _go(self, session: ScanSession, axes: Array, purpose: str) -> None:
         start = ready_to_move(session)
-        goal = nearest_turn(axes, float(start[len(axes) - 1]))
+        table = len(session.home)
+        goal = nearest_turn(axes[: table + 1], float(start[table]))
         program = while_stepping(session, lambda _: session.pipeline.approach(session.world, start, goal, purpose))
         if program is not None:
             session.run_program(program, session.exposure)

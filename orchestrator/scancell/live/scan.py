@@ -35,6 +35,7 @@ from scancell.scanning.world import ExposureControl
 
 Stage = Literal["waiting", "planning", "approaching", "scanning", "sensing", "done", "stopped", "failed"]
 
+_AT_START = 1e-6  # rad and m
 _PATIENCE = 0.02  # s, period at which a scan that waits for its sensing checks whether it has to end
 
 
@@ -98,6 +99,15 @@ class LiveScanState:
     def behind(self) -> int:
         """Number of exposures by which sensing lags the cell."""
         return self.taken - self.sensed
+
+
+def _require_axes_at_start(session: ScanSession, at: NDArray[np.float64]) -> None:
+    """Raise `CommandError` where axes (axes,) beyond the table are not where the plan of a scan holds them."""
+    first = len(session.home) + 1
+    for axis, position in zip(session.nominal.further_axes, at[first:].tolist(), strict=True):
+        if abs(position - axis.start) > _AT_START:
+            here, start = axis.in_words(position), axis.in_words(axis.start)
+            raise CommandError(f"the axis {axis.name} is at {here}: move it to {start}, where scans hold it, first")
 
 
 class LiveScan:
@@ -203,6 +213,7 @@ class LiveScan:
     def _drive(self, session: ScanSession) -> None:
         self._stage = "planning"
         start = ready_to_move(session)
+        _require_axes_at_start(session, start)
         plan, approach = while_stepping(session, lambda progress: self._plan(session, start, progress))
         self._stage, self._planned = "approaching", len(plan.segment)
         if approach is not None:

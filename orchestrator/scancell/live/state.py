@@ -116,6 +116,7 @@ def _command(name: str, kind: CommandKind, start: Callable[Concatenate[CellSessi
 JogJoints = _command("jog_joints", CommandKind.JOG, CellSession.start_jog_joints)
 JogSensor = _command("jog_sensor", CommandKind.JOG, CellSession.start_jog_sensor)
 MoveJoints = _command("move_joints", CommandKind.MOVE, CellSession.start_move_joints)
+MoveAxis = _command("move_axis", CommandKind.MOVE, CellSession.start_move_axis)
 MoveTool = _command("move_tool", CommandKind.MOVE, CellSession.start_move_tool)
 MoveLine = _command("move_line", CommandKind.MOVE, CellSession.start_move_line)
 SetMonitorSpeed = _command("set_monitor_speed", CommandKind.AT_ONCE, CellSession.set_monitor_speed)
@@ -135,8 +136,8 @@ class LiveState:
     ----------
     time
         Simulated, s.
-    joints, table_angle
-        Measured angles (joints,) and of the table, rad.
+    joints, table_angle, further_axes
+        Measured angles (joints,) and of the table, rad, and positions (k,) of the axes beyond it, rad or m.
     world_from_body
         True pose (4, 4) of each body by name.
     destination
@@ -183,6 +184,7 @@ class LiveState:
     time: float
     joints: Array
     table_angle: float
+    further_axes: Array
     world_from_body: Poses
     destination: Array
     world_from_body_at_destination: Poses
@@ -205,6 +207,11 @@ class LiveState:
     conveyors: tuple[tuple[float, float], ...]
     colliding: tuple[str, str] | None
     nearest: tuple[str, str, float] | None
+
+    @property
+    def axes(self) -> Array:
+        """Measured positions (axes,) of all axes: joints, table, further axes."""
+        return np.array([*self.joints, self.table_angle, *self.further_axes])
 
     @property
     def guarded_pair(self) -> tuple[str, str] | None:
@@ -254,6 +261,7 @@ class StateReader:
             time=session.time,
             joints=_read_only(session.joints),
             table_angle=session.table_angle,
+            further_axes=_read_only(session.further_axes),
             world_from_body=self._world_from_body(),
             destination=destination,
             world_from_body_at_destination=self._poses_at(destination),

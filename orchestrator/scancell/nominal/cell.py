@@ -148,6 +148,20 @@ class Axis:
         """Name of the axis, and of the frame that it carries."""
         return self.joint.axis
 
+    @property
+    def unit(self) -> str:
+        """Unit of its positions in texts."""
+        return "mm" if self.joint.kind == "prismatic" else "deg"
+
+    @property
+    def per_unit(self) -> float:
+        """SI value of one `unit`."""
+        return 1e-3 if self.joint.kind == "prismatic" else float(np.pi / 180)
+
+    def in_words(self, position: float) -> str:
+        """A position, rad or m, with its unit."""
+        return f"{position / self.per_unit:.1f} {self.unit}"
+
 
 @dataclass(frozen=True)
 class Belt:
@@ -266,6 +280,12 @@ class NominalCell(Value):
     def axes(self) -> tuple[str, ...]:
         """Names of the axes that the controller moves, the first ones of the `tree`: joints, table, further axes."""
         return self.tree.axes[: len(self.arm.joints) + 1 + len(self.further_axes)]
+
+    @property
+    def prismatic(self) -> NDArray[np.bool_]:
+        """Whether each of the axes is prismatic, (axes,): its positions are in m."""
+        further = (axis.joint.kind == "prismatic" for axis in self.further_axes)
+        return np.array([False] * (len(self.arm.joints) + 1) + list(further), bool)
 
     @property
     def start(self) -> Array:

@@ -150,6 +150,11 @@ class Robot:
         """Measured angle of the table, rad."""
         return self._now.table_angle
 
+    @property
+    def further_axes(self) -> Array:
+        """Measured positions (k,) of the axes beyond joints and table, rad or m."""
+        return self._now.further_axes
+
     def world_from_tool(self, tool: Tool | None = None) -> Array:
         """Pose (4, 4) of `tool`, by default that of `set_tool`, by the measured joints and the nominal geometry."""
         return self._now.world_from_tool(tool or self._tool)
@@ -220,6 +225,12 @@ class Robot:
         """Turn the table to `table_angle` (not wrapped), rad."""
         with self._step("turn_table", f"{table_angle / deg:.2f} deg"):
             self._session.turn_table(table_angle, speed=self._speed)
+
+    def move_axis(self, name: str, position: float) -> None:
+        """Move the axis `name` beyond joints and table, such as a track, to `position`, rad or m."""
+        about = next((axis.in_words(position) for axis in self._session.nominal.further_axes if axis.name == name), "")
+        with self._step("move_axis", f"{name}: {about}"):
+            self._session.move_axis(name, position, speed=self._speed)
 
     # Gripper and conveyors
 

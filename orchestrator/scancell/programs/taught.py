@@ -22,7 +22,9 @@ from scancell.files import atomic_write, first_free, read_text
 from scancell.geometry import pose
 from scancell.programs.robot import deg, mm
 
-CommandName = Literal["move_joints", "move_line", "scan_line", "turn_table", "open_gripper", "close_gripper", "wait"]
+CommandName = Literal[
+    "move_joints", "move_line", "scan_line", "turn_table", "move_axis", "open_gripper", "close_gripper", "wait"
+]
 
 MAX_STEPS = 1000
 RESERVED = frozenset({"Robot", "deg", "location", "mm", "main", "robot"})  # names in the text of a program
@@ -30,6 +32,8 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")
 _SPEED = Within(0.001, 1.0)  # the text has three digits
 _COORDINATES = Within(-100.0, 100.0)  # m and rad
 _SAME_ANGLE = math.radians(0.01)  # of the table; beyond the noise of its encoder
+_SAME_POSITION = 1e-4  # rad and m, of an axis beyond the table
+_AXIS_NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 MAX_BYTES = 1_000_000
 
@@ -92,6 +96,8 @@ class Arguments:
         Value in this unit that the workspace offers first; None: the number is measured, not typed.
     moves
         Whether it has a speed.
+    of_axis
+        Whether it moves an axis that the step names; the unit of its number is that of the step.
     """
 
     label: str
@@ -101,6 +107,7 @@ class Arguments:
     unit: str = ""
     first_value: float | None = None
     moves: bool = False
+    of_axis: bool = False
 
     @property
     def si_per_unit(self) -> float:
@@ -113,6 +120,7 @@ COMMANDS: dict[CommandName, Arguments] = {
     "move_line": Arguments("line", PosePoint, moves=True),
     "scan_line": Arguments("scan line", PosePoint, "spacing", Within(1e-5, 1.0), "mm", 0.5, moves=True),
     "turn_table": Arguments("table", None, "table_angle", Within(-1e4, 1e4), "deg", moves=True),
+    "move_axis": Arguments("axis", None, "position", Within(-1e4, 1e4), moves=True, of_axis=True),
     "open_gripper": Arguments("open gripper", None, "width", Within(0.0, 10.0), "mm", 60.0),
     "close_gripper": Arguments("close gripper", None, "force", Within(0.0, 1e4), "N", 20.0),
     "wait": Arguments("wait", None, "duration", Within(0.0, 3600.0), "s", 1.0),
@@ -135,11 +143,14 @@ class TaughtStep:
         Share of the full speed, 0.001 to 1; 1 for a command that moves nothing.
     tool
         Tool that a line moves; ``sensor`` for every other command.
+    axis, unit
+        Name of the axis beyond the table that it moves, and the unit of its position in texts, ``mm`` or ``deg``;
+        empty for every other command, and a unit for SI.
 
     Raises
     ------
     DescriptionError
-        If the value or the speed is out of its range, or the command has none.
+        If the value or the speed is out of its range, or the command has none, or no axis is named.
     """
 
     command: CommandName
@@ -147,6 +158,17 @@ class TaughtStep:
     value: float | None = None
     speed: float = 1.0
     tool: Tool = "sensor"
+    axis: str = ""
+    unit: str = ""
+
+    @property
+    def value_text(self) -> str:
+        """Its number with its unit, as programs state it; empty without one."""
+        if self.value is None:
+            return ""
+        arguments = COMMANDS[self.command]
+        unit = self.unit if arguments.of_axis else arguments.unit
+        return _number(self.value, unit, _DIGITS.get(unit, 6 if arguments.of_axis else 3))
 
     def __post_init__(self) -> None:
         arguments = COMMANDS[self.command]
@@ -155,6 +177,8 @@ class TaughtStep:
         if arguments.value and (self.value is None or not _is_within(self.value, arguments.bounds)):
             expected = f"a finite number{arguments.bounds} (SI unit)"
             raise DescriptionError(key=f"{self.command}: {arguments.value}", value=self.value, expected=expected)
+        if arguments.of_axis != bool(_AXIS_NAME.fullmatch(self.axis)) or self.unit not in ("", *_UNITS):
+            raise DescriptionError(key=f"{self.command}: axis", value=self.axis, expected="the name of an axis")
         if not arguments.moves and self.speed != 1.0:
             raise DescriptionError(f"{self.command} has no speed")
         if not _is_within(self.speed, _SPEED):
@@ -242,6 +266,20 @@ class TaughtProgram:
         turn = TaughtStep("turn_table", value=table_angle, speed=step.speed)
         return self.with_step(index, turn).with_step(index + 1, step, point)
 
+    def axis_position_before(self, index: int, axis: str) -> float | None:
+        """Position to which the steps before step `index` move an axis, rad or m; None: none of them does."""
+        positions = [step.value for step in self.steps[:index] if step.axis == axis]
+        return positions[-1] if positions else None
+
+    def with_axes(self, index: int, moves: Iterable[TaughtStep]) -> TaughtProgram:
+        """Insert those moves of axes before step `index` that end elsewhere than the steps before it."""
+        program = self
+        for move in moves:
+            before = self.axis_position_before(index, move.axis)
+            if move.value is not None and (before is None or abs(before - move.value) >= _SAME_POSITION):
+                program = program.with_step(index + len(program.steps) - len(self.steps), move)
+        return program
+
     def with_copy(self, index: int) -> TaughtProgram:
         """Insert a copy of step `index`, with the same point, after it."""
         return self.with_step(index + 1, self.step(index))
@@ -321,9 +359,10 @@ def _arguments(step: TaughtStep) -> Iterable[str]:
     arguments = COMMANDS[step.command]
     if arguments.point is not None:
         yield step.point
+    if arguments.of_axis:
+        yield f'"{step.axis}"'
     if step.value is not None:
-        text = _number(step.value, arguments.unit)
-        yield f"{arguments.value}={text}" if arguments.point is not None else text
+        yield f"{arguments.value}={step.value_text}" if arguments.point is not None else step.value_text
 
 
 def _point_text(point: Point) -> str:
@@ -335,8 +374,9 @@ def _point_text(point: Point) -> str:
     return f"location({', '.join(position + turns)})"
 
 
-def _number(value: float, unit: str) -> str:
-    text = f"{value / _UNITS.get(unit, 1.0):.{_DIGITS.get(unit, 3)}f}".rstrip("0").rstrip(".")
+def _number(value: float, unit: str, digits: int | None = None) -> str:
+    digits = _DIGITS.get(unit, 3) if digits is None else digits
+    text = f"{value / _UNITS.get(unit, 1.0):.{digits}f}".rstrip("0").rstrip(".")
     text = "0" if text == "-0" else text
     return f"{text} * {unit}" if unit in _UNITS else text
 
@@ -424,7 +464,13 @@ class _Reader:
 
     def _step(self, command: CommandName, call: ast.Call) -> TaughtStep:
         arguments, numbers = COMMANDS[command], list(call.args)
-        point, value = "", None
+        point, value, axis, unit = "", None, "", ""
+        if arguments.of_axis:
+            match numbers:
+                case [ast.Constant(value=str(axis)), *numbers]:
+                    pass
+                case _:
+                    raise self._error(call)
         if arguments.point is not None:
             match numbers:
                 case [ast.Name(id=point), *numbers]:
@@ -434,12 +480,15 @@ class _Reader:
         match numbers, call.keywords:
             case ([number], []) | ([], [ast.keyword(arg=arguments.value, value=number)]) if arguments.value:
                 value = self._quantity(number)
+                if arguments.of_axis and isinstance(number, ast.BinOp) and isinstance(number.right, ast.Name):
+                    unit = number.right.id
             case [], [] if not arguments.value:
                 pass
             case _:
                 raise self._error(call)
         speed = self._speed if arguments.moves else 1.0
-        return TaughtStep(command, point, value, speed, self._tool if command == "move_line" else "sensor")
+        tool = self._tool if command == "move_line" else "sensor"
+        return TaughtStep(command, point, value, speed, tool, axis, unit)
 
     def _point(self, node: ast.expr) -> Point:
         match node:

@@ -26,7 +26,7 @@ _KINDS = {"fixed": 0, "revolute": 1, "prismatic": 2}
 _WORLD = -1  # as the parent of a joint, or the frame of a body
 
 _CONTACT = 1e-9  # m: bodies closer than this intersect
-_FINEST = 1e-5  # rad
+_FINEST = 1e-5  # rad, and m of prismatic axes
 _UNLIMITED = 2**62
 _BLOCK = 512  # motions between two looks at the work
 _MOTION_WORK = 3e-4  # about seconds, for a motion and for each radian of it
@@ -59,7 +59,7 @@ class MotionBounds:
     def pairs(self, at: Array, half_travel: Array) -> Array:
         """Bounds (..., n, pairs), m, on the motion of a body relative to the other while no axis moves by more.
 
-        `at` is (n, axes) and `half_travel` (..., n, axes), rad.
+        `at` is (n, axes) and `half_travel` (..., n, axes), rad or m.
         """
         return self.straight(at, np.zeros_like(half_travel), half_travel)
 
@@ -72,10 +72,15 @@ class MotionBounds:
         return found.reshape(*half.shape[:-1], found.shape[-1])
 
 
-def arm_motion(nominal: NominalCell) -> CellMotion:
-    """Kinematics of the arm alone; its last frame is the flange."""
-    joints = _joints(nominal.arm.tree, nominal.axes)
-    return CellMotion(joints, len(joints), np.zeros((0, 22)), np.zeros((0, 2), np.int64))
+def arm_motion(nominal: NominalCell) -> tuple[CellMotion, list[int]]:
+    """Kinematics of the arm and of what carries it, whose last frame is the flange.
+
+    Its axes are those of the cell with the numbers that are returned, from 0: the joints, then what carries the arm.
+    """
+    moving = set(nominal.tree.axes_of(nominal.arm.flange))
+    numbers = [i for i, axis in enumerate(nominal.axes) if axis in moving]
+    joints = _joints(nominal.tree, [nominal.axes[i] for i in numbers])
+    return CellMotion(joints, len(joints), np.zeros((0, 22)), np.zeros((0, 2), np.int64)), numbers
 
 
 def _moved_frames(tree: Tree, axes: Sequence[str]) -> list[str]:
@@ -144,7 +149,7 @@ class MotionClash(Clash):
 
 
 class MotionCheck:
-    """Checks motions that are linear in the joints and the table angle.
+    """Checks motions that are linear in the positions of the axes, rad or m.
 
     Parameters
     ----------
@@ -157,7 +162,8 @@ class MotionCheck:
     threads
         Threads of the distance queries, which do not change the result; 0 uses all cores.
     finest
-        Angle from the middle of an interval to its ends, rad: what is not proved there counts as a violation.
+        Travel of each axis from the middle of an interval to its ends, rad or m: what is not proved there counts as a
+        violation. At a distance of 1 m from its axis, a joint moves a body as far as an axis that slides.
     spend
         Called with the estimated work of every block of motions of `first_clashes`, before it is done.
     """
@@ -185,10 +191,10 @@ class MotionCheck:
         Parameters
         ----------
         start, end
-            (n, axes) joints and table angle, rad.
+            (n, axes) positions, rad or m.
         deviation
             Largest deviation of the true motion from the straight one, one for all axes, (axes,) or
-            (n, axes), rad. Where the distance does not allow for it, the motion violates the clearance.
+            (n, axes), rad or m. Where the distance does not allow for it, the motion violates the clearance.
         clearance
             In place of that of the check, (pairs,) or (n, pairs), m; pairs of ``-inf`` are not checked.
         """
@@ -219,7 +225,7 @@ class MotionCheck:
     ) -> Flags:
         """Whether each pair (pairs,) is not proved to keep its clearance on any of the motions from `start` to `end`.
 
-        `finest` is in place of that of the check, rad; others as in `first_clashes`. What this and the two following
+        `finest` is in place of that of the check; others as in `first_clashes`. What this and the two following
         functions find out about a pair shortens their next call: one thread may use them at a time.
         """
         budget = budget or Budget()
@@ -249,7 +255,7 @@ class MotionCheck:
         return first
 
     def distances(self, axes: Array, pairs: Flags, budget: Budget | None = None) -> Array:
-        """Distances (n, pairs), m, at `axes` (n, axes), rad, of some `pairs` (pairs,); NaN of the others.
+        """Distances (n, pairs), m, at `axes` (n, axes), rad or m, of some `pairs` (pairs,); NaN of the others.
 
         They take work from a budget and do not end with it.
         """
@@ -259,7 +265,7 @@ class MotionCheck:
         return found
 
     def clash_along(self, points: Array) -> MotionClash | None:
-        """None if the motion of the controller through set-points (n, axes), rad, is proved, else a clash.
+        """None if the motion of the controller through set-points (n, axes), rad or m, is proved, else a clash.
 
         The controller interpolates by cubics, which leave the straight lines by less than a quarter of the second
         differences. Set-points are checked first: most motions that fail do so there, and proofs take longer.
@@ -274,7 +280,7 @@ class MotionCheck:
     def _motions(
         self, start: ArrayLike, end: ArrayLike, deviation: ArrayLike, clearance: ArrayLike | None
     ) -> tuple[Array, Array, Array, Array]:
-        """Start, end and deviation (n, axes), rad, and clearance (n, pairs), m."""
+        """Start, end and deviation (n, axes), rad or m, and clearance (n, pairs), m."""
         start, end = np.atleast_2d(np.asarray(start, float)), np.atleast_2d(np.asarray(end, float))
         slack = np.broadcast_to(np.asarray(deviation, float), start.shape)
         given = self._clearance if clearance is None else np.asarray(clearance, float)

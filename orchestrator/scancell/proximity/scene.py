@@ -142,9 +142,11 @@ def cell_scene(
     lower, upper = nominal.arm.limits
     rng = np.random.default_rng(0)
     q, table = rng.uniform(lower, upper, (100, len(lower))), rng.uniform(0.0, 2 * np.pi, 100)
-    overlapping = intersecting_pairs(scene, nominal.body_poses(with_table(q, table)))
+    further = [rng.uniform(axis.min, axis.max, 100) for axis in nominal.further_axes]
+    axes = np.column_stack([with_table(q, table), *further])
+    overlapping = intersecting_pairs(scene, nominal.body_poses(axes))
     excepted = {pair for pair in overlapping if not pair & parts and not _measured(pair)}
-    home, arm = nominal.body_poses(nominal.home)[None], set(arm_chain(nominal)) - {"base"}
+    home, arm = nominal.body_poses(nominal.start)[None], set(arm_chain(nominal)) - {"base"}
     around = {pair for pair in map(frozenset, scene.pairs) if _measured(pair) and not pair & arm}
     if around:
         excepted |= around & {frozenset((c.body_a, c.body_b)) for c in scene.clearance_violations(home, _UNTOLD)}
@@ -164,8 +166,7 @@ def moving_pairs(nominal: NominalCell, loose: Collection[str] = frozenset()) -> 
     Parameters
     ----------
     loose
-        Frames that move on their own, beside those that joints and table move: fingers, parts that belts or grippers
-        carry.
+        Frames that move on their own, beside those that axes move: fingers, parts that belts or grippers carry.
     """
     arm = set(arm_chain(nominal))
     bodies = sorted(nominal.bodies, key=lambda body: body.name not in arm)
@@ -178,7 +179,7 @@ def moving_pairs(nominal: NominalCell, loose: Collection[str] = frozenset()) -> 
 
 
 def carrying_axes(nominal: NominalCell, body: Body, loose: Collection[str] = frozenset()) -> frozenset[str]:
-    """Names of the axes that move a body in the world: joints, the table, its own frame if it is `loose`."""
+    """Names of the axes that move a body in the world, and its own frame if it is `loose`."""
     driven = set(nominal.tree.axes_of(body.moves_with)) & set(nominal.axes)
     return frozenset(driven | {body.moves_with} & set(loose))
 

@@ -266,27 +266,29 @@ class ScanPipeline(Closing):
         goal: NDArray[np.float64],
         purpose: str,
     ) -> Program | None:
-        """Motions between joints and table angles (axes,), rad; None if both are the same.
+        """Motions between joints and table angles (joints + 1,), rad; None if both are the same.
+
+        Axes beyond the table rest where `start` (axes,) has them, or where they start.
 
         Raises `PlanningError` if no path free of collision is found, naming the bodies that collide on the direct one.
         """
         setup = world.setup
-        cell = _with_torques(self._planning_cell(world), setup)
         joints_and_table = len(world.nominal.home) + 1
-        start, further = start[:joints_and_table], tuple(start[joints_and_table:])
+        start, further = np.split(world.nominal.with_further_axes(start), [joints_and_table])
+        cell = _with_torques(self._planning_cell(world, further), setup)
         clearance = scan_options(setup.scan, setup.sensor).clearance
         found = approach(cell, clearance, start, goal[:joints_and_table], purpose)
-        return None if found is None else replace(found, further=further)
+        return None if found is None else replace(found, further=tuple(further.tolist()))
 
     def clearance(self, world: World, plan: Plan, bound: float) -> float:
         """Smallest distance of a plan between bodies, m, at most `bound`, m; see `PlanningCell.least_distance`."""
         axes = np.concatenate([segment.axes for segment in plan.program.segments])
         return self._planning_cell(world).least_distance(axes[::_CLEARANCE_STEP], bound)
 
-    def _planning_cell(self, world: World) -> PlanningCell:
+    def _planning_cell(self, world: World, further: NDArray[np.float64] | None = None) -> PlanningCell:
         setup = world.setup
         cycle = setup.cell.world.controller_cycle
-        nominal = with_occupied_space(world.nominal.with_axes_held(), setup.scan.occupied)
+        nominal = with_occupied_space(world.nominal.with_axes_held(further), setup.scan.occupied)
         own, range_ = pair_clearances(setup.scan, nominal), SensorRange.of(world.sensor)
         return PlanningCell(nominal, range_, cycle, threads=self.threads, pair_clearance=own)
 

@@ -16,7 +16,12 @@ from scancell.cell.driver import Operation
 from scancell.cell.instance import CellInstance, RecordBatches
 from scancell.cell.recording import Recording
 from scancell.cell.session import CellSession
-from scancell.config.cell import CellDescription, TableDescription
+from scancell.config.cell import (
+    CellDescription,
+    PrismaticAxisDescription,
+    RevoluteAxisDescription,
+    TableDescription,
+)
 from scancell.config.choices import Engine
 from scancell.config.description import si_value
 from scancell.config.loading import load_setup
@@ -47,7 +52,10 @@ _PATIENCE = 0.02  # s, period at which a wait for them checks whether it has to 
 SEEN = 0.1  # s, in which a guard surely gets a state and answers it
 
 _LEAST_NOISE = np.radians(0.005)
-_SIGMAS = 5.0  # of the largest error of an angle
+_LEAST_NOISE_M = 1e-5  # of prismatic axes: that of a rack whose position repeats within 0.05 mm
+_SIGMAS = 5.0  # of the largest error of a position
+
+_Encoder = JointDescription | TableDescription | RevoluteAxisDescription | PrismaticAxisDescription
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -323,21 +331,30 @@ def settings_of(cell: CellDescription) -> GuardSettings:
     A gear is twisted by at most the torque of its motor over its stiffness, and turns in its backlash; the encoder on
     the motor sees neither.
     """
-    encoders: list[JointDescription | TableDescription] = [*cell.robot.joint, cell.table]
-    sigma = [np.hypot(one.encoder_noise_deg, one.encoder_resolution_deg / np.sqrt(12)) for one in encoders]
-    noise = max(_LEAST_NOISE, float(np.radians(max(sigma))))
+    encoders: list[_Encoder] = [*cell.robot.joint, cell.table, *cell.axis]
+    slides = np.array([isinstance(one, PrismaticAxisDescription) for one in encoders])
+    sigma = np.array([_encoder_sigma(one) for one in encoders])
+    noise = max(_LEAST_NOISE, float(sigma[~slides].max()))
+    of_axes = np.where(slides, np.maximum(sigma, _LEAST_NOISE_M), noise)
     twist = np.zeros(len(encoders))
     if cell.robot.drive == "dynamic":
         drives = [joint.drive for joint in cell.robot.joint if joint.drive is not None]
-        twist[:-1] = [
+        twist[: len(cell.robot.joint)] = [
             drive.max_torque_n_m / drive.gear_stiffness_n_m_rad + np.radians(drive.backlash_deg) for drive in drives
         ]
     return GuardSettings(
         cycle=cell.world.controller_cycle,
-        noise=noise,
-        angle_error=tuple(float(error) for error in _SIGMAS * noise + twist),
+        noise=tuple(of_axes.tolist()) if slides.any() else noise,
+        angle_error=tuple(float(error) for error in _SIGMAS * of_axes + twist),
         latency=1e-3 * max(one.encoder_latency_ms for one in encoders),
     )
+
+
+def _encoder_sigma(one: _Encoder) -> float:
+    """Standard deviation of a measured position, rad, or m of a prismatic axis."""
+    if isinstance(one, PrismaticAxisDescription):
+        return 1e-3 * float(np.hypot(one.encoder_noise_mm, one.encoder_resolution_mm / np.sqrt(12)))
+    return float(np.radians(np.hypot(one.encoder_noise_deg, one.encoder_resolution_deg / np.sqrt(12))))
 
 
 @checked_arguments

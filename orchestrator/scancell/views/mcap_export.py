@@ -78,7 +78,7 @@ class McapFile(Closing):
         self._write("/tf", time, _message("FrameTransforms", transforms=made))
 
     def joints(self, time: float, names: Sequence[str], positions: ArrayLike) -> None:
-        """Angles (n,), rad, on ``/joints``."""
+        """Positions (n,), rad or m, on ``/joints``."""
         values = zip(names, np.asarray(positions, float).tolist(), strict=True)
         made = [_message("JointState", name=name, position=value) for name, value in values]
         self._write("/joints", time, _message("JointStates", timestamp=_timestamp(time), joints=made))
@@ -272,8 +272,9 @@ class SessionRecorder(Closing):
         elif state.time <= last.time:
             return
         self._file.transforms(state.time, state.world_from_body)
-        names = [*(f"joint {i + 1}" for i in range(len(state.joints))), "table"]
-        self._file.joints(state.time, names, np.append(state.joints, state.table_angle))
+        further = [axis.name for axis in self._cell.further_axes]
+        names = [*(f"joint {i + 1}" for i in range(len(state.joints))), "table", *further]
+        self._file.joints(state.time, names, state.axes)
         for name in ("controller", "message", "refusal", "guard_text", "job"):
             text = getattr(state, name) or ""
             if text != (("" if last is None else getattr(last, name)) or ""):

@@ -16,7 +16,7 @@ from scancell.scanning.session import settings_of
 _WEAKER = 0.05  # accelerations of the axes, of those described
 _PLACID = 0.1  # accelerations of jogs, of those described
 _CYCLES = 8  # of the controller, that an answer permits motion
-_NOISE = 2e-6  # rad
+_NOISE = 2e-6  # rad, and m
 _ERROR = 1e-4  # m
 
 
@@ -71,5 +71,9 @@ def _weaker(described: CellDescription, share: float) -> CellDescription:
     table = described.table.model_copy(
         update={"max_acceleration_deg_s2": share * described.table.max_acceleration_deg_s2}
     )
+    further = []
+    for axis in described.axis:
+        key = f"max_acceleration{axis.unit}_s2"
+        further.append(axis.model_copy(update={key: share * getattr(axis, key)}))
     robot = described.robot.model_copy(update={"joint": joints})
-    return described.model_copy(update={"robot": robot, "table": table})
+    return described.model_copy(update={"robot": robot, "table": table, "axis": tuple(further)})

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from scancell.geometry.mesh import Mesh
+from scancell.geometry.tree import WORLD
 from scancell.guard.check import ManualCheck
 from scancell.guard.endpoints import Identifier, _Window
 from scancell.guard.guard import Decision, Guard, GuardSettings
@@ -20,10 +21,12 @@ from scancell.nominal.cell import NominalCell
 from scancell.scanning.session import touching, with_finger_travel
 from scancell.studies.guard.draws import MIXED, Stratum
 from scancell.studies.guard.scenario import JOGGED, MOVED
+from scancell.studies.guard.scenario import Kind as Kinds
 from scancell.studies.guard.simulation import Network, Servers, Simulation
 
 _POLL = 0.032  # s
 _SLOW = 0.01  # rad/s
+_OF_AXES = (Kinds.TABLE_MOVE, Kinds.TABLE_JOG)  # of any axis beyond the joints
 
 
 @dataclass(frozen=True)
@@ -42,8 +45,11 @@ class Mutation:
         Type of the cell's link.
     ignored
         Pairs of bodies that the guard does not compare, beside those that may touch.
-    of_table
-        The search is by jogs of the table alone, which carries a plate that extends beyond it.
+    alone
+        Axes of which the search jogs one alone: the ``table``, which carries a plate that extends beyond it, or those
+        beyond it (``further``); empty: anything is jogged.
+    further
+        Whether it is an error with axes beyond the table, which the cell must have.
     strata
         Whether runs of a campaign like this one are to find it, not the search at the limits; None: the search is.
     """
@@ -53,7 +59,8 @@ class Mutation:
     patience: float = 1.0
     link: type[Link] = Link
     ignored: tuple[tuple[str, str], ...] = ()
-    of_table: bool = False
+    alone: Literal["", "table", "further"] = ""
+    further: bool = False
     strata: Callable[[Stratum], bool] | None = None
 
 
@@ -144,11 +151,45 @@ class _NoTable(Guard):
     """A guard for which the table rests while a person jogs."""
 
     def _hypotheses(self) -> Sequence[Hypothesis]:
-        turning = np.append(np.ones(self._axes - 1), 0.0)
-        return [
-            replace(found, rates=turning * found.rates, rate_error=turning * found.rate_error)
-            for found in super()._hypotheses()
-        ]
+        return _at_rest(super()._hypotheses(), [self._names.index("table")])
+
+
+class _NoFurtherRate(Guard):
+    """A guard for which the axes beyond the table rest while a person jogs."""
+
+    def _hypotheses(self) -> Sequence[Hypothesis]:
+        return _at_rest(super()._hypotheses(), range(self._names.index("table") + 1, self._axes))
+
+
+def _at_rest(hypotheses: Sequence[Hypothesis], axes: Sequence[int]) -> list[Hypothesis]:
+    """The hypotheses with some axes at rest."""
+    found = []
+    for hypothesis in hypotheses:
+        moving = np.isin(np.arange(len(hypothesis.rates)), axes, invert=True)
+        rates, error = moving * hypothesis.rates, moving * hypothesis.rate_error
+        found.append(replace(hypothesis, rates=rates, rate_error=error))
+    return found
+
+
+class _FurtherPathIgnored(Guard):
+    """A guard that does not see on a path where the axes beyond the table lead."""
+
+    def answer(self, state: CellState) -> GuardMessage:
+        ahead, first = np.array(state.ahead), self._names.index("table") + 1
+        if len(ahead):
+            ahead[:, first:] = ahead[0, first:]
+        return super().answer(replace(state, ahead=ahead))
+
+
+class _NothingCarried(Guard):
+    """A guard for which the axes beyond the table carry nothing."""
+
+    def __init__(self, nominal: NominalCell, *others: Any) -> None:
+        further = [axis.name for axis in nominal.further_axes]
+        bodies = tuple(
+            replace(body, moves_with=WORLD) if body.moves_with in further else body for body in nominal.bodies
+        )
+        super().__init__(replace(nominal, arm_on=WORLD, table_on=WORLD, bodies=bodies), *others)
 
 
 class _SlowIsRest(Guard):
@@ -241,7 +282,10 @@ MUTATIONS: dict[str, Mutation] = {
     "double-age": Mutation(patience=2.0),
     "stale-answers": Mutation(link=_AcceptsStaleAnswers),
     "no-clearance": Mutation(_NoClearance, strata=lambda _: True),
-    "no-table-rate": Mutation(_NoTable, of_table=True),
+    "no-table-rate": Mutation(_NoTable, alone="table"),
+    "no-axis-rate": Mutation(_NoFurtherRate, alone="further", further=True),
+    "no-axis-path": Mutation(_FurtherPathIgnored, strata=lambda one: one.kind in _OF_AXES, further=True),
+    "nothing-carried": Mutation(_NothingCarried, strata=lambda one: one.kind in _OF_AXES, further=True),
     "slow-is-rest": Mutation(_SlowIsRest, strata=lambda stratum: _identified(stratum) and stratum.decade < 2),
     "begun-is-permitted": Mutation(_BegunIsPermitted, strata=_shown),
     "quarter-as-fast": Mutation(_QuarterAsFast, strata=_shown),

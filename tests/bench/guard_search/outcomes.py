@@ -24,7 +24,7 @@ from scancell.studies.guard.run import CampaignOptions, campaign_of
 from scancell.studies.guard.worlds import standing_parts
 
 IGNORED = "ignored-pair"
-TABLE = "table-jogs"
+ALONE = {"table-jogs": Mutation(alone="table"), "axis-jogs": Mutation(alone="further", further=True)}  # no errors
 IN_CAMPAIGN = "campaign"
 _MOVES = 6  # to the contact of a pair
 
@@ -62,22 +62,25 @@ class SearchOutcome:
 def search(options: CampaignOptions, runs: int, error: str = "", pair: tuple[str, str] | None = None) -> SearchOutcome:
     """At most `runs` attempts at a collision, by hand, with moves to the contact of a pair, or as in a campaign.
 
-    `error` is one of `MUTATIONS`, `IGNORED`: the guard does not compare the pair, or `TABLE`: none, jogs of the table.
+    `error` is one of `MUTATIONS`, `IGNORED`: the guard does not compare the pair, or of `ALONE`: no error, jogs of one
+    axis.
 
     Raises
     ------
     ScancellError
         If there is no such error, or naming what is wrong with the cell.
     """
-    known = MUTATIONS | {TABLE: Mutation(of_table=True)} | ({IGNORED: Mutation(ignored=(pair,))} if pair else {})
+    known = MUTATIONS | ALONE | ({IGNORED: Mutation(ignored=(pair,))} if pair else {})
     if error and error not in known:
         raise DescriptionError(key="error", value=error, expected=f"one of {', '.join(known)}")
     mutation = known[error] if error else None
+    if mutation and mutation.further and not load_setup(options.cell).cell.axis:
+        raise DescriptionError(key="cell", value=options.cell, expected="a cell with axes beyond the table")
     if mutation and mutation.strata:
         return _search_campaign(options, runs, error, mutation)
     clearance, contact, done = np.inf, "", 0
     cell, part = _loaded(options)
-    if mutation and mutation.of_table:
+    if mutation and mutation.alone:
         part = standing_parts()["plate"]
     with Search(cell, part, options.seed, mutation) as made:
         attempts = made.on_path(pair) if pair else made.by_hand()
@@ -108,9 +111,11 @@ def _search_campaign(options: CampaignOptions, runs: int, error: str, mutation: 
 
 def search_all(options: CampaignOptions, runs: int, workers: int = 0) -> Iterator[SearchOutcome]:
     """Searches with the guard as it is and with each error: `runs` by hand, and a few moves for each pair of bodies."""
-    with Search(*_loaded(options), options.seed) as plain:
+    cell, part = _loaded(options)
+    with Search(cell, part, options.seed) as plain:
         pairs = plain.pairs
-    tasks: list[tuple[int, str, tuple[str, str] | None]] = [(runs, error, None) for error in ("", *MUTATIONS)]
+    possible = [error for error, mutation in MUTATIONS.items() if cell.axis or not mutation.further]
+    tasks: list[tuple[int, str, tuple[str, str] | None]] = [(runs, error, None) for error in ("", *possible)]
     tasks += [(min(runs, _MOVES), error, pair) for pair in pairs for error in ("", IGNORED)]
     with ProcessPoolExecutor(workers or os.cpu_count() or 1, get_context("spawn")) as pool:
         yield from pool.map(partial(search, options), *zip(*tasks, strict=True))

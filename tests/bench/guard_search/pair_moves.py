@@ -16,8 +16,8 @@ Flags = NDArray[np.bool_]
 
 _STARTS = 100  # random axes from which a contact is looked for
 _FROM = 24  # starts of a move that are tried for a contact
-_LENGTH = 0.8  # rad, of a move
-_DEEPER = 0.1  # rad by which it goes further
+_LENGTH = 0.8  # rad and m, of a move
+_DEEPER = 0.1  # rad and m by which it goes further
 _SAMPLES = 200  # of a move
 _APART = 0.01  # m: other pairs stay apart
 _FREE = 0.015  # m: clearance of all pairs at the start
@@ -37,8 +37,10 @@ class PairMoves:
     def __init__(self, simulation: Simulation, seed: int) -> None:
         self._world, self._seed = simulation.world, seed
         self._draws = Draws(simulation.world, simulation.cycle)
-        lower, upper = self._world.nominal.arm.limits
-        self._lower, self._upper = np.append(lower, -np.pi), np.append(upper, np.pi)
+        nominal = self._world.nominal
+        (lower, upper), further = nominal.arm.limits, nominal.further_axes
+        self._lower = np.array([*lower, -np.pi, *(axis.min for axis in further)])
+        self._upper = np.array([*upper, np.pi, *(axis.max for axis in further)])
         held = [joint.index for joint in self._world.nominal.arm.held]
         self._free = np.setdiff1d(np.arange(len(self._lower)), held)
 
@@ -48,7 +50,7 @@ class PairMoves:
         rng = np.random.default_rng([self._seed, number])
         nominal = self._world.nominal
         for _ in range(_STARTS):
-            axes = np.append(nominal.home, 0.0)
+            axes = nominal.start
             axes[self._free] = rng.uniform(self._lower, self._upper)[self._free]
             contact = self._draws.contact(nominal, self._world.scene, axes, number)
             if contact is not None and (start := self._start(*contact, pair, rng)) is not None:

@@ -23,7 +23,7 @@ from scancell.geometry.mesh import Mesh
 from scancell.guard.parts import Tool
 from scancell.nominal.cell import nominal_cell
 from scancell.studies.guard.draws import Draws
-from scancell.studies.guard.scenario import JOGGED, Kind, Motion, Scenario
+from scancell.studies.guard.scenario import FURTHER, JOGGED, Kind, Motion, Scenario
 from scancell.studies.guard.simulation import SAMPLES, MotionRecord, Network
 from scancell.studies.guard.worlds import World
 from scancell.values import Closing
@@ -38,7 +38,8 @@ _REPLAY_MS = 90.0  # after which answers are delivered again: younger than those
 _HALVINGS = 4  # of the way between two states, to shift the start
 _DEAD = 1e-4  # s after a state
 _POLL = 2 * SAMPLES  # samples of the motion between two states
-_STEP = 1e-4  # rad, of differences
+_STEP = 1e-4  # rad and m, of differences
+_JOGGED = tuple(kind for kind in JOGGED if kind not in FURTHER)  # those of the table are of any axis beyond the joints
 _CONCERNED = 0.02  # m/rad: axes that move the bodies less are left alone
 
 
@@ -91,7 +92,7 @@ class Search(Closing):
         self._simulation = MutatedSimulation(replace(mutation, patience=patience), world, shows_jogs=False)
         self._draws = Draws(world, self._simulation.cycle)
         self._exact = np.zeros((len(world.names), 3))
-        self._tool, self._seed, self._of_table = Tool(world.nominal), seed, mutation.of_table
+        self._tool, self._seed, self._alone = Tool(world.nominal), seed, mutation.alone
 
     def close(self) -> None:
         """Free the cell."""
@@ -131,18 +132,21 @@ class Search(Closing):
             yield self._attempt(scenario, concerned)
 
     def _person(self, number: int) -> tuple[Scenario, tuple[str, str]]:
-        """A person who jogs at random, or the table alone, whose unguarded run ends in a contact, and its pair."""
+        """A person who jogs at random, or one axis alone, whose unguarded run ends in a contact, and its pair."""
         rng = np.random.default_rng([self._seed, number, 0])
         for _ in range(_DRAWS):
             start, motions, time = self._far_start(rng), list[Motion](), 0.0
-            while time < _DURATION and not (self._of_table and motions):
-                kind = Kind.TABLE_JOG if self._of_table else Kind(rng.choice(JOGGED))
+            while time < _DURATION and not (self._alone and motions):
+                kind = Kind.TABLE_JOG if self._alone else Kind(rng.choice(_JOGGED))
                 speed = float(rng.choice([1.0, rng.uniform(_SLOWEST, 1.0)]))
                 along = self._draws.along(np.zeros(len(start)), rng)
+                if self._alone == "further":
+                    kind, number = Kind.AXIS_JOG, rng.integers(self._tool.joints + 1, len(start))
+                    along = np.where(np.arange(len(start)) == number, rng.choice([-1.0, 1.0]), 0.0)
                 motion = self._draws.motion(kind, along, 1.0, speed, start, rng)
-                short = not self._of_table and rng.random() < 0.5
+                short = not self._alone and rng.random() < 0.5
                 motion = replace(motion, duration=rng.uniform(0.3, 1.5) if short else rng.uniform(1.5, _DURATION))
-                motions.append(replace(motion, duration=_DURATION) if self._of_table else motion)
+                motions.append(replace(motion, duration=_DURATION) if self._alone else motion)
                 time += motions[-1].duration
             scenario = Scenario(start, tuple(motions), _DURATION)
             contact = self._simulation.contact(self._simulation.run(scenario), self._exact)
@@ -188,19 +192,19 @@ class Search(Closing):
         return replace(live.scenario, motions=(*kept, turned))
 
     def _approach(self, motion: Motion, axes: Array, pair: NDArray[np.bool_]) -> Array:
-        """Deflections (joints + 1,) of a jog like `motion` in which a pair approaches fastest at `axes`."""
+        """Deflections (axes,) of a jog like `motion` in which a pair approaches fastest at `axes`."""
         steps = _STEP * np.eye(len(axes))
         distance = self._distances(pair, np.vstack([axes + steps, axes - steps])).reshape(2, -1)
         slope = (distance[0] - distance[1]) / (2 * _STEP)
-        if motion.kind in (Kind.JOINT_JOG, Kind.TABLE_JOG):
+        if motion.kind in (Kind.JOINT_JOG, Kind.TABLE_JOG, Kind.AXIS_JOG):
             return np.where(np.abs(slope) > _CONCERNED, -np.sign(slope), 0.0)
-        tool, jacobian = self._tool.poses(axes[None, :-1])
+        tool, jacobian = self._tool.poses(axes[None])
         if not self._tool.moves_straight(jacobian[0]):
             return motion.by
         turn = tool[0, :3, :3] if motion.kind is Kind.TOOL_JOG else np.eye(3)
         twists = np.asarray(np.kron(np.eye(2), turn.T), np.float64)  # rows: unit twists of the jog's frame, world axes
         rates = self._tool.rates(np.repeat(jacobian, 6, 0), twists)
-        wanted = -(rates @ slope[:-1])
+        wanted = -(rates @ slope[: self._tool.joints])
         values = np.zeros(len(axes))
         for part in (slice(0, 3), slice(3, 6)):
             values[part] = wanted[part] / max(float(np.linalg.norm(wanted[part])), 1e-9)

@@ -23,6 +23,7 @@ from scancell.live.state import (
     JogJoints,
     JogSensor,
     LiveState,
+    MoveAxis,
     MoveJoints,
     MoveLine,
     OpenGripper,
@@ -32,7 +33,7 @@ from scancell.live.state import (
 )
 from scancell.nominal.cell import frame_names, tool_names, world_from_frame
 
-_TABLE_DEG = 360.0  # range of the slider; the table has no limits: beyond it, whole turns are left out
+_TURN_DEG = 360.0  # range of the slider of the table, which has no limits, to either side of a whole turn
 
 _RATE = 10.0  # Hz, at which a held button renews its jog
 _FRAMES = {"world": JogFrame.WORLD, "tool": JogFrame.SENSOR}
@@ -50,15 +51,22 @@ class JointPanel:
 
     def __init__(self, gui: Any, operator: OperatorCommands, state: LiveState) -> None:
         self._operator, self._debounce = operator, Debounce()
-        self._limits = np.degrees(operator.nominal.arm.limits)
-        limits = [*self._limits.T.tolist(), [-_TABLE_DEG, _TABLE_DEG]]
-        names = [*(f"joint {i}, deg" for i in range(1, len(limits))), "table, deg"]
+        nominal = operator.nominal
+        self._table, self._further = len(nominal.home), nominal.further_axes
+        self._per_unit = np.array([np.pi / 180] * (self._table + 1) + [axis.per_unit for axis in self._further])
+        limits = [*np.degrees(nominal.arm.limits).T.tolist(), [-_TURN_DEG, _TURN_DEG]]
+        limits += [[axis.min / axis.per_unit, axis.max / axis.per_unit] for axis in self._further]
+        names = [*(f"joint {i}, deg" for i in range(1, self._table + 1)), "table, deg"]
+        names += [f"{axis.name}, {axis.unit}" for axis in self._further]
+        self._limits = np.array([[-np.inf, np.inf] if i == self._table else pair for i, pair in enumerate(limits)]).T
         shown = self._shown(state)
         self._sliders = [
-            gui.add_slider(name, low, high, 0.1, value)
+            gui.add_slider(name, low, high, 0.1, np.clip(value, low, high))
             for name, (low, high), value in zip(names, limits, shown, strict=True)
         ]
-        self._last = shown
+        self._turn = 0  # whole turns of the table in the middle of its slider
+        self._last = [slider.value for slider in self._sliders]
+        self.show(state)
         self._speed = gui.add_slider("speed, %", 1, 100, 1, 30)
         home = operator.nominal.home
         operator.connect(gui.add_button("Move to home position"), lambda: self._move(home, None), can_move)
@@ -71,24 +79,39 @@ class JointPanel:
         if self._debounce.is_pending:
             if not state.moving and self._debounce.take():
                 before, self._last = self._last, [slider.value for slider in self._sliders]
-                turn = self._last[-1] - before[-1]
-                # A table that nobody moves keeps its whole turns.
-                table = state.table_angle + np.radians(turn) if turn else None
-                self._move(np.radians(self._last[:-1]), table)
+                self._move_changed(np.subtract(self._last, before), state)
             return
         if [slider.value for slider in self._sliders] != self._last:
             return  # a user has changed one, and its callback follows
         self._last = self._shown(state)
+        self._follow_turns(self._last[self._table])
         for slider, value in zip(self._sliders, self._last, strict=True):
             if slider.value != value:
                 slider.value = value
 
+    def _follow_turns(self, table: float) -> None:
+        """Shift the range of the slider of the table where it is at either end."""
+        if abs(table - self._turn * _TURN_DEG) < _TURN_DEG:
+            return
+        self._turn = round(table / _TURN_DEG)
+        slider = self._sliders[self._table]
+        slider.min, slider.max = (self._turn - 1) * _TURN_DEG, (self._turn + 1) * _TURN_DEG
+
     def _shown(self, state: LiveState) -> list[float]:
-        joints = np.clip(np.degrees(state.joints), *self._limits)
-        table = np.degrees(state.table_angle)
-        if abs(table) > _TABLE_DEG:
-            table -= 360.0 * round(table / 360.0)
-        return [round(value, 1) for value in (*joints.tolist(), float(table))]
+        return [round(value, 1) for value in np.clip(state.axes / self._per_unit, *self._limits).tolist()]
+
+    def _move_changed(self, changed: Any, state: LiveState) -> None:
+        """Move the axes whose sliders have changed: joints and table together, then those beyond one by one."""
+        of_further = np.flatnonzero(changed[self._table + 1 :])
+        if changed[: self._table + 1].any() or not len(of_further):
+            # The slider rounds: a table that nobody moves rests.
+            turn = changed[self._table]
+            table = state.table_angle + np.radians(turn) if turn else None
+            self._move(np.radians(self._last[: self._table]), table)
+        for number in of_further.tolist():
+            axis = self._further[number]
+            position = np.clip(self._last[self._table + 1 + number] * axis.per_unit, axis.min, axis.max)
+            self._operator.submit(MoveAxis(axis.name, float(position), self._speed.value / 100))
 
     def _move(self, joints: Any, table_angle: float | None) -> None:
         inside = np.clip(joints, *self._operator.nominal.arm.limits)  # a slider rounds beyond a limit
@@ -105,8 +128,9 @@ class JogPanel:
         self._operator = operator
         joints = [f"joint {i}" for i in range(1, len(state.joints) + 1)]
         sensor_axes = _SENSOR_AXES if len(joints) >= len(_SENSOR_AXES) else ()
-        self._axes = (*joints, "table", *(f"tool {axis}" for axis in sensor_axes))
-        self._first_sensor_axis = len(joints) + 1
+        further = [axis.name for axis in operator.nominal.further_axes]
+        self._axes = (*joints, "table", *further, *(f"tool {axis}" for axis in sensor_axes))
+        self._first_sensor_axis = len(joints) + 1 + len(further)
         self._axis = gui.add_dropdown("axis", self._axes)
         self._tool = gui.add_dropdown("tool", tool_names(operator.nominal))
         self._frame = gui.add_dropdown("x, y, z of", (*_FRAMES, *frame_names(operator.nominal)))
@@ -179,13 +203,12 @@ class PosePanel:
             self._move(target)
 
     def _present(self) -> Array:
-        return self._operator.world_from_tool(self._tool.value, self._state.joints)
+        return self._operator.world_from_tool(self._tool.value, self._state.axes)
 
     def _reference(self) -> Array:
         if self._relative_to.value == _TOOL:
             return self._present()
-        axes = [*self._state.joints, self._state.table_angle]
-        return world_from_frame(self._operator.nominal, self._relative_to.value, axes)
+        return world_from_frame(self._operator.nominal, self._relative_to.value, self._state.axes)
 
     def _typed_pose(self) -> Array:
         position, angles = np.array(self._position.value) * 1e-3, np.radians(self._angles.value)

@@ -173,12 +173,12 @@ class OperatorCommands:
 
     def joints_for(self, world_from_tool: Array, tool: Tool, configuration: str | None = None) -> Array:
         """Joint angles (joints,) of a pose (4, 4) of a tool, see `ScanSession.joints_for`."""
-        near = self._live.state.joints
-        return self._session.joints_for(world_from_tool, tool, near, configuration)
+        return self._session.joints_for(world_from_tool, tool, None, configuration, self._live.state.axes)
 
-    def world_from_tool(self, tool: Tool, joints: Array) -> Array:
-        """Pose (4, 4) of a tool by nominal geometry."""
-        return np.asarray(self.nominal.arm.fk(joints) @ self._session.flange_from_tool(tool))
+    def world_from_tool(self, tool: Tool, axes: Array) -> Array:
+        """Pose (4, 4) of a tool at positions (axes,) by nominal geometry."""
+        nominal = self.nominal
+        return np.asarray(nominal.world_from(nominal.arm.flange, axes) @ self._session.flange_from_tool(tool))
 
     def show_message(self, text: str) -> None:
         """Show a message in this browser; not again while it is shown, as a held button repeats its command."""

@@ -19,8 +19,8 @@ from scancell.files import first_free, read_file
 from scancell.live.camera import CameraFeed
 from scancell.live.cell import LiveCell
 from scancell.live.scan import LiveChunk
-from scancell.live.state import Cancel, CloseGripper, LiveState, MoveJoints, MoveTool, OpenGripper
-from scancell.nominal.cell import NominalCell, tool_names
+from scancell.live.state import Cancel, CloseGripper, LiveState, MoveAxis, MoveJoints, MoveTool, OpenGripper
+from scancell.nominal.cell import Axis, NominalCell, tool_names
 from scancell.nominal.parts import PART_FORMATS
 from scancell.programs.program import LiveProgram, LiveProgramState
 from scancell.programs.robot import deg
@@ -65,7 +65,13 @@ class TeachPanel:
         self._lock = RLock()  # `show` and the callbacks of inputs run in several threads
         self._offered: CommandName | None = None  # whose number `_number` is
         tools = tool_names(operator.nominal)
-        kinds = [kind for kind in _KINDS if "gripper" in tools or "gripper" not in kind]
+        further = operator.nominal.further_axes
+        self._kinds: dict[str, tuple[CommandName, str]] = {}  # command, and name of the axis that it moves
+        for kind, command in _KINDS.items():
+            if COMMANDS[command].of_axis:
+                self._kinds |= {axis.name: (command, axis.name) for axis in further}
+            elif "gripper" in tools or "gripper" not in kind:
+                self._kinds[kind] = command, ""
         self._list = gui.add_html("")
         self._step = gui.add_dropdown("step", (_NONE,))
         selected = {
@@ -84,7 +90,7 @@ class TeachPanel:
         }
         group = gui.add_button_group("change its", tuple(changes), hint="to the inputs below")
         operator.connect_group(group, changes)
-        self._kind = operator.connect(gui.add_dropdown("kind", kinds), self._show_number)
+        self._kind = operator.connect(gui.add_dropdown("kind", tuple(self._kinds)), self._show_number)
         self._tool = gui.add_dropdown("tool", tools, visible=len(tools) > 1)
         self._name = gui.add_text("name", "", hint="empty: the next of p1, p2, ...")
         self._speed = gui.add_slider("step speed, %", 1, 100, 1, 30)
@@ -150,6 +156,8 @@ class TeachPanel:
                 self._operator.submit(MoveJoints(point.joints, step.value, step.speed))
             case _, PosePoint():
                 self._operator.submit(MoveTool(point.world_from_tool, step.tool, step.speed))
+            case "move_axis", _:
+                self._operator.submit(MoveAxis(step.axis, value, step.speed))
             case "turn_table", _:
                 self._operator.submit(MoveJoints(self._operator.state.joints, value, step.speed))
             case "open_gripper", _:
@@ -166,6 +174,8 @@ class TeachPanel:
             step = program.step(at)
             if COMMANDS[step.command].value == "table_angle":
                 program = program.with_value(at, state.table_angle)
+            elif step.axis:
+                program = program.with_value(at, self._position(step.axis, state))
             elif not step.point:
                 raise DescriptionError(f"{COMMANDS[step.command].label}: the step has no pose")
             return program.with_point(step.point, self._point(step, state)) if step.point else program
@@ -185,30 +195,49 @@ class TeachPanel:
 
     def _add(self) -> None:
         self._show_number()  # the callback of `_kind`, in a thread of its own, may be later than this one
-        state, command = self._resting_state(), _KINDS[self._kind.value]
+        state, (command, axis) = self._resting_state(), self._kinds[self._kind.value]
         arguments, angle = COMMANDS[command], state.table_angle
         value = angle if arguments.value == "table_angle" else None
+        speed = self._speed.value / 100 if arguments.moves else 1.0
+        moves = [self._move_of(one, state, speed) for one in self._operator.nominal.further_axes]
         if arguments.first_value is not None:
             value = self._number.value * arguments.si_per_unit
         with self._lock:
             program = self._taught.program
             name = "" if arguments.point is None else self._name.value.strip() or program.free_name()
             tool: Tool = self._tool.value if command == "move_line" else "sensor"
-            step = TaughtStep(command, name, value, self._speed.value / 100 if arguments.moves else 1.0, tool)
-            point, index = self._point(step, state) if name else None, self._at + 1 if program.steps else 0
-            if isinstance(point, PosePoint):
-                changed = program.with_line(index, step, point, angle)
+            at = self._at + 1 if program.steps else 0
+            if arguments.of_axis:
+                changed = program.with_step(at, next(move for move in moves if move.axis == axis))
             else:
-                changed = program.with_step(index, step, point)
+                step = TaughtStep(command, name, value, speed, tool)
+                point = self._point(step, state) if name else None
+                placed = program if point is None else program.with_axes(at, moves)
+                index = at + len(placed.steps) - len(program.steps)
+                if isinstance(point, PosePoint):
+                    changed = placed.with_line(index, step, point, angle)
+                else:
+                    changed = placed.with_step(index, step, point)
             self._taught.write(changed)
             self._show()
-            self._select(index + len(changed.steps) - len(program.steps) - 1)
+            self._select(at + len(changed.steps) - len(program.steps) - 1)
             self._name.value = ""
+
+    def _move_of(self, axis: Axis, state: LiveState, speed: float) -> TaughtStep:
+        """The move of an axis to where it is."""
+        return TaughtStep("move_axis", "", self._position(axis.name, state), speed, axis=axis.name, unit=axis.unit)
+
+    def _position(self, axis: str, state: LiveState) -> float:
+        """Measured position of an axis, rad or m."""
+        names = [one.name for one in self._operator.nominal.further_axes]
+        if axis not in names:
+            raise DescriptionError(key="axis", value=axis, expected=", ".join(names) or "an axis: the cell has none")
+        return float(state.further_axes[names.index(axis)])
 
     def _point(self, step: TaughtStep, state: LiveState) -> Point:
         if step.command == "move_joints":
             return JointPoint(tuple(state.joints.tolist()))
-        return PosePoint.of(np.asarray(self._operator.world_from_tool(step.tool, state.joints)))
+        return PosePoint.of(np.asarray(self._operator.world_from_tool(step.tool, state.axes)))
 
     def _resting_state(self) -> LiveState:
         state = self._operator.state
@@ -219,7 +248,7 @@ class TeachPanel:
     def _show_number(self) -> None:
         """Offer the number of the kind that is chosen."""
         with self._lock:
-            command = _KINDS[self._kind.value]
+            command, _ = self._kinds[self._kind.value]
             if command == self._offered:
                 return
             self._offered = command
@@ -249,24 +278,16 @@ class TeachPanel:
             self._operator.show_message(f"the program before: {kept}")
 
 
-def _turned(angle: float) -> str:
-    """An angle of the table, rad, as the slider states it, and its whole turns."""
-    degrees = round(angle / deg, 1) + 0.0
-    turns = int(degrees / 360.0) if abs(degrees) > 360.0 else 0
-    rest = f"{round(degrees - 360.0 * turns, 1) + 0.0}°"
-    if not turns:
-        return rest
-    return f"{rest} {'+' if turns > 0 else '-'} {abs(turns)} turn{'s' if abs(turns) > 1 else ''}"
-
-
 def step_label(number: int, step: TaughtStep) -> str:
     """One line of the list."""
     arguments = COMMANDS[step.command]
-    parts = [] if step.command == "turn_table" else [arguments.label]
-    if step.value is not None and arguments.value != "table_angle":
+    parts = [] if step.command == "turn_table" or step.axis else [arguments.label]
+    if step.value is not None and step.axis:
+        parts.append(f"{step.axis} at {step.value_text.replace(' *', '')}")
+    elif step.value is not None and arguments.value != "table_angle":
         parts.append(f"{step.value / arguments.si_per_unit:g} {arguments.unit}")
     elif step.value is not None:
-        parts.append(f"table at {_turned(step.value)}")
+        parts.append(f"table at {round(step.value / deg, 1) + 0.0}°")
     if step.tool != "sensor":
         parts.append(step.tool)
     if arguments.moves:

@@ -237,7 +237,7 @@ class BodyNodes:
 
 
 class Ghost:
-    """The ghost of the bodies on the arm and on the table; a body at its target has none.
+    """The ghost of the bodies that axes move; a body at its target has none.
 
     Poses hold the table's platter, too, by which the part is carried.
 
@@ -321,7 +321,9 @@ class Ghost:
 
 
 def _moves(cell: NominalCell, body: Body) -> bool:
-    """Whether a body has a ghost; the platter looks the same at all angles."""
+    """Whether a body has a ghost; a platter that nothing carries looks the same at all angles."""
+    if {axis.name for axis in cell.further_axes} & set(cell.tree.axes_of(body.moves_with)):
+        return True
     frame = cell.carrier(body.moves_with)
     carried = frame in ("sensor", "table", "part") or frame.startswith(("link[", "finger["))
     return carried and body.name != "table"

@@ -237,7 +237,9 @@ class CellScene:
         self._server.flush()
 
     def show_preview(self, axes: Array | None, forbidden: bool = False) -> None:
-        """Show a further ghost at joints and a table angle (axes,), rad, red where that is forbidden; or none.
+        """Show a further ghost at positions (axes,), red where they are forbidden; or none.
+
+        Axes beyond the table that are not stated are where they start.
 
         Its meshes are sent when it is shown first.
         """
@@ -245,7 +247,7 @@ class CellScene:
             if axes is None:
                 self._preview_from_body = None
             else:
-                poses = self._cell.body_poses(axes)
+                poses = self._cell.body_poses(self._cell.with_further_axes(axes))
                 named = zip(self._cell.bodies, poses, strict=True)
                 self._preview_from_body = {body.name: np.asarray(at) for body, at in named}
                 if self._preview is None:
@@ -304,7 +306,7 @@ class CellScene:
         """Poses (4, 4) of all frames: true where a body shows them, else nominal at the measured angles."""
         frames = {name: state.world_from_body[body] for name, body in self._carried.items() if body is not None}
         if len(frames) < len(self._carried):
-            nominal = self._cell.frame_poses([*state.joints, state.table_angle])
+            nominal = self._cell.frame_poses(state.axes)
             frames = {name: np.asarray(world) for name, world in nominal.items()} | frames
         return {**frames, "world": np.eye(4)}
 

@@ -203,8 +203,7 @@ class Workspace:
         number = 0 if frame is None else frame.number
         if number != self._drawn:
             self._drawn = number
-            base = self.nominal.arm.world_from_base
-            self.scene.show_stripe(None if frame is None else pose.transform_points(base, frame.points_in_base))
+            self.scene.show_stripe(None if frame is None else frame.points_in_world)
 
     def join(self, client: viser.ClientHandle, is_wide: bool) -> None:
         """Give a browser, whose window is wide or not, its panels; the first one becomes the operator."""
@@ -222,7 +221,11 @@ class Workspace:
 
 
 def _over_part(cell: NominalCell, sensor: SensorDescription) -> NDArray[np.float64]:
-    """Position (3,) in the base from which a sensor that looks down has the part in the middle of its range, m."""
+    """Position (3,) in the base from which a sensor that looks down has the part in the middle of its range, m.
+
+    Axes beyond the table are where they start.
+    """
+    cell = cell.with_axes_held()
     corners = pose.transform_points(cell.world_from("part"), cell.part.vertices)
     middle = (corners.min(0) + corners.max(0)) / 2
     standoff = 0.5e-3 * (sensor.range.near_mm + sensor.range.far_mm)
@@ -233,10 +236,12 @@ def _over_part(cell: NominalCell, sensor: SensorDescription) -> NDArray[np.float
 def _start_over_part(session: ScanSession, over_part: NDArray[np.float64]) -> None:
     """Move the sensor over the part, so that the first frame has a stripe; the arm stays at home if it cannot."""
     world, looks_down = session.world, np.diag([1.0, -1.0, -1.0])
-    world_from_sensor = session.nominal.arm.world_from_base @ pose.from_rotation(looks_down, over_part)
+    base = session.nominal.with_axes_held().arm.world_from_base
+    world_from_sensor = base @ pose.from_rotation(looks_down, over_part)
     with suppress(CommandError, PlanningError):
         start = session.come_to_rest()
-        goal = np.append(session.joints_for(world_from_sensor, "sensor", start[:-1]), start[-1])
+        joints = session.joints_for(world_from_sensor, "sensor", start[: len(session.home)])
+        goal = np.append(joints, start[len(session.home)])
         way = session.pipeline.approach(world, start, goal, "the part")
         if way is not None:
             session.run_program(way, session.exposure)

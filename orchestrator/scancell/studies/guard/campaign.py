@@ -7,13 +7,14 @@ from the campaign's seed and the number of a run, so that campaigns can be inter
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from scancell.config.cell import CellDescription
 from scancell.geometry.mesh import Mesh
+from scancell.guard.messages import VERSION
 from scancell.studies.guard.draws import DECADES, FAULTS, Draw, Draws, Stratum, random_network, stratum_of
 from scancell.studies.guard.scenario import Begun, Kind
 from scancell.studies.guard.simulation import RIVALS, MotionRecord, Network, Simulation
@@ -159,6 +160,7 @@ class Campaign(Closing):
         """Run with the number `number`; faster in the order of numbers."""
         stratum = stratum_of(number)
         block = self._block_of(stratum)
+        stratum = replace(stratum, version=block.version)
         draw = block.draws.draw(stratum, np.random.default_rng([self._seed, number, 0]))
         rng = np.random.default_rng([self._seed, number, 1])
         drawn = rng.random()
@@ -176,10 +178,11 @@ class Campaign(Closing):
             cell = list(self._cells)[turn % len(self._cells)]
             part = str(rng.choice(list(self._parts)))
             world = world_of(self._cells[cell], self._parts[part], part, rng)
-            simulation = self._simulation(world, self._folder, not stratum.silent, stratum.version)
+            version = VERSION if world.nominal.further_axes else stratum.version  # the first one does not know these
+            simulation = self._simulation(world, self._folder, not stratum.silent, version)
             draws = Draws(world, simulation.cycle)
             named = "gripped" if world.grips else part
-            self._block = _Block(stratum.block, cell, named, world, simulation, draws)
+            self._block = _Block(stratum.block, cell, named, version, world, simulation, draws)
         return self._block
 
 
@@ -190,6 +193,7 @@ class _Block:
     number: int
     cell: str
     part: str
+    version: int
     world: World
     simulation: Simulation
     draws: Draws

@@ -10,12 +10,13 @@ import numpy as np
 from scancell.arrays import Array
 from scancell.config.cell import ChannelDescription, LinkDescription
 from scancell.config.description import si_value, to_si
+from scancell.geometry import pose
 from scancell.guard.parts import Tool
 from scancell.nominal.cell import NominalCell
 from scancell.proximity.scene import ProximityScene
 from scancell.studies.guard.scenario import (
+    FURTHER,
     JOGGED,
-    MOVED,
     Event,
     Kind,
     Motion,
@@ -29,11 +30,12 @@ from scancell.studies.guard.worlds import World
 DECADES = ("0.1-1 %", "1-10 %", "10-100 %")  # of the full speed
 LENGTHS = ("0.01-0.1 mrad", "0.1-1 mrad", "1-10 mrad", "10-100 mrad", "100-3000 mrad")
 MIXED = "mixed"  # kinds, or lengths, of a run that draws those of each motion
-KINDS = (*Kind, MIXED, MIXED, MIXED)
+_PARTED = tuple(kind for kind in Kind if kind not in FURTHER)  # those of the table are of any axis beyond the joints
+KINDS = (*_PARTED, MIXED, MIXED, MIXED)
 BLOCK = len(KINDS) * len(DECADES)  # runs with one cell, part and fault
 VERSIONS = (2, 2, 2, 1)  # of the protocol, which alternate
 _SLOWEST = 1e-3
-_SHORTEST, _LONGEST = 1e-5, 3.0  # rad
+_SHORTEST, _LONGEST = 1e-5, 3.0  # rad, and m
 _SILENT = 8  # blocks per block with a controller that does not show its jogs
 _NEAR = 3, 5  # runs of so many that start near a body
 _SLOW = ChannelDescription(delay_ms=4.0, jitter_ms=2.0)
@@ -41,6 +43,7 @@ _SLOW = ChannelDescription(delay_ms=4.0, jitter_ms=2.0)
 _TRIES = 4000  # starts of a run
 _RANDOM = 60  # axes by which the usual clearances are known
 _INSIDE = 0.02  # rad, of the limits
+_AT_END = 1e-5  # rad and m from the limits of an axis beyond the table
 _NEAR_HOME = 0.7  # rad
 _FAR_OUTSIDE, _FAR_INSIDE = 0.06, 0.015  # m: clearances of a start far from all bodies, and of two bodies of the arm
 _OTHERS = 5e-3  # m: clearances of the other pairs at a start near a body
@@ -127,7 +130,7 @@ class Stratum:
         return float(_SLOWEST * 10.0 ** (self.decade + rng.random()))
 
     def random_length(self, rng: np.random.Generator) -> float:
-        """Largest angle (rad) by which a motion turns an axis, log-uniform in the decade or over all of them."""
+        """Largest travel (rad or m) of an axis in a motion, log-uniform in the decade or over all of them."""
         share = (self.length + rng.random()) if self.length < len(LENGTHS) else len(LENGTHS) * rng.random()
         decades = np.append(np.arange(len(LENGTHS)), np.log10(_LONGEST / _SHORTEST))
         return float(_SHORTEST * 10.0 ** np.interp(share, np.arange(len(LENGTHS) + 1), decades))
@@ -136,7 +139,8 @@ class Stratum:
         """Kind of a motion; half of the mixed ones are jogs."""
         if self.kind != MIXED:
             return Kind(self.kind)
-        return Kind(rng.choice(JOGGED if rng.random() < 0.5 else MOVED))
+        jogs = rng.random() < 0.5
+        return Kind(rng.choice([kind for kind in _PARTED if (kind in JOGGED) == jogs]))
 
 
 def stratum_of(number: int) -> Stratum:
@@ -192,7 +196,7 @@ class Draws:
         self._is_cartesian = len(self._tool.active) == 6
         lower, upper = nominal.arm.limits
         self._lower, self._upper = lower + _INSIDE, upper - _INSIDE
-        self._free = np.array([i for i in range(len(nominal.home) + 1) if i not in self._held])
+        self._free = np.array([i for i in range(len(nominal.axes)) if i not in self._held])
         gripper = world.described.gripper
         self._carried: dict[bool, ProximityScene] = {}
         self._single: dict[tuple[int, int], tuple[ProximityScene, ProximityScene]] = {}
@@ -221,7 +225,7 @@ class Draws:
             nominal = self._world.opened(width)
         scene = self._world.scene
         silent_jogs = stratum.silent and (stratum.kind == MIXED or stratum.kind in JOGGED)
-        start, direction, pair = self.anywhere(rng), np.zeros(len(nominal.home) + 1), -1
+        start, direction, pair = self.anywhere(rng), np.zeros(len(nominal.axes)), -1
         contact, least = start, self.least
         if not self._is_free(nominal, scene, start, least):  # from there the contact is rarely behind other bodies
             return None
@@ -259,13 +263,14 @@ class Draws:
         held, span = rng.random() < 0.6, _LONG_CAP if rng.random() < _LONG else _CAP
         carrying = world.carrying(held)
         scene = self._carrying_scene(held)
-        up = world.nominal.world_from_sensor(start[:-1]).copy()
+        up = world.nominal.world_from_sensor(start).copy()
         up[2, 3] += _LIFTED[0]
         lifted = self._joints_at(up, start)
         if lifted is None:
             return None
         pair = self._random_pair(rng, "part" if rng.random() < 0.7 else "")
-        there = lifted + np.append(rng.uniform(-1.0, 1.0, len(start) - 1) * rng.choice([0.1, 0.5]), 0.0)
+        there = lifted.copy()
+        there[: self._tool.joints] += rng.uniform(-1.0, 1.0, self._tool.joints) * rng.choice([0.1, 0.5])
         approach = self.contact(carrying, scene, np.clip(there, *self._all_limits), pair)
         if approach is None:
             return None
@@ -299,13 +304,22 @@ class Draws:
         return Draw(Scenario(start, tuple(motions), duration), shifts, names, gap)
 
     def anywhere(self, rng: np.random.Generator) -> Array:
-        """Axes (axes,), rad: near home in half of all cases, else anywhere within the limits; any table angle."""
+        """Axes (axes,), rad or m: near home in half of all cases, else anywhere within the limits; any table angle.
+
+        Further axes are at either end of their range in half of all cases, else anywhere in it.
+        """
         home = self._world.nominal.home
         q = home + rng.uniform(-_NEAR_HOME, _NEAR_HOME, len(home))
         if rng.random() < 0.5:
             q = rng.uniform(self._lower, self._upper)
         q[self._held] = home[self._held]
-        return np.append(np.clip(q, self._lower, self._upper), rng.uniform(-np.pi, np.pi))
+        axes = np.append(np.clip(q, self._lower, self._upper), rng.uniform(-np.pi, np.pi))
+        further = [rng.choice([low, high, *rng.uniform(low, high, 2)]) for low, high in self._further_limits]
+        return np.append(axes, further) if further else axes
+
+    @cached_property
+    def _further_limits(self) -> list[tuple[float, float]]:
+        return [(axis.min + _AT_END, axis.max - _AT_END) for axis in self._world.nominal.further_axes]
 
     def _is_free(
         self, nominal: NominalCell, scene: ProximityScene, axes: Array, least: Array, shifts: Array | float = 0.0
@@ -317,7 +331,8 @@ class Draws:
 
     @cached_property
     def _all_limits(self) -> tuple[Array, Array]:
-        return np.append(self._lower, -np.inf), np.append(self._upper, np.inf)
+        low, high = np.reshape(self._further_limits, (-1, 2)).T
+        return np.concatenate([self._lower, [-np.inf], low]), np.concatenate([self._upper, [np.inf], high])
 
     @cached_property
     def least(self) -> Array:
@@ -425,12 +440,13 @@ class Draws:
 
     def _joints_at(self, world_from_sensor: Array, near: Array) -> Array | None:
         nominal = self._world.nominal
+        joints, others = np.split(near, [self._tool.joints])
         flange = world_from_sensor @ np.linalg.inv(nominal.flange_from_sensor)
-        branches = nominal.arm.ik(flange, near[:-1])[0]
-        apart = np.abs(branches - near[:-1]).max(-1)
+        branches = nominal.arm.ik(pose.inverse(nominal.world_from(nominal.arm_on, near)) @ flange, joints)[0]
+        apart = np.abs(branches - joints).max(-1)
         if not np.isfinite(apart).any():
             return None
-        return np.append(branches[np.nanargmin(apart)], near[-1])
+        return np.append(branches[np.nanargmin(apart)], others)
 
     # Motions
 
@@ -481,12 +497,17 @@ class Draws:
     def motion(
         self, kind: Kind, along: Array, length: float, speed: float, start: Array, rng: np.random.Generator
     ) -> Motion:
-        """A motion of a kind along `along` (axes,), largest component 1, by `length` (rad) at a share of the full
-        speed; of the nearest possible kind."""
+        """A motion of a kind along `along` (axes,), largest component 1, by `length` (rad or m) at a share of the full
+        speed; of the nearest possible kind. One of the table is of any axis beyond the joints."""
         nominal, by = self._world.nominal, length * along
         if kind in (Kind.TABLE_MOVE, Kind.TABLE_JOG):
-            sign = np.sign(along[-1]) if abs(along[-1]) > 1e-3 else rng.choice([-1.0, 1.0])
-            along = np.append(np.zeros(len(along) - 1), sign)
+            table = self._tool.joints
+            number = int(rng.integers(table, len(along))) if nominal.further_axes else table
+            if number > table:
+                kind = Kind.AXIS_MOVE if kind is Kind.TABLE_MOVE else Kind.AXIS_JOG
+            sign = np.sign(along[number]) if abs(along[number]) > 1e-3 else rng.choice([-1.0, 1.0])
+            along = np.zeros(len(along))
+            along[number] = sign
             by = length * along
         if kind is Kind.LINE_MOVE:
             kind = kind if self._is_cartesian else Kind.JOINT_MOVE
@@ -513,18 +534,17 @@ class Draws:
     ) -> Motion:
         """Deflections that move the axes along `along` for the time that they take for `length`; longer in half of
         all cases, by what the answer of a guard takes."""
-        nominal, limits = self._world.nominal, self._limits
+        nominal, limits, table = self._world.nominal, self._limits, self._tool.joints
         shares = along / (limits["jog_joint_share"] * nominal.axis_max_speed)
         values, scale = shares, float(np.abs(shares).max())
         if kind in (Kind.BASE_JOG, Kind.TOOL_JOG) and self._is_cartesian:
-            tool, jacobian = self._tool.poses(start[None, :-1])
-            twist = jacobian[0] @ along[:-1]
+            tool, twist = self._tool.poses(start[None])[0], self._tool.twist(start, along)
             if kind is Kind.TOOL_JOG:
                 twist = (tool[0, :3, :3].T @ twist.reshape(2, 3).T).T.ravel()
             parts = np.concatenate([twist[:3] / limits["jog_speed"], twist[3:] / limits["jog_turn_speed"]])
-            scale = max(np.linalg.norm(parts[:3]), np.linalg.norm(parts[3:]), abs(shares[-1]), 1e-9)
+            scale = max(np.linalg.norm(parts[:3]), np.linalg.norm(parts[3:]), abs(shares[table]), 1e-9)
             values = np.zeros(len(along))
-            values[:6], values[-1] = parts, shares[-1]
+            values[:6], values[table] = parts, shares[table]
         elif kind in (Kind.BASE_JOG, Kind.TOOL_JOG):
             kind = Kind.JOINT_JOG
         duration = length * scale / speed + (_ANSWER if rng.random() < 0.5 else 0.0)

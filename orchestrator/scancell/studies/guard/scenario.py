@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -31,14 +32,17 @@ class Kind(StrEnum):
     BASE_JOG = "base jog"
     TOOL_JOG = "tool jog"
     TABLE_JOG = "table jog"
+    AXIS_MOVE = "axis move"  # of one axis beyond the table
+    AXIS_JOG = "axis jog"
 
 
-JOGGED = (Kind.JOINT_JOG, Kind.BASE_JOG, Kind.TOOL_JOG, Kind.TABLE_JOG)
+FURTHER = (Kind.AXIS_MOVE, Kind.AXIS_JOG)
+JOGGED = (Kind.JOINT_JOG, Kind.BASE_JOG, Kind.TOOL_JOG, Kind.TABLE_JOG, Kind.AXIS_JOG)
 MOVED = tuple(kind for kind in Kind if kind not in JOGGED)
 _MODES = {
-    **dict.fromkeys((Kind.JOINT_MOVE, Kind.TABLE_MOVE), Mode.JOINT_MOVE),
+    **dict.fromkeys((Kind.JOINT_MOVE, Kind.TABLE_MOVE, Kind.AXIS_MOVE), Mode.JOINT_MOVE),
     **dict.fromkeys((Kind.PROGRAM, Kind.SHORT_PROGRAM), Mode.PROGRAM),
-    **dict.fromkeys((Kind.JOINT_JOG, Kind.TABLE_JOG), Mode.JOINT_JOG),
+    **dict.fromkeys((Kind.JOINT_JOG, Kind.TABLE_JOG, Kind.AXIS_JOG), Mode.JOINT_JOG),
     **dict.fromkeys((Kind.BASE_JOG, Kind.TOOL_JOG), Mode.CARTESIAN_JOG),
     Kind.LINE_MOVE: Mode.LINE_MOVE,
     Kind.SERVO: Mode.SERVO,
@@ -66,8 +70,8 @@ class Motion:
     kind
         What moves it.
     by
-        Angles (axes,), rad, by which a move, a program or servo mode turns the axes (of a line move: by which it
-        would if it were none); deflections (axes,), -1 to 1, of a jog.
+        Travel (axes,), rad or m, by which a move, a program or servo mode moves the axes (of a line move: by which it
+        would if it were none); axes beyond the table end at their limits. Deflections (axes,), -1 to 1, of a jog.
     speed
         Share of the full speed.
     duration
@@ -79,7 +83,7 @@ class Motion:
     width
         Width of the fingers from the event on, m.
     length
-        Largest angle (rad) by which it turns an axis.
+        Largest travel (rad or m) of an axis.
     """
 
     kind: Kind
@@ -99,7 +103,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class Scenario:
-    """Motions one after the other from a start (axes,), rad, on, for at most `duration` s."""
+    """Motions one after the other from a start (axes,), rad or m, on, for at most `duration` s."""
 
     start: Array
     motions: tuple[Motion, ...]
@@ -181,7 +185,7 @@ class Operator:
             cell.real_group(["command.gripper.width", "command.gripper.force"]) if self._has_gripper else None
         )
         self._now: Motion | None = None
-        self._from = np.zeros(len(axes))
+        self._from = self._by = np.zeros(len(axes))
         self._since = self._free_at = 0.0
         self._stuck = self._recovering = 0
         self._held_since: float | None = None
@@ -310,17 +314,18 @@ class Operator:
             self._cell.set(self._jog, motion.by)
             return
         self._from = self._cell.get(self._commanded)[: self._targets.count].copy()
+        self._by = self._within_limits(motion.by)
         if motion.kind is Kind.SERVO:
             self._stream(time)
             return
         self._cell.set(self._speed, np.array([motion.speed]))
-        target = self._from + motion.by
+        target = self._from + self._by
         if motion.kind is Kind.LINE_MOVE:
-            end = self._nominal.world_from_sensor(target[:-1])
+            end = self._nominal.world_from_sensor(target)
             self._cell.set(self._line, np.append(end[:3, 3], pose.quaternion_from_rotation(end[:3, :3])))
         self._cell.set(self._targets, target)
         if _MODES[motion.kind] is Mode.PROGRAM:
-            self._load(self._from + set_points(motion, self._cycle))
+            self._load(self._from + set_points(replace(motion, by=self._by), self._cycle))
         self._cell.set_integer("command.start", self._cell.get_integer("command.start") + 1)
 
     def _stream(self, time: float) -> None:
@@ -329,19 +334,34 @@ class Operator:
         # The axes follow one cycle later.
         takes = max(self._now.duration - 3 * self._cycle, self._cycle)
         share = min(1.0, (time - self._since + self._cycle) / takes)
-        self._cell.set(self._targets, self._from + share * self._now.by)
+        self._cell.set(self._targets, self._from + share * self._by)
+
+    def _within_limits(self, by: Array) -> Array:
+        """The travel (axes,) of a motion that ends no further than the axes beyond the table can go."""
+        by, first = by.copy(), len(self._nominal.home) + 1
+        for number, axis in enumerate(self._nominal.further_axes, first):
+            by[number] = np.clip(self._from[number] + by[number], axis.min, axis.max) - self._from[number]
+        return by
 
     def _load(self, points: Array) -> None:
         times = np.asarray(self._cycle * np.arange(len(points)), np.float64)
-        program = Program((Segment(1, times, points),))
         path = (self._folder / f"program{len(self.begun)}.json").absolute()
-        path.write_text(json.dumps(program_data(program)))
+        path.write_text(json.dumps(moving_program(times, points, len(self._nominal.home))))
         self._cell.set_string("command.program", str(path))
         self._cell.set_integer("command.segment", 1)
 
 
+def moving_program(times: Array, points: Array, joints: int) -> dict[str, Any]:
+    """Data of a program of one segment through set-points (n, axes) at `times` (n,), s, in which all axes may move."""
+    first, further = np.split(points, [joints + 1], 1)
+    data = program_data(Program((Segment(1, times, first),)))
+    if further.size:
+        data["segments"][0]["further"] = further.tolist()
+    return data
+
+
 def set_points(motion: Motion, cycle: float) -> Array:
-    """Set-points (n, axes), rad, of a program from its start on, one per controller cycle.
+    """Set-points (n, axes), rad or m, of a program from its start on, one per controller cycle.
 
     The speed rises smoothly from rest, is even, and falls to rest; two or three points are equidistant.
     """
@@ -360,7 +380,7 @@ def _eased(share: Array) -> Array:
 
 
 def program_duration(by: Array, speed: float, max_speed: Array, max_acceleration: Array, cycle: float) -> float:
-    """Time (s) that a program along `by` (axes,), rad, takes at a share of the full speed, in whole cycles."""
+    """Time (s) that a program along `by` (axes,) takes at a share of the full speed, in whole cycles."""
     within = 0.9  # of the limits
     by_speed = float((np.abs(by) / (within * speed * (1.0 - _RAMP) * max_speed)).max())
     # Largest slope of ramp² (3 - 2 ramp), 1.5, over the ramp.

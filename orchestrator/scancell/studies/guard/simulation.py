@@ -18,10 +18,10 @@ from scancell.config.cell import LinkDescription
 from scancell.geometry import pose
 from scancell.guard.endpoints import CellEndpoint
 from scancell.guard.guard import Decision, Guard, GuardedCell
-from scancell.guard.messages import CellState, GuardMessage
+from scancell.guard.messages import CellState, GuardMessage, axis_bits
 from scancell.guard.parts import PartTracker
 from scancell.guard.transport import Arrival, InProcess, Link, faulty_link
-from scancell.nominal.cell import fmu_frame
+from scancell.nominal.cell import NominalCell, fmu_frame
 from scancell.studies.guard.scenario import POSE_KEYS, Begun, Operator, Scenario
 from scancell.studies.guard.worlds import World
 from scancell.values import Closing
@@ -34,7 +34,7 @@ _OTHER_AGE = 1.0  # s
 SAMPLES = 4  # of the motion in a controller cycle that are judged
 _JUDGED = 0.2e-3  # m: points that are judged are no further apart, unless they are consecutive samples
 _MEASURED = 1e-3  # m: the same, of points whose distances are measured
-_REACH = 1.2  # m: no point of arm or table is further from an axis
+_REACH = 1.2  # m: no point of arm or table is further from an axis that turns it
 _REST = 1.0  # s without motion after which a run is over
 _STILL = 1e-7  # rad in a cycle
 _EMERGENCY_STOP = 3  # of controller.state
@@ -49,8 +49,8 @@ class Servers:
     make
         Makes a guard that knows nothing of the past.
     rival
-        One of `RIVALS`: a second cell at rest at `home` (axes,), rad, that asks the guard for a session all the
-        time; or a second guard of the same cell that gets the same states, whose answers come 2 ms later.
+        One of `RIVALS`: a second `cell` at rest at its start that asks the guard for a session all the time; or a
+        second guard of the same cell that gets the same states, whose answers come 2 ms later.
 
     Attributes
     ----------
@@ -58,9 +58,9 @@ class Servers:
         Decisions, with the times of their states on the controller's clock, s.
     """
 
-    def __init__(self, make: Callable[[], Guard], rival: str, home: np.ndarray) -> None:
+    def __init__(self, make: Callable[[], Guard], rival: str, cell: NominalCell) -> None:
         self.log: list[tuple[float, Decision]] = []
-        self._make, self._home = make, home
+        self._make, self._cell = make, cell
         self._guard = InProcess(_Observed(make(), self.log), COMPUTE)
         self._second = InProcess(make(), COMPUTE + 2e-3) if rival == "guard" else None
         self._caller = CellEndpoint(_OTHER_AGE) if rival == "cell" else None
@@ -80,7 +80,8 @@ class Servers:
         """Answers of all guards until `time`, s."""
         if self._caller is not None and time >= self._calls * _CALLS:
             self._calls += 1
-            state = CellState(self._calls, time, Operation.AUTOMATIC, Mode.HOLD, False, self._home)
+            axes, prismatic = self._cell.start, axis_bits(self._cell.prismatic)
+            state = CellState(self._calls, time, Operation.AUTOMATIC, Mode.HOLD, False, axes, prismatic=prismatic)
             self._guard.send(self._caller.packet(state), time)
         return sorted([*self._guard.receive(time), *(self._second.receive(time) if self._second else ())])
 
@@ -115,7 +116,7 @@ class MotionRecord:
     Attributes
     ----------
     times, axes
-        (n,), s, and true joints and table (n, axes), rad.
+        (n,), s, and true positions (n, axes), rad or m.
     frames
         True poses (n, frames, 7) of fingers and free parts: positions, m, and quaternions.
     answers
@@ -233,7 +234,7 @@ class Simulation(Closing):
         """
         if network is None:
             return self._run(scenario, None, None)
-        servers = Servers(self.new_guard, network.rival, np.append(self.world.nominal.home, 0.0))
+        servers = Servers(self.new_guard, network.rival, self.world.nominal)
         return self._run(scenario, servers, self.new_link(servers, network))
 
     def _run(self, scenario: Scenario, servers: Servers | None, link: Link | None) -> MotionRecord:
@@ -293,9 +294,10 @@ class Simulation(Closing):
         )
 
     def _started(self, start: Array) -> CellInstance:
-        for joint, angle in zip(self._described["robot"]["joints"], start[:-1], strict=True):
-            joint["start"] = float(angle)
-        self._described["table"]["start"] = float(start[-1])
+        described = self._described
+        axes = [*described["robot"]["joints"], described["table"], *described.get("axes", ())]
+        for axis, position in zip(axes, start, strict=True):
+            axis["start"] = float(position)
         return self._cell.start(self._described)
 
     def poses(self, record: MotionRecord, kept: NDArray[np.int64], shifts: Array) -> Array:

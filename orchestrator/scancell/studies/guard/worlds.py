@@ -90,16 +90,26 @@ def with_encoders(described: CellDescription, rng: np.random.Generator) -> CellD
     """The cell with encoders whose noise and steps together are those of the guard's settings, or as described."""
     if rng.random() < _DESCRIBED:
         return described
-    sigma = float(np.degrees(settings_of(described).noise))
+    table = len(described.robot.joint)
+    sigma = np.broadcast_to(settings_of(described).noise, (table + 1 + len(described.axis),))
     steps = float(rng.choice([0.0, 0.5, 0.9]))
-    # Just below: the settings that follow from it stay.
-    keys = {
-        "encoder_noise_deg": 0.9999 * sigma * float(np.sqrt(1 - steps**2)),
-        "encoder_resolution_deg": 0.9999 * sigma * steps * float(np.sqrt(12)),
-    }
-    joints = tuple(joint.model_copy(update=keys) for joint in described.robot.joint)
+
+    def keys(noise: float, unit: str) -> dict[str, float]:
+        # Just below: the settings that follow from it stay.
+        return {
+            f"encoder_noise{unit}": 0.9999 * noise * float(np.sqrt(1 - steps**2)),
+            f"encoder_resolution{unit}": 0.9999 * noise * steps * float(np.sqrt(12)),
+        }
+
+    turning = keys(float(np.degrees(sigma[0])), "_deg")
+    joints = tuple(joint.model_copy(update=turning) for joint in described.robot.joint)
     robot = described.robot.model_copy(update={"joint": joints})
-    return described.model_copy(update={"robot": robot, "table": described.table.model_copy(update=keys)})
+    further = tuple(
+        axis.model_copy(update=turning if axis.kind == "revolute" else keys(1e3 * float(noise), axis.unit))
+        for axis, noise in zip(described.axis, sigma[table + 1 :], strict=True)
+    )
+    platter = described.table.model_copy(update=turning)
+    return described.model_copy(update={"robot": robot, "table": platter, "axis": further})
 
 
 @dataclass(frozen=True)
@@ -161,11 +171,14 @@ class World:
         rng = np.random.default_rng(0)
         q, table = rng.uniform(lower, upper, (_RANDOM, len(lower))), rng.uniform(-3.0, 3.0, _RANDOM)
         scene = ProximityScene({body.name: body.mesh for body in self.nominal.bodies}, pairs)
-        farthest = scene.distances(self.nominal.body_poses(with_table(q, table)), _NEARLY, 1).max(0)
+        further = [rng.uniform(axis.min, axis.max, _RANDOM) for axis in self.nominal.further_axes]
+        axes = np.column_stack([with_table(q, table), *further])
+        farthest = scene.distances(self.nominal.body_poses(axes), _NEARLY, 1).max(0)
         return [pair for pair, distance in zip(pairs, farthest, strict=True) if distance >= _NEARLY]
 
     def _carrier(self, body: Body) -> str:
-        frame = "table" if body.moves_with == "part" and not self.grips else body.moves_with
+        moves_with = self.nominal.carrier(body.moves_with)
+        frame = "table" if moves_with == "part" and not self.grips else moves_with
         return f"link[{len(self.nominal.arm.joints)}]" if frame == "sensor" else frame
 
     @cached_property
@@ -178,7 +191,7 @@ class World:
         """Contacts of the judged pairs by python-fcl."""
         meshes, kept = {body.name: body.mesh for body in self.nominal.bodies}, {frozenset(pair) for pair in self.pairs}
         others = [frozenset(pair) for pair in combinations(self.names, 2) if frozenset(pair) not in kept]
-        return Judge(meshes, self.names, self.nominal.body_poses(self.nominal.home), others)
+        return Judge(meshes, self.names, self.nominal.body_poses(self.nominal.start), others)
 
     @cached_property
     def inner(self) -> NDArray[np.bool_]:
@@ -188,18 +201,25 @@ class World:
 
     @cached_property
     def start(self) -> Array:
-        """Axes (axes,), rad, with the fingers around the part."""
+        """Axes (axes,), rad or m, with the fingers around the part."""
         down = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
         flange = pose.from_rotation(down, _GRIPPED_AT[1]) @ pose.inverse(flange_from_tool(self.nominal, "gripper"))
-        branches = self.nominal.arm.ik(flange, self.nominal.home)[0]
-        return np.append(branches[np.nanargmin(np.abs(branches - self.nominal.home).max(-1))], 0.0)
+        branches = self.nominal.arm.ik(pose.inverse(self._world_from_carrier) @ flange, self.nominal.home)[0]
+        joints = branches[np.nanargmin(np.abs(branches - self.nominal.home).max(-1))]
+        return self.nominal.with_further_axes(np.append(joints, 0.0))
+
+    @property
+    def _world_from_carrier(self) -> Array:
+        """Pose (4, 4) of what carries the arm at the start."""
+        return self.nominal.world_from(self.nominal.arm_on, self.nominal.start)
 
     def carrying(self, held: bool) -> NominalCell:
         """The geometry with the free part in the gripper, as at `start`, or where it lies on the belt."""
         assert self.nominal.belt is not None
         placed, frame = self.nominal.belt.world_from_belt @ self.nominal.belt.belt_from_part, "world"
         if held:
-            placed = pose.inverse(self.nominal.arm.fk(self.start[:-1])) @ placed
+            flange = self._world_from_carrier @ self.nominal.arm.fk(self.start[: len(self.nominal.home)])
+            placed = pose.inverse(flange) @ placed
             frame = f"link[{len(self.nominal.arm.joints)}]"
         bodies = [
             replace(body, moves_with=frame, mesh=body.mesh.transformed(placed), patches=())
@@ -239,7 +259,7 @@ def world_of(described: CellDescription, part: Mesh, name: str, rng: np.random.G
     bodies = list(nominal.bodies)
     if not grips and name in POSTS and rng.random() < 0.5:
         size, centre, angle = POSTS[name]
-        turned = [*nominal.home, angle * rng.choice([-1.0, 1.0])]
+        turned = nominal.with_further_axes([*nominal.home, angle * rng.choice([-1.0, 1.0])])
         placed_at = nominal.world_from("part", turned) @ pose.translation(centre)
         bodies.append(Body("fixed_post", "world", box_mesh(size).transformed(placed_at), Material(0.5)))
     if rng.random() >= _DESCRIBED:
