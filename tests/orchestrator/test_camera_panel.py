@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from chromium import chromium
-from scancell.config.loading import load_setup
+from scancell.config.loading import as_built_sensor, load_setup
 from scancell.live.camera import CameraFrame
 
 viser = pytest.importorskip("viser")
@@ -25,6 +25,7 @@ from scancell.browser.panels.camera_panel import (  # noqa: E402
     side_by_side,
     with_stripe,
 )
+from scancell.browser.panels.cell_panel import perturbations  # noqa: E402
 from scancell.browser.server.gate import quiet_server  # noqa: E402
 
 POINTS = np.array([[0.0, 0.004, 0.101], [0.0, -0.002, 0.099], [0.0, 0.001, 0.1]])
@@ -187,3 +188,13 @@ def test_click_on_an_image_presses_the_button_of_its_camera() -> None:
         for picture, x in ((pictures[0], 300), (pictures[0], 20), (pictures[1], 20)):
             picture.click(position={"x": x, "y": 50})
         assert page.evaluate("pressed") == ["minus", "plus"]
+
+
+def test_every_slider_of_the_true_sensor_states_a_deviation_that_the_sensor_takes() -> None:
+    sensor = load_setup().sensor
+    offered = perturbations(sensor)
+    assert {f"sensor.camera[{number}].tilt_deg" for number in (1, 2)} <= {one.key for one in offered}
+    for one in offered:
+        for value in (one.low, one.high):
+            changed = as_built_sensor(sensor, [f"{one.key}={value}"])
+            assert (changed == sensor) == (value == one.nominal), one.key

@@ -18,6 +18,7 @@ from PIL import Image as Picture
 
 from scancell.arguments import Threads, Within, checked_arguments
 from scancell.arrays import Array, Image
+from scancell.config.cell import sensor_frame
 from scancell.errors import DescriptionError, OutputError
 from scancell.files import atomic_write
 from scancell.geometry import pose
@@ -213,9 +214,12 @@ class RunPictures:
         """The picture (height, width, 3) at `time` (s), when this share (0 to 1) of the pictures is taken."""
         run, camera = self._run, self._path(time, share)
         frames = run.motion.frames(time)
-        laser = laser_sheet(run.setup.sensor, frames["sensor"]) if run.motion.laser_on(time, self._span) else None
+        lasers = []
+        if run.motion.laser_on(time, self._span):
+            numbers = range(1, len(run.setup.sensor_names) + 1)
+            lasers = [laser_sheet(run.setup.seen_by(n).sensor, frames[sensor_frame(n)]) for n in numbers]
         poses = np.stack([frames[body.moves_with] for body in run.cell.bodies])
-        rendered = self._renderer.render(camera, poses, laser)
+        rendered = self._renderer.render(camera, poses, *lasers)
         if self._cloud is not None:
             self._cloud.draw(rendered, camera, frames["part"], time)
         return captioned(displayed(rendered.light), run.name, time, self._cloud)

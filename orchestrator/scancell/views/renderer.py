@@ -146,9 +146,9 @@ class Renderer:
         self._normals = np.concatenate([body.mesh.normals for body in bodies])
         self._colours = np.stack([linear(body.colour) for body in bodies])
 
-    def render(self, camera: PinholeCamera, world_from_body: Array, laser: LaserSheet | None = None) -> Rendered:
-        """A picture with the bodies at poses (bodies, 4, 4), and the laser if it is on."""
-        view = _View(self, camera, np.asarray(world_from_body, float), laser)
+    def render(self, camera: PinholeCamera, world_from_body: Array, *lasers: LaserSheet) -> Rendered:
+        """A picture with the bodies at poses (bodies, 4, 4), and the lasers that are on."""
+        view = _View(self, camera, np.asarray(world_from_body, float), lasers)
         width, height = camera.width_px, camera.height_px
         column, row = np.meshgrid(np.arange(width), np.arange(height))
         pixels = np.stack([column.ravel(), row.ravel()], -1).astype(float)
@@ -164,10 +164,10 @@ class Renderer:
 
 
 class _View:
-    """One picture: camera, poses, laser."""
+    """One picture: camera, poses, lasers."""
 
-    def __init__(self, renderer: Renderer, camera: PinholeCamera, poses: Array, laser: LaserSheet | None) -> None:
-        self._camera, self._poses, self._laser = camera, poses, laser
+    def __init__(self, renderer: Renderer, camera: PinholeCamera, poses: Array, lasers: Sequence[LaserSheet]) -> None:
+        self._camera, self._poses, self._lasers = camera, poses, lasers
         self._scene, self._floor_z, self._middle = renderer._scene, renderer._floor_z, renderer._middle
         self._first_face, self._normals, self._colours = renderer._first_face, renderer._normals, renderer._colours
         self._laser_poses = poses.copy()
@@ -199,8 +199,8 @@ class _View:
         rows = np.flatnonzero(floor & (x * x + y * y < FLOOR_END**2))
         light[rows] = self._floor_light(depth[rows], directions[rows])
         stripe = np.zeros(len(pixels))
-        if self._laser is not None:
-            self._add_laser(self._laser, light, stripe, depth, directions)
+        for laser in self._lasers:
+            self._add_laser(laser, light, stripe, depth, directions)
         return light, stripe, body, depth
 
     def _bodies_light(self, body: Index, face: Index, depth: Array, directions: Array, length: Array) -> Array:
@@ -240,7 +240,7 @@ class _View:
         towards = source - points
         end = points + 4 * _LIFT * towards / np.linalg.norm(towards, axis=-1, keepdims=True)
         bright *= ~self._blocked(np.broadcast_to(source, end.shape), end, self._laser_poses)
-        stripe[rows] = bright
+        stripe[rows] = np.maximum(stripe[rows], bright)
         light[rows] += bright[:, None] * (_STRIPE - light[rows])
         rows, points, left = laser.veil(eye, directions, depth)
         left *= ~self._blocked(np.broadcast_to(source, points.shape), points, self._laser_poses)

@@ -308,7 +308,7 @@ def perturbations(sensor: SensorDescription) -> list[Perturbation]:
         _around("laser turn y, deg", "sensor.laser.turn_y_deg", laser.turn_y_deg, 1.0, 0.01),
         _around("laser turn z, deg", "sensor.laser.turn_z_deg", laser.turn_z_deg, 2.0, 0.01),
     ]
-    for number, camera in enumerate(sensor.camera):
+    for number, camera in enumerate(sensor.camera, 1):
         key = f"sensor.camera[{number}]"
         found += [
             _around(f"{camera.name}: tilt, deg", f"{key}.tilt_deg", camera.tilt_deg, 0.5, 0.01),
