@@ -11,6 +11,7 @@ import pytest
 from cells import GRIPPER, block, cell_file, export_mm
 from guard_rig import Distance, GuardRig, guard_rig
 from guard_walls import behind_wall, boxes, distances, is_clear
+from test_further_axes import STACKED
 
 from bench.guard_search.mutations import MUTATIONS
 from guard_motions import AXIS, WITH_AXES, cell_of, described_cell, random_motion, random_start, stopping_motion, unit
@@ -24,8 +25,9 @@ from scancell.guard.check import ManualCheck
 from scancell.guard.endpoints import Identifier
 from scancell.guard.guard import Guard, GuardSettings
 from scancell.guard.messages import CellState, PlacedPart, axes_digest, axis_bits, decode
-from scancell.guard.parts import NearPairs, PartTracker, UnseenApproach, carriers, jog_limits
-from scancell.guard.stopping import WorstCase
+from scancell.guard.parts import NearPairs, PartTracker, Tool, UnseenApproach, carriers, jog_limits
+from scancell.guard.stopping import Hypothesis, MeasuredState, Predictor, WorstCase
+from scancell.guard.stopping import Path as Course
 from scancell.nominal.cell import NominalCell, nominal_cell
 from scancell.proximity.scene import cell_scene
 from scancell.scanning.session import guard_of, settings_of
@@ -366,3 +368,64 @@ def test_cells_of_boxes_have_the_axes() -> None:
     for arm, file in WITH_AXES.items():
         assert len(boxes(arm).further_axes) == 1
         assert cell_of(arm)[0].axes[-1] == load_setup(assets_dir() / f"cells/{file}.toml").cell.axis[0].name
+
+
+# Arms that several axes carry.
+
+
+@pytest.fixture(scope="module")
+def stacked(tmp_path_factory: pytest.TempPathFactory) -> NominalCell:
+    """A track and a turning column carry the arm, a lift the table."""
+    settings = ['cell.robot_moves_with="column"', 'cell.table.moves_with="lift"']
+    file = cell_file(tmp_path_factory.mktemp("stacked"), STACKED)
+    return nominal_cell(load_setup(file, settings=settings).cell, PART)
+
+
+def anywhere(nominal: NominalCell, rng: np.random.Generator) -> np.ndarray:
+    joints = nominal.home + rng.uniform(-0.3, 0.3, len(nominal.home))
+    return np.array([*joints, rng.uniform(-3, 3), *(rng.uniform(axis.min, axis.max) for axis in nominal.further_axes)])
+
+
+def test_kinematics_of_the_tool_are_those_of_the_tree(stacked: NominalCell) -> None:
+    tool, rng = Tool(stacked), np.random.default_rng(63)
+    assert tool.held.tolist() == [7, 8, 9]
+    for _ in range(10):
+        axes, rates = anywhere(stacked, rng), rng.standard_normal(10)
+        jacobian = stacked.tree.jacobian("sensor", axes)[:, :10]
+        (placed,), (columns,) = tool.poses(axes[None])
+        assert placed == pytest.approx(stacked.world_from_sensor(axes), abs=1e-12)
+        assert columns == pytest.approx(jacobian[:, :6], abs=1e-12)
+        assert tool.twist(axes, rates) == pytest.approx(jacobian @ rates, abs=1e-12)
+
+
+@pytest.mark.parametrize("path", [Course.BASE, Course.TOOL])
+def test_tool_moves_straight_in_the_world_wherever_its_axes_rest(stacked: NominalCell, path: Course) -> None:
+    """The path that is identified from noisy states leads to the poses of the tool that the motion has."""
+    tool, predictor, rng = Tool(stacked), Predictor(stacked), np.random.default_rng(64)
+    noise = np.where(stacked.prismatic, 1e-5, np.radians(0.005))
+    identifier, tick = Identifier(stacked, noise), 0.004
+    for _ in range(40):
+        axes, twist = anywhere(stacked, rng), np.append(0.15 * unit(rng), 0.3 * unit(rng))
+        course = [axes]
+        for _ in range(42):
+            placed, jacobian = tool.poses(course[-1][None])
+            turned = (placed[0, :3, :3] @ twist.reshape(2, 3).T).T.ravel() if path is Course.TOOL else twist
+            half = course[-1].copy()
+            half[:6] += tick / 2 * tool.rates(jacobian, turned[None])[0]
+            placed, jacobian = tool.poses(half[None])
+            turned = (placed[0, :3, :3] @ twist.reshape(2, 3).T).T.ravel() if path is Course.TOOL else twist
+            nxt = course[-1].copy()
+            nxt[:6] += tick * tool.rates(jacobian, turned[None])[0]
+            course.append(nxt)
+        states = [MeasuredState(0.032 * k, course[8 * k] + noise * rng.standard_normal(len(axes))) for k in range(3)]
+        found = identifier.identify(states)
+        assert path in [hypothesis.path for hypothesis in found.hypotheses]
+        _, jacobian = tool.poses(course[0][None])
+        turned = (stacked.world_from_sensor(axes)[:3, :3] @ twist.reshape(2, 3).T).T.ravel()
+        rates = np.zeros(10)
+        rates[:6] = tool.rates(jacobian, (turned if path is Course.TOOL else twist)[None])[0]
+        exact = Hypothesis(path, MeasuredState(0.0, axes), rates, np.zeros(10), 0.0)
+        reached = predictor.axes([exact], np.array([[tick * 20, tick * 42]]))[0]
+        expected = tool.poses(np.array([course[20], course[42]]))[0]
+        assert tool.poses(reached)[0] == pytest.approx(expected, abs=2e-5)
+        assert (reached[:, 6:] == axes[6:]).all()

@@ -33,7 +33,7 @@ from scancell.programs.robot import deg, location, mm
 from scancell.reconstruction.cloud_files import read_ply
 from tour import choose, draws, entry, fill, hosted, waits
 
-PARTS = Path(__file__).resolve().parents[2] / "assets" / "parts"
+PARTS, CELLS = (Path(__file__).resolve().parents[2] / "assets" / name for name in ("parts", "cells"))
 INTO_TABLE = """from scancell import Robot, deg, location, mm
 
 
@@ -483,3 +483,27 @@ def pixel(page: Any, camera: Any, point: np.ndarray) -> tuple[float, float]:
     focal = box["height"] / 2 / np.tan(camera.fov / 2)
     x, y = focal * seen[:2] / seen[2]
     return float(box["x"] + box["width"] / 2 + x), float(box["y"] + box["height"] / 2 + y)
+
+
+def test_sliders_of_a_track_and_of_a_table_beyond_a_turn_move_them(browser: Any, tmp_path: Path) -> None:
+    """The slider of the table goes on from its end, and the page shows where the track carries the arm."""
+    setup = load_setup(CELLS / "track.toml", ideal=True)
+    with (
+        Scanner(setup=setup, threads=1) as scanner,
+        hosted(scanner, None, WorkspaceSettings(tmp_path)) as (host, server),
+    ):
+        opened = Opened(host, server, tmp_path, browser)
+        opened.workspace.feed.wanted = False
+        page = opened.page().page
+        fill(page, "speed, %", 100)
+        fill(page, "track, mm", 250.0)
+        state = opened.until(lambda state: abs(state.further_axes[0] - 0.25) < 1e-6, "the track at 250 mm")
+        np.testing.assert_allclose(state.joints, opened.nominal.home, atol=1e-6)
+        base = opened.workspace.scene.position("link[1]")
+        np.testing.assert_allclose(base[1], opened.nominal.world_from("link[1]", state.axes)[1, 3], atol=1e-3)
+        for degrees in (360.0, 700.0):
+            fill(page, "table, deg", degrees)
+            opened.until(lambda state, at=degrees: abs(state.table_angle - at * deg) < 1e-5, f"the table at {degrees}°")
+            opened.rests()
+            page.locator(f"input[type=text][value='{degrees:g}']").wait_for()
+        assert abs(opened.state.further_axes[0] - 0.25) < 1e-6
