@@ -360,6 +360,12 @@ class MeasurableSurface(Value):
         """Measurable share of the whole surface, 0 … 1."""
         return float(self.measurable.mean())
 
+    def together(self, others: Sequence[MeasurableSurface]) -> MeasurableSurface:
+        """The same surface with what is measurable in any of several, whose samples are the same."""
+        measurable = np.any([self.measurable, *(one.measurable for one in others)], axis=0)
+        digest = hashlib.sha256("".join([self.digest, *(one.digest for one in others)]).encode()).hexdigest()
+        return MeasurableSurface(self.samples, self.normals, measurable, self.area, digest)
+
     def thinned(self, count: int) -> MeasurableSurface:
         """The same surface with at most `count` of the samples, evenly chosen."""
         if count >= len(self.samples):

@@ -7,7 +7,7 @@ import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -75,6 +75,8 @@ class Segment(Value):
         What the segment scans, or where it leads, for messages.
     belt
         Travel of a belt after the motion, for the rule ``belt_travel``.
+    further
+        (n, k) set-points of the axes beside joints and table, rad or m.
     """
 
     id: int
@@ -85,6 +87,12 @@ class Segment(Value):
     trigger_to: float = 0.0
     name: str = ""
     belt: BeltRun | None = None
+    further: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @property
+    def all_axes(self) -> NDArray[np.float64]:
+        """Set-points (n, axes) of joints, table and further axes, rad or m."""
+        return np.hstack([self.axes, self.further]) if self.further.size else self.axes
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -92,12 +100,11 @@ class Program(Value):
     """A checked motion from rest to rest; each segment starts where the one before ends.
 
     `stop_and_look` programs request one exposure at the end of every segment whose rule is ``request``,
-    after `settle` seconds at rest. The axes beside joints and table rest at `further` (k,), rad or m.
+    after `settle` seconds at rest.
     """
 
     segments: tuple[Segment, ...]
     settle: float = 0.0
-    further: tuple[float, ...] = ()
 
     @property
     def names(self) -> dict[int, str]:
@@ -108,6 +115,11 @@ class Program(Value):
     def start(self) -> NDArray[np.float64]:
         """Joints and table angle (joints + 1,), rad, at which it starts."""
         return np.asarray(self.segments[0].axes[0])
+
+    @property
+    def further(self) -> tuple[float, ...]:
+        """Positions of the axes beside joints and table at which it starts, rad or m."""
+        return tuple(self.segments[0].further[0].tolist()) if self.segments[0].further.size else ()
 
     @property
     def duration(self) -> float:
@@ -131,7 +143,7 @@ def program_data(program: Program) -> dict[str, Any]:
                 "time": segment.times.tolist(),
                 "q": segment.axes[:, :-1].tolist(),
                 "table": segment.axes[:, -1].tolist(),
-                **({"further": [list(program.further)] * len(segment.axes)} if program.further else {}),
+                **({"further": segment.further.tolist()} if segment.further.size else {}),
             }
             for segment in program.segments
         ],

@@ -291,6 +291,22 @@ class CoverageDescription(Description):
     )
 
 
+class ScanAxisDescription(Description):
+    """An axis beside joints and table whose position the planner chooses for each view: from its start in steps."""
+
+    name: str = Field(description="name of the axis in the cell")
+    step_mm: Size | None = Field(default=None, description="distance between its candidates if it slides, mm")
+    step_deg: Annotated[float, Field(ge=0.01, le=360.0)] | None = Field(
+        default=None, description="angle between its candidates if it turns, deg"
+    )
+
+    @model_validator(mode="after")
+    def _has_a_step(self) -> Self:
+        if (self.step_mm is None) == (self.step_deg is None):
+            raise ValueError("give exactly one of step_mm and step_deg")
+        return self
+
+
 class ScanDescription(FileDescription):
     """Views of a scan: with `pose` these poses only, otherwise planned sweeps and passes around the part.
 
@@ -351,6 +367,11 @@ class ScanDescription(FileDescription):
     )
     path: tuple[PathDescription, ...] = Field(
         default=(), description="sensor paths over the part, scanned after sweeps and passes"
+    )
+    axis: tuple[ScanAxisDescription, ...] = Field(
+        default=(),
+        description="axes beside joints and table whose positions are chosen for each view, which rest during it;"
+        " the others stay where they start",
     )
 
     @model_validator(mode="after")

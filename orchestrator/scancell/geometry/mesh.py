@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated
@@ -631,6 +631,10 @@ class ReducedMesh:
     mesh: Mesh
     original_faces: int
     error: float = 0.0
+
+    def transformed(self, target_from_part: Array) -> ReducedMesh:
+        """The mesh in the frame to which `target_from_part`, a pose (4, 4), leads."""
+        return replace(self, mesh=self.mesh.transformed(target_from_part))
 
     def line(self, name: str) -> str:
         """Line of text for messages."""

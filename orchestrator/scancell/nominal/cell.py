@@ -236,6 +236,8 @@ class NominalCell(Value):
         Axes beside joints, table and conveyors, after what carries them.
     further_sensors
         Sensors beside that of the tool, as fixed joints.
+    held_at
+        Positions, rad or m, of axes beside joints and table that were held, see `with_axes_held`.
 
     Examples
     --------
@@ -275,6 +277,7 @@ class NominalCell(Value):
     table_on: str = WORLD
     further_axes: tuple[Axis, ...] = ()
     further_sensors: tuple[Joint, ...] = ()
+    held_at: tuple[float, ...] = ()
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -344,6 +347,7 @@ class NominalCell(Value):
             arm_on=WORLD,
             table_on=WORLD,
             further_axes=(),
+            held_at=tuple(at[first:].tolist()),
         )
 
     @cached_property

@@ -141,7 +141,8 @@ class PlanningCell:
     Attributes
     ----------
     nominal
-        Kinematics and bodies; every program starts and ends at its `home`.
+        Kinematics and bodies; every program starts and ends at its `home`. Where it has axes beside joints and table,
+        most of planning takes place in a cell in which they are `held`.
     range
         Measuring range of the sensor.
     cycle
@@ -170,14 +171,35 @@ class PlanningCell:
     @property
     def start(self) -> Array:
         """Positions (axes,) at which every program starts, rad."""
-        return np.append(self.nominal.home, self.table_start)
+        start = self.nominal.start
+        start[len(self.nominal.home)] = self.table_start
+        return start
+
+    def held(self, positions: tuple[float, ...] | None = None) -> PlanningCell:
+        """The cell in which axes beside joints and table rest at positions (k,), rad or m; by default at the start.
+
+        It counts work together with this one. Itself where it has no such axes.
+        """
+        if not self.nominal.further_axes:
+            return self
+        cell = replace(self, nominal=self.nominal.with_axes_held(positions))
+        frames = self.nominal.tree.place([*self.start[: len(self.nominal.home) + 1], *cell.nominal.held_at])
+        meshes = {
+            one.name: self.reduced_meshes[one.name]
+            if one.mesh is body.mesh
+            else self.reduced_meshes[one.name].transformed(frames[one.moves_with])
+            for one, body in zip(self.nominal.bodies, cell.nominal.bodies, strict=True)
+        }
+        cell.__dict__["reduced_meshes"] = meshes  # the cached property: reducing takes seconds
+        return cell
 
     @cached_property
     def axis_limits(self) -> Limits:
-        """Limits of the joints and the table."""
+        """Limits of the axes, (axes,): joints, the table, further axes."""
         nominal = self.nominal
         jerk = np.append([joint.max_jerk for joint in nominal.arm.joints], nominal.table_max_jerk)
-        return Limits(nominal.axis_max_speed, nominal.axis_max_acceleration, jerk)
+        further = [axis.max_jerk for axis in nominal.further_axes]
+        return Limits(nominal.axis_max_speed, nominal.axis_max_acceleration, np.append(jerk, further))
 
     @cached_property
     def _chain(self) -> list[str]:

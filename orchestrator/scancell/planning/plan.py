@@ -43,7 +43,7 @@ class Plan(Value):
     segment
         (m,) segment id of each exposure, in order of time.
     axes
-        (m, axes) planned joints and table angle of each exposure, rad.
+        (m, axes) planned joints, table angle and further axes of each exposure, rad or m.
     coverage
         Fraction of the part's surface that the views see, self-occlusion ignored; None for given poses.
     warnings
@@ -80,12 +80,12 @@ class Plan(Value):
     @property
     def q(self) -> Array:
         """Planned joints (m, joints) of each exposure, rad."""
-        return self.axes[:, :-1]
+        return self.axes[:, : len(self.program.start) - 1]
 
     @property
     def table(self) -> Array:
         """Planned table angle (m,) of each exposure, rad."""
-        return self.axes[:, -1]
+        return np.asarray(self.axes[:, len(self.program.start) - 1])
 
     @checked_arguments
     def save(self, path: str | Path) -> Path:
@@ -127,12 +127,13 @@ class Plan(Value):
                 item.trigger_to,
                 item.name,
                 None if item.belt is None else BeltRun(**item.belt.model_dump()),
+                item.positions,
             )
             for item in read.segments
         )
         ids = np.array(read.exposures.segment, np.int64)
-        program = Program(segments, read.settle, read.further)
-        return Plan(program, ids, read.exposures.axes, None, (), source=str(file.absolute()))
+        exposures = np.hstack([read.exposures.axes, read.exposures.positions])
+        return Plan(Program(segments, read.settle), ids, exposures, None, (), source=str(file.absolute()))
 
     def require_joints(self, joints: int) -> None:
         """Raises `DescriptionError` if the plan is for an arm with another number of joints."""
@@ -165,14 +166,21 @@ class _Points(Description):
 
     q: tuple[_Joints, ...]
     table: _Row
+    further: tuple[_Joints, ...] = ()
 
     @property
     def axes(self) -> Array:
         return np.column_stack([self.q, self.table])
 
+    @property
+    def positions(self) -> Array:
+        """(n, k) of the further axes."""
+        return np.array(self.further, float).reshape(len(self.q), -1)
+
     @model_validator(mode="after")
     def _same_length(self) -> Self:
-        numbers = {key: len(getattr(self, key)) for key in (self.per_point, "q", "table")}
+        given_keys = (self.per_point, "q", "table", *(("further",) if self.further else ()))
+        numbers = {key: len(getattr(self, key)) for key in given_keys}
         if len(set(numbers.values())) != 1:
             given = ", ".join(f"{number} {key}" for key, number in numbers.items())
             raise ValueError(f"{given}: expected as many of each")
@@ -189,7 +197,6 @@ class _Segment(_Points):
     trigger_to: _Duration
     belt: _BeltRun | None = None
     time: Annotated[_Row, Field(min_length=2)]
-    further: tuple[tuple[_Value, ...], ...] = ()
 
     @model_validator(mode="after")
     def _time_rises(self) -> Self:
@@ -223,24 +230,14 @@ class _PlanFile(Description):
     segments: Annotated[tuple[_Segment, ...], Field(min_length=1)]
     exposures: _Exposures
 
-    @property
-    def further(self) -> tuple[float, ...]:
-        """Positions at which the further axes rest."""
-        return next(iter(self.segments[0].further), ())
-
-    @model_validator(mode="after")
-    def _further_axes_rest(self) -> Self:
-        for number, segment in enumerate(self.segments, 1):
-            if len(segment.further) not in (0, len(segment.time)) or {*segment.further} - {self.further}:
-                raise ValueError(f"segments[{number}].further: expected the same positions in a row for each time")
-        return self
-
     @model_validator(mode="after")
     def _one_number_of_joints(self) -> Self:
-        rows = [*(row for segment in self.segments for row in segment.q), *self.exposures.q]
-        numbers = {len(row) for row in rows}
-        if len(numbers) != 1:
-            raise ValueError(f"q: rows of {sorted(numbers)} joints, expected one number of joints")
+        parts = [*self.segments, self.exposures]
+        for key, given in (("q", [one.q for one in parts]), ("further", [one.further or ((),) for one in parts])):
+            numbers = {len(row) for rows in given for row in rows}
+            if len(numbers) > 1:
+                what = "joints" if key == "q" else "further axes"
+                raise ValueError(f"{key}: rows of {sorted(numbers)} {what}, expected one number of {what}")
         return self
 
     @model_validator(mode="after")
@@ -257,9 +254,11 @@ class _PlanFile(Description):
 
 def plan_json(plan: Plan) -> dict[str, Any]:
     """A plan as plain data for JSON, SI units: segments with their set-points, exposures; without loss of precision."""
+    exposures = {"segment": plan.segment.tolist(), "q": plan.q.tolist(), "table": plan.table.tolist()}
+    further = plan.axes[:, len(plan.program.start) :]
     return {
         "format_version": PLAN_VERSION,
         **program_data(plan.program),
         "units": _UNITS,
-        "exposures": {"segment": plan.segment.tolist(), "q": plan.q.tolist(), "table": plan.table.tolist()},
+        "exposures": {**exposures, **({"further": further.tolist()} if further.size else {})},
     }

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,7 +12,6 @@ from scancell.arrays import Flags
 from scancell.config.description import si_value
 from scancell.config.scan import BeltDescription, ScanDescription
 from scancell.errors import PlanningError
-from scancell.geometry.pose import inverse
 from scancell.nominal.parts import pose_matrix
 from scancell.planning.model import PlanningCell, WorkLimitError, join_reasons
 from scancell.planning.motion.assembly import Assembly, check_part, verified
@@ -18,25 +19,28 @@ from scancell.planning.options import ScanOptions
 from scancell.planning.path_map.configuration_map import QualityFactor
 from scancell.planning.path_map.path_planner import PathPlanner, PlacedPath
 from scancell.planning.plan import Plan
+from scancell.planning.stands import Stands
 from scancell.planning.views import paths
 from scancell.planning.views.coverage import CHOICE_SHARE, CoveragePlanner, Sight
 from scancell.planning.views.placement import (
     Infeasible,
     Placed,
     PlacedSweep,
-    Placer,
     belt_run,
     range_warnings,
     spacing_and_count,
 )
 from scancell.planning.views.views import Surface, Sweep, exposure_counts, sample_part, seen_by
 
+if TYPE_CHECKING:
+    from scancell.planning.views.sensor_paths import SensorPath
+
 # Replacements of an infeasible sweep: changes of elevation (rad) and of distance (m).
 _ALTERNATIVES = ((0.0, 0.015), (0.0, 0.03), *((np.radians(k), 0.0) for k in (15, 30, 45)))
 
 
 def default_views(
-    cell: PlanningCell, options: ScanOptions, part: Surface, placer: Placer, max_profiles: int, is_needed: bool
+    cell: PlanningCell, options: ScanOptions, part: Surface, stands: Stands, max_profiles: int, is_needed: bool
 ) -> tuple[list[tuple[Placed, int]], Flags, list[str]]:
     """Placed views with their numbers of exposures, the samples that they see, and warnings.
 
@@ -62,12 +66,12 @@ def default_views(
         seen = seen_by([*turns, *lines], cell.range, part)
         turns += paths.side_sweeps(part, cell.range, options, elevations, seen, cell.work)
     warnings: list[str] = []
-    sweeps = _reach_sweeps(placer, turns, warnings)
+    sweeps = _reach_sweeps(stands, turns, warnings)
     counts = exposure_counts([*(s.view for s in sweeps), *lines], options.spacing, max_profiles)
     placed: list[tuple[Placed, int]] = [*zip(sweeps, counts, strict=False)]
     branch = sweeps[0].branch if sweeps and cell.nominal.arm.has_named_branches else None
     left = counts[len(sweeps) :]
-    found = placer.passes(lines, left, si_value(scan.raster, "speed_mm_s"), branch)
+    found = stands.passes(lines, left, si_value(scan.raster, "speed_mm_s"), branch)
     for item, count in zip(found, left, strict=True):
         if isinstance(item, Infeasible):
             warnings.append(f"omitted: {item.reason}")
@@ -80,15 +84,15 @@ def default_views(
     return placed, seen, warnings
 
 
-def _reach_sweeps(placer: Placer, views: list[Sweep], warnings: list[str]) -> list[PlacedSweep]:
+def _reach_sweeps(stands: Stands, views: list[Sweep], warnings: list[str]) -> list[PlacedSweep]:
     """Place sweeps; an infeasible one is replaced by one from farther or higher, else omitted, with a warning."""
     result: list[PlacedSweep] = []
-    for view, item in zip(views, placer.sweeps(views), strict=True):
+    for view, item in zip(views, stands.sweeps(views), strict=True):
         if not isinstance(item, Infeasible):
             result.append(item)
             continue
         others = [view.moved(*change) for change in _ALTERNATIVES]
-        tried = (placer.sweeps([other])[0] for other in others if other.elevation <= np.radians(85))
+        tried = (stands.sweeps([other])[0] for other in others if other.elevation <= np.radians(85))
         replacement = next((other for other in tried if not isinstance(other, Infeasible)), None)
         if replacement is None:
             warnings.append(f"omitted: {item.reason}")
@@ -123,21 +127,22 @@ def plan(
     out of reach, the angle outside the joint limits, or the bodies that collide.
     """
     check_part(cell)
-    placer = Placer(cell, options.azimuth, options.clearance)
-    assembly = Assembly(cell, options)
+    stands = Stands(cell, options)
+    assembly = Assembly(cell, options, stands)
     if options.scan.belt is not None:
-        warnings = _plan_belt(cell, options.scan, options.scan.belt, placer, assembly)
+        warnings = _plan_belt(cell, options.scan, options.scan.belt, stands, assembly)
         return verified(cell, options, Plan(*assembly.finish(), None, tuple(warnings), reduced=_reductions(cell)))
     if options.scan.pose:
-        _plan_poses(cell, options.scan, placer, assembly)
-        return verified(cell, options, Plan(*assembly.finish(), None, (), reduced=_reductions(cell)))
-    along = _place_paths(cell, options, quality_factors)
+        _plan_poses(cell, options.scan, stands, assembly)
+        parts = assembly.finish()
+        return verified(cell, options, Plan(*parts, None, tuple(stands.warnings), reduced=_reductions(cell)))
+    along = _place_paths(stands, options, quality_factors)
     left = options.scan.max_profiles - sum(len(item.exposures) for item in along)
     part, report = sample_part(cell.nominal.part, cell.nominal.table_from_part), None
     warnings = []
     if options.scan.coverage.enabled:
         assert sight is not None
-        views, report = CoveragePlanner(cell, sight, options).choose(part, left)
+        views, report = CoveragePlanner(stands, sight, options).choose(part, left)
         if cell.work.spent > CHOICE_SHARE * cell.work.limit:
             warnings.append(
                 f"views were chosen until {100 * CHOICE_SHARE:.0f} % of scan.max_planning_work ="
@@ -146,8 +151,8 @@ def plan(
         seen = seen_by([placed.view for placed, _ in views], cell.range, part)
     else:
         cell.work.doing = "placing sweeps and passes"
-        views, seen, warnings = default_views(cell, options, part, placer, left, is_needed=not along)
-    warnings += [item.note for item in along if item.note]
+        views, seen, warnings = default_views(cell, options, part, stands, left, is_needed=not along)
+    warnings += [item.note for item in along if item.note] + stands.warnings
     omitted = _assemble(assembly, views, in_order=report is None)
     if not along:
         omitted += assembly.go_home()
@@ -170,7 +175,7 @@ def _reductions(cell: PlanningCell) -> tuple[str, ...]:
     return tuple(one.line(name) for name, one in found if one.original_faces > len(one.mesh.faces))
 
 
-def _plan_poses(cell: PlanningCell, scan: ScanDescription, placer: Placer, assembly: Assembly) -> None:
+def _plan_poses(cell: PlanningCell, scan: ScanDescription, stands: Stands, assembly: Assembly) -> None:
     poses = np.array([pose_matrix(pose) for pose in scan.pose])
     if len(poses) > scan.max_profiles:
         raise PlanningError(
@@ -180,7 +185,7 @@ def _plan_poses(cell: PlanningCell, scan: ScanDescription, placer: Placer, assem
             expected=f"at least {len(poses)}",
         )
     cell.work.doing = f"placing {len(poses)} poses"
-    found = placer.poses(poses)
+    found = stands.poses(poses)
     reasons = [item.reason for item in found if isinstance(item, Infeasible)]
     if reasons:
         raise PlanningError(join_reasons("infeasible poses", reasons))
@@ -190,26 +195,25 @@ def _plan_poses(cell: PlanningCell, scan: ScanDescription, placer: Placer, assem
 
 
 def _plan_belt(
-    cell: PlanningCell, scan: ScanDescription, belt: BeltDescription, placer: Placer, assembly: Assembly
+    cell: PlanningCell, scan: ScanDescription, belt: BeltDescription, stands: Stands, assembly: Assembly
 ) -> list[str]:
     """Add the scan on the belt; returns warnings."""
     nominal = cell.nominal
     run = belt_run(nominal, belt, cell.cycle)
     world_from_sensor = nominal.required_belt().world_from_belt @ pose_matrix(belt.pose)
     cell.work.doing = "placing the sensor over the belt"
-    placed = placer.still("the pose over the belt", inverse(nominal.world_from_table) @ world_from_sensor)
+    placed = stands.still("the pose over the belt", world_from_sensor)
     if isinstance(placed, Infeasible):
         raise PlanningError(placed.reason, key="scan.belt.pose")
     pitch, count, warnings = spacing_and_count(run, belt, scan.max_profiles)
     assembly.add_belt(placed, run, pitch, count)
-    return [*warnings, *range_warnings(nominal, belt, cell.range)]
+    return [*warnings, *range_warnings(nominal, belt, cell.range), *stands.warnings]
 
 
-def _place_paths(
-    cell: PlanningCell, options: ScanOptions, quality_factors: Sequence[QualityFactor]
-) -> list[PlacedPath]:
+def _place_paths(stands: Stands, options: ScanOptions, quality_factors: Sequence[QualityFactor]) -> list[PlacedPath]:
     """Motions for the sensor paths of the description; `PlanningError` with all reasons where one has none."""
-    scan, nominal = options.scan, cell.nominal
+    scan, cell = options.scan, stands.cell
+    nominal = cell.nominal
     if not scan.path:
         return []
     # SciPy's splines take a while to import.
@@ -224,25 +228,39 @@ def _place_paths(
             value=scan.max_profiles,
             expected="a larger pitch_mm of the paths or a larger scan.max_profiles",
         )
-    planner = PathPlanner(cell, options.clearance, quality_factors)
-    placed = []
+    placed: list[PlacedPath | str] = []
     for number, path in enumerate(found, start=1):
         cell.work.doing = f"placing path {number} of {len(found)} ({path.name})"
-        placed.append(planner.place(path))
+        placed.append(_placed_path(stands, options, quality_factors, path))
     reasons = [item for item in placed if isinstance(item, str)]
     if reasons:
         raise PlanningError(join_reasons("infeasible paths", reasons))
     return [item for item in placed if isinstance(item, PlacedPath)]
 
 
+def _placed_path(
+    stands: Stands, options: ScanOptions, quality_factors: Sequence[QualityFactor], path: SensorPath
+) -> PlacedPath | str:
+    """A path at the first stand where it has a motion; or why it has none where the axes start."""
+    reason = ""
+    for stand in stands.candidates:
+        placed = PathPlanner(stand.cell, options.clearance, quality_factors).place(path)
+        if isinstance(placed, PlacedPath):
+            return replace(placed, further=stand.positions)
+        reason = reason or placed
+    return reason
+
+
 def _assemble(assembly: Assembly, views: list[tuple[Placed, int]], in_order: bool) -> list[tuple[Placed, str]]:
     """Append views with their numbers of exposures: in order, or each time the one that is nearest in time.
 
-    Returns those to which no free path is found, with the reason.
+    Those at one stand follow each other. Returns those to which no free path is found, with the reason.
     """
-    left, omitted = list(views), []
+    stands = list(dict.fromkeys(placed.further for placed, _ in views))
+    left, omitted = sorted(views, key=lambda view: stands.index(view[0].further)), []
     while left:
-        nearest = 0 if in_order else int(np.argmin([assembly.time_to(placed.ends[0]) for placed, _ in left]))
+        times = [] if in_order else [assembly.time_to(placed.ends[0], placed.further) for placed, _ in left]
+        nearest = 0 if in_order else int(np.argmin(times))
         placed, count = left.pop(nearest)
         try:
             assembly.add_view(placed, count)

@@ -227,6 +227,7 @@ class ScanPipeline(Closing):
         if setup.scan.belt is not None:
             cell = replace(cell, nominal=with_passing_part(cell.nominal, setup.scan.belt, cell.cycle))
         nominal, further = cell.nominal, tuple(axis.start for axis in world.nominal.further_axes)
+        _require_fixed_parts(setup, nominal)
         if saved is not None and saved.program.further != further:
             raise DescriptionError(
                 file=saved.source or None,
@@ -234,7 +235,7 @@ class ScanPipeline(Closing):
                 value=list(saved.program.further),
                 expected=f"{list(further)}, where the further axes of the cell start",
             )
-        sight = Sight(nominal, setup.sensor, partial(self._measurable, work), self.threads, work)
+        sight = Sight(nominal.with_axes_held(), setup.sensor, partial(self._measurable, work), self.threads, work)
         # Only what this plan depends on: a study of other values plans once.
         described: list[Any] = [
             setup.scan.model_dump_json(),
@@ -250,8 +251,7 @@ class ScanPipeline(Closing):
             here = _with_torques(cell, setup)
             if saved is not None:
                 return recheck(here, saved, options)
-            made = plan(here, options, sight, quality_factors)
-            return replace(made, program=replace(made.program, further=further))
+            return plan(here, options, sight, quality_factors)
 
         if quality_factors:
             return make()
@@ -275,20 +275,25 @@ class ScanPipeline(Closing):
         setup = world.setup
         joints_and_table = len(world.nominal.home) + 1
         start, further = np.split(world.nominal.with_further_axes(start), [joints_and_table])
-        cell = _with_torques(self._planning_cell(world, further), setup)
+        cell = _with_torques(self._planning_cell(world), setup).held(tuple(further.tolist()))
         clearance = scan_options(setup.scan, setup.sensor).clearance
-        found = approach(cell, clearance, start, goal[:joints_and_table], purpose)
-        return None if found is None else replace(found, further=tuple(further.tolist()))
+        return approach(cell, clearance, start, goal[:joints_and_table], purpose)
 
     def clearance(self, world: World, plan: Plan, bound: float) -> float:
         """Smallest distance of a plan between bodies, m, at most `bound`, m; see `PlanningCell.least_distance`."""
-        axes = np.concatenate([segment.axes for segment in plan.program.segments])
-        return self._planning_cell(world).least_distance(axes[::_CLEARANCE_STEP], bound)
+        axes = np.concatenate([segment.all_axes for segment in plan.program.segments])[::_CLEARANCE_STEP]
+        cell, joints_and_table = self._planning_cell(world), len(world.nominal.home) + 1
+        if not np.ptp(axes[:, joints_and_table:], axis=0).any():  # what no axis moves may touch
+            cell, axes = cell.held(), axes[:, :joints_and_table]
+        return cell.least_distance(axes, bound)
 
-    def _planning_cell(self, world: World, further: NDArray[np.float64] | None = None) -> PlanningCell:
+    def _planning_cell(self, world: World) -> PlanningCell:
         setup = world.setup
         cycle = setup.cell.world.controller_cycle
-        nominal = with_occupied_space(world.nominal.with_axes_held(further), setup.scan.occupied)
+        nominal, held = world.nominal, world.nominal.with_axes_held()
+        # Measured space was measured where the axes start.
+        measured = with_occupied_space(held, setup.scan.occupied).bodies[len(held.bodies) :]
+        nominal = replace(nominal, bodies=(*nominal.bodies, *measured)) if measured else nominal
         own, range_ = pair_clearances(setup.scan, nominal), SensorRange.of(world.sensor)
         return PlanningCell(nominal, range_, cycle, threads=self.threads, pair_clearance=own)
 
@@ -351,6 +356,22 @@ def sensor_poses(nominal: NominalCell, measured: TriggerRecords) -> list[PosesAf
     """Poses of each sensor of a cell in the frame of the part, by measurements."""
     numbers = range(1, len(nominal.further_sensors) + 2)
     return [poses_by_axes(measured, partial(nominal.part_from_sensor, number=number)) for number in numbers]
+
+
+def _require_fixed_parts(setup: Setup, nominal: NominalCell) -> None:
+    """Raise `DescriptionError` where an axis is to move that carries a part that friction alone holds."""
+    further = enumerate(setup.cell.further_part, 1)
+    fixtures = [("part", "part", setup.cell.part.fixture)]
+    fixtures += [(f"further_part[{n}]", f"part[{n + 1}]", one.fixture) for n, one in further]
+    for number, one in enumerate(setup.scan.axis, 1):
+        for key, frame, fixture in fixtures:
+            if fixture == "free" and one.name in nominal.tree.axes_of(frame):
+                raise DescriptionError(
+                    f"carries cell.{key}, which friction alone holds",
+                    key=f"scan.axis[{number}].name",
+                    value=one.name,
+                    expected=f'cell.{key}.fixture = "clamped"',
+                )
 
 
 def measured_motion(nominal: NominalCell, recording: Recording) -> TriggerRecords:

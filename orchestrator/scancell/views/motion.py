@@ -35,8 +35,7 @@ class ProgramMotion:
         ends = np.cumsum([float(item.times[-1]) for item in segments])
         self.begins, self.duration = np.concatenate([[0.0], ends[:-1]]), float(ends[-1])
         self._times = np.concatenate([begin + item.times for begin, item in zip(self.begins, segments, strict=True)])
-        planned = np.concatenate([item.axes for item in segments])
-        self._axes = np.hstack([planned, np.tile(program.further, (len(planned), 1))])
+        self._axes = np.concatenate([item.all_axes for item in segments])
 
     def axes(self, at: float) -> Array:
         """Positions (axes,), rad or m, at a time, s; at rest before the start and after the end."""
@@ -173,8 +172,8 @@ class _Plan(ProgramMotion):
         self.clock = np.zeros(len(segment))
         for one in np.unique(segment):
             rows, item = np.flatnonzero(segment == one), segments[number[int(one)]]
-            near = measured[rows, : item.axes.shape[1]]
-            self.clock[rows] = self.begins[number[int(one)]] + _nearest_times(item.times, item.axes, near)
+            near = measured[rows, : item.all_axes.shape[1]]
+            self.clock[rows] = self.begins[number[int(one)]] + _nearest_times(item.times, item.all_axes, near)
 
 
 def _require_true_poses(recording: Recording, frames: Iterable[str]) -> None:

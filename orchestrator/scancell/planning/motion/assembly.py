@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from scancell.arrays import Array
 from scancell.cell.program import BeltRun, Program, Segment, TriggerRule
 from scancell.config.description import si_value
 from scancell.errors import PlanningError
-from scancell.nominal.cell import OCCUPIED, with_table
+from scancell.nominal.cell import OCCUPIED, NominalCell, with_table
 from scancell.planning.model import CONFIGURATION, PlanningCell, WorkLimitError, describe
 from scancell.planning.motion import trajectory
 from scancell.planning.motion.connection import Connector
@@ -19,11 +19,13 @@ from scancell.planning.motion.timing import axis_name
 from scancell.planning.options import ScanOptions
 from scancell.planning.path_map.path_planner import PlacedPath
 from scancell.planning.plan import Plan
+from scancell.planning.stands import Stand, Stands
 from scancell.planning.views.placement import Placed, PlacedPass, PlacedPose, PlacedSweep, sweep_run
 from scancell.proximity.judge import Judge
-from scancell.proximity.scene import arm_chain
+from scancell.proximity.scene import Clash, arm_chain
 
 Parts = tuple[Program, NDArray[np.int64], Array]
+_Before = tuple[Array, Stand, int, int]  # set-point, stand, numbers of segments and exposures
 
 _SAME_PLACE = 1e-6  # rad
 _BLOCK = 1024  # poses that python-fcl checks between two looks at the work
@@ -36,7 +38,13 @@ def approach(cell: PlanningCell, clearance: float, start: Array, goal: Array, pu
     """
     motions = Connector(cell, clearance).connect(start, goal, purpose)
     segments = (
-        Segment(number, _times(points, cell), points, name=f"to {purpose}")
+        Segment(
+            number,
+            _times(points, cell),
+            points,
+            name=f"to {purpose}",
+            further=np.tile(cell.nominal.held_at, (len(points), 1)),
+        )
         for number, points in enumerate(motions, start=1)
     )
     return Program(tuple(segments)) if motions else None
@@ -52,27 +60,39 @@ class Assembly:
     Parameters
     ----------
     cell
-        Nominal cell; the program starts at its home position.
+        Nominal cell; the program starts and ends at its home position, with axes beside joints and table where they
+        start.
     options
         Scan mode, speeds and clearance.
+    stands
+        Where these axes may rest; None: at the start alone.
     """
 
-    def __init__(self, cell: PlanningCell, options: ScanOptions) -> None:
-        self._cell = cell
+    def __init__(self, cell: PlanningCell, options: ScanOptions, stands: Stands | None = None) -> None:
+        self._stands = stands or Stands(cell, options)
         self._scan, self._is_dynamic = options.scan, options.scan.mode == "dynamic"
-        self._connector = Connector(cell, options.clearance)
-        self._at = cell.start
+        self._stand = self._stands.start
+        self._at = self._cell.start
         self._segments: list[Segment] = []
         self._exposures: list[tuple[int, Array]] = []
-        self._views: list[tuple[Placed, tuple[Array, int, int]]] = []  # with what there was before each
+        self._views: list[tuple[Placed, _Before]] = []  # with what there was before each
+
+    @property
+    def _cell(self) -> PlanningCell:
+        return self._stand.cell
+
+    @property
+    def _connector(self) -> Connector:
+        return self._stand.connector
 
     def add_view(self, placed: Placed, count: int) -> None:
         """Append a sweep with `count` exposures, or a pass.
 
         Raises `PlanningError` if no collision-free path to it is found; then nothing is appended.
         """
-        before = (self._at, len(self._segments), len(self._exposures))
+        before = (self._at, self._stand, len(self._segments), len(self._exposures))
         try:
+            self._move_to(placed.further, placed.view.name)
             if isinstance(placed, PlacedSweep):
                 self.add_sweep(placed, count)
             else:
@@ -83,14 +103,14 @@ class Assembly:
         self._views.append((placed, before))
 
     def go_home(self) -> list[tuple[Placed, str]]:
-        """Append the motion home; returns views from which there is none, which are taken out, with the reason.
+        """Append the motion home of all axes but the table; returns views without one, taken out, with the reason.
 
         Raises `PlanningError` if no view is left from which there is one.
         """
         lost: list[tuple[Placed, str]] = []
         while True:
             try:
-                self._go(np.append(self._cell.nominal.home, self._at[-1]), "home")
+                self._go_home()
             except WorkLimitError:
                 raise
             except PlanningError as error:
@@ -102,9 +122,37 @@ class Assembly:
             else:
                 return lost
 
-    def _return_to(self, before: tuple[Array, int, int]) -> None:
-        self._at, segments, exposures = before
+    def _return_to(self, before: _Before) -> None:
+        self._at, self._stand, segments, exposures = before
         del self._segments[segments:], self._exposures[exposures:]
+
+    def _go_home(self) -> None:
+        self._go(np.append(self._cell.nominal.home, self._at[-1]), "home")
+        self._move_to(self._stands.start.positions, "home")
+
+    def _move_to(self, positions: tuple[float, ...], purpose: str) -> None:
+        """Append the motions to another stand: home, then the axes, with the table as it is or where it starts.
+
+        Raises `PlanningError` if there is no free motion, naming the bodies that collide on the direct one.
+        """
+        if not positions or positions == self._stand.positions:
+            return
+        home, motions = self._cell.nominal.home, self._stands.motions
+        started = self._cell.table_start
+        started += 2 * np.pi * np.round((self._at[-1] - started) / (2 * np.pi))
+        clash: Clash | None = None
+        for table in (self._at[-1], started):
+            self._go(np.append(home, table), purpose)
+            at = self._stands.along(self._at, self._stand.positions)
+            way = motions.path(at, self._stands.along(at, positions))
+            if not isinstance(way, Clash):
+                for start, end in pairwise(way):
+                    self._append(motions.move(start, end), TriggerRule(), 0.0, 0.0, f"to {purpose}")
+                return
+            clash = clash or way
+        assert clash is not None
+        where = self._stands.in_words(positions)
+        raise PlanningError(f"no collision-free motion of the axes to {purpose} ({where}): {describe(clash)}")
 
     def add_sweep(self, placed: PlacedSweep, count: int) -> None:
         """Append a full table turn with `count` exposures, the first at table angle 0 (modulo 2 pi)."""
@@ -121,26 +169,33 @@ class Assembly:
 
     def add_motion(self, placed: PlacedPass | PlacedPath) -> None:
         """Append a motion of the sensor: at constant speed in dynamic mode, exposure by exposure otherwise."""
-        turns = self._turns(placed.axes[0])
+        self._move_to(placed.further, placed.view.name)
+        moved, width = len(self._at), placed.axes.shape[1]
+        turns = np.append(self._turns(placed.axes[0, :moved]), np.zeros(width - moved))
         points, view = placed.exposures + turns, placed.view
         if not self._is_dynamic:
-            self._expose_at_rest(points, view.name)
+            if width > moved:
+                self._expose_along(points, view.name)
+            else:
+                self._expose_at_rest(points, view.name)
             return
         rule = TriggerRule("path_distance", view.length / (len(points) - 1))
         self._run(placed.axes + turns, placed.run, rule, points, view.name)
 
     def add_pose(self, placed: PlacedPose) -> None:
         """Append one exposure at rest."""
+        self._move_to(placed.further, placed.name)
         self._expose_at_rest((placed.axes + self._turns(placed.axes))[None], placed.name)
 
     def add_belt(self, placed: PlacedPose, run: BeltRun, pitch: float, count: int) -> None:
         """Append the motion to the pose of the sensor, where it rests while the belt runs, with `count` exposures."""
         goal, name = placed.axes, placed.name
+        self._move_to(placed.further, name)
         *before, last = self._connector.connect(self._at, goal, name) or [self._connector.move(self._at, goal)]
         for setpoints in before:
             self._append(setpoints, TriggerRule(), 0.0, 0.0, f"to {name}")
         number = self._append(last, TriggerRule("belt_travel", pitch), 0.0, 0.0, name, run)
-        self._exposures += count * [(number, goal[None])]
+        self._expose(number, np.tile(goal, (count, 1)))
 
     def finish(self) -> Parts:
         """Append the motion home, unless it was appended, and return the result.
@@ -154,17 +209,26 @@ class Assembly:
         segment
             (m,) segment id of each exposure.
         axes
-            (m, axes) joints and table angle of each exposure, rad.
+            (m, axes) joints, table angle and further axes of each exposure, rad or m.
         """
-        self._go(np.append(self._cell.nominal.home, self._at[-1]), "home")
+        self._go_home()
         is_moving = all(segment.trigger.kind != "request" for segment in self._segments)
         program = Program(tuple(self._segments), 0.0 if is_moving else si_value(self._scan, "settle_ms"))
         ids = np.array([number for number, _ in self._exposures], np.int64)
         return program, ids, np.concatenate([points for _, points in self._exposures])
 
-    def time_to(self, start: Array) -> float:
-        """Time (s) of the direct motion from the present set-point to joints and a table angle (axes,), rad."""
-        return len(self._connector.move(self._at, start + self._nearest_turns(start))) * self._cell.cycle
+    def time_to(self, start: Array, further: tuple[float, ...] = ()) -> float:
+        """Time (s) of the direct motion from the present set-point to joints and a table angle (axes,), rad.
+
+        Where `further` axes rest at others, by way of home.
+        """
+        goal = start + self._nearest_turns(start)
+        if not further or further == self._stand.positions:
+            return len(self._connector.move(self._at, goal)) * self._cell.cycle
+        home = np.append(self._cell.nominal.home, self._at[-1])
+        at = self._stands.along(home, self._stand.positions)
+        moves = len(self._connector.move(self._at, home)) + len(self._connector.move(home, goal))
+        return moves * self._cell.cycle + self._stands.motions.time(at, self._stands.along(at, further))
 
     def _nearest_turns(self, goal: Array) -> Array:
         """Full turns (axes,), rad, of the table alone that bring `goal` (axes,) nearest."""
@@ -184,9 +248,17 @@ class Assembly:
             self._append(setpoints, TriggerRule(), 0.0, 0.0, f"to {purpose}")
 
     def _run(self, setpoints: Array, run: trajectory.Run, rule: TriggerRule, points: Array, name: str) -> None:
-        self._go(setpoints[0], name)
+        self._go(setpoints[0, : len(self._at)], name)
         number = self._append(setpoints, rule, run.trigger_from, run.trigger_to, name)
-        self._exposures += [(number, point[None]) for point in points]
+        self._expose(number, points)
+
+    def _expose_along(self, points: Array, name: str) -> None:
+        """Append exposures at rest at points (m, axes) between which axes beside joints and table move, too."""
+        self._go(points[0, : len(self._at)], name)
+        self._stands.motions.require_free(points, name)
+        for start, end in pairwise([points[0], *points]):
+            number = self._append(self._stands.motions.move(start, end), TriggerRule("request"), 0.0, 0.0, name)
+            self._expose(number, end[None])
 
     def _expose_at_rest(self, points: Array, name: str, are_free: bool = False) -> None:
         """Append exposures at rest at points (m, axes) in order, by collision-free paths.
@@ -201,7 +273,7 @@ class Assembly:
                 self._append(setpoints, TriggerRule(), 0.0, 0.0, f"to {name}")
             last = motions[-1] if motions else self._connector.move(self._at, point)
             number = self._append(last, TriggerRule("request"), 0.0, 0.0, name)
-            self._exposures.append((number, point[None]))
+            self._expose(number, point[None])
 
     def _approaching(self, name: str) -> None:
         self._cell.work.doing = f"finding the motion to {name}; {len(self._segments)} segments were made"
@@ -209,11 +281,21 @@ class Assembly:
     def _append(
         self, setpoints: Array, rule: TriggerRule, start: float, end: float, name: str, belt: BeltRun | None = None
     ) -> int:
-        number = len(self._segments) + 1
+        number, moved = len(self._segments) + 1, len(self._at)
+        axes, further = setpoints[:, :moved], setpoints[:, moved:]
         times = _times(setpoints, self._cell)
-        self._segments.append(Segment(number, times, setpoints, rule, start, end, name, belt))
-        self._at = setpoints[-1]
+        if further.size:
+            self._stand = self._stands.at(tuple(further[-1].tolist()))
+        else:
+            further = np.tile(self._stand.positions, (len(axes), 1))
+        self._segments.append(Segment(number, times, axes, rule, start, end, name, belt, further))
+        self._at = axes[-1]
         return number
+
+    def _expose(self, number: int, points: Array) -> None:
+        """Note exposures of a segment at points (m, axes), of which the further axes may be left out."""
+        rest = self._stand.positions[points.shape[1] - len(self._at) :]
+        self._exposures += [(number, np.append(point, rest)[None]) for point in points]
 
 
 def check_part(cell: PlanningCell) -> None:
@@ -257,33 +339,57 @@ def recheck(cell: PlanningCell, saved: Plan, options: ScanOptions) -> Plan:
     continue, exceeds a limit, or comes too close to something; with the segment.
     """
     check_part(cell)
-    nominal, at = cell.nominal, cell.start
-    motions = cell.motion_check(options.clearance)
-    lower, upper = nominal.arm.limits
+    nominal, at, stands = cell.nominal, cell.start, Stands(cell, options)
+    whole = cell.motion_check(options.clearance)
+    table = len(nominal.home)
+    lower, upper = _limits(nominal)
     for segment in saved.program.segments:
         where = f"{saved.source}: segment {segment.id} ({segment.name})"
-        points = segment.axes
+        points = segment.all_axes
+        if segment.axes.shape[1] != table + 1:
+            raise PlanningError(f"{where}: {segment.axes.shape[1] - 1} joints, the arm has {table}")
         if points.shape[1] != len(at):
-            raise PlanningError(f"{where}: {points.shape[1] - 1} joints, the arm has {len(nominal.home)}")
+            further = f"{points.shape[1] - table - 1} axes beside joints and table, the cell has"
+            raise PlanningError(f"{where}: {further} {len(nominal.further_axes)}")
         if np.abs(np.diff(segment.times, prepend=-cell.cycle) - cell.cycle).max() > 1e-9:
             raise PlanningError(
                 f"{where}", expected=f"a set-point every {1e3 * cell.cycle:g} ms from 0, the controller's cycle"
             )
         gap = float(np.abs(points[0] - at).max())
         if gap > _SAME_PLACE:
-            raise PlanningError(f"{where}: starts {np.degrees(gap):.3f} deg from where the motion before it ends")
-        if (points[:, :-1] < lower - _SAME_PLACE).any() or (points[:, :-1] > upper + _SAME_PLACE).any():
-            raise PlanningError(f"{where}: leaves the joint limits")
+            axis = int(np.abs(points[0] - at).argmax())
+            slides = axis > table and nominal.further_axes[axis - table - 1].joint.kind == "prismatic"
+            off = f"{1e3 * gap:.3f} mm" if slides else f"{np.degrees(gap):.3f} deg"
+            of_axis = f" ({axis_name(cell, axis)})" if axis > table else ""
+            raise PlanningError(f"{where}: starts {off} from where the motion before it ends{of_axis}")
+        outside = ((points < lower - _SAME_PLACE) | (points > upper + _SAME_PLACE)).any(0)
+        if outside.any():
+            axis = int(outside.argmax())
+            limits = f"limits of {axis_name(cell, axis)}" if axis > table else "joint limits"
+            raise PlanningError(f"{where}: leaves the {limits}")
         resting = np.concatenate([*3 * [points[:1]], points, *3 * [points[-1:]]])
         used = trajectory.limit_fractions(resting, cell.axis_limits, cell.cycle)
         if used.max() > 1 + 1e-6:
             axis = axis_name(cell, int(np.argmax(used.max(0))))
             raise PlanningError(f"{where}: {axis} exceeds a limit by {100 * (used.max() - 1):.1f} %")
-        clash = motions.clash_along(points)
+        rests = bool(segment.further.size) and not np.ptp(segment.further, axis=0).any()
+        if rests:
+            held = stands.at(tuple(segment.further[0].tolist())).cell.motion_check(options.clearance)
+            clash = held.clash_along(segment.axes)
+        else:
+            clash = whole.clash_along(points)
         if clash is not None:
             raise PlanningError(f"{where}: {describe(clash)}")
         at = points[-1]
     return verified(cell, options, saved)
+
+
+def _limits(nominal: NominalCell) -> tuple[Array, Array]:
+    """Lower and upper limits (axes,) of all axes, rad or m; those of the table are infinite."""
+    further = np.array([(axis.min, axis.max) for axis in nominal.further_axes]).reshape(-1, 2)
+    joints = np.stack(nominal.arm.limits, 1)
+    limits = np.concatenate([joints, [[-np.inf, np.inf]], further])
+    return limits[:, 0], limits[:, 1]
 
 
 def verified(cell: PlanningCell, options: ScanOptions, made: Plan) -> Plan:
@@ -297,7 +403,7 @@ def verified(cell: PlanningCell, options: ScanOptions, made: Plan) -> Plan:
     if not options.scan.verify:
         return made
     segments = made.program.segments
-    poses = cell.nominal.body_poses(np.concatenate([segment.axes[::2] for segment in segments]))
+    poses = cell.nominal.body_poses(np.concatenate([segment.all_axes[::2] for segment in segments]))
     cell.work.doing = "checking the finished plan by python-fcl"
     names = [body.name for body in cell.nominal.bodies]
     # Voxels of a body that is known are not an obstacle to this body: occupied space is compared with the arm alone.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import pairwise, product
+from itertools import pairwise, permutations, product
 
 import numpy as np
 
@@ -120,6 +120,73 @@ class _Tree:
             number = self._parents[number]
             found.append(self.nodes[number])
         return found[::-1]
+
+
+class AxisMotions:
+    """Finds collision-free motions of the axes beside joints and table, while the arm rests at home.
+
+    Parameters
+    ----------
+    cell
+        Nominal cell with all axes.
+    clearance
+        Distance (m) between bodies, of which motions keep `MOTION_SHARE`.
+    """
+
+    def __init__(self, cell: PlanningCell, clearance: float) -> None:
+        self._cell, self._motions = cell, cell.motion_check(clearance)
+        self._limits = cell.axis_limits.scaled(LIMIT_FRACTION)
+        self._first = len(cell.nominal.home) + 1
+
+    def path(self, start: Array, end: Array) -> list[Array] | Clash:
+        """Configurations (axes,) from `start` to `end` by free straight motions, or a clash of the direct one.
+
+        Tried are the direct motion, one axis after another in every order, and both by way of the start of the cell.
+        """
+        direct: Clash | None = None
+        for way in self._ways(start, end):
+            clashes = self._motions.first_clashes(np.array(way[:-1]), np.array(way[1:]))
+            found = next((clash for clash in clashes if clash is not None), None)
+            if found is None:
+                return way
+            direct = direct or found
+        assert direct is not None  # the direct motion is the first
+        return direct
+
+    def move(self, start: Array, end: Array) -> Array:
+        """Set-points (n, axes) of the straight motion from `start` to `end` (axes,), without collision check."""
+        return trajectory.move(start, end, self._limits, self._cell.cycle)
+
+    def require_free(self, points: Array, purpose: str) -> None:
+        """Raise `PlanningError` unless the straight motions between points (n, axes) are proved free."""
+        clashes = self._motions.first_clashes(points[:-1], points[1:])
+        found = next((clash for clash in clashes if clash is not None), None)
+        if found is not None:
+            raise PlanningError(f"no collision-free motion between the exposures of {purpose}: {describe(found)}")
+
+    def time(self, start: Array, end: Array) -> float:
+        """Time (s) of the direct motion."""
+        return (len(self.move(start, end)) - 1) * self._cell.cycle
+
+    def _ways(self, start: Array, end: Array) -> Iterator[list[Array]]:
+        yield from self._without_detour(start, end)
+        between = start.copy()
+        between[self._first :] = self._cell.start[self._first :]
+        for before, after in product(self._without_detour(start, between), self._without_detour(between, end)):
+            yield [*before, *after[1:]]
+
+    @staticmethod
+    def _without_detour(start: Array, end: Array) -> Iterator[list[Array]]:
+        """Direct, and one axis after another in every order."""
+        yield [start, end]
+        moving = np.flatnonzero(start != end)
+        for order in permutations(moving.tolist()) if len(moving) > 1 else ():
+            way = [start]
+            for axis in order:
+                following = way[-1].copy()
+                following[axis] = end[axis]
+                way.append(following)
+            yield way
 
 
 class Connector:

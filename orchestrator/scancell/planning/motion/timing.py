@@ -50,7 +50,7 @@ def slowdown(cell: PlanningCell, positions: Callable[[Array], Array], duration: 
     order, axis = (int(i) for i in np.unravel_index(np.argmax(needed), needed.shape))
     factor, limit = float(needed[order, axis]), f"{_LIMITED[order]} limit of {axis_name(cell, axis)}"
     if cell.torques is not None:
-        by_torque, joint = cell.torques.needed_slowdown(fine[:, :-1], period)
+        by_torque, joint = cell.torques.needed_slowdown(fine[:, : len(cell.nominal.home)], period)
         if not np.isfinite(by_torque):
             return weak_motor(joint)
         if by_torque > factor:
@@ -65,5 +65,8 @@ def weak_motor(joint: int) -> str:
 
 
 def axis_name(cell: PlanningCell, axis: int) -> str:
-    """Name of an axis in messages: the table follows the joints."""
-    return "the table" if axis == len(cell.nominal.arm.joints) else f"joint {axis + 1}"
+    """Name of an axis in messages: the table follows the joints, and further axes follow it."""
+    joints = len(cell.nominal.arm.joints)
+    if axis > joints:
+        return f"the axis {cell.nominal.axes[axis]}"
+    return "the table" if axis == joints else f"joint {axis + 1}"

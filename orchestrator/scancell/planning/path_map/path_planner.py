@@ -59,6 +59,8 @@ class PlacedPath(Value):
         The lattice on the configuration map where the motion was found, and the motion.
     note
         Why it is slower than asked for.
+    further
+        Positions of the axes beside joints and table at its start, rad or m, if there are any.
     """
 
     view: SensorPath
@@ -70,6 +72,7 @@ class PlacedPath(Value):
     lattice: Lattice
     motion: TableMotion
     note: str = ""
+    further: tuple[float, ...] = ()
 
     @property
     def branch_name(self) -> str:

@@ -15,8 +15,8 @@ chosen so far adds no more than the sum of what each would add alone (Leskovec e
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -30,10 +30,10 @@ from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
 from scancell.planning.model import SIGHT, PlanningCell, Work, WorkLimitError
 from scancell.planning.motion import trajectory
-from scancell.planning.motion.connection import Connector
 from scancell.planning.options import ScanOptions
+from scancell.planning.stands import Stand, Stands
 from scancell.planning.views.paths import sweeps, sweeps_beside_axis
-from scancell.planning.views.placement import PATH_ACCELERATION, Infeasible, Placed, Placer, sweep_run
+from scancell.planning.views.placement import PATH_ACCELERATION, Infeasible, Placed, sweep_run
 from scancell.planning.views.views import Pass, Surface, Sweep, View, exposure_counts
 from scancell.values import Value
 from scancell.visibility import (
@@ -83,7 +83,7 @@ class Sight:
     Parameters
     ----------
     nominal
-        Cell with the part.
+        Cell with the part, axes beside joints and table where they start.
     sensor
         Its sensor.
     measurable
@@ -94,6 +94,8 @@ class Sight:
         Counts the judgements.
     most_samples
         Number of measurable samples that are judged at most.
+    elsewhere
+        The cell with these axes at other positions. What is measurable at any of them counts.
     """
 
     def __init__(
@@ -104,21 +106,43 @@ class Sight:
         threads: int = 0,
         work: Work | None = None,
         most_samples: int = _MOST_SAMPLES,
+        elsewhere: Sequence[NominalCell] = (),
     ) -> None:
-        self._most_samples = most_samples
+        self._most_samples, self._elsewhere = most_samples, elsewhere
         self._nominal, self._description, self._measurable = nominal, sensor, measurable
         self._threads, self._work = threads, work or Work()
 
     @cached_property
     def surface(self) -> MeasurableSurface:
         """The measurable surface."""
-        return self._measurable(self._nominal, self._description)
+        found = [self._measurable(one, self._description) for one in (self._nominal, *self._elsewhere)]
+        return found[0] if len(found) == 1 else found[0].together(found[1:])
 
     @cached_property
     def search(self) -> SurfaceSearch:
-        """Search for poses that measure samples of the surface."""
-        field = SensorField.of(self._description)
-        return SurfaceSearch(self._nominal, field, len(self.surface.samples), self._threads)
+        """Search for poses that measure samples of the surface, with further axes where they start."""
+        return self._search(self._nominal)
+
+    def _search(self, nominal: NominalCell) -> SurfaceSearch:
+        return SurfaceSearch(nominal, SensorField.of(self._description), len(self.surface.samples), self._threads)
+
+    def with_axes_at(self, elsewhere: Sequence[NominalCell]) -> Sight:
+        """The same with further axes at other positions, too."""
+        cell, sensor, find = self._nominal, self._description, self._measurable
+        return Sight(cell, sensor, find, self._threads, self._work, self._most_samples, elsewhere)
+
+    def poses_of(self, judged: Indices, each: int) -> Array:
+        """Poses (k, 4, 4) that measure some of the judged samples (n,), at most `each` of each, see `SurfaceSearch`.
+
+        Where further axes start, and elsewhere for those that none there measures.
+        """
+        left, poses = self.rows[judged], [np.zeros((0, 4, 4))]
+        for nominal in (self._nominal, *self._elsewhere):
+            if len(left) or nominal is self._nominal:
+                found, at = (self.search if nominal is self._nominal else self._search(nominal)).poses(left, each)
+                poses.append(at)
+                left = left[~np.isin(left, found)]
+        return np.concatenate(poses)
 
     @cached_property
     def rows(self) -> Indices:
@@ -218,7 +242,7 @@ def legs(
         if not len(good):
             hard.append(target)
     if is_searched:
-        poses.append(sight.search.poses(sight.rows[hard], legs_each)[1])
+        poses.append(sight.poses_of(np.array(hard, np.int64), legs_each))
     made = (_leg(sight, at, wanted) for at in np.concatenate(poses))
     return [leg for leg in made if leg is not None]
 
@@ -323,18 +347,20 @@ class CoveragePlanner:
     Parameters
     ----------
     cell
-        Nominal cell.
+        Nominal cell, or the stands at which axes beside joints and table may rest in it.
     sight
         Judges what views see.
     options
         Options of the scan; `sweep` and `raster` state which kinds of views are allowed, and their speeds.
     """
 
-    def __init__(self, cell: PlanningCell, sight: Sight, options: ScanOptions) -> None:
-        self._cell, self._sight, self._options = cell, sight, options
+    def __init__(self, cell: PlanningCell | Stands, sight: Sight, options: ScanOptions) -> None:
+        self._stands = cell if isinstance(cell, Stands) else Stands(cell, options)
+        self._order = [*self._stands.candidates]  # those that views were placed at come first
+        if len(self._order) > 1:
+            sight = sight.with_axes_at([stand.cell.nominal for stand in self._order[1:]])
+        self._cell, self._sight, self._options = self._stands.cell, sight, options
         self._wish, self._sweep, self._raster = options.scan.coverage, options.scan.sweep, options.scan.raster
-        self._connector = Connector(cell, options.clearance)
-        self._placer = Placer(cell, options.azimuth, options.clearance)
         self._best = np.full(len(sight.points), OUT_OF_RANGE, np.int8)
         self._pool = _Pool()
         self._chosen: dict[int, Placed] = {}  # by the number of the candidate
@@ -488,23 +514,35 @@ class CoveragePlanner:
             self.covered |= self._pool.seen[best]
 
     def _place(self, view: Sweep | Pass, count: int) -> Placed | Infeasible:
+        """The view at the first stand where it is feasible, those in use first; else why it is not at the first."""
+        found: list[Placed | Infeasible] = []
+        for number, stand in enumerate(self._order):
+            found.append(self._place_at(stand, view, count))
+            if not isinstance(found[-1], Infeasible):
+                used = len({placed.further for placed in self._chosen.values()} | {self._order[0].positions})
+                if number >= used:
+                    self._order.insert(used, self._order.pop(number))
+                return found[-1]
+        return found[0]
+
+    def _place_at(self, stand: Stand, view: Sweep | Pass, count: int) -> Placed | Infeasible:
         """The placed view, if the arm also gets there from its home position, and back."""
         placed: Placed | Infeasible
         if isinstance(view, Sweep):
-            (placed,) = self._placer.sweeps([view])
+            (placed,) = stand.placer.sweeps([view])
         else:
-            (placed,) = self._placer.passes([view], [count], si_value(self._raster, "speed_mm_s"), self._branch)
+            (placed,) = stand.placer.passes([view], [count], si_value(self._raster, "speed_mm_s"), self._branch)
         if isinstance(placed, Infeasible):
             return placed
         (start, end), home = placed.ends, self._cell.nominal.home
         try:
-            self._connector.connect(np.append(home, start[-1]), start, view.name)
-            self._connector.connect(end, np.append(home, end[-1]), view.name)
+            stand.connector.connect(np.append(home, start[-1]), start, view.name)
+            stand.connector.connect(end, np.append(home, end[-1]), view.name)
         except WorkLimitError:
             raise
         except PlanningError as error:
             return Infeasible(str(error))
-        return placed
+        return replace(placed, further=stand.positions)
 
     def _reached(self, doing: str) -> str:
         seen = 100 * float(self.covered.mean())

@@ -40,11 +40,12 @@ _LEAST_CROSSING = 0.2  # component along the belt of the unit normal of the lase
 
 @dataclass(frozen=True)
 class PlacedSweep:
-    """A sweep with its joints (joints,), rad, and inverse-kinematics branch."""
+    """A sweep with its joints (joints,), rad, and branch; axes beside joints and table, if any, rest at `further`."""
 
     view: Sweep
     q: Array
     branch: int
+    further: tuple[float, ...] = ()
 
     @property
     def ends(self) -> tuple[Array, Array]:
@@ -57,7 +58,7 @@ class PlacedSweep:
 class PlacedPass:
     """A pass with its run, the positions (n, axes) of joints and table, rad, of each cycle and at its `exposures`.
 
-    `note` is the reason why it is slower than requested.
+    `note` is the reason why it is slower than requested; further axes, if any, rest at `further`, rad or m.
     """
 
     view: Pass
@@ -66,6 +67,7 @@ class PlacedPass:
     exposures: Array
     branch: int
     note: str = ""
+    further: tuple[float, ...] = ()
 
     @property
     def ends(self) -> tuple[Array, Array]:
@@ -75,10 +77,11 @@ class PlacedPass:
 
 @dataclass(frozen=True)
 class PlacedPose:
-    """One exposure at rest with positions (axes,) of joints and table, rad."""
+    """One exposure at rest with positions (axes,) of joints and table, rad, and those of further axes, if any."""
 
     name: str
     axes: Array
+    further: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -95,7 +98,7 @@ _T = TypeVar("_T", PlacedSweep, PlacedPass, PlacedPose)
 
 def sweep_run(cell: PlanningCell, count: int, speed: float) -> trajectory.Run:
     """A full turn of the table with `count` exposures at a speed, rad/s, or the highest that is planned."""
-    fastest, acceleration, jerk = cell.axis_limits.scaled(LIMIT_FRACTION).of_axis(-1)
+    fastest, acceleration, jerk = cell.axis_limits.scaled(LIMIT_FRACTION).of_axis(len(cell.nominal.home))
     return trajectory.run(count, 2 * np.pi / count, min(speed, fastest), acceleration, cell.cycle, jerk)
 
 
