@@ -143,7 +143,7 @@ class QualityDescription(Description):
 
 
 class PathDescription(FileDescription):
-    """A path of the sensor relative to the part; planning chooses the motion of the table."""
+    """A path of the sensor relative to the part; planning chooses the motion of the table, or of another axis."""
 
     kind: ClassVar[str] = "path"
     shipped: ClassVar[str] = "paths/spiral.toml"
@@ -159,6 +159,10 @@ class PathDescription(FileDescription):
         default="sensor",
         description="distance along sensor Z to the point it looks at, mm;"
         " sensor: 80, or a twentieth of the measuring range beyond its start where 80 is not in its nearer half",
+    )
+    axis: Annotated[tuple[str, ...], Field(min_length=1, max_length=2)] = Field(
+        default=("table",),
+        description="axes that move along the path: table, the name of another axis, or the table and another one",
     )
     spiral: SpiralDescription | None = Field(default=None, description="a spiral around the part")
     contour: ContourDescription | None = Field(default=None, description="the contour of the part at one height")
@@ -180,6 +184,8 @@ class PathDescription(FileDescription):
             raise ValueError("give exactly one of spiral, contour, waypoint and recorded")
         if len(self.waypoint) == 1:
             raise ValueError("waypoint: expected at least two")
+        if len(self.axis) > 1 and (len(set(self.axis)) < 2 or "table" not in self.axis):
+            raise ValueError(f"axis = {list(self.axis)}: expected the table and another axis where there are two")
         return self
 
 

@@ -142,6 +142,7 @@ class Tree:
             before = np.stack(np.broadcast_arrays(*(joints[i] for i in numbers)), -3)
             along = before[..., :3, 2] * [[1.0 if part.joints[i].frame in one else -1.0] for i in numbers]
             linear, slides = np.cross(along, at[..., None, :3, 3] - before[..., :3, 3]), part._slides[moving, None]
+            along = np.broadcast_to(along, linear.shape)  # axes on the world are the same at all positions
             columns = np.concatenate([np.where(slides, along, linear), np.where(slides, 0.0, along)], -1)
             for k, number in enumerate(moving):
                 result[..., part._columns[number]] += columns[..., k, :]

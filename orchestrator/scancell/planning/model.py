@@ -182,7 +182,8 @@ class PlanningCell:
         """
         if not self.nominal.further_axes:
             return self
-        cell = replace(self, nominal=self.nominal.with_axes_held(positions))
+        nominal = self.nominal.with_axes_held(positions)
+        cell = replace(self, nominal=nominal, torques=self.torques and self.torques.standing(nominal))
         frames = self.nominal.tree.place([*self.start[: len(self.nominal.home) + 1], *cell.nominal.held_at])
         meshes = {
             one.name: self.reduced_meshes[one.name]

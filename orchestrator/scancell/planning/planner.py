@@ -11,7 +11,7 @@ import numpy as np
 from scancell.arrays import Flags
 from scancell.config.description import si_value
 from scancell.config.scan import BeltDescription, ScanDescription
-from scancell.errors import PlanningError
+from scancell.errors import DescriptionError, PlanningError
 from scancell.nominal.parts import pose_matrix
 from scancell.planning.model import PlanningCell, WorkLimitError, join_reasons
 from scancell.planning.motion.assembly import Assembly, check_part, verified
@@ -34,6 +34,9 @@ from scancell.planning.views.views import Surface, Sweep, exposure_counts, sampl
 
 if TYPE_CHECKING:
     from scancell.planning.views.sensor_paths import SensorPath
+
+_TABLE_ANGLES = 24  # in a turn, at which the table may rest while another axis moves along a path
+_GRID = 7  # positions of an axis that moves together with the table, from which the search starts
 
 # Replacements of an infeasible sweep: changes of elevation (rad) and of distance (m).
 _ALTERNATIVES = ((0.0, 0.015), (0.0, 0.03), *((np.radians(k), 0.0) for k in (15, 30, 45)))
@@ -241,7 +244,13 @@ def _place_paths(stands: Stands, options: ScanOptions, quality_factors: Sequence
 def _placed_path(
     stands: Stands, options: ScanOptions, quality_factors: Sequence[QualityFactor], path: SensorPath
 ) -> PlacedPath | str:
-    """A path at the first stand where it has a motion; or why it has none where the axes start."""
+    """A path at the first stand where it has a motion; or why it has none where the axes start.
+
+    Where another axis than the table moves along it, the stands that differ by it alone count as one. Two axes take the
+    stand of the least cost.
+    """
+    if path.axis != ("table",):
+        return _path_by_axes(stands, options, quality_factors, path)
     reason = ""
     for stand in stands.candidates:
         placed = PathPlanner(stand.cell, options.clearance, quality_factors).place(path)
@@ -249,6 +258,29 @@ def _placed_path(
             return replace(placed, further=stand.positions)
         reason = reason or placed
     return reason
+
+
+def _path_by_axes(
+    stands: Stands, options: ScanOptions, quality_factors: Sequence[QualityFactor], path: SensorPath
+) -> PlacedPath | str:
+    cell, further = stands.cell, [axis.name for axis in stands.cell.nominal.further_axes]
+    axis = next(name for name in path.axis if name != "table")
+    if axis not in further:
+        raise DescriptionError(key="path.axis", value=list(path.axis), expected=", ".join(["table", *further]))
+    number, start = 1 + further.index(axis), cell.table_start
+    rows = np.array([[start, *stand.positions] for stand in stands.candidates])
+    planner = PathPlanner(cell, options.clearance, quality_factors)
+    if len(path.axis) == 1:
+        rows[:, number] = rows[0, number]
+        turned = [row for row in np.unique(rows, axis=0) for _ in range(_TABLE_ANGLES)]
+        angles = np.tile(start + 2 * np.pi / _TABLE_ANGLES * np.arange(_TABLE_ANGLES), len(turned) // _TABLE_ANGLES)
+        return planner.place_along(path, axis, [np.array([a, *row[1:]]) for a, row in zip(angles, turned, strict=True)])
+    if len(np.unique(rows[:, number])) == 1:
+        one = cell.nominal.further_axes[number - 1]
+        grid = np.unique([*np.linspace(one.min, one.max, _GRID), one.start])
+        rows = np.repeat(rows, len(grid), axis=0)
+        rows[:, number] = np.tile(grid, len(rows) // len(grid))
+    return planner.place_by_two(path, axis, list(rows))
 
 
 def _assemble(assembly: Assembly, views: list[tuple[Placed, int]], in_order: bool) -> list[tuple[Placed, str]]:

@@ -363,13 +363,15 @@ def _require_fixed_parts(setup: Setup, nominal: NominalCell) -> None:
     further = enumerate(setup.cell.further_part, 1)
     fixtures = [("part", "part", setup.cell.part.fixture)]
     fixtures += [(f"further_part[{n}]", f"part[{n + 1}]", one.fixture) for n, one in further]
-    for number, one in enumerate(setup.scan.axis, 1):
+    moving = [(f"scan.axis[{n}].name", one.name) for n, one in enumerate(setup.scan.axis, 1)]
+    moving += [("path.axis", name) for path in setup.scan.path for name in path.axis if name != "table"]
+    for moved, name in moving:
         for key, frame, fixture in fixtures:
-            if fixture == "free" and one.name in nominal.tree.axes_of(frame):
+            if fixture == "free" and name in nominal.tree.axes_of(frame):
                 raise DescriptionError(
                     f"carries cell.{key}, which friction alone holds",
-                    key=f"scan.axis[{number}].name",
-                    value=one.name,
+                    key=moved,
+                    value=name,
                     expected=f'cell.{key}.fixture = "clamped"',
                 )
 

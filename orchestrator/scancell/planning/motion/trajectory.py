@@ -196,11 +196,15 @@ class TorqueLimits:
 
     def __init__(self, cell: CellDescription, nominal: NominalCell | None = None) -> None:
         drives = [joint.drive for joint in cell.robot.joint if joint.drive is not None]
-        self._skeleton = arm_skeleton(cell, nominal)
+        self._cell, self._skeleton = cell, arm_skeleton(cell, nominal)
         self._limit = np.array([drive.max_torque_n_m for drive in drives])
         self._rotor = np.array([drive.motor_inertia_kg_m2 for drive in drives])
         self._coulomb = np.array([drive.coulomb_friction_n_m for drive in drives])
         self._viscous = np.array([drive.viscous_friction_n_m_s_rad for drive in drives])
+
+    def standing(self, nominal: NominalCell) -> TorqueLimits:
+        """The limits of the same arm where it stands in another cell."""
+        return TorqueLimits(self._cell, nominal)
 
     def needed_slowdown(self, q: Array, period: float) -> tuple[float, int]:
         """Factor by which a motion must last longer so that all motors keep their torque limits, and the joint.

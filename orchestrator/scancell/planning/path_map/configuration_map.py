@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from scancell.arrays import Array, Flags, Indices
 from scancell.geometry import pose
 from scancell.geometry.arm import Arm
-from scancell.nominal.cell import with_table
+from scancell.nominal.cell import NominalCell
 from scancell.planning.model import CELL, QUERY, PlanningCell, out_of_reach
 from scancell.proximity.scene import Clash, ProximityScene
 
@@ -111,6 +111,67 @@ def singularity_distance(inverse_jacobian: ArrayLike) -> Array:
     return np.asarray(1 / np.linalg.norm(weighted, axis=(-2, -1)) / ROTATION_LENGTH)
 
 
+@dataclass(frozen=True)
+class Drive:
+    """The axis that moves along a sensor path, and where table and further axes are meanwhile.
+
+    Attributes
+    ----------
+    name
+        Its name; a map has a row for each of its positions.
+    low, span
+        Position of the first row, and that of all rows, rad or m. The rows close to a circle: of a table that is a
+        turn, of other axes their range and a gap of forbidden rows.
+    high
+        Largest position, rad or m.
+    others
+        Positions (n, 1 + further axes) of table and further axes at times (n,) from the start of the motion, s, in
+        which that of the moving axis has no effect. None: the table moves, and is the only axis.
+    window
+        Time by which the motions of the others begin before 0 and end later, s.
+    effort
+        Mean over time of the terms for speed and acceleration of the motions of the others.
+    """
+
+    name: str = "table"
+    low: float = 0.0
+    span: float = 2 * np.pi
+    high: float = np.inf
+    others: Callable[[Array], Array] | None = None
+    window: float = 0.0
+    effort: float = 0.0
+
+    def positions(self, nominal: NominalCell, time: Array, position: Array) -> Array:
+        """Positions (n, 1 + further axes) at times (n,), s, with the moving axis at positions (n,), rad or m."""
+        if self.others is None:
+            return np.asarray(position, float)[:, None]
+        rows = np.array(self.others(time))
+        rows[:, nominal.axes.index(self.name) - len(nominal.home)] = position
+        return rows
+
+    def carried(self, nominal: NominalCell, positions: Array) -> Array:
+        """Poses (n, 4, 4) by which the axes at positions (n, …) displace the table relative to the arm.
+
+        A sensor pose in the frame of the table becomes one in that of the table at angle 0 in a cell whose arm stands
+        in the world and whose table does not move, as `PlanningCell.ik` takes it.
+        """
+        if self.others is None:
+            return pose.from_rotation(pose.rotation_about(2, positions[:, 0]))
+        placed = nominal.tree.place(_with_joints(nominal, positions), [nominal.arm_on, "table"])
+        return np.asarray(
+            pose.inverse(nominal.world_from_table) @ pose.inverse(placed[nominal.arm_on]) @ placed["table"]
+        )
+
+    @property
+    def in_words(self) -> str:
+        """What a row is, for messages."""
+        return "table angle" if self.name == "table" else f"position of {self.name}"
+
+
+def _with_joints(nominal: NominalCell, positions: Array) -> Array:
+    return np.hstack([np.zeros((len(positions), len(nominal.home))), positions])
+
+
 class ConfigurationMap:
     """Lazily evaluated map of one branch.
 
@@ -128,6 +189,8 @@ class ConfigurationMap:
         Number of table angles in a turn.
     static
         Constraints.
+    drive
+        The axis whose positions are the rows, for which `rows` is their number in its span.
 
     Attributes
     ----------
@@ -139,6 +202,8 @@ class ConfigurationMap:
         (n, rows) table speeds between which all joints are within their speed limits, rad/s.
     """
 
+    drive = Drive()
+
     def __init__(
         self,
         cell: PlanningCell,
@@ -147,8 +212,10 @@ class ConfigurationMap:
         branch: int,
         rows: int,
         static: StaticConstraints,
+        drive: Drive | None = None,
     ) -> None:
         self._cell, self._static, self._branch = cell, static, branch
+        self.drive = drive or Drive()
         self._path, self._period = np.asarray(table_from_sensor, float), period
         self._velocity = _path_twists(self._path, period)
         shape = (len(self._path), rows)
@@ -166,7 +233,7 @@ class ConfigurationMap:
 
     def of_branch(self, branch: int) -> ConfigurationMap:
         """The map of the same path for another branch, not evaluated."""
-        return ConfigurationMap(self._cell, self._path, self._period, branch, self.rows, self._static)
+        return ConfigurationMap(self._cell, self._path, self._period, branch, self.rows, self._static, self.drive)
 
     @property
     def columns(self) -> int:
@@ -184,8 +251,12 @@ class ConfigurationMap:
         return int(np.isfinite(self.quality).sum())
 
     def angle(self, row: ArrayLike) -> Array:
-        """Table angles (...,), rad, of rows (...,)."""
-        return np.asarray(row, float) * (2 * np.pi / self.rows)
+        """Table angles, or positions of another axis, (...,), rad or m, of rows (...,)."""
+        return np.asarray(row, float) * (self.drive.span / self.rows) + self.drive.low
+
+    def within(self, row: ArrayLike) -> Flags:
+        """Whether rows (...,) are positions within the limits of the axis."""
+        return np.asarray(self.angle(row) <= self.drive.high)
 
     def require(self, column: ArrayLike, row: ArrayLike) -> None:
         """Evaluate those of the cells (k,) that are not yet."""
@@ -206,15 +277,23 @@ class ConfigurationMap:
 
     def joints(self, column: ArrayLike, angle: ArrayLike) -> Array:
         """Joints (k, joints), rad, at columns (k,) and table angles (k,); NaN outside reach or limits."""
-        targets = pose.from_rotation(pose.rotation_about(2, angle)) @ self._path[np.asarray(column)]
-        return self._cell.ik(targets)[:, self._branch]
+        return self._cell.ik(self._targets(np.asarray(column), np.asarray(angle)))[:, self._branch]
+
+    def _targets(self, column: Indices, angle: Array) -> Array:
+        nominal = self._cell.nominal
+        return np.asarray(self.drive.carried(nominal, self._positions(column, angle)) @ self._path[column])
+
+    def _positions(self, column: Indices, angle: Array) -> Array:
+        """Positions (k, 1 + further axes) of table and further axes at cells (k,)."""
+        return self.drive.positions(self._cell.nominal, self._period * column, angle)
 
     def worst_clashes(self, column: int, row: Indices) -> list[Clash]:
         """The pair of bodies (k,) that violates its clearance most at each of the cells (k,) of a column."""
         if not len(row):
             return []
-        angle = self.angle(row)
-        poses = self._cell.nominal.body_poses(np.column_stack([self.joints(np.full(len(row), column), angle), angle]))
+        angle, columns = self.angle(row), np.full(len(row), column)
+        axes = np.column_stack([self.joints(columns, angle), self._positions(columns, angle)])
+        poses = self._cell.nominal.body_poses(axes)
         low, pairs = self._static.clearance[:, 0], self._cell.proximity.pairs
         distance = self._cell.proximity.distances(poses, low, self._cell.threads)
         worst = (low - distance).argmax(1)
@@ -225,8 +304,10 @@ class ConfigurationMap:
 
     def out_of_reach(self, column: int, row: int) -> str:
         """Why the branch does not reach a cell whose cause is that."""
-        target = pose.from_rotation(pose.rotation_about(2, self.angle(row))) @ self._path[column]
-        return out_of_reach(self._cell, target[None], slice(self._branch, self._branch + 1))
+        if not self.within(row):
+            return f"the axis {self.drive.name} is beyond its limits"
+        targets = self._targets(np.array([column]), self.angle([row]))
+        return out_of_reach(self._cell, targets, slice(self._branch, self._branch + 1))
 
     def _evaluate(self, column: Indices, row: Indices) -> None:
         angle = self.angle(row)
@@ -236,12 +317,12 @@ class ConfigurationMap:
         cause = np.zeros(len(q), np.int8)
         # Each constraint judges the cells that all before it allow.
         judges: list[tuple[int, Callable[[Indices], Array]]] = [
-            (REACH, lambda at: np.isfinite(q[at]).all(-1).astype(float)),
+            (REACH, lambda at: (np.isfinite(q[at]).all(-1) & self.within(row[at])).astype(float)),
             (JOINT_RANGE, lambda at: arm_metric(arm, q[at], self._static.joint_range_power)),
             (SINGULARITY, lambda at: self._singularity_and_rates(column[at], row[at], angle[at], q[at])),
             (JOINT_SPEED, lambda at: self._some_rate(column[at], row[at])),
             (CLEARANCE, lambda at: self._clearance(column[at], angle[at], q[at])),
-            *((USER, _user_factor(user, q, angle)) for user in self._static.user),
+            *((USER, _user_factor(user, q, self._positions(column, angle)[:, 0])) for user in self._static.user),
         ]
         for number, judge in judges:
             at = np.flatnonzero(quality > 0)
@@ -258,15 +339,13 @@ class ConfigurationMap:
         arm, nominal = self._cell.nominal.arm, self._cell.nominal
         inverse = np.linalg.pinv(arm.jacobian(q)) if len(arm.joints) != 6 else _inverse(arm.jacobian(q))
         factor = clearance(singularity_distance(inverse), *self._static.singularity)
-        # The flange as part of a body that turns with the table, and its velocity along the path.
-        turn = nominal.world_from_table[:3, :3] @ pose.rotation_about(2, angle)
+        # The flange as part of a body that moves with the table, and its velocity along the path.
         flange = arm.fk(q)[:, :3, 3]
-        axis, origin = nominal.world_from_table[:3, 2], nominal.world_from_table[:3, 3]
-        turning = np.concatenate([np.cross(axis, flange - origin), np.broadcast_to(axis, flange.shape)], -1)
+        turn, turning, meanwhile = self._moving(column, angle, flange)
         linear = (turn @ self._velocity[column, :3, None])[..., 0]
         angular = (turn @ self._velocity[column, 3:, None])[..., 0]
-        lever = flange - nominal.world_from_sensor(q)[:, :3, 3]
-        along = np.concatenate([linear + np.cross(angular, lever), angular], -1)
+        lever = flange - (nominal.world_from_sensor(q) if self.drive.others is None else self._sensor(q))[:, :3, 3]
+        along = np.concatenate([linear + np.cross(angular, lever), angular], -1) + meanwhile
         by_table = (inverse @ turning[..., None])[..., 0]
         by_path = (inverse @ along[..., None])[..., 0]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -277,25 +356,58 @@ class ConfigurationMap:
         self.highest_rate[column, row] = np.where(still.all(-1), high, -np.inf)
         return factor
 
+    def _sensor(self, q: Array) -> Array:
+        """Poses (k, 4, 4) of the sensor in the frame in which the arm stands."""
+        return np.asarray(self._cell.nominal.arm.fk(q) @ self._cell.nominal.flange_from_sensor)
+
+    def _moving(self, column: Indices, angle: Array, flange: Array) -> tuple[Array, Array, Array | float]:
+        """Rotation (k, 3, 3) of the table in the frame in which the arm stands, and twists (k, 6) there.
+
+        Those of the flange at `flange` (k, 3), as part of a body that moves with the table, per velocity of the axis,
+        and by the motions of the others.
+        """
+        nominal = self._cell.nominal
+        if self.drive.others is None:
+            turn = nominal.world_from_table[:3, :3] @ pose.rotation_about(2, angle)
+            axis, origin = nominal.world_from_table[:3, 2], nominal.world_from_table[:3, 3]
+            turning = np.concatenate([np.cross(axis, flange - origin), np.broadcast_to(axis, flange.shape)], -1)
+            return turn, turning, 0.0
+        positions = _with_joints(nominal, self._positions(column, angle))
+        at, jacobian = nominal.tree.relative("table", nominal.arm_on, positions)
+        lever = (flange - at[:, :3, 3])[:, None]
+        by_axis = np.swapaxes(jacobian[..., len(nominal.home) : len(nominal.axes)], -1, -2).copy()
+        by_axis[..., :3] += np.cross(by_axis[..., 3:], lever)
+        number = nominal.axes.index(self.drive.name) - len(nominal.home)
+        rates = self._rates_of_others()[column]
+        rates[:, number] = 0.0
+        return at[:, :3, :3], by_axis[:, number], np.einsum("ka,kai->ki", rates, by_axis)
+
+    def _rates_of_others(self) -> Array:
+        """Velocities (columns, 1 + further axes) of the others, rad/s or m/s."""
+        assert self.drive.others is not None
+        time, half = self._period * np.arange(self.columns), self._period / 8
+        return np.asarray((self.drive.others(time + half) - self.drive.others(time - half)) / (2 * half))
+
     def _some_rate(self, column: Indices, row: Indices) -> Array:
         """Whether some table speed keeps all joints within their speed limits, (k,)."""
         return (self.lowest_rate[column, row] <= self.highest_rate[column, row]).astype(float)
 
     def _clearance(self, column: Indices, angle: Array, q: Array) -> Array:
         """Factors (k,) of Eq. 8, the product over all pairs."""
+        positions = self._positions(column, angle)
         new = np.unique(column[np.isnan(self._clearance_of_column[column])])
         if len(new):
             first = np.array([np.flatnonzero(column == c)[0] for c in new])
-            self._clearance_of_column[new] = self._factor(*self._with_table, q[first], angle[first])
+            self._clearance_of_column[new] = self._factor(*self._with_table, q[first], positions[first])
         factor = self._clearance_of_column[column]
         open_ = factor > 0
-        factor[open_] *= self._factor(*self._elsewhere, q[open_], angle[open_])
+        factor[open_] *= self._factor(*self._elsewhere, q[open_], positions[open_])
         return factor
 
-    def _factor(self, scene: ProximityScene, limits: Array, power: float | Array, q: Array, angle: Array) -> Array:
+    def _factor(self, scene: ProximityScene, limits: Array, power: float | Array, q: Array, positions: Array) -> Array:
         if not len(q) or not len(scene.pairs):
             return np.ones(len(q))
-        poses = self._cell.nominal.body_poses(with_table(q, angle))
+        poses = self._cell.nominal.body_poses(np.column_stack([q, positions]))
         distance = scene.distances(poses, limits[:, 1], self._cell.threads)
         factors = clearance(distance, limits[:, 0], limits[:, 1], power, self._static.printed)
         return np.asarray(factors.prod(-1))
@@ -313,7 +425,7 @@ def _split(cell: PlanningCell, static: StaticConstraints) -> tuple[_Pairs, _Pair
     limits, power = static.clearance, static.clearance_power
     scene, nominal = cell.proximity, cell.nominal
     axes = {body.name: nominal.tree.axes_of(body.moves_with) for body in nominal.bodies}
-    on_flange = {name for name, moving in axes.items() if moving == nominal.arm.tree.axes}
+    on_flange = {name for name, moving in axes.items() if set(nominal.arm.tree.axes) <= set(moving)}
     on_table = {name for name, moving in axes.items() if "table" in moving}
     fixed = np.array([bool({a, b} & on_flange) and bool({a, b} & on_table) for a, b in scene.pairs], bool)
     pairs = np.array([frozenset(pair) for pair in scene.pairs], object)

@@ -60,18 +60,22 @@ def why_blocked(lattice: Lattice) -> str:
     """
     map_, steps = lattice.map, coarse_steps(lattice)
     rows = np.arange(COARSE_ROWS) * map_.rows // COARSE_ROWS
-    reached = np.ones(COARSE_ROWS, bool)
+    reached = within = map_.within(rows)
     for number, step in enumerate(steps):
         column = int(step) * lattice.samples
         map_.require(column, rows)
         passed = int(step - steps[number - 1]) if number else 0
         farthest = int(np.ceil(2 * lattice.rates * passed * COARSE_ROWS / lattice.angles))
-        wanted = _widened(reached, farthest)
+        wanted = _widened(reached, farthest) & within
         reached = wanted & (map_.quality[column, rows] > 0)
         if not reached.any():
             share = 100 * column / (map_.columns - 1)
-            return f"at {share:.0f} % of the way {_forbidden(lattice, column, rows[wanted])}"
-    return "table and joints are too slow to follow the free table angles"
+            return (
+                f"at {share:.0f} % of the way {_forbidden(lattice, column, rows[wanted], wanted.sum() == within.sum())}"
+            )
+    name = map_.drive.name
+    free = "table angles" if name == "table" else f"positions of {name}"
+    return f"{name} and joints are too slow to follow the free {free}"
 
 
 def why_forbidden(map_: ConfigurationMap, column: int, row: int) -> str:
@@ -89,7 +93,7 @@ def _widened(flags: NDArray[np.bool_], by: int) -> NDArray[np.bool_]:
     return np.asarray(np.any([np.roll(flags, k) for k in range(-by, by + 1)], axis=0))
 
 
-def _forbidden(lattice: Lattice, column: int, rows: Indices) -> str:
+def _forbidden(lattice: Lattice, column: int, rows: Indices, are_all: bool) -> str:
     """The constraints that forbid cells, the most frequent first, each with its share of them."""
     map_ = lattice.map
     causes = map_.cause[column, rows]
@@ -97,7 +101,7 @@ def _forbidden(lattice: Lattice, column: int, rows: Indices) -> str:
     near = rows[causes == CLEARANCE]
     names.update(f"clearance between {clash.body_a} and {clash.body_b}" for clash in map_.worst_clashes(column, near))
     shares = [f"{name} ({100 * count / len(rows):.0f} %)" for name, count in names.most_common(_MOST_NAMED)]
-    where = "every table angle" if len(rows) == COARSE_ROWS else "every table angle that can be reached"
+    where = f"every {map_.drive.in_words}" + ("" if are_all else " that can be reached")
     return f"{where} is forbidden: {', '.join(shares)}"
 
 

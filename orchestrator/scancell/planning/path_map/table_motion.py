@@ -54,7 +54,7 @@ class Lattice:
     period
         Time between two poses, s.
     max_rate, max_acceleration
-        Limits of the table, rad/s, rad/s².
+        Limits of the table, or of the axis that the map is of, rad/s, rad/s², or m/s, m/s².
     weights
         Weights of the cost of a motion, see `cost`.
 
@@ -64,8 +64,10 @@ class Lattice:
         The map.
     steps
         Number of steps of time.
+    span
+        A turn, or the span of positions of another axis, rad or m.
     angles
-        Number of lattice angles in a turn.
+        Number of lattice angles in it.
     rates
         Largest speed in quanta.
     accelerations
@@ -85,10 +87,11 @@ class Lattice:
         self.steps, rest = divmod(configurations.columns - 1, samples)
         if rest or not self.steps:
             raise ValueError(f"columns = {configurations.columns}: expected a multiple of samples = {samples}, plus 1")
-        self._period, self._step = period, samples * period
+        self._period, self._step, self._low = period, samples * period, configurations.drive.low
+        self.span = configurations.drive.span
         quantum = min(max_acceleration / _LEVELS, max_rate / (_LEAST_SPEEDS * self._step))
-        self.angles = int(np.ceil(2 * np.pi / (quantum * self._step**2 / 2)))
-        self._angle = 2 * np.pi / self.angles
+        self.angles = int(np.ceil(self.span / (quantum * self._step**2 / 2)))
+        self._angle = self.span / self.angles
         self._quantum = 2 * self._angle / self._step**2
         self.rates = int(max_rate / (self._quantum * self._step) + 1e-9)
         self.accelerations = min(int(max_acceleration / self._quantum + 1e-9), _LEVELS)
@@ -104,7 +107,7 @@ class Lattice:
         angle, rate, acceleration = (np.asarray(x, float)[..., None] for x in (angle, rate, acceleration))
         number = np.array([self.samples]) if only_end else np.arange(1, self.samples + 1)
         turned, speed = self._within_step(rate, acceleration, self._period * number)
-        row = np.rint((angle * self._angle + turned) * (self.map.rows / (2 * np.pi))).astype(np.int64) % self.map.rows
+        row = np.rint((angle * self._angle + turned) * (self.map.rows / self.span)).astype(np.int64) % self.map.rows
         column = np.asarray(step, np.int64)[..., None] * self.samples + number
         return np.broadcast_to(column, row.shape), row, speed
 
@@ -146,6 +149,12 @@ class Lattice:
         fraction = np.asarray(acceleration, float) * (self._quantum / self._max_acceleration)
         return np.asarray(of_cells.mean(-1) + of_speed + self.weights.table_acceleration * fraction**2)
 
+    def effort(self, motion: TableMotion) -> float:
+        """The terms of the cost of a motion for speed and acceleration; the mean over time."""
+        acceleration = motion.accelerations * (self._quantum / self._max_acceleration)
+        of_speed = self.weights.table_speed * float(((motion.rate[1:] / self._max_rate) ** 2).mean())
+        return of_speed + self.weights.table_acceleration * float((acceleration**2).mean())
+
     def angle_at(self, motion: TableMotion, time: ArrayLike, window: float) -> Array:
         """Table angles (...,), rad, not wrapped, at times (...,) from the start, s, averaged over a `window`, s.
 
@@ -154,9 +163,8 @@ class Lattice:
         is a change of acceleration over the window.
         """
         time = np.asarray(time, float)
-        return np.asarray(
-            (self._angle_integral(motion, time + window / 2) - self._angle_integral(motion, time - window / 2)) / window
-        )
+        turned = self._angle_integral(motion, time + window / 2) - self._angle_integral(motion, time - window / 2)
+        return np.asarray(turned / window + self._low)
 
     def window(self, max_jerk: float) -> float:
         """The window of `angle_at`, s, for which no change of acceleration exceeds a jerk limit, rad/s³."""
@@ -193,7 +201,7 @@ class Lattice:
         return TableMotion(
             int(start),
             accelerations,
-            np.concatenate([[start * self._angle], angle.ravel()]),
+            np.concatenate([[start * self._angle], angle.ravel()]) + self._low,
             np.concatenate([[0.0], speed.ravel()]),
             float(cost.mean()),
         )

@@ -166,6 +166,8 @@ class SensorPath:
         Distance of the sensor's origin between exposures, m.
     weights, quality
         How motions along it are judged.
+    axis
+        Names of the axes that move along it.
     """
 
     name: str
@@ -174,6 +176,7 @@ class SensorPath:
     pitch: float
     weights: WeightsDescription = field(default_factory=WeightsDescription)
     quality: QualityDescription = field(default_factory=QualityDescription)
+    axis: tuple[str, ...] = ("table",)
 
     @property
     def knots(self) -> Array:
@@ -264,6 +267,7 @@ def sensor_paths(description: PathDescription, part: Mesh, table_from_part: Arra
             si_value(description, "pitch_mm"),
             description.weights,
             description.quality,
+            description.axis,
         )
         if path.length < path.pitch:
             least = f"at least its pitch_mm = {1e3 * path.pitch:g}"
