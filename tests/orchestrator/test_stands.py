@@ -23,9 +23,9 @@ from scancell import (
 )
 from scancell.planning.model import PlanningCell
 from scancell.planning.motion import trajectory
+from scancell.planning.motion.connection import Stands, candidate_positions
 from scancell.planning.motion.trajectory import TorqueLimits
 from scancell.planning.options import ScanOptions, scan_options
-from scancell.planning.stands import Stands, candidate_positions
 from scancell.planning.views.coverage import CoveragePlanner, CoverageReport, Sight
 from scancell.planning.views.views import sample_part
 from scancell.visibility import measurable_surface

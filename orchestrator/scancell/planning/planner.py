@@ -15,11 +15,11 @@ from scancell.errors import DescriptionError, PlanningError
 from scancell.nominal.parts import pose_matrix
 from scancell.planning.model import PlanningCell, WorkLimitError, join_reasons
 from scancell.planning.motion.assembly import Assembly, check_part, verified
+from scancell.planning.motion.connection import Stands
 from scancell.planning.options import ScanOptions
 from scancell.planning.path_map.configuration_map import QualityFactor
 from scancell.planning.path_map.path_planner import PathPlanner, PlacedPath
 from scancell.planning.plan import Plan
-from scancell.planning.stands import Stands
 from scancell.planning.views import paths
 from scancell.planning.views.coverage import CHOICE_SHARE, CoveragePlanner, Sight
 from scancell.planning.views.placement import (

@@ -14,12 +14,11 @@ from scancell.errors import PlanningError
 from scancell.nominal.cell import OCCUPIED, NominalCell, with_table
 from scancell.planning.model import CONFIGURATION, PlanningCell, WorkLimitError, describe
 from scancell.planning.motion import trajectory
-from scancell.planning.motion.connection import Connector
+from scancell.planning.motion.connection import Connector, Stand, Stands
 from scancell.planning.motion.timing import axis_name
 from scancell.planning.options import ScanOptions
 from scancell.planning.path_map.path_planner import PlacedPath
 from scancell.planning.plan import Plan
-from scancell.planning.stands import Stand, Stands
 from scancell.planning.views.placement import Placed, PlacedPass, PlacedPose, PlacedSweep, sweep_run
 from scancell.proximity.judge import Judge
 from scancell.proximity.scene import Clash, arm_chain
@@ -357,15 +356,15 @@ def recheck(cell: PlanningCell, saved: Plan, options: ScanOptions) -> Plan:
             )
         gap = float(np.abs(points[0] - at).max())
         if gap > _SAME_PLACE:
-            axis = int(np.abs(points[0] - at).argmax())
-            slides = axis > table and nominal.further_axes[axis - table - 1].joint.kind == "prismatic"
+            number = int(np.abs(points[0] - at).argmax())
+            slides = number > table and nominal.further_axes[number - table - 1].joint.kind == "prismatic"
             off = f"{1e3 * gap:.3f} mm" if slides else f"{np.degrees(gap):.3f} deg"
-            of_axis = f" ({axis_name(cell, axis)})" if axis > table else ""
+            of_axis = f" ({axis_name(cell, number)})" if number > table else ""
             raise PlanningError(f"{where}: starts {off} from where the motion before it ends{of_axis}")
         outside = ((points < lower - _SAME_PLACE) | (points > upper + _SAME_PLACE)).any(0)
         if outside.any():
-            axis = int(outside.argmax())
-            limits = f"limits of {axis_name(cell, axis)}" if axis > table else "joint limits"
+            number = int(outside.argmax())
+            limits = f"limits of {axis_name(cell, number)}" if number > table else "joint limits"
             raise PlanningError(f"{where}: leaves the {limits}")
         resting = np.concatenate([*3 * [points[:1]], points, *3 * [points[-1:]]])
         used = trajectory.limit_fractions(resting, cell.axis_limits, cell.cycle)
@@ -387,7 +386,7 @@ def recheck(cell: PlanningCell, saved: Plan, options: ScanOptions) -> Plan:
 def _limits(nominal: NominalCell) -> tuple[Array, Array]:
     """Lower and upper limits (axes,) of all axes, rad or m; those of the table are infinite."""
     further = np.array([(axis.min, axis.max) for axis in nominal.further_axes]).reshape(-1, 2)
-    joints = np.stack(nominal.arm.limits, 1)
+    joints = np.transpose(nominal.arm.limits)
     limits = np.concatenate([joints, [[-np.inf, np.inf]], further])
     return limits[:, 0], limits[:, 1]
 

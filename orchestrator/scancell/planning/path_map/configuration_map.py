@@ -285,7 +285,7 @@ class ConfigurationMap:
 
     def _positions(self, column: Indices, angle: Array) -> Array:
         """Positions (k, 1 + further axes) of table and further axes at cells (k,)."""
-        return self.drive.positions(self._cell.nominal, self._period * column, angle)
+        return self.drive.positions(self._cell.nominal, np.asarray(self._period * column, np.float64), angle)
 
     def worst_clashes(self, column: int, row: Indices) -> list[Clash]:
         """The pair of bodies (k,) that violates its clearance most at each of the cells (k,) of a column."""
@@ -385,7 +385,7 @@ class ConfigurationMap:
     def _rates_of_others(self) -> Array:
         """Velocities (columns, 1 + further axes) of the others, rad/s or m/s."""
         assert self.drive.others is not None
-        time, half = self._period * np.arange(self.columns), self._period / 8
+        time, half = np.arange(self.columns, dtype=np.float64) * self._period, self._period / 8
         return np.asarray((self.drive.others(time + half) - self.drive.others(time - half)) / (2 * half))
 
     def _some_rate(self, column: Indices, row: Indices) -> Array:

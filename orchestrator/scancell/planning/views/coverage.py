@@ -30,8 +30,8 @@ from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
 from scancell.planning.model import SIGHT, PlanningCell, Work, WorkLimitError
 from scancell.planning.motion import trajectory
+from scancell.planning.motion.connection import Stand, Stands
 from scancell.planning.options import ScanOptions
-from scancell.planning.stands import Stand, Stands
 from scancell.planning.views.paths import sweeps, sweeps_beside_axis
 from scancell.planning.views.placement import PATH_ACCELERATION, Infeasible, Placed, sweep_run
 from scancell.planning.views.views import Pass, Surface, Sweep, View, exposure_counts
