@@ -384,6 +384,7 @@ class Fuzzer(AbstractContextManager["Fuzzer"]):
             Target("JogJoints", scancell.JogJoints, {"deflections": [0.1, 0.2]}),
             Target("JogSensor", scancell.JogSensor, {"deflections": [0.1] * 6, "frame": scancell.JogFrame.SENSOR}),
             Target("MoveJoints", scancell.MoveJoints, {"joints": cell.home, "table_angle": 0.1, "speed": 0.5}),
+            Target("MoveAxis", scancell.MoveAxis, {"name": "track", "position": 0.1, "speed": 0.5}),
             Target("MoveTool", scancell.MoveTool, pose),
             Target("MoveLine", scancell.MoveLine, pose),
             Target("SetMonitorSpeed", scancell.SetMonitorSpeed, {"share": 0.5}),

@@ -27,7 +27,8 @@ from scancell.studies.guard.worlds import World, described_cells, standing_parts
 OPTIONS = CampaignOptions(None, str(PARTS / "free_form.stl"))
 OF_TABLE = replace(OPTIONS, seed=4)  # whose first jog of the table soon collides
 # Errors that take few runs to find.
-QUICK = {"stale-answers": OPTIONS, "begun-is-permitted": OPTIONS, "no-table-rate": OF_TABLE}
+TILT = replace(OPTIONS, cell=str(PARTS.parent / "cells/tilt_turn.toml"))
+QUICK = {"stale-answers": OPTIONS, "begun-is-permitted": OPTIONS, "no-table-rate": OF_TABLE, "no-axis-path": TILT}
 
 
 @pytest.fixture(scope="module")
@@ -175,6 +176,11 @@ def test_moves_to_the_contact_of_a_pair_are_stopped_unless_it_is_ignored() -> No
     guarded, ignored = search(OPTIONS, 1, "", pair), search(OPTIONS, 3, IGNORED, pair)
     assert (guarded.runs, guarded.contact) == (1, "")
     assert ignored.contact == " - ".join(pair)
+
+
+def test_errors_with_axes_beyond_the_table_need_a_cell_with_these() -> None:
+    with pytest.raises(DescriptionError, match="expected a cell with axes beyond the table"):
+        search(OPTIONS, 1, "no-axis-rate")
 
 
 def test_unknown_errors_of_a_guard_are_refused() -> None:

@@ -24,7 +24,8 @@ from scancell.studies.guard.run import CampaignOptions, campaign_of
 from scancell.studies.guard.worlds import standing_parts
 
 IGNORED = "ignored-pair"
-ALONE = {"table-jogs": Mutation(alone="table"), "axis-jogs": Mutation(alone="further", further=True)}  # no errors
+TABLE, FURTHER = "table-jogs", "axis-jogs"
+ALONE = {TABLE: Mutation(alone="table"), FURTHER: Mutation(alone="further", further=True)}  # no errors
 IN_CAMPAIGN = "campaign"
 _MOVES = 6  # to the contact of a pair
 
