@@ -438,6 +438,24 @@ def test_faults_are_named(tmp_path: Path, text: str, options: dict[str, Any], ex
     assert sorted(file.name for file in tmp_path.iterdir()) == ["small.urdf"]
 
 
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({"home_deg": [0, float("nan"), 0, 0, 0, 0]}, "home_deg"),
+        ({"home_deg": ["0", 0, 0, 0, 0, 0]}, "home_deg"),
+        ({"home_deg": [0, 0, 0, 0, 0]}, "home_deg has 5 angles: expected one for each of the 6 joints"),
+        ({"home_deg": [0, 0, 0, 0, 0, 200]}, "home_deg.6. = 200: expected an angle between"),
+        ({"table": 3}, "table"),
+        ({"base": ""}, "no link '' before the arm"),
+        ({"hold": [1]}, "held names 1 joints: expected 0"),
+    ],
+)
+def test_wrong_arguments_are_named(tmp_path: Path, options: dict[str, Any], expected: str) -> None:
+    with pytest.raises(DescriptionError, match=expected):
+        made_of(tmp_path, small(branch("b", "a1", "revolute", '<mimic joint="j2"/>')), **options)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["small.urdf"]
+
+
 def test_outputs_are_not_inputs(tmp_path: Path) -> None:
     with pytest.raises(DescriptionError, match=r"cell = '.*arm\.toml': expected another file than that of the robot"):
         made_of(tmp_path, small(), cell=tmp_path / "arm.toml")

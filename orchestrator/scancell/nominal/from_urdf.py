@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell.arguments import checked_arguments
 from scancell.arrays import Array
 from scancell.config.cell import MAX_FURTHER_AXES, CellDescription, is_reserved_axis
 from scancell.config.description import validate
@@ -64,6 +65,7 @@ class ConvertedRobot:
     warnings: tuple[str, ...]
 
 
+@checked_arguments
 def robot_from_urdf(
     urdf: str | Path,
     tip: str,
