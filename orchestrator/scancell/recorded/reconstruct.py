@@ -662,7 +662,7 @@ def _latency(found: Measurements, setup: Setup, measured: MeasuredCell, wanted: 
 
 def nominal_cell_of(measured: MeasuredCell, setup: Setup) -> NominalCell:
     """The described cell, without what was estimated, with the part of a measured one."""
-    return nominal_cell(setup.cell, measured.cell.part if measured.has_part else None)
+    return nominal_cell(setup.cell, measured.cell.part if measured.has_part else None).with_axes_held()
 
 
 def joints_of_flange(cell: NominalCell, flange: Array) -> Array | None:
