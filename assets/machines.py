@@ -141,6 +141,28 @@ def table_base() -> Manifold:
     return union([drum_body, plate, motor, *bolts])
 
 
+def sensor_post() -> Manifold:
+    """Post of a sensor whose mounting face is the plane x = 0 about the origin, on the floor at z = -400."""
+    foot = block((-40, -100, -400), (160, 100, -384), corner=16, chamfer=2)
+    column = block((14, -32, -390), (78, 32, 50), corner=8, chamfer=2)
+    head = union([drum(31.5, 0, 10, axis="x", chamfer=1), block((8, -32, -40), (20, 32, 40), corner=4, chamfer=1)])
+    bolts = [drum(7, -386, -376, at=(x, y, 0), chamfer=1, segments=24) for x in (-15, 135) for y in (-75, 75)]
+    return union([foot, column, head, *bolts])
+
+
+def chuck() -> Manifold:
+    """Holder of a part on the flange, 40 mm high, in the flange frame."""
+    return union(
+        [
+            drum(30, 0, 8, chamfer=1),
+            cone(24, 14, 7, 16),
+            drum(14, 10, 36, chamfer=0),
+            cone(14, 18, 30, 36),
+            drum(18, 35, 40, chamfer=1),
+        ]
+    )
+
+
 def probe() -> Manifold:
     """Housing of the profile sensor in the sensor frame: laser slit at the origin, camera windows at x = ±60."""
     body = block((-80, -25, -70), (80, 25, -2), corner=6, chamfer=3)

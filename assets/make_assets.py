@@ -34,6 +34,8 @@ MESHES = {
     "tables/rotary_table.stl": machines.platter,
     "tables/table_base.stl": machines.table_base,
     "sensors/profile_probe.stl": machines.probe,
+    "sensors/sensor_post.stl": machines.sensor_post,
+    "tables/chuck.stl": machines.chuck,
     "parts/sphere_on_foot.stl": parts.sphere_on_foot,
     "parts/step_block.stl": parts.step_block,
     "parts/free_form.stl": parts.free_form,

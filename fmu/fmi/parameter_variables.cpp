@@ -187,6 +187,9 @@ Dependencies add_parameters(TableBuilder& table, const CellLayout& layout, CellP
     further_sensors.push_back(
         add_as_built_frame(table, "sensor[" + number + "]", "sensor " + number, as_built.further_sensors[i]));
   }
+  const FrameRefs grasp = holds_part(layout)
+                              ? add_as_built_frame(table, "grasp", "the part on the flange", as_built.grasp)
+                              : FrameRefs{};
   const FrameRefs table_refs = add_as_built_table(table, as_built);
   const VibrationRefs of_base =
       add_vibration(table, "base", "the robot's base", as_built.base_vibration, seed);
@@ -218,7 +221,9 @@ Dependencies add_parameters(TableBuilder& table, const CellLayout& layout, CellP
                           dependencies.true_axes, dependencies.true_axes));
   }
   frames.push_back(with(carried_by(frames.back()), of_flange));
-  frames.push_back(with(frames.back(), tool.displacing, tool.turning));
+  const PoseDependencies& flange = frames.back();
+  frames.push_back(with(layout.sensor_moves_with ? standing_on(*layout.sensor_moves_with) : flange,
+                        tool.displacing, tool.turning));
   frames.push_back(
       with(with(standing_on(layout.table_moves_with), of_table), table_refs.displacing, table_refs.turning));
   frames.push_back(with(carried_by(frames.back()), table_refs.behind, {}));
@@ -236,6 +241,7 @@ Dependencies add_parameters(TableBuilder& table, const CellLayout& layout, CellP
     bodies.further_sensors.push_back(frames[numbers.further_sensor(i)]);
   }
   for (const std::size_t frame : layout.parts) bodies.parts.push_back(carried_by(frames[frame]));
+  if (holds_part(layout)) bodies.parts.front() = with(bodies.parts.front(), grasp.displacing, grasp.turning);
   table.add_declared("as_built.trigger.", "the trigger", Causality::kParameter, parameters.as_built.trigger);
   if (layout.conveyors > 0) {
     table.add_declared("as_built.belt.", "all belts", Causality::kParameter, parameters.as_built.belt);

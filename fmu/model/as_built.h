@@ -25,7 +25,8 @@ struct DhDeviation {
 /// Deviations of the cell as built from its description. All zero: the nominal cell.
 struct AsBuilt {
   std::array<DhDeviation, kMaxJoints> dh{};
-  std::array<double, 6> tool{};   // x, y, z (m), rx, ry, rz (rad, intrinsic XYZ): flange_from_sensor * delta
+  std::array<double, 6> tool{};   // x, y, z (m), rx, ry, rz (rad, intrinsic XYZ): carrier_from_sensor * delta
+  std::array<double, 6> grasp{};  // the same of a part on the flange: flange_from_part * delta
   std::array<double, 5> table{};  // x, y, z (m), rx, ry (rad): world_from_table * delta
   std::array<double, 2> platter{};  // x, y (m) of the platter's centre in the rotating frame
   /// Deviation of the frame of each further axis from nominal: x, y, z (m), rx, ry, rz (rad, intrinsic XYZ).
@@ -40,10 +41,11 @@ struct AsBuilt {
 
   template <class Visitor>
   static void declare(Visitor& visit, AsBuilt& b) {
-    visit(b, state(b.dh, "dh"), state(b.tool, "tool"), state(b.table, "table"), state(b.platter, "platter"),
-          state(b.axes, "axes"), state(b.further_sensors, "further_sensors"), state(b.wobble, "wobble"),
-          state(b.trigger, "trigger"), state(b.belt, "belt"), state(b.base_vibration, "base_vibration"),
-          state(b.flange_vibration, "flange_vibration"), state(b.table_vibration, "table_vibration"));
+    visit(b, state(b.dh, "dh"), state(b.tool, "tool"), state(b.grasp, "grasp"), state(b.table, "table"),
+          state(b.platter, "platter"), state(b.axes, "axes"), state(b.further_sensors, "further_sensors"),
+          state(b.wobble, "wobble"), state(b.trigger, "trigger"), state(b.belt, "belt"),
+          state(b.base_vibration, "base_vibration"), state(b.flange_vibration, "flange_vibration"),
+          state(b.table_vibration, "table_vibration"));
   }
 };
 

@@ -32,13 +32,20 @@ control::Collision collision_of(const CollisionReading& reading) {
   return reading.pairs > 0 ? control::Collision::kPresent : control::Collision::kNone;
 }
 
+/// The description with the part where the flange holds it as built.
+CellDescription grasped(CellDescription cell, const AsBuilt& as_built) {
+  PartDescription& part = cell.parts.front();
+  if (holds_part(layout_of(cell))) part.support_from_part = displaced(part.support_from_part, as_built.grasp);
+  return cell;
+}
+
 bool collides(const Readings& readings) { return readings.collision.pairs > 0; }
 
 }  // namespace
 
 Cell::Cell(const CellDescription& description, const proximity::BodySet& bodies,
            const CellParameters& parameters, std::string folder)
-    : description_(description),
+    : description_(grasped(description, parameters.as_built)),
       folder_(std::move(folder)),
       nominal_(description, AsBuilt{}),
       true_(description, parameters.as_built),
@@ -47,7 +54,7 @@ Cell::Cell(const CellDescription& description, const proximity::BodySet& bodies,
       belt_errors_(parameters.as_built.belt),
       nominal_arm_(description),
       controller_(settings_of(description), nominal_arm_, start_of(description).axes.position),
-      world_(description, true_, start_of(description)),
+      world_(description_, true_, start_of(description)),
       sensing_(description, bodies, parameters.seed),
       trigger_(layout_of(description), parameters.as_built.trigger,
                key_of_seeds(description.seed, parameters.seed) + kTriggerKey),
@@ -152,7 +159,7 @@ std::int64_t Cell::guard_instant(double guard_time) const {
 
 /// Reads the commands at an instant of the controller cycle.
 void Cell::take_commands(const CellInputs& inputs) {
-  control::Command command = command_of(inputs.motion, nominal_.flange_from_sensor());
+  control::Command command = command_of(inputs.motion, nominal_.flange_from_tool());
   if (command.mode == control::Mode::kProgram && controller_.starts(command)) {
     command.segment = requested_segment(inputs);
   }

@@ -129,7 +129,7 @@ class Cell : private MotionView {
   control::Report report() const;
 
   control::Knot table(std::int64_t time_us) const override;
-  SensorInTable sensor_in_table(std::int64_t time_us) const override;
+  SensorOnSupport sensor_on_support(std::int64_t time_us) const override;
   control::RunningSegment running_segment(std::int64_t time_us) const override;
   Measurement measurement(std::int64_t time_us) const override;
   BeltReading belt_reading(std::size_t belt, std::int64_t time_us, double lead) const override;

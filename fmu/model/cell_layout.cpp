@@ -33,6 +33,9 @@ std::string difference(const CellLayout& layout, const CellLayout& expected) {
       layout.table_moves_with != expected.table_moves_with) {
     text += (text.empty() ? "" : ", ") + std::string("arm or table on another axis");
   }
+  if (layout.sensor_moves_with != expected.sensor_moves_with) {
+    text += (text.empty() ? "" : ", ") + std::string("the sensor on another body or axis");
+  }
   compare(text, "further sensors", layout.further_sensors.size(), expected.further_sensors.size());
   for (std::size_t i = 0; i < std::min(layout.further_sensors.size(), expected.further_sensors.size()); ++i) {
     if (layout.further_sensors[i] == expected.further_sensors[i]) continue;

@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstddef>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -36,6 +37,7 @@ struct CellLayout {
   std::vector<AxisLayout> axes;                                      // beside joints and table
   std::size_t robot_moves_with = kWorld, table_moves_with = kWorld;  // frames
   std::vector<std::size_t> further_sensors;                          // frames that carry them
+  std::optional<std::size_t> sensor_moves_with;                      // frame; empty: the flange
   std::vector<std::size_t> parts;  // frames on which they start: initial poses depend on what moves these
   std::size_t conveyors = 0;
   bool gripper = false;
@@ -48,6 +50,11 @@ struct CellLayout {
     return {joints.size(), conveyors, gripper ? 2u : 0u, parts.size(), axes.size(), further_sensors.size()};
   }
 };
+
+/// Whether the arm holds part 1 on its flange.
+inline bool holds_part(const CellLayout& layout) {
+  return !layout.parts.empty() && layout.parts.front() == layout.frames().flange();
+}
 
 /// Difference between two layouts as text, for example "2 parts instead of 1"; empty where they are equal.
 std::string difference(const CellLayout& layout, const CellLayout& expected);

@@ -43,13 +43,16 @@ control::RunningSegment Cell::running_segment(std::int64_t time_us) const {
   return controller_.running_segment(time_us);
 }
 
-SensorInTable Cell::sensor_in_table(std::int64_t time_us) const {
+SensorOnSupport Cell::sensor_on_support(std::int64_t time_us) const {
   const AxesState axes = encoders_at(time_us);
-  const Motion sensor = nominal_.frame(nominal_.numbers().sensor(), axes.position, axes.rate);
-  const Motion platter = nominal_.frame(nominal_.numbers().platter(), axes.position, axes.rate);
-  const Eigen::Vector3d from_centre = sensor.pose.translation() - platter.pose.translation();
-  const Eigen::Vector3d of_table = platter.velocity + platter.angular_velocity.cross(from_centre);
-  return {platter.pose.inverse() * sensor.pose.translation(), (sensor.velocity - of_table).norm()};
+  const FrameNumbers& numbers = nominal_.numbers();
+  const bool held = description_.parts.front().stands_on == numbers.flange();
+  const Motion sensor = nominal_.frame(numbers.sensor(), axes.position, axes.rate);
+  const Motion support =
+      nominal_.frame(held ? numbers.flange() : numbers.platter(), axes.position, axes.rate);
+  const Eigen::Vector3d from_centre = sensor.pose.translation() - support.pose.translation();
+  const Eigen::Vector3d of_support = support.velocity + support.angular_velocity.cross(from_centre);
+  return {support.pose.inverse() * sensor.pose.translation(), (sensor.velocity - of_support).norm()};
 }
 
 Measurement Cell::measurement(std::int64_t time_us) const {

@@ -20,12 +20,14 @@ CellInputs start_inputs(const CellDescription& cell) {
   CellInputs inputs(layout_of(cell));
   inputs.motion.position = start_positions(cell);
   const Kinematics nominal(cell, AsBuilt{});
-  const BodyState tool = body_state(attached({}, nominal.flange_from_sensor()));
+  const Eigen::Isometry3d flange_from_tool = nominal.flange_from_tool();
+  const BodyState tool = body_state(attached({}, flange_from_tool));
   inputs.motion.tool_position = tool.position;
   inputs.motion.tool_orientation = tool.orientation;
-  const BodyState sensor = body_state(nominal.frame(nominal.numbers().sensor(), inputs.motion.position, {}));
-  inputs.motion.target_position = sensor.position;
-  inputs.motion.target_orientation = sensor.orientation;
+  const Motion flange = nominal.frame(nominal.numbers().flange(), inputs.motion.position, {});
+  const BodyState target = body_state(attached(flange, flange_from_tool));
+  inputs.motion.target_position = target.position;
+  inputs.motion.target_orientation = target.orientation;
   if (cell.gripper) inputs.gripper.width = cell.gripper->start;
   return inputs;
 }

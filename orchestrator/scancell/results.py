@@ -204,9 +204,8 @@ class ScanResult(ScanData, Result):
     def summary(self) -> str:
         """The figures as lines of text."""
         figures, bare, covered = self.deviation.figures, self.points_without_normal, self.coverage
-        support, share = "belt", f"{covered.surface_fraction:.1%} of the whole surface"
+        support, share = self.nominal.support_kind, f"{covered.surface_fraction:.1%} of the whole surface"
         if self.setup.scan.belt is None:
-            support = "table"
             share = f"{covered.fraction:.1%} of the measurable surface, {covered.surface_fraction:.1%} of the whole"
         signed = "" if self.deviation.is_signed else " (unsigned: the mesh is not closed)"
         um = 1e6

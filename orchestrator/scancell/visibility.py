@@ -153,7 +153,8 @@ class SurfaceSearch:
     """Search for poses that measure samples of a part's surface, on the grid of `scancell.visibility`.
 
     `samples` and `normals` (n, 3) are in the part frame. `obstacles` are the meshes of the part and of all that rests
-    on the table, in the frame of the table at angle 0.
+    on the table, in the frame of the table at angle 0. Where the arm holds the part before a sensor on a post, the
+    flange takes the place of the table, and a turn about its axis that of the table.
     """
 
     def __init__(self, nominal: NominalCell, field: SensorField, samples: int, threads: int) -> None:
@@ -166,12 +167,14 @@ class SurfaceSearch:
         self._orientations = orientations()
         self._sides = (1.0,) if nominal.part.is_closed else (1.0, -1.0)
         frames = nominal.frame_poses(nominal.home)
-        table_from_world = pose.inverse(frames["table"])
+        support_from_world = pose.inverse(frames[nominal.support if nominal.holds_part else "table"])
         further = {f"part[{i}]": nominal.tree.axes_of(f"part[{i}]") for i in range(2, 2 + len(nominal.further_parts))}
         on_table = {"table", *(frame for frame, axes in further.items() if "table" in axes)}
         fixed = {"world"} | further.keys() - on_table
+        if nominal.holds_part:
+            on_table, fixed = {nominal.support, "finger[1]", "finger[2]"}, fixed | on_table
         self.obstacles = [nominal.part.transformed(nominal.table_from_part)] + [
-            body.mesh.transformed(table_from_world @ frames[body.moves_with]) for body in _bodies(nominal, on_table)
+            body.mesh.transformed(support_from_world @ frames[body.moves_with]) for body in _bodies(nominal, on_table)
         ]
         self._fixed = [body.mesh.transformed(frames[body.moves_with]) for body in _bodies(nominal, fixed)]
         housing = [body.mesh.vertices for body in _bodies(nominal, {"sensor"})]
@@ -187,7 +190,9 @@ class SurfaceSearch:
         for mesh in (*self.obstacles, *self._fixed):
             _feed(sha, mesh.vertices, mesh.faces)
         _feed(sha, self._housing, field.points, field.seen, field.cameras, np.array([field.source_z]))
-        _feed(sha, arm.world_from_base, self._nominal.world_from_table, self._nominal.flange_from_sensor)
+        _feed(sha, arm.world_from_base, self._nominal.world_from_table, self._nominal.sensor.parent_from_joint)
+        if self._nominal.holds_part:
+            sha.update(b"held")
         _feed(sha, self._nominal.table_from_part, np.array([len(self.samples)]))
         return sha.hexdigest()
 
@@ -252,10 +257,17 @@ class SurfaceSearch:
         )
 
     def _within_reach(self) -> Flags:
-        """(n,) whether a sample is as near to the arm's base, at some table angle, as all lengths together allow."""
+        """(n,) whether a sample is as near to the arm's base, at some table angle, as all lengths together allow.
+
+        A held sample: to the sensor.
+        """
         arm, nominal = self._nominal.arm, self._nominal
         lengths = sum(abs(joint.a) + abs(joint.d) for joint in arm.joints)
         seen = float(np.linalg.norm(self._field.points, axis=-1).max())
+        if nominal.holds_part:
+            away = np.linalg.norm((pose.inverse(arm.world_from_base) @ nominal.world_from_sensor(()))[:3, 3])
+            held = np.linalg.norm(pose.transform_points(nominal.table_from_part, self.samples), axis=1)
+            return np.asarray(away <= lengths + held + seen)
         tool = float(np.linalg.norm(nominal.flange_from_sensor[:3, 3]))
         base = (pose.inverse(nominal.world_from_table) @ arm.world_from_base)[:3, 3]
         on_table = pose.transform_points(nominal.table_from_part, self.samples)
@@ -273,7 +285,7 @@ class SurfaceSearch:
             angle = table[key.ravel()]
             good = np.isfinite(angle)
             if fixed is not None and good.any():
-                world = self._nominal.world_from_table @ pose.from_rotation(pose.rotation_about(2, angle[good]))
+                world = self._world_from_support(keys[good], angle[good])
                 sample, source, camera = np.swapaxes(pose.transform_points(world, positions[good]), 0, 1)
                 blocked = fixed.blocked(sample, source) | fixed.blocked(sample, camera)
                 search.skip_directions(rows[good][blocked])
@@ -282,19 +294,45 @@ class SurfaceSearch:
             rows = rows[~good]
         return np.concatenate(found) if found else np.zeros(0, np.int64)
 
+    def _world_from_support(self, keys: NDArray[np.int32], angle: Array) -> Array:
+        """Poses (k, 4, 4) of the table at its angles (k,), rad, or of the flange in a turn about its axis.
+
+        The latter so that the sensor on its post is at each pose of the grid (k, 4).
+        """
+        if not self._nominal.holds_part:
+            return np.asarray(self._nominal.world_from_table @ pose.from_rotation(pose.rotation_about(2, angle)))
+        return np.asarray(self._nominal.world_from_sensor(()) @ pose.inverse(self._support_from_sensor(keys)))
+
+    def _support_from_sensor(self, keys: NDArray[np.int32]) -> Array:
+        return pose.from_rotation(self._orientations[keys[:, 0]], POSITION_STEP * keys[:, 1:])
+
     def _table_angles(self, keys: NDArray[np.int32]) -> Array:
         """(k,) table angle at which the arm reaches each pose of the grid (k, 4); NaN where it never does."""
         arm, nominal = self._nominal.arm, self._nominal
-        table_from_sensor = pose.from_rotation(self._orientations[keys[:, 0]], POSITION_STEP * keys[:, 1:])
-        table_from_flange = table_from_sensor @ pose.inverse(nominal.flange_from_sensor)
+        table_from_sensor = self._support_from_sensor(keys)
+        if nominal.holds_part:
+            # Turned about the axis of the flange, the part shows the sensor the same at every angle.
+            held = nominal.world_from_flange(table_from_sensor, frame=nominal.support)
+            turns = pose.from_rotation(pose.rotation_about(2, -self._angles))
+
+            def world_from_flange(numbers: Indices, rest: Indices) -> Array:
+                return np.asarray(held[rest] @ turns[numbers][:, None])
+
+        else:
+            table_from_flange = table_from_sensor @ pose.inverse(nominal.flange_from_sensor)
+
+            def world_from_flange(numbers: Indices, rest: Indices) -> Array:
+                turns = pose.from_rotation(pose.rotation_about(2, self._angles[numbers]))
+                return np.asarray((nominal.world_from_table @ turns)[:, None] @ table_from_flange[rest])
+
         found = np.full(len(keys), np.nan)
         # The first angle serves most poses; the others are tested for reach in one call.
-        for angles in np.split(self._angles, [1]):
+        for numbers in np.split(np.arange(len(self._angles)), [1]):
             rest = np.flatnonzero(np.isnan(found))
-            turned = nominal.world_from_table @ pose.from_rotation(pose.rotation_about(2, angles))
-            world_from_flange = turned[:, None] @ table_from_flange[rest]
-            outside = arm.distance_outside_reach(world_from_flange).reshape(len(angles), len(rest))
-            for angle, targets, near in zip(angles, world_from_flange, ~(outside > 0), strict=True):  # NaN: unknown
+            poses = world_from_flange(numbers, rest)
+            outside = arm.distance_outside_reach(poses).reshape(len(numbers), len(rest))
+            near_by = zip(self._angles[numbers], poses, ~(outside > 0), strict=True)  # NaN: unknown
+            for angle, targets, near in near_by:
                 todo = np.flatnonzero(near & np.isnan(found[rest]))
                 if len(todo):
                     q = arm.ik(targets[todo])

@@ -27,7 +27,7 @@ CellDescription a_cell() {
     joint.d = row[1];
     joint.alpha = row[2];
   }
-  cell.flange_from_sensor = Eigen::Isometry3d::Identity();
+  cell.carrier_from_sensor = Eigen::Isometry3d::Identity();
   cell.table.world_from_table = Eigen::Translation3d(0.45, 0, 0.1) * Eigen::Quaterniond::Identity();
   cell.parts.emplace_back();
   cell.parts[0].support_from_part = Eigen::Translation3d(0.02, 0, 0) * Eigen::Quaterniond::Identity();

@@ -19,6 +19,7 @@ ASSETS = Path(__file__).resolve().parents[2] / "assets"
 LINKS = [f"robots/six_axis/{name}.stl" for name in ("base", *(f"link{i}" for i in range(1, 7)))]
 OTHER_LINKS = sorted(str(p.relative_to(ASSETS)) for p in ASSETS.glob("robots/*/**/*.stl") if "six_axis" not in str(p))
 MACHINES = [*LINKS, *OTHER_LINKS, "tables/rotary_table.stl", "tables/table_base.stl", "sensors/profile_probe.stl"]
+MACHINES += ["sensors/sensor_post.stl", "tables/chuck.stl"]
 PARTS = [f"parts/{name}.stl" for name in ("sphere_on_foot", "step_block", "free_form", "machined")]
 
 ARM = arm_of(RobotDescription.default())

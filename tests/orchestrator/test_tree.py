@@ -9,11 +9,10 @@ import pytest
 from cells import cell_file
 from scipy.spatial.transform import Rotation
 
-from scancell import DescriptionError, Scanner, assets_dir, cell_json, load_part, load_setup, nominal_cell
+from scancell import DescriptionError, Scanner, assets_dir, load_part, load_setup, nominal_cell
 from scancell.geometry import pose
 from scancell.geometry.mesh import box_mesh
 from scancell.geometry.tree import Joint, Tree
-from scancell.proximity.motion_check import MotionBounds
 
 KINDS = ("fixed", "revolute", "prismatic")
 
@@ -179,19 +178,11 @@ def test_prismatic_axis_second_sensor_and_part_on_the_flange_are_placed_in_close
     assert frames["table"][:3, 3] == pytest.approx(cell.world_from_table[:3, 3])
 
 
-def test_cells_that_are_placed_alone_are_refused_by_what_moves_them(tmp_path) -> None:
-    file = cell_file(tmp_path, GANTRY)
-    setup = load_setup(file, settings=ON_TRACK)
-    cell = nominal_cell(setup.cell, PLATE)
-    for refusing in (
-        lambda: cell_json(setup.cell, cell, 0),
-        lambda: MotionBounds(cell, []),
-        lambda: Scanner(setup=setup).scan(PLATE, engine="geometric"),
-    ):
-        with pytest.raises(DescriptionError, match=r"cell\.part\.moves_with = 'flange': is placed by kinematics alone"):
-            refusing()
+def test_arm_that_carries_both_part_and_sensor_cannot_scan() -> None:
     setup = load_setup(settings=['cell.part.moves_with="flange"'])
-    with pytest.raises(DescriptionError, match=r"cell\.part\.moves_with = 'flange'"):
+    with pytest.raises(
+        DescriptionError, match=r"cell\.part\.moves_with = 'flange': the arm carries both part and sensor"
+    ):
         Scanner(setup=setup).scan(PLATE, engine="geometric")
 
 

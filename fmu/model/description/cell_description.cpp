@@ -139,6 +139,18 @@ void parse_robot(const JsonReader& robot, CellDescription& cell) {
   cell.dynamics = parse_arm_dynamics(robot.at("dynamics"), cell.joints.size(), time_step);
 }
 
+/// The sensor on the flange, or on what carries it instead.
+void parse_tool(const JsonReader& tool, CellDescription& cell) {
+  if (tool.has("flange_from_sensor")) {
+    tool.expect_keys({"flange_from_sensor"});
+    cell.carrier_from_sensor = tool.at("flange_from_sensor").pose();
+    return;
+  }
+  tool.expect_keys({"moves_with", "carrier_from_sensor"});
+  cell.sensor_moves_with = parse_carrier(tool.at("moves_with"), cell.axes.size());
+  cell.carrier_from_sensor = tool.at("carrier_from_sensor").pose();
+}
+
 /// Names of the bodies in contact beside `contact.bodies`.
 std::vector<std::string> touching_bodies(const CellDescription& cell) {
   std::vector<std::string> names{"table"};
@@ -171,9 +183,7 @@ CellDescription parse_root(const JsonReader& json) {
     }
   }
   parse_robot(json.at("robot"), cell);
-  const JsonReader tool = json.at("tool");
-  tool.expect_keys({"flange_from_sensor"});
-  cell.flange_from_sensor = tool.at("flange_from_sensor").pose();
+  parse_tool(json.at("tool"), cell);
   cell.table = parse_table(json.at("table"));
   if (json.at("table").has("moves_with")) {
     cell.table_moves_with = parse_carrier(json.at("table").at("moves_with"), cell.axes.size());
@@ -219,6 +229,7 @@ CellLayout layout_of(const CellDescription& cell) {
   for (const FurtherSensorDescription& sensor : cell.further_sensors) {
     layout.further_sensors.push_back(sensor.moves_with);
   }
+  layout.sensor_moves_with = cell.sensor_moves_with;
   for (const PartDescription& part : cell.parts) {
     // Like the world, a belt is where the description puts it.
     layout.parts.push_back(part.stands_on < layout.frames().conveyor(0) ? part.stands_on : kWorld);

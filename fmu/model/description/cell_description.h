@@ -68,12 +68,13 @@ struct CellDescription {
   std::int32_t seed = 0;
   std::vector<AxisDescription> axes;                                 // beside joints and table
   std::size_t robot_moves_with = kWorld, table_moves_with = kWorld;  // frames of the world or of axes
+  std::optional<std::size_t> sensor_moves_with;                      // likewise; empty: the flange
   Eigen::Isometry3d world_from_base;     // with axes at 0 where one carries the arm; so of the table
   std::vector<JointDescription> joints;  // 4 to kMaxJoints
   std::vector<int> held_joints;          // numbers of the joints, from 0, that Cartesian motion keeps still
   MotionDescription motion;
   std::optional<ArmDynamicsDescription> dynamics;  // empty: kinematic drives
-  Eigen::Isometry3d flange_from_sensor;
+  Eigen::Isometry3d carrier_from_sensor;
   std::vector<FurtherSensorDescription> further_sensors;
   TableDescription table;
   std::vector<PartDescription> parts;

@@ -73,15 +73,15 @@ control::ControllerSettings settings_of(const CellDescription& cell) {
   return settings;
 }
 
-control::Command command_of(const MotionCommand& motion, const Eigen::Isometry3d& flange_from_sensor) {
+control::Command command_of(const MotionCommand& motion, const Eigen::Isometry3d& flange_from_usual_tool) {
   control::Command command;
   command.mode = static_cast<control::Mode>(motion.mode);
   command.operation = static_cast<control::Operation>(motion.operation);
   command.jog_frame = static_cast<control::JogFrame>(motion.jog_frame);
   command.position = motion.position;
   command.flange_from_tool = pose_of(motion.tool_position, motion.tool_orientation);
-  if (command.flange_from_tool && command.flange_from_tool->isApprox(flange_from_sensor, kSameTool)) {
-    command.flange_from_tool = flange_from_sensor;
+  if (command.flange_from_tool && command.flange_from_tool->isApprox(flange_from_usual_tool, kSameTool)) {
+    command.flange_from_tool = flange_from_usual_tool;
   }
   command.pose = pose_of(motion.target_position, motion.target_orientation);
   command.speed = motion.speed;

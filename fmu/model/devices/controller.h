@@ -269,8 +269,8 @@ class NominalArm : public control::ArmKinematics {
 control::ControllerSettings settings_of(const CellDescription& cell);
 
 /// Without a pose or tool where its orientation is no unit quaternion. A tool that differs from
-/// `flange_from_sensor` by rounding alone is exactly that.
-control::Command command_of(const MotionCommand& motion, const Eigen::Isometry3d& flange_from_sensor);
+/// `flange_from_usual_tool` by rounding alone is exactly that.
+control::Command command_of(const MotionCommand& motion, const Eigen::Isometry3d& flange_from_usual_tool);
 
 /// Outputs for an arm with this number of joints in a simulation from `start_time` (s) on.
 ControllerOutputs outputs_of(const control::Report& report, std::size_t joints, double start_time);

@@ -141,7 +141,7 @@ void Trigger::restart(std::int64_t now_us, const MotionView& view) {
   state_.fired_since_entry = 0;
   const control::Knot table = view.table(now_us);
   state_.entry_angle = table.position + lead() * table.velocity;
-  const SensorInTable sensor = view.sensor_in_table(now_us);
+  const SensorOnSupport sensor = view.sensor_on_support(now_us);
   state_.path = -lead() * sensor.speed;
   state_.path_reference = {sensor.position.x(), sensor.position.y(), sensor.position.z()};
   if (mode() == TriggerMode::kBeltTravel) state_.entry_travel = belt(now_us, view).travel;
@@ -163,7 +163,7 @@ bool Trigger::is_due(std::int64_t time_us, const MotionView& view) const {
              (n - kIntervalTolerance) * state_.command.angle;
     }
     case TriggerMode::kPathDistance: {
-      const SensorInTable sensor = view.sensor_in_table(time_us);
+      const SensorOnSupport sensor = view.sensor_on_support(time_us);
       return path_length(sensor.position) + lead() * sensor.speed >=
              (n - kIntervalTolerance) * state_.command.distance;
     }
@@ -178,7 +178,7 @@ bool Trigger::is_due(std::int64_t time_us, const MotionView& view) const {
 void Trigger::advance(std::int64_t from_us, std::int64_t to_us, bool step_ends, const MotionView& view) {
   const bool open = fire_due(from_us, to_us, view);
   if (open && step_ends && mode() == TriggerMode::kPathDistance) {
-    const Eigen::Vector3d position = view.sensor_in_table(to_us).position;
+    const Eigen::Vector3d position = view.sensor_on_support(to_us).position;
     state_.path = path_length(position);
     state_.path_reference = {position.x(), position.y(), position.z()};
   }
@@ -228,7 +228,7 @@ void Trigger::skip_due(std::int64_t time_us, const MotionView& view) {
   } else if (mode() == TriggerMode::kBeltTravel) {
     travelled = belt(time_us, view).travel - state_.entry_travel;
   } else {
-    travelled = path_length(view.sensor_in_table(time_us).position);
+    travelled = path_length(view.sensor_on_support(time_us).position);
   }
   state_.skipped = true;
   const double due = travelled / interval(state_.command);

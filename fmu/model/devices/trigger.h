@@ -144,8 +144,9 @@ struct TriggerRecord {
   }
 };
 
-/// Sensor origin in the rotating frame of the table, from nominal geometry.
-struct SensorInTable {
+/// Sensor origin in the frame that carries the part, of the table or of the flange that holds part 1, from
+/// nominal geometry.
+struct SensorOnSupport {
   Eigen::Vector3d position;  // m
   double speed = 0;          // m/s, in that frame
 };
@@ -155,7 +156,7 @@ class MotionView {
  public:
   virtual ~MotionView() = default;
   virtual control::Knot table(std::int64_t time_us) const = 0;
-  virtual SensorInTable sensor_in_table(std::int64_t time_us) const = 0;
+  virtual SensorOnSupport sensor_on_support(std::int64_t time_us) const = 0;
   virtual control::RunningSegment running_segment(std::int64_t time_us) const = 0;
   virtual Measurement measurement(std::int64_t time_us) const = 0;
   /// Reading of the encoder of a belt, numbered from 0, `lead` seconds ahead at its present speed.

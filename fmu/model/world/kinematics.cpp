@@ -18,12 +18,6 @@ Isometry3d behind_joint(const JointDescription& joint, const DhDeviation& delta)
          AngleAxisd(joint.beta + delta.beta, Vector3d::UnitY());
 }
 
-/// A frame displaced by x, y, z (m) and turned by rx, ry, rz (rad, intrinsic XYZ) in itself.
-Isometry3d displaced(const Isometry3d& frame, const std::array<double, 6>& by) {
-  return frame * Translation3d(by[0], by[1], by[2]) * AngleAxisd(by[3], Vector3d::UnitX()) *
-         AngleAxisd(by[4], Vector3d::UnitY()) * AngleAxisd(by[5], Vector3d::UnitZ());
-}
-
 /// The frames of the tree in the order of their numbers.
 Tree tree_of(const CellDescription& cell, const AsBuilt& as_built) {
   constexpr auto kFixed = Joint::Kind::kFixed, kRevolute = Joint::Kind::kRevolute;
@@ -42,7 +36,8 @@ Tree tree_of(const CellDescription& cell, const AsBuilt& as_built) {
     last = tree.add({kRevolute, last, i, here, behind_joint(cell.joints[i], as_built.dh[i])});
   }
   const std::size_t flange = tree.add({kFixed, last, 0, here, here});
-  tree.add({kFixed, flange, 0, here, displaced(cell.flange_from_sensor, as_built.tool)});
+  const std::size_t carrier = cell.sensor_moves_with.value_or(flange);
+  tree.add({kFixed, carrier, 0, here, displaced(cell.carrier_from_sensor, as_built.tool)});
   const auto& table = as_built.table;
   const Isometry3d table_from_axis = Translation3d(table[0], table[1], table[2]) *
                                      AngleAxisd(table[3], Vector3d::UnitX()) *
@@ -72,6 +67,11 @@ std::array<double, N> numbers(const Eigen::Matrix<double, static_cast<int>(N), 1
 
 Kinematics::Kinematics(const CellDescription& cell, const AsBuilt& as_built)
     : numbers_(layout_of(cell).frames()), wobble_(as_built.wobble), tree_(tree_of(cell, as_built)) {}
+
+Isometry3d Kinematics::flange_from_tool() const {
+  const Joint& sensor = tree_[numbers_.sensor()];
+  return sensor.parent == numbers_.flange() ? sensor.joint_from_frame : Isometry3d::Identity();
+}
 
 std::vector<Motion> Kinematics::motions(const std::array<double, kAxes>& position,
                                         const std::array<double, kAxes>& rate,
@@ -106,6 +106,11 @@ std::vector<Deviation> Kinematics::deviations(double table, double table_rate,
         {numbers_.platter(), {Isometry3d(AngleAxisd(tilt, direction)), Vector3d::Zero(), rate * direction}});
   }
   return found;
+}
+
+Isometry3d displaced(const Isometry3d& frame, const std::array<double, 6>& by) {
+  return frame * Translation3d(by[0], by[1], by[2]) * AngleAxisd(by[3], Vector3d::UnitX()) *
+         AngleAxisd(by[4], Vector3d::UnitY()) * AngleAxisd(by[5], Vector3d::UnitZ());
 }
 
 BodyState body_state(const Motion& motion) {

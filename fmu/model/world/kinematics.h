@@ -18,7 +18,8 @@ class Kinematics {
   const Tree& tree() const { return tree_; }
   const FrameNumbers& numbers() const { return numbers_; }
   std::size_t joints() const { return numbers_.joints; }
-  const Eigen::Isometry3d& flange_from_sensor() const { return tree_[numbers_.sensor()].joint_from_frame; }
+  /// Pose of the sensor on the flange, or the identity where the flange does not carry it.
+  Eigen::Isometry3d flange_from_tool() const;
 
   /// Motions of all frames at positions and rates of the axes, with displacements by vibration.
   std::vector<Motion> motions(const std::array<double, kAxes>& position,
@@ -36,6 +37,9 @@ class Kinematics {
   TableWobble wobble_;
   Tree tree_;
 };
+
+/// A frame displaced by x, y, z (m) and turned by rx, ry, rz (rad, intrinsic XYZ) in itself.
+Eigen::Isometry3d displaced(const Eigen::Isometry3d& frame, const std::array<double, 6>& by);
 
 /// Converts a motion to plain numbers.
 BodyState body_state(const Motion& motion);

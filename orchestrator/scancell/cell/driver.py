@@ -22,7 +22,7 @@ from scancell.config.loading import Setup
 from scancell.config.sensor import exposure_span
 from scancell.errors import CellError, CommandError, DescriptionError
 from scancell.geometry import pose
-from scancell.nominal.cell import NominalCell, flange_from_tool
+from scancell.nominal.cell import NominalCell, flange_from_tool, tool_names
 from scancell.nominal.parts import pose_matrix
 
 # Arguments of commands, SI units and radians.
@@ -65,6 +65,8 @@ _DROP = 0.0002  # m above the table, where the part is released
 _GRIP_FORCE = 30.0  # N
 _TABLE_SPEED = math.radians(45.0)  # rad/s
 _INTERVAL = math.radians(2.0)  # rad of the table between exposures
+_HELD_TURN = math.radians(90.0)  # of the last joint
+_PERIOD = 0.02  # s between exposures
 _DEFLECTION = 0.5
 _JOG = 0.4  # s
 
@@ -387,9 +389,9 @@ class _Sequence:
 
     def move_line(self, world_from_flange: Array, speed: float = 0.1) -> None:
         self.joints = self.joints_for(world_from_flange)
-        world_from_sensor = world_from_flange @ self.nominal.flange_from_sensor
-        quaternion = pose.quaternion_from_rotation(world_from_sensor[:3, :3])
-        targets = _numbered("target.position", world_from_sensor[:3, 3])
+        world_from_tool = world_from_flange @ flange_from_tool(self.nominal, tool_names(self.nominal)[0])
+        quaternion = pose.quaternion_from_rotation(world_from_tool[:3, :3])
+        targets = _numbered("target.position", world_from_tool[:3, 3])
         self.move(Mode.LINE_MOVE, targets | _numbered("target.orientation", quaternion), speed)
 
     def joints_for(self, *world_from_flange: Array) -> Array:
@@ -433,7 +435,8 @@ def example_sequence(setup: Setup, nominal: NominalCell) -> list[SequenceStep]:
     arrival, gripper = cell.part.arrival, cell.gripper
     if arrival is not None and arrival.conveyor == 1 and gripper is not None and cell.presence_sensor:
         _pick_and_place(sequence, cell, arrival.pose, gripper)
-    _scan(sequence, setup)
+    if nominal.holds_part != nominal.carries_sensor:
+        _scan(sequence, setup)
     _jog(sequence)
     return sequence.steps
 
@@ -493,8 +496,14 @@ def _lifted(world_from_flange: Array) -> Array:
 
 
 def _scan(sequence: _Sequence, setup: Setup) -> None:
-    """Turn the table under the sensor, whose laser line crosses the axis of the table, the part within its range."""
+    """Turn the table under the sensor, whose laser line crosses the axis of the table, the part within its range.
+
+    A part on the flange is turned by the last joint instead, in front of the sensor on its post.
+    """
     nominal = sequence.nominal
+    if nominal.holds_part:
+        _turn_held_part(sequence, setup)
+        return
     top = pose.transform_points(nominal.world_from("part"), nominal.part.vertices)[:, 2].max()
     standoff = 1e-3 * setup.sensor.range.standoff_mm(setup.scan.sweep.standoff_mm)
     above = np.append(nominal.world_from_table[:2, 3], top + standoff)
@@ -510,6 +519,23 @@ def _scan(sequence: _Sequence, setup: Setup) -> None:
     sequence.move_joints(sequence.joints, 2 * math.pi, speed)
     sequence.set({"trigger.mode": TRIGGER_MODES["off"]})
     sequence.move_joints(nominal.home, 2 * math.pi)
+
+
+def _turn_held_part(sequence: _Sequence, setup: Setup) -> None:
+    nominal = sequence.nominal
+    top = float(pose.transform_points(nominal.table_from_part, nominal.part.vertices)[:, 2].max())
+    standoff = 1e-3 * setup.sensor.range.standoff_mm(setup.scan.sweep.standoff_mm)
+    down = pose.from_rotation(pose.rotation_about(0, math.pi), (0.0, 0.0, top + standoff))
+    turns = pose.from_rotation(pose.rotation_about(2, np.linspace(0.0, 2 * math.pi, 12, endpoint=False)))
+    sequence.move_joints(nominal.home)
+    sequence.move_joints(sequence.joints_for(*nominal.world_from_flange(turns @ down, frame=nominal.support)))
+    end, last = sequence.joints.copy(), nominal.arm.joints[-1]
+    end[-1] += _HELD_TURN if end[-1] + _HELD_TURN < last.max else -_HELD_TURN
+    interval = {"trigger.mode": TRIGGER_MODES["time"], "trigger.period": _PERIOD}
+    sequence.set({**interval, "exposure": exposure_span(setup.sensor), "segment": 1})
+    sequence.move_joints(end, speed=0.2)
+    sequence.set({"trigger.mode": TRIGGER_MODES["off"]})
+    sequence.move_joints(nominal.home)
 
 
 def _jog(sequence: _Sequence) -> None:

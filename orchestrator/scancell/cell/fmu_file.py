@@ -320,7 +320,6 @@ def cell_json(
     >>> len(description["robot"]["joints"]), description["controller_cycle_us"]
     (6, 16000)
     """
-    nominal.require_simulated()
     robot = [to_si(joint.model_dump(exclude={"mesh", "drive", "inertia"})) for joint in cell.robot.joint]
     for joint, start in zip(robot, nominal.home, strict=True):
         joint["start"] = float(start)
@@ -358,7 +357,7 @@ def cell_json(
             **_carried(nominal, nominal.arm_on),
         },
         **({"axes": axes} if axes else {}),
-        "tool": {"flange_from_sensor": pose_json(nominal.flange_from_sensor)},
+        "tool": _tool_json(nominal),
         **({"further_sensors": further} if further else {}),
         "table": {
             "world_from_table": pose_json(nominal.world_from_table),
@@ -378,6 +377,14 @@ def cell_json(
         "contact": _contact_json(cell, nominal),
         **sensing_json(cell, nominal, collision_outputs=collision_outputs),
     }
+
+
+def _tool_json(nominal: NominalCell) -> dict[str, Any]:
+    """The sensor on the flange, or on what carries it instead."""
+    if nominal.carries_sensor:
+        return {"flange_from_sensor": pose_json(nominal.flange_from_sensor)}
+    sensor = nominal.sensor
+    return {"moves_with": _frame(nominal, sensor.parent), "carrier_from_sensor": pose_json(sensor.parent_from_joint)}
 
 
 def _carried(nominal: NominalCell, frame: str) -> dict[str, str]:
@@ -402,7 +409,8 @@ def _parts_json(cell: CellDescription, nominal: NominalCell) -> list[dict[str, A
     hulls = _contacts_occur(cell)
     arrival = cell.part.arrival
     support_from_part = nominal.table_from_part if arrival is None else pose_matrix(arrival.pose)
-    scanned = {"name": "part", "stands_on": "table" if arrival is None else arrival.stands_on}
+    start = nominal.support if nominal.holds_part else "table"
+    scanned = {"name": "part", "stands_on": start if arrival is None else arrival.stands_on}
     return [
         {**scanned, **_part_json(cell.part, nominal.part, support_from_part, hull=hulls)},
         *(

@@ -125,8 +125,14 @@ class TableCalibrationOptions(CellCalibrationOptions):
 
 @command("calibrate tool", CellCalibrationOptions)
 def calibrate_tool(options: CellCalibrationOptions) -> Outcome:
-    """Find the pose of the sensor on the flange from scans of an artefact, and write a calibrated cell."""
+    """Find the pose of the sensor on the flange or on its post from scans of an artefact; write a calibrated cell."""
     return options.calibrate("tool")
+
+
+@command("calibrate grasp", CellCalibrationOptions)
+def calibrate_grasp(options: CellCalibrationOptions) -> Outcome:
+    """Find the pose of a part on the flange from scans of it, and write a calibrated cell."""
+    return options.calibrate("grasp")
 
 
 @command("calibrate table", TableCalibrationOptions)

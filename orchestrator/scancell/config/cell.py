@@ -99,6 +99,17 @@ class EstimatedToolDescription(Description):
     rz_deg: Angle = _Angle
 
 
+class EstimatedGraspDescription(Description):
+    """Deviation of a part on the flange from its nominal pose there: translation, then rotation XYZ', part frame."""
+
+    x_mm: Coordinate = _Length
+    y_mm: Coordinate = _Length
+    z_mm: Coordinate = _Length
+    rx_deg: Angle = _Angle
+    ry_deg: Angle = _Angle
+    rz_deg: Angle = _Angle
+
+
 _Wobble = Field(
     default=0.0,
     description="wobble of the axis, deg: at table angle t it is tilted about the table's nominal x axis by"
@@ -158,6 +169,9 @@ class EstimatedDescription(Description):
     """
 
     tool: EstimatedToolDescription = Field(default=EstimatedToolDescription(), description="pose of the sensor")
+    grasp: EstimatedGraspDescription = Field(
+        default=EstimatedGraspDescription(), description="pose of a part on the flange"
+    )
     table: EstimatedTableDescription = Field(default=EstimatedTableDescription(), description="axis of the table")
     platter: EstimatedPlatterDescription = Field(
         default=EstimatedPlatterDescription(), description="eccentricity of the platter"
@@ -390,24 +404,36 @@ class FixtureDescription(Description):
 
 
 class ToolDescription(Description):
-    """Pose of the sensor on the flange: given directly, or by the dimensions of its fixture."""
+    """The sensor: what carries it, and its pose there, given directly or by the dimensions of its fixture."""
 
+    moves_with: str = Field(
+        default="flange", description="what carries the sensor: flange, world (a post), or the name of an axis"
+    )
     flange_from_sensor: PoseDescription | None = Field(
-        default=None, description="pose of the sensor in the flange frame; excludes fixture"
+        default=None, description="pose of the sensor in the flange frame; excludes fixture and pose"
     )
     fixture: FixtureDescription | None = Field(
-        default=None, description="dimensions of the bracket that holds the sensor; excludes flange_from_sensor"
+        default=None,
+        description="dimensions of the bracket on the flange that holds the sensor; excludes flange_from_sensor and"
+        " pose",
+    )
+    pose: PoseDescription | None = Field(
+        default=None,
+        description="pose of the sensor in the frame of what carries it; excludes flange_from_sensor and fixture",
     )
     inertia: InertiaDescription | None = Field(
         default=None,
-        description="mass properties of the sensor, sensor frame; default: from sensor_mesh and"
+        description="mass properties of a sensor on the flange, sensor frame; default: from sensor_mesh and"
         " robot.link_density_kg_m3",
     )
 
     @model_validator(mode="after")
     def _exactly_one(self) -> Self:
-        if (self.flange_from_sensor is None) == (self.fixture is None):
-            raise ValueError("give exactly one of flange_from_sensor and fixture")
+        given = [name for name in ("flange_from_sensor", "fixture", "pose") if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise ValueError("give exactly one of flange_from_sensor, fixture and pose")
+        if self.moves_with != "flange" and given != ["pose"]:
+            raise ValueError(f'{given[0]} is a pose on the flange: expected pose with moves_with = "{self.moves_with}"')
         return self
 
 
@@ -467,8 +493,7 @@ class PartDescription(Description):
     )
     moves_with: Literal["table", "flange"] = Field(
         default="table",
-        description="what carries the part: the table, or the flange, whose frame replaces that of the table; a part on"
-        " the flange is placed, but not scanned yet",
+        description="what carries the part: the table, or the flange, whose frame replaces that of the table",
     )
     x_mm: Coordinate = Field(default=0.0, description="bounding-box centre along x of the table frame, mm")
     y_mm: Coordinate = Field(default=0.0, description="bounding-box centre along y of the table frame, mm")
@@ -497,6 +522,12 @@ class PartDescription(Description):
     @model_validator(mode="after")
     def _soft_part_is_free(self) -> Self:
         check_soft(self.soft, self.fixture)
+        return self
+
+    @model_validator(mode="after")
+    def _held_part_is_clamped(self) -> Self:
+        if self.moves_with == "flange" and (self.fixture == "free" or self.arrival is not None):
+            raise ValueError('moves_with = "flange": the part is rigid on the flange: fixture "clamped", no arrival')
         return self
 
     @model_validator(mode="after")
@@ -562,7 +593,7 @@ class CellDescription(FileDescription):
     robot_material: MaterialDescription | None = Field(
         default=None, description="material of arm and sensor housing; overrides robot_reflectance"
     )
-    tool: ToolDescription = Field(description="pose of the sensor on the flange")
+    tool: ToolDescription = Field(description="what carries the sensor, and its pose there")
     sensor_mesh: str | None = Field(
         default=None, description="file of the sensor housing's mesh, sensor frame, mm; default: none"
     )
@@ -575,7 +606,7 @@ class CellDescription(FileDescription):
     )
     conveyor: tuple[ConveyorDescription, ...] = Field(default=(), description="conveyor belts")
     obstacle: tuple[ObstacleDescription, ...] = Field(
-        default=(), description="rigid bodies that stand in the world, on the table or on an axis"
+        default=(), description="rigid bodies in the world, on the table, on an axis or on the flange"
     )
     gripper: GripperDescription | None = Field(default=None, description="gripper on the flange; default: none")
     axis: Annotated[tuple[AxisDescription, ...], Field(max_length=MAX_FURTHER_AXES)] = Field(
@@ -627,8 +658,9 @@ class CellDescription(FileDescription):
 
     @model_validator(mode="after")
     def _names_are_unique(self) -> Self:
+        flange = set() if self.tool.moves_with == "flange" else {"flange"}  # a tool where it does not carry the sensor
         for key, kind, names, reserved in (
-            ("tcp", "tool", [tcp.name for tcp in self.tcp], RESERVED_TOOLS),
+            ("tcp", "tool", [tcp.name for tcp in self.tcp], RESERVED_TOOLS | flange),
             ("frame", "frame", [frame.name for frame in self.frame], RESERVED_FRAMES),
         ):
             for number, name in enumerate(names):
@@ -655,9 +687,12 @@ class CellDescription(FileDescription):
         for key, carrier in carried.items():
             if carrier not in carriers:
                 raise ValueError(f"{key} = '{carrier}': expected {', '.join(carriers)}")
+        if self.tool.moves_with not in {*carriers, "flange"}:
+            expected = ", ".join(["flange", *carriers])
+            raise ValueError(f"tool.moves_with = '{self.tool.moves_with}': expected {expected}")
         for number, obstacle in enumerate(self.obstacle, 1):
-            if obstacle.moves_with not in {*carriers, "table"}:
-                expected = ", ".join([*carriers, "table"])
+            if obstacle.moves_with not in {*carriers, "table", "flange"}:
+                expected = ", ".join([*carriers, "table", "flange"])
                 raise ValueError(f"obstacle[{number}].moves_with = '{obstacle.moves_with}': expected {expected}")
         for number, sensor in enumerate(self.further_sensor, 1):
             if sensor.moves_with not in {*carriers, "table", *links}:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 Engine = Literal["ray-traced", "geometric"]
-CalibrationTarget = Literal["tool", "table", "latency", "all"]
+CalibrationTarget = Literal["tool", "grasp", "table", "latency", "all"]
 FlangeConvention = Literal[
     "matrix", "wxyz", "xyzw", "xyz", "zyz", "xyzwpr", "zyx", "rotvec",
     "xyx", "xzx", "xzy", "yxy", "yxz", "yzx", "yzy", "zxy", "zxz",
@@ -14,7 +14,7 @@ SensorTarget = Literal["ball", "step", "checkered"]
 ScanMode = Literal["dynamic", "stop-and-look"]
 LengthUnit = Literal["mm", "m", "inch"]
 OccupiedFrame = Literal["part", "table", "base", "world"]
-CloudFrame = Literal["part", "table", "base", "world", "belt"]
+CloudFrame = Literal["part", "table", "base", "world", "belt", "flange"]
 Align = Literal["none", "best-fit", "datum"]
 Reconstruction = Literal["poisson", "ball-pivoting"]
 LatencyWord = Literal["estimate"]

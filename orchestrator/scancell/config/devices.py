@@ -127,7 +127,7 @@ class ConveyorDescription(Description):
 
 
 class ObstacleDescription(Description):
-    """A rigid body that stands in the world, on the table or on an axis: a post, a clamp, a fence, a carriage.
+    """A rigid body in the world, on the table, an axis or the flange: a post, a clamp, a fence, a carriage, a holder.
 
     It blocks light and is a body of the planner and of the FMU, whose contact shape of it is its convex hull.
     """
@@ -135,7 +135,7 @@ class ObstacleDescription(Description):
     name: Name = Field(description="unique name of the obstacle")
     mesh: str = Field(description="file of the obstacle's mesh, or of an artefact, its own frame")
     unit: Literal["mm", "m", "inch"] = Field(default="mm", description="length unit of the mesh file")
-    moves_with: str = Field(default="world", description="what carries it: world, table or an axis")
+    moves_with: str = Field(default="world", description="what carries it: world, table, an axis or flange")
     pose: PoseDescription = Field(
         default=PoseDescription(),
         description="pose of the mesh in the frame of what carries it, with all axes at 0",

@@ -5,8 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property, lru_cache
-from pathlib import Path
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -14,27 +13,29 @@ from numpy.typing import ArrayLike, NDArray
 
 from scancell.arguments import checked_arguments
 from scancell.arrays import Array
-from scancell.config.cell import AxisDescription, CellDescription, PartDescription, TableDescription, sensor_frame
-from scancell.config.description import PoseDescription, si_value, to_si
+from scancell.config.cell import AxisDescription, CellDescription, sensor_frame
+from scancell.config.description import si_value, to_si
 from scancell.config.devices import ConveyorDescription, FurtherPartDescription, LightDescription
 from scancell.config.material import Material, MaterialDescription
 from scancell.config.robot import RobotDescription
-from scancell.errors import CellError, CommandError, DescriptionError
-from scancell.files import file_state
+from scancell.errors import CommandError, DescriptionError
 from scancell.geometry import pose
 from scancell.geometry.arm import Arm, HeldJoint
 from scancell.geometry.arm import Joint as ArmJoint
-from scancell.geometry.mesh import Mesh, box_mesh, is_stable_pose, load_mesh
+from scancell.geometry.mesh import Mesh, box_mesh
 from scancell.geometry.tree import WORLD, Joint, Tree, z_along
 from scancell.nominal.parts import (
     Patch,
+    described_mesh,
     finger_mesh,
     gripper_from_finger,
     housing_mesh,
     lay_down,
     load_part,
     part_patches,
+    platter_cylinder,
     pose_matrix,
+    refuse_unstable,
     start_width,
     tool_matrix,
 )
@@ -45,8 +46,6 @@ from scancell.values import Value
 _OF_SPEED, _OF_ACCELERATION = 0.4, 0.3
 
 
-_MOST_MESHES = 32  # of files that are kept
-_SIDES = 96  # of a platter without a mesh: 0.05 % beyond its radius at the corners
 _PLACEHOLDER = box_mesh((0.01, 0.01, 0.01), "no part")
 
 OCCUPIED = "occupied["  # begins the names of bodies that are measured space; no description can have such a name
@@ -191,12 +190,12 @@ class NominalCell(Value):
     ----------
     arm
         Kinematics of the arm: forward (``arm.fk``), inverse (``arm.ik``), and the limits of its joints.
-    flange_from_sensor
-        Pose (4, 4) of the sensor on the flange.
+    sensor
+        The sensor of the tool as a fixed joint, on the flange or on a post: in the world, or on a further axis.
     world_from_table
         Pose (4, 4) of the table at angle 0; it turns about its z.
     table_from_part
-        Pose (4, 4) of the part on the table.
+        Pose (4, 4) of the part on the table, or on the flange that holds it.
     home
         Joint angles (joints,) of the home position, rad.
     table_radius
@@ -252,7 +251,7 @@ class NominalCell(Value):
     """
 
     arm: Arm
-    flange_from_sensor: Array
+    sensor: Joint
     world_from_table: Array
     table_from_part: Array
     home: Array
@@ -333,17 +332,18 @@ class NominalCell(Value):
                 return one
             return replace(one, moves_with=WORLD, mesh=one.mesh.transformed(placed[one.moves_with]))
 
+        def mounted(one: Joint) -> Joint:
+            if one.parent not in frames:
+                return one
+            return replace(one, parent=WORLD, parent_from_joint=placed[one.parent] @ one.parent_from_joint)
+
         return replace(
             self,
             arm=replace(self.arm, world_from_base=placed[self.arm_on] @ self.arm.world_from_base),
             world_from_table=placed[self.table_on] @ self.world_from_table,
             bodies=tuple(body(one) for one in self.bodies),
-            further_sensors=tuple(
-                replace(one, parent=WORLD, parent_from_joint=placed[one.parent] @ one.parent_from_joint)
-                if one.parent in frames
-                else one
-                for one in self.further_sensors
-            ),
+            sensor=mounted(self.sensor),
+            further_sensors=tuple(mounted(one) for one in self.further_sensors),
             arm_on=WORLD,
             table_on=WORLD,
             further_axes=(),
@@ -357,11 +357,7 @@ class NominalCell(Value):
         The axes are ``joint[1]`` …, ``table``, further ones by their names, and ``conveyor[1]`` …, in rad or m.
         """
         flange, (base, *links) = self.arm.flange, self.arm.tree.joints
-        joints = [
-            replace(base, parent=self.arm_on),
-            *links,
-            Joint("sensor", flange, parent_from_joint=self.flange_from_sensor),
-        ]
+        joints = [replace(base, parent=self.arm_on), *links, self.sensor]
         eccentric = pose.translation((*self.eccentricity, 0.0))
         joints.append(
             Joint(
@@ -390,25 +386,66 @@ class NominalCell(Value):
         """Frame that carries what moves with a frame: that of a further sensor is fixed to another one."""
         return next((one.parent for one in self.further_sensors if one.frame == frame), frame)
 
-    def require_simulated(self) -> None:
-        """Raise `DescriptionError` where the cell has a support of the part that only has a place.
+    def require_scanned(self) -> None:
+        """Raise `DescriptionError` where the arm moves neither or both of part and sensor.
 
-        The FMU, planning, the guard and scans know one arm, one table, sensors, conveyors and further axes.
+        It carries the sensor past a part on the table or on a conveyor, or holds the part before a sensor on a post.
         """
-        if self.support == self.arm.flange:
+        if self.holds_part == self.carries_sensor:
             raise DescriptionError(
-                "is placed by kinematics alone: the FMU, planning, the guard and scans do not know it yet",
+                f"the arm carries {'both part and' if self.holds_part else 'neither part nor'} sensor",
                 key="cell.part.moves_with",
-                value="flange",
-                expected="one arm, its sensors, and a part on the table or on a conveyor",
+                value="flange" if self.holds_part else "table",
+                expected='"table" where cell.tool.moves_with is "flange", and "flange" otherwise',
             )
+
+    @property
+    def carries_sensor(self) -> bool:
+        """Whether the sensor is on the flange."""
+        return self.sensor.parent == self.arm.flange
+
+    @property
+    def holds_part(self) -> bool:
+        """Whether the part is on the flange."""
+        return self.support == self.arm.flange
+
+    @property
+    def support_kind(self) -> Literal["table", "belt", "flange"]:
+        """What carries the part in the scan."""
+        return "flange" if self.holds_part else "table" if self.support == "table" else "belt"
+
+    @property
+    def flange_from_sensor(self) -> Array:
+        """Pose (4, 4) of the sensor on the flange; `DescriptionError` where the flange does not carry it."""
+        if not self.carries_sensor:
+            key, carrier = "cell.tool.moves_with", self.sensor.parent
+            raise DescriptionError("the sensor is not on the flange", key=key, value=carrier, expected="flange")
+        return self.sensor.parent_from_joint
+
+    def world_from_flange(self, frame_from_sensor: Array, axes: ArrayLike = (), frame: str = "part") -> Array:
+        """Pose (..., 4, 4) of the flange that brings sensor and part together.
+
+        Parameters
+        ----------
+        frame_from_sensor
+            Poses (..., 4, 4) of the sensor in a frame of the part, or of what carries it.
+        axes
+            Positions (..., k) of the `axes`, of which those of the joints do not matter, rad or m.
+        frame
+            Name of the frame.
+        """
+        if not self.holds_part:
+            return np.asarray(self.world_from(frame, axes) @ frame_from_sensor @ pose.inverse(self.flange_from_sensor))
+        _, flange_from_frame = self.tree.carrier_of(frame, self.axes)
+        sensor_from_flange = pose.inverse(np.asarray(flange_from_frame @ frame_from_sensor))
+        return np.asarray(self.world_from_sensor(axes) @ sensor_from_flange)
 
     def world_from(self, frame: str, axes: ArrayLike = ()) -> Array:
         """Pose (..., 4, 4) of a frame of the `tree` at positions (..., k) of the `axes`; those not stated are at 0."""
         return self.tree.place(axes, [frame])[frame]
 
     def world_from_sensor(self, axes: ArrayLike) -> Array:
-        """Pose (..., 4, 4) of the sensor at positions (..., k) of the `axes`, of which only the joints matter, rad."""
+        """Pose (..., 4, 4) of the sensor at positions (..., k) of the `axes`, rad or m."""
         return self.world_from("sensor", axes)
 
     def part_from_sensor(self, axes: ArrayLike, number: int = 1) -> Array:
@@ -425,7 +462,7 @@ class NominalCell(Value):
     @property
     def support_from_part(self) -> Array:
         """Pose (4, 4) of the part in the frame of what carries it."""
-        return self.required_belt().belt_from_part if self.support.startswith("conveyor[") else self.table_from_part
+        return self.required_belt().belt_from_part if self.support_kind == "belt" else self.table_from_part
 
     def on_belt(self) -> NominalCell:
         """The cell in which the part is scanned while its belt carries it.
@@ -488,12 +525,16 @@ def nominal_cell(cell: CellDescription, part: Mesh | None) -> NominalCell:
     is_empty, part = part is None, part or _PLACEHOLDER
     table_from_part = lay_down(part, cell.part)
     if cell.part.fixture == "free" and not is_empty:
-        _refuse_unstable(part, table_from_part, cell.part)
+        refuse_unstable(part, table_from_part, cell.part)
     further = tuple(FurtherPart(part_, load_part(part_.mesh, part_.unit)) for part_ in cell.further_part)
     table_max_speed, table_max_acceleration = table_limits(cell, part, table_from_part)
     nominal = NominalCell(
         arm=arm_of(robot),
-        flange_from_sensor=tool_matrix(cell.tool),
+        sensor=Joint(
+            "sensor",
+            f"link[{len(robot.joint)}]" if cell.tool.moves_with == "flange" else cell.tool.moves_with,
+            parent_from_joint=tool_matrix(cell.tool),
+        ),
         world_from_table=pose_matrix(cell.table.pose),
         table_from_part=table_from_part,
         home=np.radians(robot.home_deg),
@@ -607,7 +648,7 @@ def _obstacles(cell: CellDescription, *, known: bool) -> tuple[Body, ...]:
     return tuple(
         Body(
             item.name,
-            item.moves_with,
+            f"link[{len(cell.robot.joint)}]" if item.moves_with == "flange" else item.moves_with,
             load_part(item.mesh, item.unit).transformed(pose_matrix(item.pose)),
             _material(item.material, item.reflectance),
             clearance=None if item.clearance_mm is None else si_value(item, "clearance_mm"),
@@ -630,57 +671,27 @@ def _gripper_bodies(cell: CellDescription) -> tuple[Body, ...]:
     return (Body("gripper", flange, housing.transformed(pose_matrix(gripper.pose)), material), *bodies)
 
 
-def _refuse_unstable(part: Mesh, table_from_part: Array, description: PartDescription) -> None:
-    """Raise `CellError` for a free part that would roll, tip over or fall."""
-    hint = 'turn it with part.rx_deg, part.ry_deg, part.rz_deg, or clamp it (part.fixture = "clamped")'
-    if description.z_mm != 0.0:
-        raise CellError(f"a free part must touch the table (0); {hint}", key="part.z_mm", value=description.z_mm)
-    if not is_stable_pose(part, table_from_part):
-        raise CellError(f"is not stable in this pose; {hint}", file=part.source)
-
-
 def _bodies(cell: CellDescription, part: Mesh) -> tuple[Body, ...]:
     table = cell.table
     robot_material = _material(cell.robot_material, cell.robot_reflectance)
     table_material = _material(table.material, table.reflectance)
     meshes = [
-        ("base", cell.robot_moves_with, _mesh(cell.robot.base_mesh, cell.robot.base), robot_material),
-        *((f"link{i}", f"link[{i}]", _mesh(joint.mesh), robot_material) for i, joint in enumerate(cell.robot.joint, 1)),
-        ("sensor", "sensor", _mesh(cell.sensor_mesh), robot_material),
+        ("base", cell.robot_moves_with, described_mesh(cell.robot.base_mesh, cell.robot.base), robot_material),
         *(
-            (one.name, sensor_frame(number), _mesh(one.mesh), _material(one.material, one.reflectance))
+            (f"link{i}", f"link[{i}]", described_mesh(joint.mesh), robot_material)
+            for i, joint in enumerate(cell.robot.joint, 1)
+        ),
+        ("sensor", "sensor", described_mesh(cell.sensor_mesh), robot_material),
+        *(
+            (one.name, sensor_frame(number), described_mesh(one.mesh), _material(one.material, one.reflectance))
             for number, one in enumerate(cell.further_sensor, 2)
         ),
-        ("table", "table", _mesh(table.platter_mesh) or _cylinder(table), table_material),
-        ("table_base", table.moves_with, _mesh(table.base_mesh, table.pose), table_material),
+        ("table", "table", described_mesh(table.platter_mesh) or platter_cylinder(table), table_material),
+        ("table_base", table.moves_with, described_mesh(table.base_mesh, table.pose), table_material),
     ]
     bodies = [Body(name, frame, mesh, material) for name, frame, mesh, material in meshes if mesh is not None]
     material = _material(cell.part.material, cell.part.reflectance)
     return (*bodies, Body("part", "part", part, material, part_patches(part, cell.part)))
-
-
-def _mesh(path: str | None, world_from_mesh: PoseDescription | None = None) -> Mesh | None:
-    """Mesh of a file; that of a standing body is drawn in the frame in which it stands, and moved to the world."""
-    mesh = None if path is None else _file_mesh(path, file_state(Path(path)))
-    return mesh if mesh is None or world_from_mesh is None else mesh.transformed(pose_matrix(world_from_mesh))
-
-
-@lru_cache(_MOST_MESHES)
-def _file_mesh(path: str, _state: tuple[str, int, int]) -> Mesh:
-    """Mesh of a file in a state; many cells of one arm, as of a search or a study, read it once."""
-    return load_mesh(Path(path))
-
-
-def _cylinder(table: TableDescription) -> Mesh:
-    """The least prism of `_SIDES` sides around the cylinder of a platter."""
-    radius, thickness = si_value(table, "radius_mm"), si_value(table, "thickness_mm")
-    i = np.arange(_SIDES)
-    corners = radius / np.cos(np.pi / _SIDES) * np.exp(2j * np.pi * i / _SIDES)
-    top = np.column_stack([corners.real, corners.imag, np.zeros(_SIDES)])
-    j, k = (i + 1) % _SIDES, i[1:-1]
-    lids = [np.column_stack([0 * k, k, k + 1]), _SIDES + np.column_stack([0 * k, k + 1, k])]
-    sides = [np.column_stack([i, _SIDES + i, _SIDES + j]), np.column_stack([i, _SIDES + j, j])]
-    return Mesh(np.vstack([top, top - (0.0, 0.0, thickness)]), np.concatenate([*lids, *sides]), "table")
 
 
 def _lamp(name: str, light: LightDescription) -> Lamp:
@@ -710,6 +721,8 @@ def estimated_cell(nominal: NominalCell, deviations: Mapping[str, float]) -> Nom
         found = values(group, *_POSE)
         return pose.from_euler_xyz(found[:3], found[3:])
 
+    sensor, grasp = nominal.sensor, any(values("grasp", *_POSE))
+
     joints = [
         replace(joint, **{key: getattr(joint, key) + deviations.get(f"dh[{number}].{key}", 0.0) for key in _DH})
         for number, joint in enumerate(nominal.arm.joints, 1)
@@ -717,7 +730,8 @@ def estimated_cell(nominal: NominalCell, deviations: Mapping[str, float]) -> Nom
     return replace(
         nominal,
         arm=replace(nominal.arm, joints=joints),
-        flange_from_sensor=nominal.flange_from_sensor @ delta("tool"),
+        sensor=replace(sensor, parent_from_joint=sensor.parent_from_joint @ delta("tool")),
+        table_from_part=nominal.table_from_part @ delta("grasp") if grasp else nominal.table_from_part,
         world_from_table=nominal.world_from_table @ delta("table"),
         eccentricity=(*values("platter", "x", "y"),),
         wobble=(*values("table", *(f"wobble_{key}" for key in WOBBLE)),),
@@ -729,9 +743,9 @@ def estimated_cell(nominal: NominalCell, deviations: Mapping[str, float]) -> Nom
 
 
 def tool_names(nominal: NominalCell) -> tuple[str, ...]:
-    """``sensor``, ``gripper`` if the cell has one, and the tools of the description."""
+    """``sensor``, or ``flange`` where this does not carry it, ``gripper`` if there is one, and the described tools."""
     gripper = () if nominal.flange_from_finger is None else ("gripper",)
-    return ("sensor", *gripper, *nominal.flange_from_tcp)
+    return ("sensor" if nominal.carries_sensor else "flange", *gripper, *nominal.flange_from_tcp)
 
 
 def frame_names(nominal: NominalCell) -> tuple[str, ...]:
@@ -749,8 +763,10 @@ def flange_from_tool(nominal: NominalCell, tool: str) -> Array:
     DescriptionError
         If the cell has no such tool.
     """
-    if tool == "sensor":
+    if tool == "sensor" and nominal.carries_sensor:
         return nominal.flange_from_sensor
+    if tool == "flange" and not nominal.carries_sensor:
+        return np.eye(4)
     if tool in nominal.flange_from_tcp:
         return nominal.flange_from_tcp[tool]
     if tool != "gripper":

@@ -19,6 +19,7 @@ from scancell.config.cell import (
     FixtureDescription,
     MaterialRegionDescription,
     PartDescription,
+    TableDescription,
     ToolDescription,
     sensor_frame,
 )
@@ -35,6 +36,7 @@ from scancell.geometry.mesh import (
     MassProperties,
     Mesh,
     box_mesh,
+    is_stable_pose,
     joined,
     load_mesh,
     mass_properties,
@@ -44,6 +46,8 @@ from scancell.geometry.shapes import Box, Cone, Cylinder, PlacedShape, Plane, Ri
 PART_FORMATS = (*FORMATS, ".toml")
 
 _MOST_KEPT = 2
+_MOST_MESHES = 32  # of files that are kept
+_SIDES = 96  # of a platter without a mesh: 0.05 % beyond its radius at the corners
 
 _SHAPES: dict[str, Callable[[dict[str, Any]], Shape]] = {
     "sphere": lambda si: Sphere(si["diameter"] / 2),
@@ -98,6 +102,30 @@ def housing_mesh(gripper: GripperDescription) -> Mesh | None:
     return box_mesh(size, "gripper").transformed(pose.translation((0.0, 0.0, -size[2] / 2)))
 
 
+def described_mesh(path: str | None, world_from_mesh: PoseDescription | None = None) -> Mesh | None:
+    """Mesh of a file; that of a standing body is drawn in the frame in which it stands, and moved to the world."""
+    mesh = None if path is None else _file_mesh(path, file_state(Path(path)))
+    return mesh if mesh is None or world_from_mesh is None else mesh.transformed(pose_matrix(world_from_mesh))
+
+
+@lru_cache(_MOST_MESHES)
+def _file_mesh(path: str, _state: tuple[str, int, int]) -> Mesh:
+    """Mesh of a file in a state; many cells of one arm, as of a search or a study, read it once."""
+    return load_mesh(Path(path))
+
+
+def platter_cylinder(table: TableDescription) -> Mesh:
+    """The least prism of `_SIDES` sides around the cylinder of a platter."""
+    radius, thickness = si_value(table, "radius_mm"), si_value(table, "thickness_mm")
+    i = np.arange(_SIDES)
+    corners = radius / np.cos(np.pi / _SIDES) * np.exp(2j * np.pi * i / _SIDES)
+    top = np.column_stack([corners.real, corners.imag, np.zeros(_SIDES)])
+    j, k = (i + 1) % _SIDES, i[1:-1]
+    lids = [np.column_stack([0 * k, k, k + 1]), _SIDES + np.column_stack([0 * k, k + 1, k])]
+    sides = [np.column_stack([i, _SIDES + i, _SIDES + j]), np.column_stack([i, _SIDES + j, j])]
+    return Mesh(np.vstack([top, top - (0.0, 0.0, thickness)]), np.concatenate([*lids, *sides]), "table")
+
+
 def pose_matrix(description: PoseDescription) -> Array:
     """(4, 4) of a described pose."""
     si = to_si(description.model_dump())
@@ -108,10 +136,11 @@ def pose_matrix(description: PoseDescription) -> Array:
 
 
 def tool_matrix(tool: ToolDescription) -> Array:
-    """``flange_from_sensor`` (4, 4), given directly or from the dimensions of the fixture."""
-    if tool.flange_from_sensor is not None:
-        return pose_matrix(tool.flange_from_sensor)
-    assert isinstance(tool.fixture, FixtureDescription)  # the description has exactly one of the two
+    """Pose (4, 4) of the sensor on what carries it, given directly or from the dimensions of the fixture."""
+    described = tool.pose if tool.flange_from_sensor is None else tool.flange_from_sensor
+    if described is not None:
+        return pose_matrix(described)
+    assert isinstance(tool.fixture, FixtureDescription)  # the description has exactly one of the three
     si = to_si(tool.fixture.model_dump())
     return np.asarray(
         pose.from_rotation(pose.rotation_about(2, si["rotation"]))
@@ -130,6 +159,15 @@ def lay_down(part: Mesh, description: PartDescription) -> Array:
     return pose.from_rotation(rotation, (si["x"] - centre[0], si["y"] - centre[1], si["z"] - low[2]))
 
 
+def refuse_unstable(part: Mesh, table_from_part: Array, description: PartDescription) -> None:
+    """Raise `CellError` for a free part that would roll, tip over or fall."""
+    hint = 'turn it with part.rx_deg, part.ry_deg, part.rz_deg, or clamp it (part.fixture = "clamped")'
+    if description.z_mm != 0.0:
+        raise CellError(f"a free part must touch the table (0); {hint}", key="part.z_mm", value=description.z_mm)
+    if not is_stable_pose(part, table_from_part):
+        raise CellError(f"is not stable in this pose; {hint}", file=part.source)
+
+
 def rigid_body(inertia: InertiaDescription | None, mesh_file: str | None, density: float) -> MassProperties | None:
     """Mass properties by their description, else by a mesh and its density, kg/m³; None where neither is known.
 
@@ -146,15 +184,16 @@ def rigid_body(inertia: InertiaDescription | None, mesh_file: str | None, densit
 def flange_loads(cell: CellDescription, part: Mesh | None) -> dict[str, MassProperties]:
     """Mass properties, in the frame of the flange, of what the arm always carries.
 
-    These are ``sensor``, ``sensor[2]`` and so on, ``gripper`` (its housing), ``finger1`` and ``finger2`` with the pads
-    as they start, and ``part``, the `part` of a cell whose description puts it on the flange; where a mass is known.
+    These are ``sensor`` and ``sensor[2]`` …, if they are there, ``gripper`` (its housing), ``finger1`` and ``finger2``
+    with the pads as they start, and ``part``, the `part` of a cell whose description puts it there; where a mass is
+    known.
 
     Raises `MeshError` if a mesh cannot be used.
     """
     loads: dict[str, MassProperties] = {}
     density = cell.robot.link_density_kg_m3
     sensor = rigid_body(cell.tool.inertia, cell.sensor_mesh, density)
-    if sensor is not None:
+    if sensor is not None and cell.tool.moves_with == "flange":
         loads["sensor"] = sensor.seen_from(tool_matrix(cell.tool))
     for number, further in enumerate(cell.further_sensor, 2):
         body = rigid_body(further.inertia, further.mesh, density)

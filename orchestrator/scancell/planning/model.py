@@ -33,6 +33,7 @@ SIGHT = 1e-6  # judgement of a sample from a pose
 
 _SELF_CLEARANCE = 2e-3  # m between links of the arm
 _TOUCHING = 1e-4  # m
+_SAME_AXIS = 1e-9  # m, and sine
 # Of the clearance, for motions: views are checked at discrete poses, between which bodies may come slightly nearer.
 MOTION_SHARE = 0.8
 _MAX_FACES = 5000  # meshes with more are reduced
@@ -267,8 +268,8 @@ class PlanningCell:
 
     @property
     def _of_arm(self) -> NDArray[np.bool_]:
-        """Whether both bodies of a pair belong to the arm, (pairs,)."""
-        chain = set(self._chain)
+        """Whether both bodies of a pair belong to the arm, (pairs,); a part that it holds does not."""
+        chain = set(self._chain) - {"part"}
         return np.array([set(pair) <= chain for pair in self.proximity.pairs], bool)
 
     def clearance_ranges(
@@ -320,16 +321,38 @@ class PlanningCell:
         poses = self.nominal.body_poses(axes)
         return self.proximity.clearance_violations(poses, _TOUCHING + self._errors, self.threads)
 
-    def table_from_sensor(self, q: ArrayLike) -> Array:
-        """Sensor poses (..., 4, 4), m, in the frame of the table at angle 0, for joints (..., joints), rad."""
-        return np.asarray(pose.inverse(self.nominal.world_from_table) @ self.nominal.world_from_sensor(q))
+    @property
+    def _support(self) -> str:
+        """Frame in which poses of the sensor are stated: the table at angle 0, or the flange that holds the part."""
+        return self.nominal.support if self.nominal.holds_part else "table"
+
+    @property
+    def turning_axis(self) -> int | None:
+        """Column of the axis that turns the part about the z of what carries it by a full turn; None without one.
+
+        It is the table, or the last joint of an arm that holds the part, if this is the axis of the flange.
+        """
+        joints, last = self.nominal.arm.joints, self.nominal.arm.joints[-1]
+        if not self.nominal.holds_part:
+            return len(joints)
+        turned = pose.rotation_about(0, last.alpha) @ pose.rotation_about(1, last.beta)
+        is_axis = abs(last.a) < _SAME_AXIS and np.abs(turned - np.eye(3)).max() < _SAME_AXIS
+        is_held = any(held.index == len(joints) - 1 for held in self.nominal.arm.held)
+        return len(joints) - 1 if is_axis and not is_held and last.max - last.min > 2 * np.pi else None
+
+    def support_from_sensor(self, q: ArrayLike) -> Array:
+        """Sensor poses (..., 4, 4), m, in the frame of the table at angle 0, or of the flange that holds the part.
+
+        For joints (..., joints), rad.
+        """
+        return np.asarray(pose.inverse(self.nominal.world_from(self._support, q)) @ self.nominal.world_from_sensor(q))
 
     def ik(self, table_from_sensor: ArrayLike, reference: ArrayLike | None = None, filtered: bool = True) -> Array:
         """Joints (n, branches, joints), rad, for sensor poses (n, 4, 4) in the frame of the table at angle 0.
 
-        Parameters as in `Arm.ik`.
+        Where the arm holds the part, the flange takes the place of the table. Parameters as in `Arm.ik`.
         """
-        targets = self._world_from_flange(table_from_sensor).reshape(-1, 4, 4)
+        targets = self.world_from_flange(table_from_sensor).reshape(-1, 4, 4)
         shape = (len(targets), len(self.nominal.arm.joints))
         near = None if reference is None else np.broadcast_to(np.asarray(reference, float), shape)
         found = []
@@ -340,7 +363,7 @@ class PlanningCell:
 
     def ik_along(self, table_from_sensor: ArrayLike, reference: ArrayLike | None = None) -> Array:
         """Joints (n, k, branches, joints), rad, along paths of sensor poses (n, k, 4, 4), see `Arm.ik_along`."""
-        targets = self._world_from_flange(table_from_sensor)
+        targets = self.world_from_flange(table_from_sensor)
 
         def step(solutions: int) -> None:
             self.work.spend(NUMERICAL_STEP + NUMERICAL_ROW * solutions)
@@ -368,9 +391,9 @@ class PlanningCell:
     def _pose_work(self) -> float:
         return NUMERICAL_POSE if self._is_numerical else POSE
 
-    def _world_from_flange(self, table_from_sensor: ArrayLike) -> Array:
-        world_from_sensor = self.nominal.world_from_table @ np.asarray(table_from_sensor, float)
-        return np.asarray(world_from_sensor @ pose.inverse(self.nominal.flange_from_sensor))
+    def world_from_flange(self, table_from_sensor: ArrayLike) -> Array:
+        """Poses (..., 4, 4) of the flange for sensor poses in the frame of the table at angle 0, as in `ik`."""
+        return self.nominal.world_from_flange(np.asarray(table_from_sensor, float), frame=self._support)
 
 
 def describe(clash: Clash) -> str:
@@ -391,8 +414,7 @@ def out_of_reach(cell: PlanningCell, table_from_sensor: Array, branches: slice =
     q = cell.ik(table_from_sensor, filtered=False)[:, branches]
     exists = np.asarray(np.isfinite(q).all(axis=-1))
     if not exists.any():
-        world = cell.nominal.world_from_table @ table_from_sensor
-        missing = float(np.min(arm.distance_outside_reach(world @ pose.inverse(cell.nominal.flange_from_sensor))))
+        missing = float(np.min(arm.distance_outside_reach(cell.world_from_flange(table_from_sensor))))
         return f"out of the arm's reach by {1e3 * missing:.0f} mm" if missing > 0 else "out of the arm's reach"
     violation = np.where(exists[..., None], arm.limit_violation(np.nan_to_num(q)), np.inf)
     best = violation.reshape(-1, violation.shape[-1])[int(np.argmin(violation.max(-1)))]

@@ -25,6 +25,7 @@ from scancell.planning.views.coverage import CHOICE_SHARE, CoveragePlanner, Sigh
 from scancell.planning.views.placement import (
     Infeasible,
     Placed,
+    PlacedPass,
     PlacedSweep,
     belt_run,
     range_warnings,
@@ -169,7 +170,8 @@ def plan(
         assembly.add_motion(item)
     seen |= seen_by([item.view for item in along], cell.range, part)
     coverage = float(seen.mean())
-    plan_ = Plan(*assembly.finish(), coverage, tuple(warnings), tuple(along), report, _reductions(cell))
+    mapped = tuple(item for item in along if isinstance(item, PlacedPath))
+    plan_ = Plan(*assembly.finish(), coverage, tuple(warnings), mapped, report, _reductions(cell))
     return verified(cell, options, plan_)
 
 
@@ -213,7 +215,9 @@ def _plan_belt(
     return [*warnings, *range_warnings(nominal, belt, cell.range), *stands.warnings]
 
 
-def _place_paths(stands: Stands, options: ScanOptions, quality_factors: Sequence[QualityFactor]) -> list[PlacedPath]:
+def _place_paths(
+    stands: Stands, options: ScanOptions, quality_factors: Sequence[QualityFactor]
+) -> list[PlacedPath | PlacedPass]:
     """Motions for the sensor paths of the description; `PlanningError` with all reasons where one has none."""
     scan, cell = options.scan, stands.cell
     nominal = cell.nominal
@@ -231,24 +235,35 @@ def _place_paths(stands: Stands, options: ScanOptions, quality_factors: Sequence
             value=scan.max_profiles,
             expected="a larger pitch_mm of the paths or a larger scan.max_profiles",
         )
-    placed: list[PlacedPath | str] = []
+    placed: list[PlacedPath | PlacedPass] = []
+    reasons: list[str] = []
     for number, path in enumerate(found, start=1):
         cell.work.doing = f"placing path {number} of {len(found)} ({path.name})"
-        placed.append(_placed_path(stands, options, quality_factors, path))
-    reasons = [item for item in placed if isinstance(item, str)]
+        item = _placed_path(stands, options, quality_factors, path)
+        if isinstance(item, str):
+            reasons.append(item)
+        else:
+            placed.append(item)
     if reasons:
         raise PlanningError(join_reasons("infeasible paths", reasons))
-    return [item for item in placed if isinstance(item, PlacedPath)]
+    return placed
 
 
 def _placed_path(
     stands: Stands, options: ScanOptions, quality_factors: Sequence[QualityFactor], path: SensorPath
-) -> PlacedPath | str:
+) -> PlacedPath | PlacedPass | str:
     """A path at the first stand where it has a motion; or why it has none where the axes start.
 
     Where another axis than the table moves along it, the stands that differ by it alone count as one. Two axes take the
-    stand of the least cost.
+    stand of the least cost. A part that the arm holds leaves no axis to choose: its paths are placed as passes.
     """
+    if stands.cell.nominal.holds_part:
+        if path.axis != ("table",):
+            raise DescriptionError(
+                "the arm alone moves a part that it holds", key="path.axis", value=list(path.axis), expected="table"
+            )
+        (item,) = stands.passes([path], [path.count], path.speed, None)
+        return item.reason if isinstance(item, Infeasible) else item
     if path.axis != ("table",):
         return _path_by_axes(stands, options, quality_factors, path)
     reason = ""

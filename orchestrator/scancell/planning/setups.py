@@ -13,7 +13,7 @@ from scancell.config.cell import CellDescription, PartDescription
 from scancell.config.devices import FurtherPartDescription
 from scancell.config.scan import CoverageDescription
 from scancell.config.sensor import SensorDescription
-from scancell.errors import PlanningError
+from scancell.errors import DescriptionError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, RestingPose, box_mesh, resting_poses
 from scancell.nominal.cell import Body, NominalCell, nominal_cell
@@ -146,7 +146,9 @@ class SetUps(Result):
 
 
 class SetUpPlanner:
-    """Proposes set-ups of a part.
+    """Proposes set-ups of a part on the table.
+
+    Raises `DescriptionError` if the description puts it on the flange.
 
     Parameters
     ----------
@@ -171,6 +173,13 @@ class SetUpPlanner:
         threads: int = 0,
         work: Work | None = None,
     ) -> None:
+        if cell.part.moves_with != "table":
+            raise DescriptionError(
+                "set-ups are those of a part on the table",
+                key="cell.part.moves_with",
+                value=cell.part.moves_with,
+                expected='"table"',
+            )
         self._cell, self._sensor, self._range, self._options = cell, sensor, sensor_range, options
         self._threads, self._work = threads, work or Work()
 

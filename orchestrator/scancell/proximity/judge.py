@@ -170,7 +170,8 @@ def check_cell(nominal: NominalCell) -> None:
     nominal = nominal.with_axes_held()
     frames = nominal.frame_poses(nominal.home)
     carried = {body.name: nominal.carrier(body.moves_with).partition("[")[0] for body in nominal.bodies}
-    standing = [body for body in nominal.bodies if carried[body.name] in ("world", "table", "part")]
+    kinds = {"world", "table", "part"} - ({"part"} if nominal.holds_part else set())
+    standing = [body for body in nominal.bodies if carried[body.name] in kinds]
     placed = [(body.name, body.mesh.transformed(frames[body.moves_with])) for body in standing]
     problems = []
     for (a, mesh_a), (b, mesh_b) in combinations(placed, 2):

@@ -49,7 +49,6 @@ class MotionBounds:
     """
 
     def __init__(self, nominal: NominalCell, pairs: Sequence[tuple[str, str]]) -> None:
-        nominal.require_simulated()
         number = {body.name: i for i, body in enumerate(nominal.bodies)}
         index = np.array([(number[a], number[b]) for a, b in pairs], np.int64).reshape(-1, 2)
         joints = _joints(nominal.tree, nominal.axes)

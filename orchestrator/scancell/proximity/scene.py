@@ -14,7 +14,6 @@ from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import OCCUPIED, Body, NominalCell, with_table
 from scancell.proximity._native import PairDistances
 
-_ON_ARM = ("link", "sensor", "finger")
 _CONTACT = 1e-9  # m: bodies closer than this intersect
 _UNTOLD = 0.025  # m: nearer measured space may belong to the body itself
 _RESTING = 1e-4  # m: bodies at rest that are closer stand on each other
@@ -116,8 +115,9 @@ class ProximityScene:
 
 
 def arm_chain(nominal: NominalCell) -> list[str]:
-    """Names of the arm's bodies, base first, tools last."""
-    return [b.name for b in nominal.bodies if b.name == "base" or nominal.carrier(b.moves_with).startswith(_ON_ARM)]
+    """Names of the arm's bodies, base first, with all that the arm carries."""
+    joints = set(nominal.arm.tree.axes)
+    return [b.name for b in nominal.bodies if b.name == "base" or joints & set(nominal.tree.axes_of(b.moves_with))]
 
 
 def cell_scene(

@@ -98,13 +98,27 @@ def neighbours_of(nominal: NominalCell) -> Neighbours:
     """Bodies that stand in the cell, without the part's support (which the envelope removes).
 
     Where other axes than that of the support move them, they are where they start. The arm, and what it carries, is in
-    view of further sensors alone.
+    view of further sensors alone. A part that the arm holds moves past all that the flange does not carry.
     """
     frames, tree = nominal.frame_poses(nominal.start), nominal.tree
     support_from_world, axis = (
         pose.inverse(nominal.world_from(nominal.support, nominal.start)),
         tree[nominal.support].axis,
     )
+    if nominal.holds_part:
+        moving, own = set(nominal.arm.tree.axes), set(tree.axes_of(nominal.support))
+        others = [body for body in nominal.bodies if body.name != "part"]
+        rigid = [body for body in others if moving <= set(tree.axes_of(body.moves_with)) <= own]
+        passed = [body for body in others if not moving <= set(tree.axes_of(body.moves_with)) <= own]
+        return Neighbours(
+            tuple(
+                Neighbour(b.name, b.mesh.transformed(support_from_world @ frames[b.moves_with]), True) for b in rigid
+            ),
+            nominal.part,
+            nominal.support_from_part,
+            tree.axes.index(axis),
+            carried=CarriedBodies(nominal, tuple(passed)),
+        )
     standing = {"world", "table", "part", *(one.name for one in nominal.further_axes)} - {nominal.arm_on} | {"world"}
     support = "table" if nominal.support == "table" else nominal.required_belt().description.name
     bodies = tuple(

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Protocol, Self
+from typing import Any, Literal, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,12 +125,12 @@ class ProfilePoints(Value):
 
 @dataclass(frozen=True)
 class Envelope:
-    """Volume above the table or a belt in which points are kept, by nominal geometry.
+    """Volume above the table, a belt or the flange in which points are kept, by nominal geometry.
 
-    `lowest` and `highest` are heights above the top face, m. `radius` is the distance from the axis of the table,
+    `lowest` and `highest` are heights above the top face, m. `radius` is the distance from the axis of table or flange,
     `half_width` that from the middle of the belt, infinite on the other one of them. Points lower than `lowest` are the
     table's, except on the `footprint` of the part; without one, all of them. `outline`: lower and upper corner (2, 2)
-    of a rectangle around the part, seen from above.
+    of a rectangle around the part, seen from above; `support` is what carries the part.
     """
 
     lowest: float
@@ -139,18 +139,14 @@ class Envelope:
     footprint: Footprint | None = None
     outline: Array | None = None
     half_width: float = np.inf
-
-    @property
-    def support(self) -> str:
-        """Name of the body that carries the part."""
-        return "belt" if np.isfinite(self.half_width) else "table"
+    support: Literal["table", "belt", "flange"] = "table"
 
     def contains(self, points: Array) -> NDArray[np.bool_]:
-        """Whether points (n, 3) in the frame of table or belt, m, lie in the volume, (n,)."""
+        """Whether points (n, 3) in the frame of the support, m, lie in the volume, (n,)."""
         return np.asarray((points[:, 2] >= self.lowest) & (points[:, 2] <= self.highest) & self.is_over(points))
 
     def is_over(self, points: Array) -> NDArray[np.bool_]:
-        """Whether points (n, 3) in the frame of table or belt, m, lie above or below it, (n,)."""
+        """Whether points (n, 3) in the frame of the support, m, lie above or below it, (n,)."""
         distance = np.hypot(points[:, 0], points[:, 1])
         return np.asarray((distance <= self.radius) & (np.abs(points[:, 1]) <= self.half_width))
 
@@ -256,6 +252,8 @@ def why_empty(dropped: Dropped, envelope: Envelope) -> list[str]:
         beside = (
             f"lie farther than {1e3 * envelope.half_width:g} mm from the middle of the belt: move cell.part.arrival"
         )
+    if support == "flange":
+        beside = f"lie farther than {radius_mm:g} mm from the axis of the flange, beyond the part: is it as described?"
     reasons = [
         (
             dropped.low,
@@ -352,7 +350,7 @@ def reconstruct_points(
     poses_after
         By measurements; times other than 0 are used with a rolling shutter or several exposures.
     support_from_part
-        Nominal pose (4, 4) of the part in the frame of what carries it, table or belt.
+        Nominal pose (4, 4) of the part in the frame of what carries it: table, belt or flange.
     normals
         Whether to estimate normals; without, they are NaN.
     neighbours

@@ -412,13 +412,14 @@ class MeasuredCell:
         Raises `ScancellError` if the part or another body cannot be used.
         """
         nominal = nominal_cell(setup.cell, part).with_axes_held()
-        nominal.require_simulated()
         return cls.with_deviations(nominal, _deviations(setup), part is not None)
 
     @classmethod
     def with_deviations(cls, nominal: NominalCell, deviations: Mapping[str, float], has_part: bool) -> MeasuredCell:
         """The described cell with deviations by name, SI."""
         cell = estimated_cell(nominal, deviations) if deviations else nominal
+        if not has_part and cell.holds_part:
+            raise DescriptionError("a cloud on the flange needs the part that the arm holds", key="part")
         if not has_part:
             platter_from_base = pose.inverse(cell.world_from("table")) @ cell.arm.world_from_base
             cell = replace(cell, table_from_part=platter_from_base)
@@ -443,12 +444,10 @@ class MeasuredCell:
 
         Raises `DescriptionError` if poses of the flange do not place the sensor, which another link carries.
         """
-        if frame.startswith("sensor") and readings.flange is not None:
-            carrier, carrier_from_sensor = self.cell.arm.flange, self.cell.flange_from_sensor
-            if frame != "sensor":
-                carrier, carrier_from_sensor = self.cell.tree[frame].parent, self.cell.tree[frame].parent_from_joint
+        if readings.flange is not None:
+            carrier, carrier_from_frame = self.cell.tree.carrier_of(frame, self.cell.axes)
             if carrier == self.cell.arm.flange:
-                return np.asarray(self.cell.arm.world_from_base @ readings.flange @ carrier_from_sensor)
+                return np.asarray(self.cell.arm.world_from_base @ readings.flange @ carrier_from_frame)
             if carrier.startswith("link["):
                 raise DescriptionError(
                     "poses of the flange do not place a sensor that another link carries",

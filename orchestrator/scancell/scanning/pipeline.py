@@ -73,6 +73,7 @@ _MAX_CELLS = 2
 _MAX_PLANS = 16
 _CLEARANCE_STEP = 4  # set-points from one look at the clearance of a plan to the next
 _ENVELOPE_HEIGHT = 0.5  # m above the table: beyond the reach of the sensor
+_ROOM = 5e-3  # m around a held part
 
 T = TypeVar("T")
 
@@ -177,7 +178,6 @@ class ScanPipeline(Closing):
         def make() -> World:
             self.builds += 1
             nominal = nominal_cell(cell, part)
-            nominal.require_simulated()
             if setup.scan.belt is not None:
                 nominal = nominal.on_belt()
             true = with_unknown_obstacles(nominal, cell)
@@ -226,6 +226,7 @@ class ScanPipeline(Closing):
         options = scan_options(setup.scan, setup.sensor, setup.profile_time)
         if setup.scan.belt is not None:
             cell = replace(cell, nominal=with_passing_part(cell.nominal, setup.scan.belt, cell.cycle))
+        cell.nominal.require_scanned()
         nominal, further = cell.nominal, tuple(axis.start for axis in world.nominal.further_axes)
         _require_fixed_parts(setup, nominal)
         if saved is not None and saved.program.further != further:
@@ -387,15 +388,22 @@ def measured_motion(nominal: NominalCell, recording: Recording) -> TriggerRecord
 
 
 def envelope_of(nominal: NominalCell, setup: Setup) -> Envelope:
-    """Room above the nominal table, or the belt that carries the part, in which points are kept."""
+    """Room above the nominal table, or the belt or flange that carries the part, in which points are kept.
+
+    A held part comes near to other bodies, so that its room ends `_ROOM` beyond its nominal extent.
+    """
     lowest, support_from_part = si_value(setup.scan, "table_margin_mm"), nominal.support_from_part
     footprint = footprint_of(nominal.part, support_from_part, lowest)
     corners = np.stack(np.meshgrid(*nominal.part.bounds.T), -1).reshape(-1, 3)
     placed = pose.transform_points(support_from_part, corners)[:, :2]
     outline = np.stack([placed.min(0), placed.max(0)])
-    if nominal.support != "table":
+    if nominal.support_kind == "belt":
         half_width = si_value(nominal.required_belt().description, "width_mm") / 2
-        return Envelope(lowest, _ENVELOPE_HEIGHT, np.inf, footprint, outline, half_width)
+        return Envelope(lowest, _ENVELOPE_HEIGHT, np.inf, footprint, outline, half_width, "belt")
+    if nominal.support_kind == "flange":
+        held = pose.transform_points(support_from_part, nominal.part.vertices[np.unique(nominal.part.faces)])
+        radius, highest = float(np.hypot(held[:, 0], held[:, 1]).max()) + _ROOM, float(held[:, 2].max()) + _ROOM
+        return Envelope(lowest, highest, radius, footprint, outline, support="flange")
     return Envelope(lowest, _ENVELOPE_HEIGHT, nominal.table_radius, footprint, outline)
 
 

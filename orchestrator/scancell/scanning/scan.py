@@ -100,18 +100,20 @@ class ScanData(Value):
         In a scan on a belt the part moves with the frame ``belt``, whose origin is that of the belt's frame at the
         start; world and base are those where the part started.
 
-        Raises `DescriptionError` if `frame` is not part, world, base, or what carries the part: table or belt.
+        A part that the arm holds is that of the home position.
+
+        Raises `DescriptionError` if `frame` is not part, world, base, or what carries the part: table, belt or flange.
         """
         cell = self.world.estimated
-        support = "table" if cell.support == "table" else "belt"
-        if frame in ("table", "belt") and frame != support:
+        support = cell.support_kind
+        if frame in ("table", "belt", "flange") and frame != support:
             raise DescriptionError(key="frame", value=frame, expected=f"part, {support}, base or world")
         at = cell.with_further_axes([*cell.home, table_angle])
         world_from_part = cell.world_from("part", at)
         match frame:
             case "part":
                 return np.eye(4)
-            case "table" | "belt":
+            case "table" | "belt" | "flange":
                 return cell.support_from_part
             case "world":
                 return world_from_part

@@ -165,7 +165,8 @@ class SurveyResult(Result):
 class Survey:
     """A survey in progress.
 
-    Raises `DescriptionError` if a voxel is larger than 0.9 times the measuring range.
+    Raises `DescriptionError` if a voxel is larger than 0.9 times the measuring range, or the arm does not carry the
+    sensor.
 
     Parameters
     ----------
@@ -181,6 +182,10 @@ class Survey:
         pipeline: ScanPipeline,
         region: SurveyRegion,
     ) -> None:
+        if not world.nominal.carries_sensor:
+            raise DescriptionError(
+                "a survey moves the sensor over the table", key="cell.tool.moves_with", expected='"flange"'
+            )
         self._world, self._pipeline = world, pipeline
         self._region, self._range = region, SensorRange.of(world.sensor)
         # Layers and rows overlap by a voxel.

@@ -117,7 +117,7 @@ def camera_path(view: View, run: RecordedRun, size: tuple[int, int]) -> CameraPa
     times = np.linspace(run.motion.start, run.motion.duration, _SAMPLES)
     bodies = run.cell.bodies
     if view == "part":
-        near = [body for body in bodies if body.moves_with in ("table", "part")]
+        near = [body for body in bodies if body.moves_with in ("part", "sensor" if run.cell.holds_part else "table")]
         fixed = framing(_swept(near, run, times), AZIMUTH_DEG, _PART_ELEVATION, size)
         return lambda time, share: fixed
     if view == "sensor":

@@ -102,7 +102,8 @@ class RunMotion:
         else:
             frames = cell.frame_poses(measured.axes)
             self._recorded = {name: np.asarray(frames[name]) for name in wanted}
-        self._table_from_part = pose.inverse(self._recorded["table"]) @ self._recorded["part"]
+        self._support = cell.support if cell.holds_part else "table"
+        self._support_from_part = pose.inverse(self._recorded[self._support]) @ self._recorded["part"]
         self._plan = None if program is None else _Plan(program, measured.segment, self._axes)
 
     @property
@@ -135,7 +136,7 @@ class RunMotion:
         axes = self._axes_in_gap(before, after, share, time)
         nominal = {name: np.asarray(p) for name, p in self._cell.frame_poses(axes).items()}
         carried = {name: p for name, p in between.items() if name.startswith("part[")}
-        carried["part"] = nominal["table"] @ _between(self._table_from_part, before, after, share)
+        carried["part"] = nominal[self._support] @ _between(self._support_from_part, before, after, share)
         return {**nominal, **carried}
 
     def _axes_in_gap(self, before: int, after: int, share: float, time: float) -> Array:

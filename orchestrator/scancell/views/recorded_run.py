@@ -163,8 +163,7 @@ def _cloud(path: Path, cell: NominalCell, most: int) -> tuple[Cloud | None, int]
     frame = next((note.split()[1] for note in read_ply_comments(path) if note.startswith("frame ")), "part")
     placed = cell.tree.place(cell.start, ["part", cell.support, "base", "world"])
     world_from_part = placed["part"]
-    support = "table" if cell.support == "table" else "belt"
-    world_from_frame = {**placed, support: placed[cell.support]}
+    world_from_frame = {**placed, cell.support_kind: placed[cell.support]}
     if frame not in world_from_frame:
         raise DescriptionError(file=path, key="frame", value=frame, expected=", ".join(world_from_frame))
     whole = read_ply(path)

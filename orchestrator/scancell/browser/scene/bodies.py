@@ -265,7 +265,8 @@ class Ghost:
         self._bodies = [body for body in cell.bodies if _moves(cell, body)]
         self._table_from_part = cell.table_from_part
         flanges = [body.name for body in self._bodies if body.moves_with.startswith("link[")]
-        self._carrier = {"finger": flanges[-1] if flanges else "", "part": "table"}
+        flange = flanges[-1] if flanges else ""
+        self._carrier = {"finger": flange, "part": flange if cell.holds_part else "table"}
         self._nodes = MovedNodes({body.name: self._add(scene, body.name, drawn[body.name]) for body in self._bodies})
 
     def _add(self, scene: viser.SceneApi, name: str, drawn: DrawnMesh) -> Any:

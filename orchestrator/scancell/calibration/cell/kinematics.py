@@ -1,9 +1,11 @@
 """Kinematics from the sensor to the platter with deviations from nominal, and their derivatives as screws.
 
+Where the arm holds the artefact before a sensor on a post, the flange takes the place of the platter.
+
 A deviation is named like the ``as_built`` parameter of the FMU, without the prefix: ``tool.x``, ``dh[3].theta``,
-``table.rx``, ``platter.y``, ``trigger.latency``; SI units. The wobble of the table axis is a rotation vector in the
-table's nominal x-y plane, ``rx = rx_cos cos t + rx_sin sin t`` at table angle t, and `ry` likewise: to first order the
-general tilt of an axis that repeats with every revolution.
+``grasp.z``, ``table.rx``, ``platter.y``, ``trigger.latency``; SI units. The wobble of the table axis is a rotation
+vector in the table's nominal x-y plane, ``rx = rx_cos cos t + rx_sin sin t`` at table angle t, and `ry` likewise: to
+first order the general tilt of an axis that repeats with every revolution.
 """
 
 from __future__ import annotations
@@ -19,9 +21,11 @@ from numpy.typing import NDArray
 from scancell.arrays import Array
 from scancell.cell.recording import later
 from scancell.geometry.arm import Chain
-from scancell.geometry.tree import Joint, Tree, z_along
+from scancell.geometry.pose import inverse
+from scancell.geometry.tree import WORLD, Joint, Tree, z_along
 
 TOOL = tuple(f"tool.{name}" for name in ("x", "y", "z", "rx", "ry", "rz"))
+GRASP = tuple(f"grasp.{name}" for name in ("x", "y", "z", "rx", "ry", "rz"))
 TABLE = tuple(f"table.{name}" for name in ("x", "y", "rx", "ry"))
 PLATTER = ("platter.x", "platter.y")
 UNIT = 1e-3  # of unknowns in normal equations and of directions: mm, mrad, ms
@@ -120,16 +124,22 @@ class SensorPoses:
 
 @dataclass(frozen=True)
 class CellKinematics:
-    """Nominal geometry of arm, tool and table; poses (4, 4), m."""
+    """Nominal geometry of arm, tool and table; poses (4, 4), m.
+
+    The sensor is on the flange, or, where `flange_from_part` states the pose of an artefact there, in the world.
+    """
 
     arm: Chain
-    flange_from_sensor: Array
+    carrier_from_sensor: Array
     world_from_table: Array
+    flange_from_part: Array | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
         """All deviations."""
         joints = joint_names(len(self.arm.joints), *_DH)
+        if self.flange_from_part is not None:
+            return (*TOOL, *GRASP, *joints, LATENCY)
         return (*TOOL, *TABLE, *PLATTER, *WOBBLE, *joints, LATENCY)
 
     def poses(self, readings: AxisReadings, deviations: Mapping[str, float]) -> SensorPoses:
@@ -150,20 +160,21 @@ class CellKinematics:
         angle = axes[:, -1]
         cosine, sine = np.cos(angle), np.sin(angle)
         position: dict[str, Array | float] = {**value, "table": angle}
-        for name in _TILTS:
+        tilts = () if self.flange_from_part is not None else _TILTS
+        for name in tilts:
             along, across = value[f"table.wobble_{name}_cos"], value[f"table.wobble_{name}_sin"]
             position[f"wobble.{name}"] = along * cosine + across * sine
         thetas = joint_names(readings.q.shape[1], "theta")
         position |= {name: axes[:, i] + value[name] for i, name in enumerate(thetas)}
 
-        tree = self._tree if readings.flange is None else self._tree_behind(readings.flange)
+        tree = self._tree if readings.flange is None else self._tree_behind(self._stated(readings.flange))
         positions = np.stack([np.broadcast_to(position.get(axis, 0.0), len(readings)) for axis in tree.axes], -1)
         platter_from_sensor, screws = tree.relative("sensor", "platter", positions)
         # From the velocity of the sensor's origin to that of the point at the platter's.
         screws[:, :3] += np.cross(platter_from_sensor[:, :3, 3:], screws[:, 3:], axis=1)
         named = dict(zip(tree.axes, np.moveaxis(screws, -1, 0), strict=True))
-        turn = named.pop("table")
-        for name in _TILTS:
+        turn = named.pop("table", np.zeros((len(readings), 6)))
+        for name in tilts:
             tilt = named.pop(f"wobble.{name}")
             along, across = value[f"table.wobble_{name}_cos"], value[f"table.wobble_{name}_sin"]
             for part, share in (("cos", cosine), ("sin", sine)):
@@ -184,12 +195,23 @@ class CellKinematics:
             nominal += [getattr(joint, name) for name in _DH]
         return self._tree_behind(self.arm.world_from_base, *_elementary("base", steps, nominal))
 
+    def _stated(self, base_from_flange: Array) -> Array:
+        """Poses (n, 4, 4) of measured flanges: on an arm that holds the artefact, in the world of the sensor."""
+        held = self.flange_from_part is not None
+        return np.asarray(self.arm.world_from_base @ base_from_flange) if held else base_from_flange
+
     def _tree_behind(self, world_from_base: Array, *arm: Joint) -> Tree:
         """The tree of joints of an arm at `world_from_base` (..., 4, 4), of the tool behind it, and of the table."""
-        base = Joint("base", parent_from_joint=world_from_base)
+        base, part = Joint("base", parent_from_joint=world_from_base), self.flange_from_part
         flange = _elementary([base, *arm][-1].frame, list(_FLANGE.items()))
-        sensor = Joint("nominal sensor", flange[-1].frame, parent_from_joint=self.flange_from_sensor)
+        carrier = flange[-1].frame if part is None else WORLD
+        sensor = Joint("nominal sensor", carrier, parent_from_joint=self.carrier_from_sensor)
         tool = _elementary(sensor.frame, list(zip(TOOL, _XYZ, strict=True)))
+        if part is not None:
+            held = Joint("nominal part", flange[-1].frame, parent_from_joint=part)
+            grasp = _elementary(held.frame, list(zip(GRASP, _XYZ, strict=True)))
+            end = Joint("platter", grasp[-1].frame, parent_from_joint=inverse(part))
+            return Tree([base, *arm, *flange, sensor, *tool, held, *grasp, Joint("sensor", tool[-1].frame), end])
         table = Joint("nominal table", parent_from_joint=self.world_from_table)
         of_table = [
             *zip(TABLE, (_X, _Y, _RX, _RY), strict=True),

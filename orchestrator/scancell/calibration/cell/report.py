@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from scancell.calibration.cell.kinematics import TOOL, written_unit
+from scancell.calibration.cell.kinematics import GRASP, TOOL, written_unit
 from scancell.calibration.cell.points import implausible, read_points, shift_text, write_points, wrong_sizes
 from scancell.calibration.cell.problem import CalibrationResult
 from scancell.calibration.cell.scan import Calibration, CalibrationRequest, CalibrationScan, single_sphere
@@ -118,12 +118,35 @@ class CalibrationReport(SavedCalibration):
         return self._described.cell.model_copy(update={"estimated": self.estimated})
 
     @property
+    def _is_held(self) -> bool:
+        """Whether the arm holds the artefact, before a sensor on a post."""
+        return self.calibration.problem.kinematics.flange_from_part is not None
+
+    @property
+    def carrier_from_sensor(self) -> NDArray[np.float64]:
+        """Calibrated pose (4, 4) of the sensor on what carries it, the flange or a post in the world, m."""
+        nominal = self.calibration.problem.kinematics.carrier_from_sensor
+        return np.asarray(nominal @ self._moved(TOOL))
+
+    @property
     def flange_from_sensor(self) -> NDArray[np.float64]:
-        """Calibrated pose (4, 4) of the sensor on the flange, m."""
+        """Calibrated pose (4, 4) of the sensor on the flange, m; `DescriptionError` if the flange does not carry it."""
+        if self._is_held:
+            raise DescriptionError("the sensor is not on the flange: see carrier_from_sensor", key="flange_from_sensor")
+        return self.carrier_from_sensor
+
+    @property
+    def flange_from_part(self) -> NDArray[np.float64]:
+        """Calibrated pose (4, 4) of a held part on the flange, m; `DescriptionError` if the arm holds none."""
+        if not self._is_held:
+            raise DescriptionError("the part is not on the flange", key="flange_from_part")
+        return np.asarray(self.result.platter_from_artefact @ self._moved(GRASP))
+
+    def _moved(self, names: Sequence[str]) -> NDArray[np.float64]:
+        """Deviation of a frame by six names as a pose (4, 4)."""
         found = self.result.deviations
-        values = np.array([found.get(name, 0.0) for name in TOOL])
-        nominal = self.calibration.problem.kinematics.flange_from_sensor
-        return np.asarray(nominal @ pose.from_euler_xyz(values[:3], values[3:]))
+        values = np.array([found.get(name, 0.0) for name in names])
+        return pose.from_euler_xyz(values[:3], values[3:])
 
     @property
     def rows(self) -> list[Row]:
@@ -144,7 +167,8 @@ class CalibrationReport(SavedCalibration):
     def _is_found_alone(self) -> bool:
         """Whether tool and place of the artefact came from profiles of a sphere and flange poses, and need no cell."""
         problem = self.calibration.problem
-        return problem.observations.readings.flange is not None and single_sphere(problem, self.artefact) is not None
+        has_poses = problem.observations.readings.flange is not None and not self._is_held
+        return has_poses and single_sphere(problem, self.artefact) is not None
 
     @property
     def warnings(self) -> list[str]:
@@ -201,7 +225,8 @@ class CalibrationReport(SavedCalibration):
                 }
                 for exposure, moved, half in result.left_out.rows(self.probability)
             ],
-            "flange_from_sensor_m": self.flange_from_sensor.tolist(),
+            f"{self._carrier}_from_sensor_m": self.carrier_from_sensor.tolist(),
+            **({"flange_from_part_m": self.flange_from_part.tolist()} if self._is_held else {}),
             "unknowns": self._unknowns,
             "covariance_of_unknowns_si": self._covariance.tolist(),
             "artefact_centre_mm": (1e3 * self._centre).tolist(),
@@ -210,6 +235,11 @@ class CalibrationReport(SavedCalibration):
             "artefact_shift_mm": (1e3 * self.calibration.shift).tolist(),
             "size_errors_um": (1e6 * result.sizes).tolist(),
         }
+
+    @property
+    def _carrier(self) -> str:
+        """What carries the sensor."""
+        return "world" if self._is_held else "flange"
 
     @property
     def _centre(self) -> NDArray[np.float64]:
@@ -264,7 +294,9 @@ class CalibrationReport(SavedCalibration):
         if self._is_found_alone:
             lines.insert(1, f"  centre of the sphere in the robot's base: {_mm(self._base_from_centre)}")
         else:
-            lines.insert(1, f"  origin of the artefact's coordinates on the table: {_mm(result.platter_from_artefact)}")
+            place = "flange" if self._is_held else "table"
+            at = self.flange_from_part if self._is_held else result.platter_from_artefact
+            lines.insert(1, f"  origin of the artefact's coordinates on the {place}: {_mm(at)}")
         outside = np.abs(result.left_out.displacement) > result.left_out.half_widths(self.probability)
         if len(outside):
             spread = 1e6 * np.sqrt(np.mean(result.left_out.displacement**2, axis=0))
@@ -277,9 +309,10 @@ class CalibrationReport(SavedCalibration):
             text = f"  {row.name + ' ' + row.unit:24} {row.value:10.5f} +- {row.half_width:12.5f} "
             lines.append(text + comparison_text(row.true, row.value, row.half_width))
         if set(TOOL) & set(result.names):
-            found = self.flange_from_sensor
-            angles = ", ".join(f"{value:.4f}" for value in np.degrees(pose.euler_xyz_from_rotation(found[:3, :3])))
-            lines.append(f"  sensor on the flange: {_mm(found)}, XYZ' ({angles}) deg")
+            place = "in the world" if self._is_held else "on the flange"
+            lines.append(f"  sensor {place}: {_pose_text(self.carrier_from_sensor)}")
+        if set(GRASP) & set(result.names):
+            lines.append(f"  part on the flange: {_pose_text(self.flange_from_part)}")
         return "\n".join(lines)
 
     @property
@@ -335,13 +368,14 @@ class ExchangedSensor:
         """The same cell with both sensors exchanged: the further one is that of the tool."""
         cell, row = self.setup.cell, self.number - 2
         sensor = cell.further_sensor[row]
-        flange_from_main = tool_matrix(cell.tool)
-        angles = np.degrees(pose.euler_xyz_from_rotation(flange_from_main[:3, :3]))
-        values = (*(1e3 * flange_from_main[:3, 3]), *angles)
+        flange, carrier_from_main = f"link[{len(cell.robot.joint)}]", tool_matrix(cell.tool)
+        angles = np.degrees(pose.euler_xyz_from_rotation(carrier_from_main[:3, :3]))
+        values = (*(1e3 * carrier_from_main[:3, 3]), *angles)
         place = dict(zip(("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg"), map(float, values), strict=True))
         main = sensor.model_copy(
             update={
                 "sensor": self.setup.sensor,
+                "moves_with": flange if cell.tool.moves_with == "flange" else cell.tool.moves_with,
                 "pose": PoseDescription(**place),
                 "mesh": cell.sensor_mesh,
                 "inertia": cell.tool.inertia,
@@ -367,6 +401,12 @@ class ExchangedSensor:
             return word
         of_optics = sensor_words([word if "=" in word else f"{word}=0"])
         return f"{'sensor' if of_optics else 'tool'}.{word.removeprefix(f'{own}.')}"
+
+
+def _pose_text(found: NDArray[np.float64]) -> str:
+    """Position and angles of a pose (4, 4) as text."""
+    angles = ", ".join(f"{value:.4f}" for value in np.degrees(pose.euler_xyz_from_rotation(found[:3, :3])))
+    return f"{_mm(found)}, XYZ' ({angles}) deg"
 
 
 def calibrate_in_cell(

@@ -14,6 +14,7 @@ from scancell import sensor as sensor_rt
 from scancell.arguments import Seed, checked_fields
 from scancell.arrays import Array
 from scancell.calibration.cell.kinematics import (
+    GRASP,
     LATENCY,
     PLATTER,
     TABLE,
@@ -100,8 +101,7 @@ def candidates(cell: PlanningCell, count: int, rng: np.random.Generator, clearan
         part_from_sensor = _random_views(cell, _BLOCK, rng)
         table = rng.uniform(-np.pi, np.pi, _BLOCK) if turn_table else np.zeros(_BLOCK)
         at_home = with_table(cell.nominal.home, table)
-        world_from_sensor = cell.nominal.world_from("part", at_home) @ part_from_sensor
-        solutions = cell.nominal.arm.ik(world_from_sensor @ pose.inverse(cell.nominal.flange_from_sensor))
+        solutions = cell.nominal.arm.ik(cell.nominal.world_from_flange(part_from_sensor, at_home))
         # A random one of the configurations that reach the view.
         score = np.where(np.isnan(solutions).any(2), -1.0, rng.uniform(size=solutions.shape[:2]))
         chosen = with_table(solutions[np.arange(_BLOCK), score.argmax(1)], table)
@@ -268,7 +268,8 @@ class CalibrationRequest:
     Attributes
     ----------
     what
-        tool: pose of the sensor on the flange, with the table at rest. table: its axis, and the eccentricity of the
+        tool: pose of the sensor on the flange or on its post, with the table at rest. grasp: pose of a part on the
+        flange before a sensor on a post, by the tool as it is. table: its axis, and the eccentricity of the
         platter if the artefact's pose is known, by the tool as it is. latency: of the trigger. all: these together.
     also
         Further deviations to find, such as ``dh[3].theta``, by the names of as-built parameters.
@@ -315,8 +316,11 @@ class CalibrationRequest:
 
     @property
     def artefact(self) -> str:
-        """Default artefact, a shipped one: a tilt of the table axis needs spheres at different distances from it."""
-        return "artefacts/ball_plate.toml" if self.turns_table else "artefacts/sphere.toml"
+        """Default artefact, a shipped one: a tilt of the table axis needs spheres at different distances from it.
+
+        So does the pose of a held part.
+        """
+        return "artefacts/ball_plate.toml" if self.turns_table or self.what == "grasp" else "artefacts/sphere.toml"
 
     @property
     def turns_table(self) -> bool:
@@ -325,14 +329,19 @@ class CalibrationRequest:
 
     @property
     def trusts_pose(self) -> bool:
-        """Whether the described pose of the artefact counts as exact; else it is found, too."""
-        return self.turns_table if self.is_pose_known is None else self.is_pose_known
+        """Whether the described pose of the artefact counts as exact; else it is found, too.
+
+        A grasp is the deviation from it.
+        """
+        return self.turns_table or self.what == "grasp" if self.is_pose_known is None else self.is_pose_known
 
     @property
     def free(self) -> tuple[str, ...]:
         """Deviations to find, see `scancell.calibration.cell.kinematics`."""
         table = TABLE + (PLATTER if self.trusts_pose else ()) + (WOBBLE if self.wobble else ())
-        free = {"tool": TOOL, "table": table, "latency": (LATENCY,), "all": (*TOOL, *table, LATENCY)}[self.what]
+        free = {"tool": TOOL, "grasp": GRASP, "table": table, "latency": (LATENCY,), "all": (*TOOL, *table, LATENCY)}[
+            self.what
+        ]
         return tuple(dict.fromkeys((*free, *self.also)))
 
     @property
@@ -364,7 +373,21 @@ class Calibration:
 def kinematics_of(nominal: NominalCell) -> CellKinematics:
     """Kinematics of the nominal cell for calibration; axes beside joints and table rest where they start."""
     nominal = nominal.with_axes_held()
-    return CellKinematics(nominal.arm, nominal.flange_from_sensor, nominal.world_from_table)
+    nominal.require_scanned()
+    part = nominal.table_from_part if nominal.holds_part else None
+    return CellKinematics(nominal.arm, nominal.sensor.parent_from_joint, nominal.world_from_table, part)
+
+
+def _require_possible(request: CalibrationRequest, nominal: NominalCell) -> None:
+    """Raise `CalibrationError` if the cell does not have what is to be found, or that is to stay unknown."""
+    possible = ("tool", "grasp", "latency") if nominal.holds_part else ("tool", "table", "latency", "all")
+    if request.what not in possible:
+        holds = "the arm holds the part" if nominal.holds_part else "the part is not on the flange"
+        raise CalibrationError(holds, key="what", value=request.what, expected=", ".join(possible))
+    if request.what == "grasp" and not request.trusts_pose:
+        raise CalibrationError(
+            "is what a calibration of the grasp finds", key="pose", value="unknown", expected="described"
+        )
 
 
 def readings_of(measured: TriggerRecords) -> AxisReadings:
@@ -415,6 +438,9 @@ class CalibrationScan:
         The artefact in the nominal cell.
     start
         Deviations to start from, SI, by name; those that are not free stay.
+
+    Raises `DescriptionError` if the arm moves neither or both of artefact and sensor; `CalibrationError` if the request
+    is impossible in the cell.
     """
 
     def __init__(
@@ -424,6 +450,8 @@ class CalibrationScan:
         request: CalibrationRequest,
         start: Mapping[str, float],
     ) -> None:
+        world.nominal.require_scanned()
+        _require_possible(request, world.nominal)
         self.pipeline, self.world = pipeline, world
         self.request, self._start = request, start
         self._part, self._scan = world.nominal.part, scan_options(world.setup.scan, world.setup.sensor)

@@ -207,7 +207,7 @@ def _linear_start(
     unknown side is the cross product of the other two, by the solution before. At first it is left out, or, where the
     centre `is_one_sided`, found with the others.
     """
-    nominal = kinematics.flange_from_sensor
+    nominal = kinematics.carrier_from_sensor
     platter_from_flange = kinematics.poses(readings, {}).platter_from_sensor @ pose.inverse(nominal)
     rotation, offset = platter_from_flange[:, :3, :3], platter_from_flange[:, :3, 3]
     identity = np.broadcast_to(-np.eye(3), rotation.shape)

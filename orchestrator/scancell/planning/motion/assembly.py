@@ -11,15 +11,15 @@ from scancell.arrays import Array
 from scancell.cell.program import BeltRun, Program, Segment, TriggerRule
 from scancell.config.description import si_value
 from scancell.errors import PlanningError
-from scancell.nominal.cell import OCCUPIED, NominalCell, with_table
+from scancell.nominal.cell import OCCUPIED, NominalCell
 from scancell.planning.model import CONFIGURATION, PlanningCell, WorkLimitError, describe
 from scancell.planning.motion import trajectory
 from scancell.planning.motion.connection import Connector, Stand, Stands
-from scancell.planning.motion.timing import axis_name
+from scancell.planning.motion.timing import axis_name, slowdown
 from scancell.planning.options import ScanOptions
 from scancell.planning.path_map.path_planner import PlacedPath
 from scancell.planning.plan import Plan
-from scancell.planning.views.placement import Placed, PlacedPass, PlacedPose, PlacedSweep, sweep_run
+from scancell.planning.views.placement import Placed, PlacedPass, PlacedPose, PlacedSweep, sweep_run, turned
 from scancell.proximity.judge import Judge
 from scancell.proximity.scene import Clash, arm_chain
 
@@ -154,17 +154,37 @@ class Assembly:
         raise PlanningError(f"no collision-free motion of the axes to {purpose} ({where}): {describe(clash)}")
 
     def add_sweep(self, placed: PlacedSweep, count: int) -> None:
-        """Append a full table turn with `count` exposures, the first at table angle 0 (modulo 2 pi)."""
-        step = 2 * np.pi / count
-        first = 2 * np.pi * np.round(self._at[-1] / (2 * np.pi))
-        angles = first + step * np.arange(count)
-        points = with_table(placed.q, angles)
+        """Append a full turn of the part with `count` exposures, the first at table angle 0 (modulo 2 pi).
+
+        Raises `PlanningError` if a joint that turns the part leaves its limits where it starts or stops.
+        """
+        step, first = 2 * np.pi / count, placed.start + self._nearest_turns(placed.start)
+        points = turned(first, placed.axis, step * np.arange(count, dtype=np.float64))
         if not self._is_dynamic:
             self._expose_at_rest(points, placed.view.name, are_free=True)
             return
         run = sweep_run(self._cell, count, si_value(self._scan.sweep, "speed_deg_s"))
-        table = first + run.at(trajectory.cycle_times(run.duration, self._cell.cycle))
-        self._run(with_table(placed.q, table), run, TriggerRule("table_angle", step), points, placed.view.name)
+        # Relative to a part that the last joint turns, the sensor draws a circle about the axis of the flange.
+        rule = TriggerRule("table_angle", step)
+        if not placed.is_of_table:
+            rule = TriggerRule("path_distance", step * placed.view.lever)
+            run = self._of_joint(run, first, placed)
+        travel = run.at(trajectory.cycle_times(run.duration, self._cell.cycle))
+        self._run(turned(first, placed.axis, travel), run, rule, points, placed.view.name)
+
+    def _of_joint(self, run: trajectory.Run, start: Array, placed: PlacedSweep) -> trajectory.Run:
+        """The run of a joint that turns the part from `start` (axes,), as slow as the limits require."""
+        cell, axis, name = self._stand.cell, placed.axis, placed.view.name
+        ends = start[axis] + run.at(np.array([0.0, run.duration]))
+        lower, upper = (limit[axis] for limit in cell.nominal.arm.limits)
+        if ends.min() < lower or ends.max() > upper:
+            raise PlanningError(
+                f"{name}: {axis_name(cell, axis)} leaves its limits where its full turn starts or stops"
+            )
+        needed = slowdown(cell, lambda time: turned(start, axis, run.at(time)), run.duration)
+        if isinstance(needed, str):
+            raise PlanningError(f"{name}: {needed}")
+        return run.slowed(needed.factor)
 
     def add_motion(self, placed: PlacedPass | PlacedPath) -> None:
         """Append a motion of the sensor: at constant speed in dynamic mode, exposure by exposure otherwise."""

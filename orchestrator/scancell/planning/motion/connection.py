@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise, permutations, product
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -35,6 +35,9 @@ from scancell.planning.views.placement import (
 from scancell.planning.views.views import Pass, Sweep
 from scancell.proximity.motion_check import MotionCheck
 from scancell.proximity.scene import Clash
+
+if TYPE_CHECKING:
+    from scancell.planning.views.sensor_paths import SensorPath
 
 _PIECE = 0.25  # rad: edges are proved and kept in pieces that move no axis by more
 _FARTHEST = 6  # pieces by which a tree grows towards a random configuration
@@ -315,8 +318,11 @@ class Connector:
             yield [start, starts[i], np.append(home, start[-1]), np.append(home, end[-1]), ends[k], end]
 
     def _retreat_points(self, at: Array) -> list[Array]:
-        """`at` (axes,) itself, then points with the sensor retracted along its Z or raised along the table's axis."""
-        table_from_sensor = self._cell.table_from_sensor(at[:-1])
+        """`at` (axes,) itself, then points with the sensor retracted along its Z or raised along the table's axis.
+
+        A part on the flange is retracted from the sensor.
+        """
+        table_from_sensor = self._cell.support_from_sensor(at[:-1])
         targets = []
         for distance in _RETREAT_DISTANCES:
             targets.append(table_from_sensor @ pose.translation((0.0, 0.0, -distance)))
@@ -467,7 +473,7 @@ class Stands:
         return self._placed(len(views), lambda stand, rows: stand.placer.sweeps([views[i] for i in rows]))
 
     def passes(
-        self, views: Sequence[Pass], counts: Sequence[int], speed: float, branch: int | None
+        self, views: Sequence[Pass | SensorPath], counts: Sequence[int], speed: float, branch: int | None
     ) -> list[PlacedPass | Infeasible]:
         """See `Placer.passes`."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -25,6 +25,9 @@ from scancell.planning.path_map import configuration_map
 from scancell.planning.views.views import Pass, Sweep
 from scancell.proximity.motion_check import MotionClash
 
+if TYPE_CHECKING:
+    from scancell.planning.views.sensor_paths import SensorPath
+
 # Fraction of the speed and acceleration limits of joints and table that planned motions use.
 LIMIT_FRACTION = 0.8
 PATH_ACCELERATION = 0.5  # m/s² along straight passes
@@ -40,18 +43,27 @@ _LEAST_CROSSING = 0.2  # component along the belt of the unit normal of the lase
 
 @dataclass(frozen=True)
 class PlacedSweep:
-    """A sweep with its joints (joints,), rad, and branch; axes beside joints and table, if any, rest at `further`."""
+    """A sweep with the joints and table angle at its start (axes,), rad, and its inverse-kinematics branch.
+
+    `axis` is the column of the axis that makes the full turn: the table, or the last joint of an arm that holds the
+    part. Axes beside joints and table, if any, rest at `further`.
+    """
 
     view: Sweep
-    q: Array
+    start: Array
+    axis: int
     branch: int
     further: tuple[float, ...] = ()
 
     @property
+    def is_of_table(self) -> bool:
+        """Whether the table turns."""
+        return self.axis == len(self.start) - 1
+
+    @property
     def ends(self) -> tuple[Array, Array]:
-        """Joints and table angle (axes,), rad, where it starts and ends."""
-        at = np.append(self.q, 0.0)
-        return at, at
+        """Joints and table angle (axes,), rad, where it starts and ends; the table ends where it started."""
+        return self.start, self.start if self.is_of_table else turned(self.start, self.axis, np.array([2 * np.pi]))[0]
 
 
 @dataclass(frozen=True)
@@ -61,7 +73,7 @@ class PlacedPass:
     `note` is the reason why it is slower than requested; further axes, if any, rest at `further`, rad or m.
     """
 
-    view: Pass
+    view: Pass | SensorPath
     run: trajectory.Run
     axes: Array
     exposures: Array
@@ -96,9 +108,19 @@ Placed = PlacedSweep | PlacedPass
 _T = TypeVar("_T", PlacedSweep, PlacedPass, PlacedPose)
 
 
+def turned(start: Array, axis: int, angles: Array) -> Array:
+    """Positions (n, axes), rad: those of the start (axes,), with one axis further by angles (n,)."""
+    axes = np.repeat(start[None], len(angles), 0)
+    axes[:, axis] += angles
+    return axes
+
+
 def sweep_run(cell: PlanningCell, count: int, speed: float) -> trajectory.Run:
-    """A full turn of the table with `count` exposures at a speed, rad/s, or the highest that is planned."""
-    fastest, acceleration, jerk = cell.axis_limits.scaled(LIMIT_FRACTION).of_axis(len(cell.nominal.home))
+    """A full turn of the part with `count` exposures at a speed, rad/s, or the highest that is planned."""
+    axis = cell.turning_axis
+    fastest, acceleration, jerk = cell.axis_limits.scaled(LIMIT_FRACTION).of_axis(
+        len(cell.nominal.home) if axis is None else axis
+    )
     return trajectory.run(count, 2 * np.pi / count, min(speed, fastest), acceleration, cell.cycle, jerk)
 
 
@@ -108,8 +130,24 @@ def azimuths(preferred: float) -> Array:
     return np.asarray(preferred + steps * _AZIMUTH_STEP)
 
 
+@dataclass(frozen=True)
+class _Sides:
+    """Ways (k,) to put the sensor at a view: `turn @ view @ roll`, poses (k, 4, 4), with the table at `table`, rad."""
+
+    table: Array
+    turn: Array
+    roll: Array
+
+    def of(self, views: Array) -> Array:
+        """Poses (..., k, m, 4, 4) of the sensor at views (..., m, 4, 4)."""
+        return np.asarray(self.turn[:, None] @ views[..., None, :, :, :] @ self.roll[:, None])
+
+
 class Placer:
     """Finds collision-free configurations of arm and table for views.
+
+    The table turns the part to a suitable azimuth. Where the arm holds the part, whose flange takes the place of the
+    table, the table rests, and the last joint makes the full turns of sweeps.
 
     Parameters
     ----------
@@ -133,12 +171,20 @@ class Placer:
             return []
         if blocked := self._blocked_turn():
             return [Infeasible(f"{view.name}: {blocked}") for view in views]
-        sides = [(a, roll) for a in azimuths(self._azimuth) for roll in (0.0, np.pi)]
+        cell, arm, axis = self._cell, self._cell.nominal.arm, self._cell.turning_axis
+        assert axis is not None
+        # The last joint takes any azimuth.
+        sides = [(a, roll) for a in (azimuths(self._azimuth) if self._turns_table else (0.0,)) for roll in (0.0, np.pi)]
         targets = np.array([[view.at(a, roll) for a, roll in sides] for view in views])
-        found = self._cell.ik(targets.reshape(-1, 4, 4))
+        found = cell.ik(targets.reshape(-1, 4, 4))
         branches = found.shape[1]
         q = found.reshape(len(views), -1, found.shape[-1])
-        metric = configuration_map.arm_metric(self._cell.nominal.arm, q)
+        if self._turns_table:
+            metric = configuration_map.arm_metric(arm, q)
+        else:
+            middle = float(np.mean([limit[axis] for limit in arm.limits]))
+            q[..., axis] = np.where(np.isnan(q[..., axis]), np.nan, middle - np.pi)
+            metric = configuration_map.arm_metric(arm, q)  # that at the end of the turn is the same
         usable = metric > MIN_METRIC
         # A choice is a side (azimuth and roll) and a branch, numbered side * branches + branch. Choices that serve most
         # views come first, then those near the preferred azimuth.
@@ -148,13 +194,19 @@ class Placer:
         result: list[PlacedSweep | Infeasible] = []
         for i, view in enumerate(views):
 
-            def check(choice: int, i: int = i) -> Infeasible | None:
-                # Most collisions occur at every table angle: check one first.
-                axes = with_table(q[i, choice], table)
+            def start(choice: int, i: int = i) -> Array:
+                return np.append(q[i, choice], 0.0 if self._turns_table else cell.table_start)
+
+            def check(choice: int, start: Callable[[int], Array] = start) -> Infeasible | None:
+                # Most collisions occur at every angle: check one first.
+                axes = turned(start(choice), axis, table)
                 return self._collision(axes[:1]) or self._collision(axes)
 
-            def place(choice: int, i: int = i, view: Sweep = view) -> PlacedSweep | Infeasible:
-                return self._collision_of_turn(q[i, choice]) or PlacedSweep(view, q[i, choice], choice % branches)
+            def place(
+                choice: int, view: Sweep = view, start: Callable[[int], Array] = start
+            ) -> PlacedSweep | Infeasible:
+                at = start(choice)
+                return self._collision_of_turn(at) or PlacedSweep(view, at, axis, choice % branches)
 
             choices = order[usable[i][order]]
             # Choices of equal roll have the same pose of the sensor relative to the part.
@@ -162,9 +214,11 @@ class Placer:
         return result
 
     def passes(
-        self, views: Sequence[Pass], counts: Sequence[int], speed: float, branch: int | None
+        self, views: Sequence[Pass | SensorPath], counts: Sequence[int], speed: float, branch: int | None
     ) -> list[PlacedPass | Infeasible]:
         """Placed passes or why they are infeasible; table and sensor are turned together by a suitable angle.
+
+        A part that the arm holds may move past the sensor in either direction.
 
         Parameters
         ----------
@@ -182,13 +236,13 @@ class Placer:
             trajectory.run(count, view.length / (count - 1), speed, PATH_ACCELERATION, cell.cycle)
             for view, count in zip(views, counts, strict=True)
         ]
-        angles = np.radians(np.arange(0.0, 360.0, 15.0))
-        turns = pose.from_rotation(pose.rotation_about(2, angles))
+        sides = self._sides
+        angles = sides.table
         knots = [
             view.at(np.array([*run.at([0.0]), view.length / 2, *run.at([run.duration])]))
             for view, run in zip(views, runs, strict=True)
         ]
-        targets = turns[None, :, None] @ np.array(knots)[:, None]
+        targets = sides.of(np.array(knots))
         found = cell.ik_along(targets.reshape(-1, 3, 4, 4))
         branches = found.shape[2]
         q = found.reshape(len(views), len(angles), *found.shape[1:])
@@ -201,14 +255,14 @@ class Placer:
         for i, view in enumerate(views):
 
             def check(choice: int, i: int = i) -> Infeasible | None:
-                turned, number = divmod(choice, branches)
+                side, number = divmod(choice, branches)
                 # Most collisions occur at one of these poses: inverse kinematics along the pass takes much longer.
-                return self._collision(with_table(q[i, turned, :, number], angles[turned]))
+                return self._collision(with_table(q[i, side, :, number], angles[side]))
 
-            def place(choice: int, i: int = i, view: Pass = view) -> PlacedPass | Infeasible:
-                turned, number = divmod(choice, branches)
-                middle = q[i, turned, 1, number]
-                return self._try_pass(view, runs[i], counts[i], float(angles[turned]), middle, number)
+            def place(choice: int, i: int = i, view: Pass | SensorPath = view) -> PlacedPass | Infeasible:
+                side, number = divmod(choice, branches)
+                middle = q[i, side, 1, number]
+                return self._try_pass(view, runs[i], counts[i], side, middle, number)
 
             choices = order[usable[i][order]]
             if not len(choices) and (metric[i] > MIN_METRIC).any():
@@ -223,11 +277,15 @@ class Placer:
 
         `part_from_sensor` (n, 4, 4), m.
         """
-        sides = azimuths(self._azimuth)
         table_from_sensor = self._cell.nominal.table_from_part @ part_from_sensor
         origin = table_from_sensor[:, :2, 3]
-        angle = sides - np.arctan2(origin[:, 1], origin[:, 0])[:, None]
-        targets = pose.from_rotation(pose.rotation_about(2, angle)) @ table_from_sensor[:, None]
+        if self._turns_table:
+            sides = azimuths(self._azimuth)
+            angle = sides - np.arctan2(origin[:, 1], origin[:, 0])[:, None]
+        else:
+            sides, angle = np.array([self._azimuth]), np.full((len(origin), 1), self._cell.table_start)
+        turns = angle if self._turns_table else np.zeros_like(angle)
+        targets = pose.from_rotation(pose.rotation_about(2, turns)) @ table_from_sensor[:, None]
         found = self._cell.ik(targets.reshape(-1, 4, 4))
         branches = found.shape[1]
         q = found.reshape(len(targets), -1, found.shape[-1])
@@ -310,20 +368,41 @@ class Placer:
         axes = with_table(cell.nominal.home, angles)
         return self._motions.first_clashes(axes[:-1], axes[1:], clearance=cell.table_clearances(self._clearance))
 
+    @property
+    def _turns_table(self) -> bool:
+        """Whether the table turns the part, which the arm does not hold."""
+        return not self._cell.nominal.holds_part
+
+    @cached_property
+    def _sides(self) -> _Sides:
+        """Azimuths of the table; with a part on the flange, both directions of the sensor's travel past it."""
+        if self._turns_table:
+            table = np.radians(np.arange(0.0, 360.0, 15.0))
+            turns = pose.from_rotation(pose.rotation_about(2, table))
+            return _Sides(table, turns, np.tile(np.eye(4), (len(table), 1, 1)))
+        rolls = pose.from_rotation(pose.rotation_about(2, np.array([0.0, np.pi])))
+        return _Sides(np.full(2, self._cell.table_start), np.tile(np.eye(4), (2, 1, 1)), rolls)
+
     def _blocked_turn(self) -> str:
-        """Reason why the table cannot make a full turn, whatever the arm does; empty if it can."""
+        """Reason why the part cannot make a full turn, whatever the arm does; empty if it can."""
+        if not self._turns_table:
+            return "" if self._cell.turning_axis is not None else "no joint turns the part about the axis of the flange"
         return next((f"the table cannot turn: {describe(clash)}" for clash in self._turn_clashes if clash), "")
 
     def _is_within_turn(self, angles: Array) -> Flags:
         """Whether the table gets to `angles` (...,), rad, from where it starts, either way, without the arm."""
+        if not self._turns_table:
+            return np.ones(angles.shape, bool)
         blocked = np.array([clash is not None for clash in self._turn_clashes])
         step = np.mod(angles - self._cell.table_start, 2 * np.pi) / (2 * np.pi) * _TURN_STEPS
         first, last = (np.argmax(blocked), np.argmax(blocked[::-1])) if blocked.any() else (_TURN_STEPS, _TURN_STEPS)
         return np.asarray((step <= first + 1e-9) | (step >= _TURN_STEPS - last - 1e-9))
 
-    def _collision_of_turn(self, q: Array) -> Infeasible | None:
-        """Clash during a full turn of the table with the joints (joints,) at rest, or None."""
-        (clash,) = self._motions.first_clashes(np.append(q, 0.0), np.append(q, 2 * np.pi))
+    def _collision_of_turn(self, start: Array) -> Infeasible | None:
+        """Clash during a full turn of the part from `start` (axes,), rad, with the other axes at rest, or None."""
+        axis = self._cell.turning_axis
+        assert axis is not None
+        (clash,) = self._motions.first_clashes(start, turned(start, axis, np.array([2 * np.pi]))[0])
         return None if clash is None else Infeasible(describe(clash))
 
     def _collision(self, axes: Array) -> Infeasible | None:
@@ -331,23 +410,24 @@ class Placer:
         near = self._cell.clearance_violations(axes, self._clearance)
         if not near:
             return None
-        of_sensor = any({c.body_a, c.body_b} <= {"sensor", "part", "table", "table_base"} for c in near)
+        together = {"sensor", "part", *(("table", "table_base") if self._turns_table else ())}
+        of_sensor = any({c.body_a, c.body_b} <= together for c in near)
         return Infeasible(describe(min(near, key=lambda c: c.distance - c.clearance)), of_sensor)
 
     def _try_pass(
-        self, view: Pass, run: trajectory.Run, count: int, table: float, middle: Array, branch: int
+        self, view: Pass | SensorPath, run: trajectory.Run, count: int, side: int, middle: Array, branch: int
     ) -> PlacedPass | Infeasible:
-        """The pass at one table angle (rad), in one branch, as slow as the limits require; checks reach and collisions.
+        """The pass from one side, in one branch, as slow as the limits require; checks reach and collisions.
 
         The joints (joints,) in its middle determine the turn of joints with several.
         """
-        cell = self._cell
-        turn = pose.from_rotation(pose.rotation_about(2, table))
+        cell, table = self._cell, float(self._sides.table[side])
+        turn, roll = self._sides.turn[side], self._sides.roll[side]
 
         def positions(path: Array) -> Array:
             # All start with the same pose, by which branches without names are numbered.
             along = np.concatenate([run.at([0.0]), path])
-            q = cell.ik_along(turn @ view.at(along)[None], reference=middle)[0, 1:, branch]
+            q = cell.ik_along(turn @ view.at(along)[None] @ roll, reference=middle)[0, 1:, branch]
             return with_table(q, table)
 
         needed = slowdown(cell, lambda time: positions(run.at(time)), run.duration)

@@ -1,7 +1,8 @@
 """Views of the part: motions of the sensor past it, and the samples of its surface that they see.
 
 All poses are in the frame of the table at angle 0 (origin on the top face, z along the axis), in which the part rests:
-a turn of the table counts as a turn of the sensor the other way.
+a turn of the table counts as a turn of the sensor the other way. Where the arm holds the part before a sensor on a
+post, the flange takes the place of the table here and in all that is made of views.
 """
 
 from __future__ import annotations
@@ -170,6 +171,11 @@ class Sweep:
         result[..., 0, :], result[..., 1, :] = c * x + s * y, c * y - s * x
         result[..., 2, :], result[..., 3, :] = z, w
         return result
+
+    @property
+    def lever(self) -> float:
+        """Distance of the sensor from the axis of the table, m."""
+        return float(np.hypot(*self.at_azimuth_zero[:2, 3]))
 
     def moved(self, elevation_change: float, distance_change: float) -> Sweep:
         """The sweep of the same target from a larger elevation (by rad) or a larger distance (by m)."""
