@@ -129,12 +129,17 @@ class ScanResult(ScanData, Result):
     def measurable(self) -> MeasurableSurface:
         """Surface that the sensor can measure from at least one pose that the arm reaches; cached on disk.
 
-        Of a part on a belt it is unknown: nothing counts as measurable.
+        Of a part on a belt or on a fixed table it is unknown: nothing counts as measurable.
         """
         return self._find_measurable(NullProgress())
 
+    @property
+    def _turns_part(self) -> bool:
+        """Whether what carries the part turns it, as the search for measurable surface assumes."""
+        return self.setup.scan.belt is None and (self.nominal.holds_part or self.nominal.table_turns)
+
     def _find_measurable(self, progress: Progress) -> MeasurableSurface:
-        if self.setup.scan.belt is not None:
+        if not self._turns_part:
             return unknown_surface(self.nominal, self.setup.sensor, COVERAGE_SAMPLES, self.threads)
         with Stopwatch(self.timings).measure("measurable surface"):
             return measurable_surface(
@@ -162,10 +167,10 @@ class ScanResult(ScanData, Result):
 
     @cached_property
     def unseen(self) -> UnseenSurface:
-        """Surface that no point of the cloud covers, by the reason; on a belt without reasons."""
+        """Surface that no point of the cloud covers, by the reason; on a belt or a fixed table without reasons."""
         covered = self.coverage
-        if self.setup.scan.belt is not None:
-            why = "reasons are not determined for a part on a belt"
+        if not self._turns_part:
+            why = "reasons are determined only for a part that is turned"
             area, tolerance = covered.surface_area, covered.tolerance
             return UnseenSurface.without_reason(covered.samples_in_part, covered.covered, area, tolerance, why)
         with Stopwatch(self.timings).measure("evaluate"):
@@ -205,7 +210,7 @@ class ScanResult(ScanData, Result):
         """The figures as lines of text."""
         figures, bare, covered = self.deviation.figures, self.points_without_normal, self.coverage
         support, share = self.nominal.support_kind, f"{covered.surface_fraction:.1%} of the whole surface"
-        if self.setup.scan.belt is None:
+        if self._turns_part:
             share = f"{covered.fraction:.1%} of the measurable surface, {covered.surface_fraction:.1%} of the whole"
         signed = "" if self.deviation.is_signed else " (unsigned: the mesh is not closed)"
         um = 1e6

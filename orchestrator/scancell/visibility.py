@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scancell import sensor as sensor_rt
 from scancell.arrays import Array, Flags, Indices
 from scancell.config.sensor import SensorDescription, sensor_json
-from scancell.errors import OutputError
+from scancell.errors import DescriptionError, OutputError
 from scancell.files import atomic_write
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, joined, sample_surface
@@ -197,7 +197,17 @@ class SurfaceSearch:
         return sha.hexdigest()
 
     def run(self, progress: Progress) -> Flags:
-        """(n,) whether each sample is measurable."""
+        """(n,) whether each sample is measurable.
+
+        Raises `DescriptionError` where nothing turns the part: the search takes poses for one that differ by a turn.
+        """
+        if not (self._nominal.table_turns or self._nominal.holds_part):
+            raise DescriptionError(
+                "measurable surface is known only of a part that is turned",
+                key="cell.table.turns",
+                value=False,
+                expected="true",
+            )
         near = np.flatnonzero(self._within_reach())
         progress.stage("measurable surface", len(near), "samples")
         mesh = joined(self.obstacles, "part and table")

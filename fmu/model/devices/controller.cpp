@@ -60,8 +60,10 @@ control::ControllerSettings settings_of(const CellDescription& cell) {
   constexpr double kEndless = std::numeric_limits<double>::infinity();
   axes.fill({-kEndless, kEndless, 1, 1, 1});  // of axes that do not exist and stand still
   for (std::size_t i = 0; i < cell.joints.size(); ++i) axes[i] = cell.joints[i].limits;
-  axes[kTableAxis] = {-kEndless, kEndless, cell.table.max_speed, cell.table.max_acceleration,
-                      cell.table.max_jerk};
+  const TableDescription& table = cell.table;
+  const double travel = table.turns ? kEndless : 0.0;
+  axes[kTableAxis] = {table.start - travel, table.start + travel, table.max_speed, table.max_acceleration,
+                      table.max_jerk};
   for (std::size_t i = 0; i < cell.axes.size(); ++i) axes[kFirstFurtherAxis + i] = cell.axes[i].limits;
   const MotionDescription& motion = cell.motion;
   settings.motion.line_speed = motion.line_speed;

@@ -8,7 +8,7 @@ namespace robotcell {
 TableDescription parse_table(const JsonReader& json) {
   json.expect_keys({"world_from_table", "radius", "thickness", "max_speed", "max_acceleration", "max_jerk",
                     "start", "friction", "encoder_resolution", "encoder_noise", "encoder_latency"},
-                   {"moves_with"});
+                   {"moves_with", "turns"});
   TableDescription table;
   table.world_from_table = json.at("world_from_table").pose();
   table.radius = json.at("radius").positive();
@@ -18,6 +18,7 @@ TableDescription parse_table(const JsonReader& json) {
   table.max_jerk = json.at("max_jerk").positive();
   table.start = json.at("start").number();
   table.friction = json.at("friction").number(0, kMaxFriction);
+  if (json.has("turns")) table.turns = json.at("turns").boolean();
   table.encoder = parse_encoder(json);
   return table;
 }

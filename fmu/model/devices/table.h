@@ -13,6 +13,7 @@ struct TableDescription {
   Eigen::Isometry3d world_from_table;  // origin at the intersection of axis and top face, z along the axis
   double radius = 0, thickness = 0;
   double max_speed = 0, max_acceleration = 0, max_jerk = 0, start = 0, friction = 0;
+  bool turns = true;  // else its angle stays that at the start
   EncoderDescription encoder;
 };
 

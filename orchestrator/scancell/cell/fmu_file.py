@@ -326,7 +326,7 @@ def cell_json(
         if joint["beta"] == 0.0:  # as in most arms
             del joint["beta"]
     without = {"pose", "moves_with", "reflectance", "material", "platter_mesh", "base_mesh"}
-    table = to_si(cell.table.model_dump(exclude=without))
+    table = to_si(cell.table.model_dump(exclude=without | ({"turns"} if cell.table.turns else set())))
     axes = [
         {
             **to_si(described.model_dump(exclude={"pose", "kind", "along"})),

@@ -438,14 +438,23 @@ class ToolDescription(Description):
 
 
 class TableDescription(Description):
-    """Rotary table. The origin of its frame is where the axis meets the top face, z along the axis."""
+    """Rotary table, or one that does not turn: a bench, a pallet.
+
+    The origin of its frame is where the axis meets the top face, z along the axis. The axis of a table that does not
+    turn is the normal in the middle of its top face.
+    """
 
     pose: PoseDescription = Field(description="pose of the table in the frame of its carrier at table angle 0")
     moves_with: str = Field(default="world", description="what carries it: world, or the axis that tilts or moves it")
+    turns: bool = Field(
+        default=True, description="false: it does not turn, as a bench or a pallet; its speeds need not be given"
+    )
     radius_mm: Size = Field(description="radius of the platter, mm")
     thickness_mm: Size = Field(description="thickness of the platter below its top face, mm")
-    max_speed_deg_s: AngularSpeed = Field(description="speed limit of the table, deg/s")
-    max_acceleration_deg_s2: AngularAcceleration = Field(description="acceleration limit of the table, deg/s²")
+    max_speed_deg_s: AngularSpeed = Field(default=180.0, description="speed limit of the table, deg/s")
+    max_acceleration_deg_s2: AngularAcceleration = Field(
+        default=360.0, description="acceleration limit of the table, deg/s²"
+    )
     max_jerk_deg_s3: AngularJerk = Field(
         default=7200.0, description="jerk limit of programmed motion at monitor speed 1, deg/s³"
     )

@@ -202,6 +202,8 @@ class NominalCell(Value):
         Radius of the platter, m.
     table_max_speed, table_max_acceleration, table_max_jerk
         Limits of the table, rad/s, rad/s², rad/s³.
+    table_turns
+        Whether the table turns, or is fixed as a bench.
     part
         Mesh of the part, in its own frame; a small box where there is none.
     bodies
@@ -261,6 +263,7 @@ class NominalCell(Value):
     table_max_jerk: float
     part: Mesh
     bodies: tuple[Body, ...]
+    table_turns: bool = True
     lamps: tuple[Lamp, ...] = ()
     further_parts: tuple[FurtherPart, ...] = ()
     flange_from_finger: Array | None = None
@@ -542,6 +545,7 @@ def nominal_cell(cell: CellDescription, part: Mesh | None) -> NominalCell:
         table_max_speed=table_max_speed,
         table_max_acceleration=table_max_acceleration,
         table_max_jerk=si_value(cell.table, "max_jerk_deg_s3"),
+        table_turns=cell.table.turns,
         part=part,
         lamps=tuple(_lamp(f"light[{i}]", light) for i, light in enumerate(cell.light, 1)),
         bodies=(

@@ -330,11 +330,11 @@ class PlanningCell:
     def turning_axis(self) -> int | None:
         """Column of the axis that turns the part about the z of what carries it by a full turn; None without one.
 
-        It is the table, or the last joint of an arm that holds the part, if this is the axis of the flange.
+        It is a table that turns, or the last joint of an arm that holds the part, if this is the axis of the flange.
         """
         joints, last = self.nominal.arm.joints, self.nominal.arm.joints[-1]
         if not self.nominal.holds_part:
-            return len(joints)
+            return len(joints) if self.nominal.table_turns else None
         turned = pose.rotation_about(0, last.alpha) @ pose.rotation_about(1, last.beta)
         is_axis = abs(last.a) < _SAME_AXIS and np.abs(turned - np.eye(3)).max() < _SAME_AXIS
         is_held = any(held.index == len(joints) - 1 for held in self.nominal.arm.held)

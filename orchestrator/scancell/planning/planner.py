@@ -255,9 +255,11 @@ def _placed_path(
     """A path at the first stand where it has a motion; or why it has none where the axes start.
 
     Where another axis than the table moves along it, the stands that differ by it alone count as one. Two axes take the
-    stand of the least cost. A part that the arm holds leaves no axis to choose: its paths are placed as passes.
+    stand of the least cost. A part that the arm holds, or on a fixed table, leaves no axis to choose: its paths are
+    placed as passes.
     """
-    if stands.cell.nominal.holds_part:
+    nominal = stands.cell.nominal
+    if nominal.holds_part or (not nominal.table_turns and path.axis == ("table",)):
         if path.axis != ("table",):
             raise DescriptionError(
                 "the arm alone moves a part that it holds", key="path.axis", value=list(path.axis), expected="table"

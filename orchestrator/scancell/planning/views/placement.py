@@ -370,8 +370,8 @@ class Placer:
 
     @property
     def _turns_table(self) -> bool:
-        """Whether the table turns the part, which the arm does not hold."""
-        return not self._cell.nominal.holds_part
+        """Whether a table turns the part, which the arm does not hold."""
+        return not self._cell.nominal.holds_part and self._cell.nominal.table_turns
 
     @cached_property
     def _sides(self) -> _Sides:
@@ -386,7 +386,10 @@ class Placer:
     def _blocked_turn(self) -> str:
         """Reason why the part cannot make a full turn, whatever the arm does; empty if it can."""
         if not self._turns_table:
-            return "" if self._cell.turning_axis is not None else "no joint turns the part about the axis of the flange"
+            if self._cell.turning_axis is not None:
+                return ""
+            held = self._cell.nominal.holds_part
+            return "no joint turns the part about the axis of the flange" if held else "the table does not turn"
         return next((f"the table cannot turn: {describe(clash)}" for clash in self._turn_clashes if clash), "")
 
     def _is_within_turn(self, angles: Array) -> Flags:
@@ -410,7 +413,7 @@ class Placer:
         near = self._cell.clearance_violations(axes, self._clearance)
         if not near:
             return None
-        together = {"sensor", "part", *(("table", "table_base") if self._turns_table else ())}
+        together = {"sensor", "part", *(() if self._cell.nominal.holds_part else ("table", "table_base"))}
         of_sensor = any({c.body_a, c.body_b} <= together for c in near)
         return Infeasible(describe(min(near, key=lambda c: c.distance - c.clearance)), of_sensor)
 
