@@ -281,3 +281,28 @@ def test_normals_of_a_cloud_made_in_parts_are_those_of_the_whole() -> None:
         cloud = pipeline.with_normals(whole.nominal, whole.recording, bare)
     assert np.isfinite(cloud.normals).mean() > 0.9
     np.testing.assert_allclose(cloud.normals, whole.cloud.normals, atol=1e-12)
+
+
+def test_belt_carries_the_part_past_a_sensor_on_a_post() -> None:
+    folder, part = scancell.assets_dir(), scancell.assets_dir() / "parts/free_form.stl"
+    setup = scancell.load_setup(folder / "cells/belt_post.toml", scan=folder / "scans/belt_post.toml", ideal=True)
+    with scancell.Scanner(setup=setup) as scanner:
+        result = scanner.scan(part, engine="geometric").evaluate()
+    assert len(result.cloud) > 100_000
+    assert result.deviation.rms < 0.1e-6
+    measured = result.recording.measured
+    assert np.ptp(measured.axes[:, : len(result.nominal.home) + 1], axis=0).max() == 0.0
+
+
+@pytest.mark.parametrize(
+    ("cell", "scan", "message"),
+    [("belt_post", "belt", "not on the arm"), ("pick_and_place", "belt_post", "is on the arm.*expected a pose")],
+)
+def test_pose_over_the_belt_is_stated_where_the_arm_carries_the_sensor(cell: str, scan: str, message: str) -> None:
+    folder = scancell.assets_dir()
+    setup = scancell.load_setup(folder / f"cells/{cell}.toml", scan=folder / f"scans/{scan}.toml")
+    with (
+        scancell.Scanner(setup=setup) as scanner,
+        pytest.raises(scancell.DescriptionError, match=rf"scan\.belt\.pose.*{message}"),
+    ):
+        scanner.plan(folder / "parts/free_form.stl")

@@ -255,8 +255,10 @@ class BeltDescription(Description):
     Exposures follow the encoder of the belt, so that they are equally far apart on the part at any speed of the belt.
     """
 
-    pose: PoseDescription = Field(
-        description="belt_from_sensor: where the sensor stands while the part passes; frame of the belt at rest"
+    pose: PoseDescription | None = Field(
+        default=None,
+        description="belt_from_sensor: where the arm holds the sensor while the part passes, frame of the belt at rest;"
+        " not of a sensor that the arm does not carry, which stands where the cell places it",
     )
     pitch_mm: Size = Field(
         default=0.5,

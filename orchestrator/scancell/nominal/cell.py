@@ -390,11 +390,12 @@ class NominalCell(Value):
         return next((one.parent for one in self.further_sensors if one.frame == frame), frame)
 
     def require_scanned(self) -> None:
-        """Raise `DescriptionError` where the arm moves neither or both of part and sensor.
+        """Raise `DescriptionError` where nothing moves part and sensor past each other.
 
-        It carries the sensor past a part on the table or on a conveyor, or holds the part before a sensor on a post.
+        The arm carries the sensor past a part on the table or on a conveyor, or holds the part before a sensor on a
+        post; or a conveyor carries the part past such a sensor.
         """
-        if self.holds_part == self.carries_sensor:
+        if self.holds_part == self.carries_sensor and (self.holds_part or self.support_kind != "belt"):
             raise DescriptionError(
                 f"the arm carries {'both part and' if self.holds_part else 'neither part nor'} sensor",
                 key="cell.part.moves_with",

@@ -26,9 +26,11 @@ from scancell.planning.views.placement import (
     Infeasible,
     Placed,
     PlacedPass,
+    PlacedPose,
     PlacedSweep,
     belt_run,
     range_warnings,
+    sensor_over_belt,
     spacing_and_count,
 )
 from scancell.planning.views.views import Surface, Sweep, exposure_counts, sample_part, seen_by
@@ -205,9 +207,13 @@ def _plan_belt(
     """Add the scan on the belt; returns warnings."""
     nominal = cell.nominal
     run = belt_run(nominal, belt, cell.cycle)
-    world_from_sensor = nominal.required_belt().world_from_belt @ pose_matrix(belt.pose)
-    cell.work.doing = "placing the sensor over the belt"
-    placed = stands.still("the pose over the belt", world_from_sensor)
+    if nominal.carries_sensor:
+        world_from_sensor = nominal.required_belt().world_from_belt @ sensor_over_belt(nominal, belt)
+        cell.work.doing = "placing the sensor over the belt"
+        placed = stands.still("the pose over the belt", world_from_sensor)
+    else:
+        home = np.append(nominal.home, cell.table_start)
+        placed = PlacedPose("the part on the belt", home, stands.candidates[0].positions)
     if isinstance(placed, Infeasible):
         raise PlanningError(placed.reason, key="scan.belt.pose")
     pitch, count, warnings = spacing_and_count(run, belt, scan.max_profiles)

@@ -13,7 +13,7 @@ from scancell.arrays import Array, Flags, Indices
 from scancell.cell.program import BeltRun
 from scancell.config.description import si_value
 from scancell.config.scan import BeltDescription
-from scancell.errors import PlanningError
+from scancell.errors import DescriptionError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import box_mesh
 from scancell.nominal.cell import NominalCell, with_table
@@ -447,6 +447,25 @@ class Placer:
         return collision or PlacedPass(view, slow, moving, exposures, branch, note)
 
 
+def sensor_over_belt(nominal: NominalCell, scan: BeltDescription) -> Array:
+    """Pose (4, 4) of the sensor in the frame of the belt at rest, in a scan of a part that the belt carries past it.
+
+    Raises `DescriptionError` where the arm carries the sensor and its pose is not stated, or the cell places the sensor
+    and it is.
+    """
+    if nominal.carries_sensor != (scan.pose is not None):
+        raise DescriptionError(
+            f"the sensor is {'on' if nominal.carries_sensor else 'not on'} the arm",
+            key="scan.belt.pose",
+            value=None if scan.pose is None else scan.pose.model_dump(exclude_defaults=True),
+            expected="a pose" if nominal.carries_sensor else "none: the cell places the sensor",
+        )
+    if scan.pose is not None:
+        return pose_matrix(scan.pose)
+    world_from_sensor = nominal.with_axes_held().world_from_sensor(())
+    return np.asarray(pose.inverse(nominal.required_belt().world_from_belt) @ world_from_sensor)
+
+
 def crossings(nominal: NominalCell, belt_from_sensor: Array) -> Array:
     """Travel (n,) of the belt, m, at which each vertex of the part lies in the laser sheet, the plane x = 0 of the
     sensor.
@@ -482,7 +501,7 @@ def belt_run(nominal: NominalCell, scan: BeltDescription, cycle: float) -> BeltR
             key="scan.belt.speed_mm_s", value=1e3 * speed, expected=f"at most {1e3 * highest:g}, its conveyor's"
         )
     direction = np.copysign(1.0, speed)
-    travel = direction * crossings(nominal, pose_matrix(scan.pose))
+    travel = direction * crossings(nominal, sensor_over_belt(nominal, scan))
     if travel.min() <= 0.0:
         raise PlanningError(
             f"the part starts {-1e3 * travel.min():.1f} mm beyond the laser sheet",
@@ -548,10 +567,11 @@ def spacing_and_count(run: BeltRun, scan: BeltDescription, max_profiles: int) ->
 
 def range_warnings(nominal: NominalCell, scan: BeltDescription, range_: SensorRange) -> list[str]:
     """Warning about the share of the part that passes outside the measuring range."""
-    points, belt_from_sensor = _vertices(nominal), pose_matrix(scan.pose)
-    points[:, 0] += crossings(nominal, belt_from_sensor)
-    _, y, z = pose.transform_points(pose.inverse(belt_from_sensor), points).T
+    points, at = _vertices(nominal), sensor_over_belt(nominal, scan)
+    points[:, 0] += crossings(nominal, at)
+    _, y, z = pose.transform_points(pose.inverse(at), points).T
     outside = ~range_.contains(y, z)
     if not outside.any():
         return []
-    return [f"{outside.mean():.0%} of the part's vertices pass outside the measuring range: move scan.belt.pose"]
+    place = "scan.belt.pose" if nominal.carries_sensor else "cell.tool.pose"
+    return [f"{outside.mean():.0%} of the part's vertices pass outside the measuring range: move {place}"]
