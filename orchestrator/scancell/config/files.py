@@ -162,8 +162,8 @@ def assets_dir() -> Path:
 
     Examples
     --------
-    >>> sorted(file.stem for file in (scancell.assets_dir() / "cells").glob("*.toml"))
-    ['default', 'held_part', 'offset_wrist', 'pick_and_place', 'seven_axis', 'tilt_turn', 'track', 'two_sensors']
+    >>> (scancell.assets_dir() / "cells/track.toml").is_file()
+    True
     """
     package = Path(__file__).resolve().parents[1]
     inside = package / "assets"
