@@ -358,6 +358,18 @@ def test_meshes_too_large_for_a_cell_are_left_out(tmp_path: Path) -> None:
     nominal_cell(CellDescription.from_toml(tmp_path / "out.toml"), None)
 
 
+def test_empty_and_repeated_shapes_are_named(tmp_path: Path) -> None:
+    empty = branch("post", "root", "fixed").replace('<box size="0.1 0.2 0.3"/>', "")
+    twice = branch("fence", "root", "fixed").replace("<box", '<sphere radius="0.2"/><box')
+    made = made_of(tmp_path, small(empty, twice))
+    assert made.warnings[:2] == (
+        "link 'post' has a <visual> without a shape",
+        "link 'fence' has a <visual> of several shapes, of which the first is taken",
+    )
+    assert made.cell is not None
+    assert [obstacle.name for obstacle in made.cell.obstacle] == ["fence"]
+
+
 def test_all_that_is_fixed_to_the_root_is_the_base_without_a_cell(tmp_path: Path) -> None:
     text = small(branch("fence", "root", "fixed"), branch("plate", "base", "fixed")).replace("prismatic", "fixed")
     alone, within = made_of(tmp_path, text, cell=None), made_of(tmp_path, text)
@@ -418,6 +430,7 @@ FAULTS: list[tuple[str, dict[str, Any], str]] = [
     (small().replace('upper="2" velocity="1.5"', ""), {}, "joint 'track': limits 0.1 to 0 m; expected lower"),
     (small().replace('"1.5"', '"-1.5"'), {}, "joint 'track': velocity -1.5 m/s; expected a number above 0"),
     (small().replace('"1.5"', '"inf"'), {}, "joint 'track': velocity = 'inf': expected 1 number"),
+    (small().replace('"1.5"', '"1_5"'), {}, "joint 'track': velocity = '1_5': expected 1 number"),
     (small().replace('"0.1 0 0.2"', '"0.1 nan 0.2"'), {}, "joint 'j1': xyz = '0.1 nan 0.2': expected 3 numbers"),
     (small().replace('upper="2" velocity="1.5"', 'upper="2e5"'), {}, "max_mm = 200000000.0: must be less than"),
     (

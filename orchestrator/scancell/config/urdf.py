@@ -497,6 +497,8 @@ class _Reader:
         filled = [shape for shape in shapes if shape.find("geometry/*") is not None]
         if len(filled) < len(shapes):
             self._warnings.append(f"{_name(link)} has a <{kind}> without a shape")
+        if any(len(shape.findall("geometry/*")) > 1 for shape in filled):
+            self._warnings.append(f"{_name(link)} has a <{kind}> of several shapes, of which the first is taken")
         return filled
 
     @staticmethod
@@ -555,7 +557,7 @@ class _Reader:
         """Numbers of an attribute in the link or joint `owner`."""
         text = default if element is None else element.get(key, default)
         try:
-            values = np.array([float(word) for word in text.split()])
+            values = np.array([float(word) for word in text.replace("_", "?").split()])  # float takes 1_0 for 10
         except ValueError:
             values = np.zeros(0)
         if len(values) != count or not (np.abs(values) <= _LARGEST).all():
