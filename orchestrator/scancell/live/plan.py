@@ -134,7 +134,7 @@ class LivePlan:
         Raises
         ------
         CommandError
-            If there is no plan, or one is being made.
+            If there is no plan, or one is being made, or another axis than the table moves along the path.
         DescriptionError
             If the plan has no such path, or the arm no such branch.
         """
@@ -144,6 +144,9 @@ class LivePlan:
         for name, number, count in (("path", path, len(plan.paths)), ("branch", branch, branches)):
             if number >= count:
                 raise DescriptionError(key=name, value=number, expected=f"a number below {count}")
+        moving = plan.paths[path].lattice.map.drive.name
+        if moving != "table":
+            raise CommandError(f"rows of this map are positions of {moving}: scancell plan --picture draws it")
         if (path, branch) not in self._maps:
 
             def work() -> None:
@@ -220,7 +223,8 @@ class LivePlan:
         plan = self._session.pipeline.plan(world, progress=self._progress)
         self._enter("evaluating")
         branches = [placed.lattice.map.branch for placed in plan.paths]
-        maps = {(path, branch): self._evaluated(plan, path, branch) for path, branch in enumerate(branches)}
+        of_table = [path for path, placed in enumerate(plan.paths) if placed.lattice.map.drive.name == "table"]
+        maps = {(path, branches[path]): self._evaluated(plan, path, branches[path]) for path in of_table}
         self._maps, self._plan = maps, plan
 
     def _evaluated(self, plan: Plan, path: int, branch: int) -> ConfigurationMap:

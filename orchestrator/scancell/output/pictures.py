@@ -60,26 +60,31 @@ _FACING = 0.05  # least cosine between line of sight and normal at which points 
 def map_picture(map_: ConfigurationMap, name: str, branch: str, duration: float, motion: TableMotion | None) -> Sheet:
     """Picture of a map: quality of the free cells in green, forbidden ones by constraint, the motion as a line.
 
-    The plane map is also shown as a cylinder, whose axis is the time and where the table angle closes, from two sides.
+    The plane map is also shown as a cylinder, whose axis is the time and where the table angle closes, from two sides;
+    that of another axis is not.
     Cells that were not evaluated are grey; evaluate the whole map first for a complete picture.
     """
     sheet = Sheet(_WIDTH, _HEIGHT)
     cost = f"cost of the motion {motion.cost:.3f}" if motion is not None else "no motion chosen in this branch"
     sheet.text(_LEFT, 48, f"{map_.columns} x {map_.rows} cells, {cost}", colour=SOFT)
-    angles = [(float(degrees), f"{degrees}") for degrees in (0, 90, 180, 270, 360)]
+    drive = map_.drive
+    low, height = drive.low / drive.per_unit, drive.span / drive.per_unit
+    closes, shown = not np.isfinite(drive.high), drive.in_words
+    highest = low + height if closes else drive.high / drive.per_unit
+    angles = [(float(at), f"{at:.0f}") for at in np.linspace(low, highest, 5)]
     box, labels = (
         (_LEFT, _TOP, _LEFT + _PLOT_WIDTH, _TOP + _PLOT_HEIGHT),
-        ("time along the path (s)", "table angle (deg)"),
+        ("time along the path (s)", f"{shown} ({drive.unit})"),
     )
-    title = f"{name}: table angle along the path, branch {branch}"
-    axes = Axes(sheet, box, (0.0, duration), (0.0, 360.0), labels, title, y_ticks=angles)
+    title = f"{name}: {shown} along the path, branch {branch}"
+    axes = Axes(sheet, box, (0.0, duration), (low, low + height), labels, title, y_ticks=angles)
     pixels = map_pixels(map_)
     sheet.image(resized(pixels, _PLOT_WIDTH, _PLOT_HEIGHT, sharp=True), _LEFT, _TOP)
-    for number, middle in enumerate((90.0, 270.0)):
+    for number, middle in enumerate((90.0, 270.0) if closes else ()):
         _cylinder(sheet, pixels, _LEFT + number * (_PLOT_WIDTH - _LENGTH - 2 * _DEPTH), middle, motion)
     if motion is not None:
-        for line in motion_lines(motion.angle):
-            axes.line([(duration * x, 360 * (1 - y)) for x, y in line], _MOTION, 4)
+        for line in motion_lines(motion.angle - drive.low, drive.span):
+            axes.line([(duration * x, low + height * (1 - y)) for x, y in line], _MOTION, 4)
     sheet.legend(_LEFT, _HEIGHT - 26, [*map_legend(map_), *([("motion", _MOTION)] if motion is not None else [])])
     return sheet
 
@@ -92,12 +97,14 @@ def map_pixels(map_: ConfigurationMap) -> Pixels:
     return np.ascontiguousarray(pixels.transpose(1, 0, 2)[::-1])
 
 
-def motion_lines(angle: NDArray[np.float64]) -> list[list[tuple[float, float]]]:
+def motion_lines(angle: NDArray[np.float64], span: float = 2 * np.pi) -> list[list[tuple[float, float]]]:
     """Lines along a motion of table angles (n,), rad, in a map of height and width 1 whose origin is above on the left.
+
+    The map is as high as `span`: a turn, or that of the positions of another axis above the first row.
 
     A line leaves the map at one edge, and the next one comes back at the other.
     """
-    turn = np.mod(angle, 2 * np.pi) / (2 * np.pi)
+    turn = np.mod(angle, span) / span
     points = np.column_stack([np.linspace(0.0, 1.0, len(angle)), 1 - turn])
     pieces = np.split(points, np.flatnonzero(np.abs(np.diff(turn)) > 0.5) + 1)
     return [[(float(x), float(y)) for x, y in piece] for piece in pieces if len(piece) > 1]

@@ -8,7 +8,7 @@ nominal poses of both meshes alone.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -94,11 +94,12 @@ class Neighbours:
         return self.part.transformed(self.support_from_part)
 
 
-def neighbours_of(nominal: NominalCell) -> Neighbours:
+def neighbours_of(nominal: NominalCell, moved: Collection[str] = ()) -> Neighbours:
     """Bodies that stand in the cell, without the part's support (which the envelope removes).
 
-    Where other axes than that of the support move them, they are where they start. The arm, and what it carries, is in
-    view of further sensors alone. A part that the arm holds moves past all that the flange does not carry.
+    Where other axes than that of the support move them, they are where they start, or, if these are among the names
+    `moved`, counted as carried. The arm, and what it carries, is in view of further sensors alone. A part that the arm
+    holds moves past all that the flange does not carry.
     """
     frames, tree = nominal.frame_poses(nominal.start), nominal.tree
     support_from_world, axis = (
@@ -130,10 +131,16 @@ def neighbours_of(nominal: NominalCell) -> Neighbours:
         for body in nominal.bodies
         if body.name not in ("part", support) and nominal.carrier(body.moves_with).partition("[")[0] in standing
     )
+    on_support, moving = set(tree.axes_of(nominal.support)), set(moved)
+    by_axes = {body.name: (set(tree.axes_of(body.moves_with)) ^ on_support) & moving for body in nominal.bodies}
+    travelling = {body.name for body in bodies if by_axes[body.name]}
+    bodies = tuple(body for body in bodies if body.name not in travelling) if travelling else bodies
     slides, carried = tree[nominal.support].kind == "prismatic", None
     if nominal.further_sensors:
         known = {"part", support, *(body.name for body in bodies)}
         carried = CarriedBodies(nominal, tuple(body for body in nominal.bodies if body.name not in known))
+    elif travelling:
+        carried = CarriedBodies(nominal, tuple(body for body in nominal.bodies if body.name in travelling))
     return Neighbours(bodies, nominal.part, nominal.support_from_part, tree.axes.index(axis), slides, carried=carried)
 
 

@@ -69,6 +69,7 @@ FOLDER_PREFIX = "scancell-fmu-"
 # Commands to the cell before the program starts, such as loading the part.
 PreScanHook = Callable[[CellSession], None]
 
+_AT_START = 1e-4  # rad or m, beyond the noise of encoders: farther from its start an axis has moved
 _MAX_CELLS = 2
 _MAX_PLANS = 16
 _CLEARANCE_STEP = 4  # set-points from one look at the clearance of a plan to the next
@@ -330,7 +331,7 @@ class ScanPipeline(Closing):
             nominal.support_from_part,
             envelope_of(nominal, setup),
             normals,
-            neighbours_of(nominal),
+            neighbours_of(nominal, _moved_axes(nominal, measured)),
             self.threads,
         )
         return made.cloud, made.dropped
@@ -375,6 +376,12 @@ def _require_fixed_parts(setup: Setup, nominal: NominalCell) -> None:
                     value=name,
                     expected=f'cell.{key}.fixture = "clamped"',
                 )
+
+
+def _moved_axes(nominal: NominalCell, measured: TriggerRecords) -> list[str]:
+    """Names of the axes beside joints and table that are not always where they start."""
+    at = {axis.name: measured.axes[:, measured.names.index(axis.name)] - axis.start for axis in nominal.further_axes}
+    return [name for name, away in at.items() if np.abs(away).max(initial=0.0) > _AT_START]
 
 
 def measured_motion(nominal: NominalCell, recording: Recording) -> TriggerRecords:

@@ -188,8 +188,9 @@ class Assembly:
 
     def add_motion(self, placed: PlacedPass | PlacedPath) -> None:
         """Append a motion of the sensor: at constant speed in dynamic mode, exposure by exposure otherwise."""
-        self._move_to(placed.further, placed.view.name)
         moved, width = len(self._at), placed.axes.shape[1]
+        first = placed.axes[0] if self._is_dynamic else placed.exposures[0]
+        self._move_to(tuple(first[moved:].tolist()) or placed.further, placed.view.name)
         turns = np.append(self._turns(placed.axes[0, :moved]), np.zeros(width - moved))
         points, view = placed.exposures + turns, placed.view
         if not self._is_dynamic:

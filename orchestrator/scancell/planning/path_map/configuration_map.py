@@ -131,6 +131,8 @@ class Drive:
         Time by which the motions of the others begin before 0 and end later, s.
     effort
         Mean over time of the terms for speed and acceleration of the motions of the others.
+    unit, per_unit
+        Unit in which positions are shown, and its size, rad or m.
     """
 
     name: str = "table"
@@ -140,6 +142,8 @@ class Drive:
     others: Callable[[Array], Array] | None = None
     window: float = 0.0
     effort: float = 0.0
+    unit: str = "deg"
+    per_unit: float = np.pi / 180
 
     def positions(self, nominal: NominalCell, time: Array, position: Array) -> Array:
         """Positions (n, 1 + further axes) at times (n,), s, with the moving axis at positions (n,), rad or m."""

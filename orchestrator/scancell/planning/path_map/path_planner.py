@@ -224,7 +224,8 @@ class PathPlanner:
         range_, step = axis.max - axis.min, _SAMPLES * timing.period
         span = max(range_ + 2 * axis.max_speed * step, range_ * _ROWS / (_ROWS - 4))
         margin = span / _ROWS / 2 + axis.max_acceleration * timing.period**2 / 8
-        return Drive(name, axis.min + margin, span, axis.max - margin, others, window, effort)
+        shown = ("mm", 1e-3) if axis.joint.kind == "prismatic" else ("deg", np.pi / 180)
+        return Drive(name, axis.min + margin, span, axis.max - margin, others, window, effort, *shown)
 
     def _placed_at(
         self, path: SensorPath, timing: _Timing, drive: Drive | None = None, branches: Sequence[int] | None = None
