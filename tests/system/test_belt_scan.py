@@ -306,3 +306,15 @@ def test_pose_over_the_belt_is_stated_where_the_arm_carries_the_sensor(cell: str
         pytest.raises(scancell.DescriptionError, match=rf"scan\.belt\.pose.*{message}"),
     ):
         scanner.plan(folder / "parts/free_form.stl")
+
+
+def test_track_carries_the_arm_to_a_belt_out_of_reach() -> None:
+    track = {"name": "track", "kind": "prismatic", "along": "y", "min_mm": -900.0, "max_mm": 100.0}
+    track |= {"max_speed_mm_s": 500.0, "max_acceleration_mm_s2": 1000.0}
+    far = {"cell.axis": [track], "cell.robot_moves_with": "track", "cell.conveyor[1].pose.y_mm": -1135.0}
+    result = scan(far | {"scan.axis": [{"name": "track", "step_mm": 350.0}], "scan.belt.pitch_mm": 1.0})
+    measured = result.recording.measured
+    assert measured.axes[:, measured.names.index("track")] == pytest.approx(-0.7, abs=1e-9)
+    assert result.evaluate().deviation.rms < 0.1e-6
+    with pytest.raises(scancell.PlanningError, match="out of the arm's reach"):
+        scan(far)
