@@ -156,14 +156,14 @@ class Drive:
     def carried(self, nominal: NominalCell, positions: Array) -> Array:
         """Poses (n, 4, 4) by which the axes at positions (n, …) displace the table relative to the arm.
 
-        A sensor pose in the frame of the table becomes one in that of the table at angle 0 in a cell whose arm stands
-        in the world and whose table does not move, as `PlanningCell.ik` takes it.
+        A sensor pose in the frame of the table becomes one in that of the table with all axes at 0, as it would be if
+        the arm stood in the world, as `PlanningCell.ik` takes it.
         """
         if self.others is None:
             return pose.from_rotation(pose.rotation_about(2, positions[:, 0]))
         placed = nominal.tree.place(_with_joints(nominal, positions), [nominal.arm_on, "table"])
         return np.asarray(
-            pose.inverse(nominal.world_from_table) @ pose.inverse(placed[nominal.arm_on]) @ placed["table"]
+            pose.inverse(nominal.world_from("table")) @ pose.inverse(placed[nominal.arm_on]) @ placed["table"]
         )
 
     @property
