@@ -147,12 +147,12 @@ class CellSession:
 
     @property
     def commanded(self) -> Array:
-        """Joints and table angle (axes,) that the controller commands while the robot rests, rad."""
+        """Positions (axes,) that the controller commands while the robot rests, rad or m."""
         return self._cell.get(self._cell.path_ahead(1))[: self._position.count].copy()
 
     @property
     def destination(self) -> Array:
-        """Target of the running or last motion: joints and table angle (axes,), rad."""
+        """Target of the running or last motion: positions (axes,), rad or m."""
         return self._cell.get(self._destination).copy()
 
     def world_from_tool(self, tool: Tool = "sensor") -> Array:
@@ -317,7 +317,7 @@ class CellSession:
 
     @checked_arguments
     def start_jog_joints(self, deflections: Deflections) -> None:
-        """Start to jog joints and table with the `deflections` of `CellSession.jog_joints`."""
+        """Start to jog axes with the `deflections` of `CellSession.jog_joints`."""
         values = np.asarray(deflections, float)
         if values.size > self._jog.count:
             raise CommandError(f"jog_joints: deflections = {deflections!r}: expected at most {self._jog.count} numbers")
@@ -516,7 +516,7 @@ class CellSession:
         return collector.finish()
 
     def jog_joints(self, deflections: ArrayLike, duration: float) -> None:
-        """Jog joints and table by hand for `duration`, s, then come to rest; needs manual operation.
+        """Jog joints, table and further axes by hand for `duration`, s, then come to rest; needs manual operation.
 
         `deflections` of the first axes are -1 to 1 of the speed that the description allows each axis by hand;
         those that are missing are 0.
@@ -617,7 +617,7 @@ class CellSession:
         self._wait_for_rest("set_operation")
 
     def come_to_rest(self) -> NDArray[np.float64]:
-        """Stop the robot and wait until it rests; commanded joints and table angle (axes,), rad."""
+        """Stop the robot and wait until it rests; commanded positions (axes,), rad or m."""
         self.hold()
         self._wait_for_rest("come_to_rest")
         return self.commanded
