@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cache
 
 import numpy as np
@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from scancell.calibration.cell.kinematics import LATENCY, AxisReadings, CellKinematics
 from scancell.calibration.cell.problem import Artefact, CalibrationProblem, Observations, RobotNoise
+from scancell.calibration.cell.scan import kinematics_of
 from scancell.cell.recording import slopes
 from scancell.config.loading import load_setup
 from scancell.geometry import pose
 from scancell.geometry.shapes import Shape, Sphere
-from scancell.nominal.cell import arm_of
-from scancell.nominal.parts import pose_matrix, tool_matrix
+from scancell.nominal.cell import NominalCell, nominal_cell
 
 Array = NDArray[np.float64]
 
@@ -29,9 +29,13 @@ MOST_JOINT_RATE = 2.0  # rad/s
 
 
 @cache
+def default_cell() -> NominalCell:
+    return nominal_cell(load_setup().cell, None)
+
+
+@cache
 def default_kinematics() -> CellKinematics:
-    cell = load_setup().cell
-    return CellKinematics(arm_of(cell.robot), tool_matrix(cell.tool), pose_matrix(cell.table.pose))
+    return kinematics_of(default_cell())
 
 
 class OneSurface:
@@ -62,10 +66,17 @@ REALISTIC = RobotErrors(position=20e-6, orientation=float(np.radians(0.003)))
 
 
 def sphere_views(
-    rng: np.random.Generator, count: int, centre: Sequence[float] = CENTRE, turn_table: bool = True
+    rng: np.random.Generator,
+    count: int,
+    centre: Sequence[float] = CENTRE,
+    turn_table: bool = True,
+    cell: NominalCell | None = None,
 ) -> Array:
-    """Positions (n, axes) of joints and table, rad, at which the sensor sees a sphere about `centre`."""
-    cell = default_kinematics()
+    """Positions (n, axes) of joints and table, rad, at which the sensor sees a sphere about `centre`.
+
+    By default in the shipped cell, else in a `cell` without further axes.
+    """
+    cell = default_cell() if cell is None else cell
     axes: list[Array] = []
     while len(axes) < count:
         rotation = pose.looking_from(rng.uniform(-np.pi, np.pi), rng.uniform(0.5, 1.4))
@@ -89,7 +100,7 @@ def passing_sphere(
     """Exposures while the sensor passes the sphere along its x, there and back in turn, at `speed`, m/s."""
     cell = default_kinematics()
     middle, angles = np.split(sphere_views(rng, count, centre), [-1], 1)
-    direction = (cell.arm.fk(middle) @ cell.flange_from_sensor)[:, :3, 0] * (1 - 2 * (np.arange(count) % 2))[:, None]
+    direction = (cell.arm.fk(middle) @ cell.carrier_from_sensor)[:, :3, 0] * (1 - 2 * (np.arange(count) % 2))[:, None]
     # The flange moves like the sensor, for neither turns.
     velocity = np.repeat(speed * direction, per_pass, axis=0)
     time = np.tile(np.linspace(-0.6, 0.6, per_pass) * RADIUS / speed, count)
@@ -105,8 +116,10 @@ def passing_sphere(
 
 def joined(*parts: AxisReadings) -> AxisReadings:
     """Readings one after the other."""
-    names = [one.name for one in fields(AxisReadings) if one.name != "flange"]
-    return AxisReadings(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+    axes, rates, accelerations = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("axes", "rates", "accelerations")
+    )
+    return AxisReadings(axes, rates, accelerations, further=parts[0].further)
 
 
 def joint_rates(q: Array, velocity: Array) -> Array:
@@ -147,11 +160,11 @@ class SphereCase:
     noise: float = PROFILE_NOISE
     radius: float = RADIUS
     centre: Sequence[float] = CENTRE
+    kinematics: CellKinematics = field(default_factory=default_kinematics)
 
     def observe(self, readings: AxisReadings, rng: np.random.Generator) -> Observations:
         """Profiles of the upper part of the sphere, with noise along the sensor's z."""
-        cell = default_kinematics()
-        true = self._true_poses(cell, readings, rng)
+        true = self._true_poses(self.kinematics, readings, rng)
         sensor_from_platter = pose.inverse(true)
         points, frames = [], []
         for number, local in enumerate(sensor_from_platter):
@@ -171,11 +184,15 @@ class SphereCase:
         deviations = dict(self.deviations)
         # The true motion goes on along its straight line; it is not extrapolated from the readings.
         later = np.full(n, deviations.pop(LATENCY, 0.0))
-        velocity = np.einsum("nij,nj->ni", cell.arm.jacobian(readings.q)[:, :3], readings.rates[:, :-1])
-        q = after_straight_motion(readings.q, velocity, later) + robot.joints * rng.normal(size=readings.q.shape)
-        true = AxisReadings.at_rest(np.column_stack([q, readings.table + later * readings.rates[:, -1]]))
+        q, joints = readings.q, readings.joints
+        if readings.rates.any():
+            velocity = np.einsum("nij,nj->ni", default_kinematics().arm.jacobian(q)[:, :3], readings.rates[:, :joints])
+            q = after_straight_motion(q, velocity, later)
+        q = q + robot.joints * rng.normal(size=q.shape)
+        others = readings.axes[:, joints:] + later[:, None] * readings.rates[:, joints:]
+        true = AxisReadings.at_rest(np.hstack([q, others]), readings.further)
         tool = [self.deviations.get(f"tool.{key}", 0.0) for key in ("x", "y", "z", "rx", "ry", "rz")]
-        flange_from_sensor = cell.flange_from_sensor @ pose.from_euler_xyz(tool[:3], tool[3:])
+        flange_from_sensor = cell.carrier_from_sensor @ pose.from_euler_xyz(tool[:3], tool[3:])
         error = pose.from_rotation(
             pose.exp_rotation(robot.orientation * rng.normal(size=(n, 3))), robot.position * rng.normal(size=(n, 3))
         )
@@ -195,7 +212,7 @@ class SphereCase:
         """The problem; an unknown pose of the sphere starts `placed_off` from the true one, m."""
         at = np.asarray(self.centre) + (0.0 if is_pose_known else np.asarray(placed_off))
         artefact = Artefact(OneSurface(Sphere(RADIUS)), pose.translation(at), is_pose_known, unknown_sizes)
-        return CalibrationProblem(default_kinematics(), observed, artefact, free, robot_noise=robot_noise)
+        return CalibrationProblem(self.kinematics, observed, artefact, free, robot_noise=robot_noise)
 
 
 # Largest deviations: of lengths (m) and angles (deg) by group, and the latency (s).
@@ -205,6 +222,7 @@ SMALL: Sizes = {
     "table": (0.5e-3, 0.2),
     "platter": (0.5e-3, 0.0),
     "dh": (0.3e-3, 0.1),
+    "axis": (0.5e-3, 0.2),
     "trigger": (2e-3, 0.0),
 }
 LARGE: Sizes = {"tool": (2.5e-3, 1.5), "table": (1.2e-3, 0.8), "platter": (1.2e-3, 0.0), "trigger": (12e-3, 0.0)}

@@ -10,7 +10,7 @@ import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -29,9 +29,19 @@ from benchmarks.sphere_cell import (
     passing_sphere,
     sphere_views,
 )
-from scancell.calibration.cell.kinematics import LATENCY, PLATTER, TABLE, TOOL, AxisReadings, written_unit
-from scancell.calibration.cell.scan import design_poses
+from scancell.calibration.cell.kinematics import (
+    LATENCY,
+    PLATTER,
+    TABLE,
+    TOOL,
+    AxisReadings,
+    axis_deviations,
+    written_unit,
+)
+from scancell.calibration.cell.scan import design_poses, kinematics_of
 from scancell.calibration.cell.solve import solve
+from scancell.config.loading import assets_dir, load_setup
+from scancell.nominal.cell import NominalCell, nominal_cell
 
 Array = NDArray[np.float64]
 
@@ -87,6 +97,51 @@ def with_poses(designed: bool, counts: Sequence[int], seed: int) -> Array:
         rows = design_poses(candidates, noise, max(counts)).rows
     trials = [calibrate(readings.rows(rows[:n]), REALISTIC, TOOL + TABLE, False, seed) for n in counts]
     return np.array([trial.errors for trial in trials])
+
+
+# Positions of the axes of sample cells, m and rad, at which the sphere is measured.
+AXES = {"track": (-0.25, -0.1, 0.05, 0.2), "tilt_turn": (-0.6, -0.2, 0.2, 0.6)}
+
+
+@cache
+def cell_with_axis(name: str) -> NominalCell:
+    return nominal_cell(load_setup(assets_dir() / "cells" / f"{name}.toml").cell, None)
+
+
+def of_axis(name: str, seed: int) -> Trial:
+    """Tool, and deviations of the axis of a cell, from poses at rest at four of its positions; the sphere is known."""
+    rng, cell = np.random.default_rng([seed, 5]), cell_with_axis(name)
+    kinematics, (axis,) = kinematics_of(cell), cell.further_axes
+    each = POSES // len(AXES[name])
+    views = [sphere_views(rng, each, cell=cell.with_axes_held([at])) for at in AXES[name]]
+    axes = np.hstack([np.concatenate(views), np.repeat(AXES[name], each)[:, None]])
+    free = (*TOOL, *axis_deviations(axis.name))
+    case = SphereCase(misaligned(rng, *free), REALISTIC, kinematics=kinematics)
+    observed = case.observe(AxisReadings.at_rest(axes, kinematics.further), rng)
+    result = solve(case.problem(observed, free, is_pose_known=True))
+    true = np.array([case.deviations[key] for key in free])
+    return Trial(result.values - true, result.half_widths(), result.contains(true))
+
+
+def axis_rows(seeds: int, workers: int) -> Iterator[str]:
+    """Medians and coverage of deviations of axes, as lines of a table."""
+    yield "| cell | tool | axis | values | in their 95 % intervals | regions that contain the truth |"
+    yield "|---|---|---|---|---|---|"
+    inside, count = 0, 0
+    for name in AXES:
+        trials = run_all(partial(of_axis, name), seeds, workers)
+        errors, half = (np.array([getattr(one, key) for one in trials]) for key in ("errors", "half_widths"))
+        free = (*TOOL, *axis_deviations(cell_with_axis(name).further_axes[0].name))
+        cells = [
+            f"{1e3 * np.median(length(errors, free, group, 'mm')):.2f} um / "
+            f"{np.median(length(errors, free, group, 'deg')):.5f} deg"
+            for group in ("tool.", "axis.")
+        ]
+        covered = np.abs(errors) <= half
+        inside, count = inside + int(covered.sum()), count + covered.size
+        regions = np.mean([one.is_inside for one in trials])
+        yield f"| `{name}` | {' | '.join(cells)} | {covered.size} | {covered.mean():.1%} | {regions:.1%} |"
+    yield f"| all | | | {count} | {inside / count:.1%} | |"
 
 
 def run_all(work: partial[Trial], seeds: int, workers: int) -> list[Trial]:
@@ -190,7 +245,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=1000, help="of the coverage; the medians use 50 at most")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--only", choices=("accuracy", "coverage", "large", "poses"))
+    parser.add_argument("--only", choices=("accuracy", "coverage", "large", "poses", "axes"))
     chosen = parser.parse_args()
     few = min(chosen.seeds, 50)
     tables = {
@@ -198,6 +253,7 @@ def main() -> None:
         "coverage": lambda: coverage_rows(chosen.seeds, chosen.workers, SMALL),
         "large": lambda: coverage_rows(chosen.seeds, chosen.workers, LARGE),
         "poses": lambda: poses_rows(min(few, 20), chosen.workers),
+        "axes": lambda: axis_rows(-(-chosen.seeds // 4), chosen.workers),
     }
     for name, rows in tables.items():
         if chosen.only in (None, name):

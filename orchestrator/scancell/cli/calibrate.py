@@ -64,6 +64,9 @@ class CellCalibrationOptions(Options):
     passes: Annotated[
         int | None, typer.Option(min=0, help="passes over the artefact in motion; default 8 for latency")
     ] = None
+    axis_positions: Annotated[
+        int, typer.Option(min=1, max=100, help="positions of further axes at which their deviations are measured")
+    ] = 4
     pose: Annotated[PoseWord | None, "pose of the artefact: taken from the description, or found"] = None
     unknown_size: Annotated[bool, "also find the sizes of the shapes of the artefact"] = False
     random_poses: Annotated[bool, "draw poses at random instead of minimizing the expected covariance"] = False
@@ -95,6 +98,7 @@ class CellCalibrationOptions(Options):
             robot_noise=self.robot_noise,
             pose_seed=self.seed,
             further_sensor=self.further_sensor,
+            axis_positions=self.axis_positions,
         )
         with show_progress(self.as_json) as progress:
             report = scancell.calibrate(

@@ -131,6 +131,17 @@ class EstimatedTableDescription(Description):
     wobble_ry_sin_deg: Angle = _Wobble
 
 
+class EstimatedAxisDescription(Description):
+    """Deviation of the frame that a further axis carries, at its position 0: translation, then rotation XYZ'."""
+
+    x_mm: Coordinate = _Length
+    y_mm: Coordinate = _Length
+    z_mm: Coordinate = _Length
+    rx_deg: Angle = _Angle
+    ry_deg: Angle = _Angle
+    rz_deg: Angle = _Angle
+
+
 class EstimatedPlatterDescription(Description):
     """Eccentricity: position of the platter's centre from the axis, in the rotating frame."""
 
@@ -185,6 +196,9 @@ class EstimatedDescription(Description):
     further_sensor: (
         Annotated[tuple[EstimatedToolDescription, ...], Field(min_length=1, max_length=MAX_FURTHER_SENSORS)] | None
     ) = Field(default=None, description="poses of the further sensors, a row per sensor; default: as described")
+    axis: dict[str, EstimatedAxisDescription] = Field(
+        default={}, description="poses of the further axes by their names; default: as described"
+    )
 
     @classmethod
     def of(cls, deviations: Mapping[str, float], joints: int) -> Self:
@@ -198,8 +212,8 @@ class EstimatedDescription(Description):
                 taken[key] = round(left.pop(f"{prefix}.{name}", 0.0) / scale, _DIGITS)
             return taken
 
-        lists = ("dh", "further_sensor")
-        models = {name: field.annotation for name, field in cls.model_fields.items() if name not in lists}
+        apart = ("dh", "further_sensor", "axis")
+        models = {name: field.annotation for name, field in cls.model_fields.items() if name not in apart}
         groups: dict[str, Any] = {name: group(model, name) for name, model in models.items()}
         rows = [group(EstimatedJointDescription, f"dh[{number}]") for number in range(1, joints + 1)]
         groups["dh"] = rows if any(any(row.values()) for row in rows) else []
@@ -208,16 +222,21 @@ class EstimatedDescription(Description):
         while rows and not any(rows[-1].values()):
             rows.pop()
         groups["further_sensor"] = rows or None
+        axes = dict.fromkeys(key.split(".")[1] for key in left if re.fullmatch(r"axis\.\w+\.\w+", key))
+        groups["axis"] = {axis: group(EstimatedAxisDescription, f"axis.{axis}") for axis in axes}
         if left:
             raise DescriptionError(key="deviations", value=[*left], expected="names of as-built parameters")
         return validate(cls, groups, "estimated")
 
     def deviations(self) -> dict[str, float]:
         """SI values by the names of as-built parameters, such as ``tool.x``, ``dh[3].theta`` and ``sensor[2].rx``."""
-        plain = to_si(self.model_dump())
+        plain = self.model_dump()
+        axes = {name: to_si(values) for name, values in plain.pop("axis").items()}  # a name may end like a unit
+        plain = to_si(plain)
         rows, sensors = plain.pop("dh"), plain.pop("further_sensor") or ()
         groups = {**plain, **{f"dh[{number}]": row for number, row in enumerate(rows, 1)}}
         groups |= {f"sensor[{number}]": row for number, row in enumerate(sensors, 2)}
+        groups |= {f"axis.{name}": values for name, values in axes.items()}
         return {f"{group}.{key}": value for group, values in groups.items() for key, value in values.items()}
 
 
@@ -720,6 +739,10 @@ class CellDescription(FileDescription):
         for key, devices in sensors.items():
             frames |= {f"{key}[{i}].moves_with": device.moves_with for i, device in enumerate(devices, 1)}
         joints = len(self.robot.joint)
+        axes = [axis.name for axis in self.axis]
+        unknown = [name for name in (self.estimated.axis if self.estimated is not None else ()) if name not in axes]
+        if unknown:
+            raise ValueError(f"estimated.axis.{unknown[0]}: expected an axis of the cell: {', '.join(axes) or 'none'}")
         if self.estimated is not None and len(self.estimated.dh) not in (0, joints):
             raise ValueError(f"estimated.dh has {len(self.estimated.dh)} rows: expected {joints}, one for each joint")
         rows = 0 if self.estimated is None else len(self.estimated.further_sensor or ())

@@ -247,6 +247,9 @@ class CalibrateDescription(Description):
     passes: Annotated[int, Field(ge=0, le=1000)] | None = Field(
         default=None, description="passes in motion; default 8 for latency and all, else none"
     )
+    axis_positions: Annotated[int, Field(ge=1, le=100)] = Field(
+        default=4, description='positions of further axes at which their deviations (also = ["axis.NAME"]) are measured'
+    )
     pose: Literal["described", "unknown"] | None = Field(
         default=None,
         description="whether the pose of the artefact is taken from the cell or estimated; default as in the command",

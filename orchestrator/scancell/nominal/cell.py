@@ -568,7 +568,7 @@ def nominal_cell(cell: CellDescription, part: Mesh | None) -> NominalCell:
         support="table" if cell.part.moves_with == "table" else f"link[{len(robot.joint)}]",
         arm_on=cell.robot_moves_with,
         table_on=cell.table.moves_with,
-        further_axes=tuple(_further_axis(axis) for axis in cell.axis),
+        further_axes=further_axes(cell),
         further_sensors=tuple(
             Joint(sensor_frame(number), sensor.moves_with, parent_from_joint=pose_matrix(sensor.pose))
             for number, sensor in enumerate(cell.further_sensor, 2)
@@ -602,6 +602,11 @@ def arm_of(robot: RobotDescription) -> Arm:
         for one in robot.held
     ]
     return Arm(joints, pose_matrix(robot.base), tuple(held))
+
+
+def further_axes(cell: CellDescription) -> tuple[Axis, ...]:
+    """The described axes beside joints, table and conveyors."""
+    return tuple(_further_axis(axis) for axis in cell.axis)
 
 
 def _further_axis(axis: AxisDescription) -> Axis:
@@ -728,6 +733,11 @@ def estimated_cell(nominal: NominalCell, deviations: Mapping[str, float]) -> Nom
 
     sensor, grasp = nominal.sensor, any(values("grasp", *_POSE))
 
+    def displaced(axis: Axis) -> Axis:
+        joint = axis.joint
+        at_0 = joint.parent_from_joint @ joint.joint_from_frame @ delta(f"axis.{axis.name}")
+        return replace(axis, joint=replace(joint, parent_from_joint=at_0 @ pose.inverse(joint.joint_from_frame)))
+
     joints = [
         replace(joint, **{key: getattr(joint, key) + deviations.get(f"dh[{number}].{key}", 0.0) for key in _DH})
         for number, joint in enumerate(nominal.arm.joints, 1)
@@ -738,6 +748,7 @@ def estimated_cell(nominal: NominalCell, deviations: Mapping[str, float]) -> Nom
         sensor=replace(sensor, parent_from_joint=sensor.parent_from_joint @ delta("tool")),
         table_from_part=nominal.table_from_part @ delta("grasp") if grasp else nominal.table_from_part,
         world_from_table=nominal.world_from_table @ delta("table"),
+        further_axes=tuple(displaced(axis) for axis in nominal.further_axes),
         eccentricity=(*values("platter", "x", "y"),),
         wobble=(*values("table", *(f"wobble_{key}" for key in WOBBLE)),),
         trigger_latency=deviations.get("trigger.latency", 0.0),

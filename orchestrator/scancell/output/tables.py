@@ -146,6 +146,9 @@ def write_measured(file: h5py.Group, scan: ScanData) -> None:
         file[name] = getattr(measured, name)
     for name, unit in (("time", "s"), ("exposure", "s"), ("q", "rad"), ("table", "rad")):
         file[f"{name}_{unit}"] = getattr(measured, name)
+    for axis in scan.nominal.further_axes:
+        unit = "m" if axis.joint.kind == "prismatic" else "rad"
+        file[f"axis.{axis.name}_{unit}"] = measured.axes[:, measured.names.index(axis.name)]
     file["part_from_sensor"] = scan.nominal.part_from_sensor(measured.axes)
 
 

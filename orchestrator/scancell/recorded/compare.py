@@ -23,6 +23,7 @@ from scancell.errors import DescriptionError, EmptyScanError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, sharp_edges
 from scancell.geometry.shapes import PartSurface
+from scancell.nominal.cell import further_axes
 from scancell.nominal.parts import load_part
 from scancell.output.run_folder import RunFolder, SavedResult, manifest, write_json
 from scancell.output.sheet import COLOURS, SOFT, Axes, Sheet
@@ -72,6 +73,7 @@ def simulate(
         "table": measured.world_from("table", readings),
         "part": measured.world_from("part", readings),
         "sensor": measured.world_from("sensor", readings),
+        **{axis.name: measured.world_from(axis.name, readings) for axis in cell.further_axes},
     }
     bodies = [body for body in visible_bodies(cell) if body.moves_with in frames]
     scene = build_scene(bodies)
@@ -391,7 +393,8 @@ def compare(
         measurements, latency, source = _of_scan(folder, setup), None, folder / "profiles.parquet"
     else:
         source = folder / "points.parquet"
-        measurements = read_table_of(source, len(setup.cell.robot.joint))
+        axes = [axis.joint for axis in further_axes(setup.cell)]
+        measurements = read_table_of(source, len(setup.cell.robot.joint), further=axes)
         latency = 1e-3 * float(made["latency_ms"])
     measurements = measurements.of_main_sensor()
     if not len(measurements.profiles.frame):
@@ -456,7 +459,9 @@ def _of_scan(folder: Path, setup: Setup) -> Measurements:
         time_offset=numbers(table, "time_offset_s", file, _LARGEST_S),
         sensor=sensor.astype(np.uint8),
     )
-    readings = readings_of(measured)
+    axes = further_axes(setup.cell)
+    measured.require_axes([axis.name for axis in axes])
+    readings = readings_of(measured, [axis.joint for axis in axes])
     return Measurements(
         names=tuple(f"exposure {number}" for number in measured.index),
         index=measured.index,

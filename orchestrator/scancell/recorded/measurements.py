@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,8 @@ from scancell.config.table_format import FormatDescription
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.geometry.orientation import StatedPoses
+from scancell.geometry.tree import Joint
+from scancell.nominal.cell import NominalCell
 from scancell.output.extract_images import extract_profiles, rejection_text
 from scancell.output.image_files import ImageSet
 from scancell.progress import Progress
@@ -122,6 +124,7 @@ def read_measurements(
     data: Path,
     sensor: SensorDescription,
     joints: int,
+    further: Sequence[Joint] = (),
     *,
     flange: Path | None,
     convention: str | None,
@@ -137,8 +140,8 @@ def read_measurements(
 
     Parameters
     ----------
-    joints
-        Number of joints of the arm.
+    joints, further
+        Number of joints of the arm, and axes of the cell beside joints and table.
     flange, convention
         Table of flange poses of the exposures of a table of points, and convention of orientations whose columns do
         not state it.
@@ -150,11 +153,11 @@ def read_measurements(
     if data.is_dir() and form is None:
         if flange is not None:
             raise DescriptionError("applies to a table of points; a folder of images holds its poses", key="flange")
-        return read_images_of(data, sensor, joints, convention, laser_off, quarter_turns, threads, progress)
+        return read_images_of(data, sensor, joints, convention, laser_off, quarter_turns, threads, progress, further)
     for key, given in (("laser_off", laser_off is not None), ("quarter_turns", quarter_turns != 0)):
         if given:
             raise DescriptionError("applies to a folder of images", key=key, value=str(data))
-    return read_table_of(data, joints, flange, convention, form)
+    return read_table_of(data, joints, flange, convention, form, further)
 
 
 def read_table_of(
@@ -163,6 +166,7 @@ def read_table_of(
     flange: Path | None = None,
     convention: str | None = None,
     form: FormatDescription | None = None,
+    further: Sequence[Joint] = (),
 ) -> Measurements:
     """Measurements of a table of points (docs/measurements.md).
 
@@ -179,7 +183,7 @@ def read_table_of(
         ignored = ("; y is not used where poses are given",) if form.y is not None else ()
         notes = (f"{path}: {profiles_file.text}{''.join(ignored)}",)
     _require_one_kind(table, flange)
-    found = read_points(path, joints, flange, convention, table)
+    found = read_points(path, joints, flange, convention, table, further)
     if found.poses_kind:
         notes = (*notes, f"{flange}: taken for {found.poses_kind}")
     kept, marked = _with_a_height(path, found.observations.points_in_sensor)
@@ -238,7 +242,7 @@ def _with_a_height(path: Path, points: Array) -> tuple[NDArray[np.bool_], tuple[
 
 
 def read_cloud_of(
-    path: Path, unit: str | None, flange_from_sensor: Array, form: FormatDescription | None = None
+    path: Path, unit: str | None, cell: NominalCell, form: FormatDescription | None = None
 ) -> Measurements:
     """Measurements of a cloud, a surface or profiles without poses; their frame is taken as that of the robot's base.
 
@@ -263,7 +267,11 @@ def read_cloud_of(
         names=("cloud",),
         index=np.ones(1, np.int64),
         time=np.zeros(1),
-        readings=AxisReadings.of_flange(pose.inverse(flange_from_sensor)[None], np.zeros(1)),
+        readings=AxisReadings.of_flange(
+            pose.inverse(cell.flange_from_sensor)[None],
+            cell.start[len(cell.home) :],
+            [axis.joint for axis in cell.further_axes],
+        ),
         profiles=ProfilePoints(
             points_in_sensor=found.points,
             sigma=np.zeros(count),
@@ -291,6 +299,7 @@ def read_images_of(
     quarter_turns: int,
     threads: int,
     progress: Progress,
+    further: Sequence[Joint] = (),
 ) -> Measurements:
     """Measurements of a folder of images with a table of joints or flange poses.
 
@@ -312,10 +321,10 @@ def read_images_of(
     elif convention is not None:
         raise DescriptionError("has no flange poses", file=table.path, key="convention", value=convention)
     every = np.arange(len(table))
-    axes = read_axes(table, joints if stated is None else 0, every, every, every.astype(float))
+    axes = read_axes(table, joints if stated is None else 0, every, every, every.astype(float), further)
     if stated is not None:
         stated = stated.rows(rows)
-        axes = AxisReadings.of_flange(stated.matrices(), axes.table[rows])
+        axes = AxisReadings.of_flange(stated.matrices(), axes.axes[rows], further)
     else:
         axes = axes.rows(rows)
     progress.stage("extracting", 1, "profiles")

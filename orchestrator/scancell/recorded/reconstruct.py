@@ -363,7 +363,9 @@ def _alternatives(found: Measurements) -> Iterator[tuple[str, AxisReadings, Arra
     for text, turn in _POINT_READINGS.items():
         yield text, found.readings, turn
     if found.stated is None:
-        radians = replace(found.readings, axes=np.column_stack([np.degrees(found.readings.q), found.readings.table]))
+        axes, joints = found.readings.axes.copy(), found.readings.joints
+        axes[:, :joints] = np.degrees(axes[:, :joints])
+        radians = replace(found.readings, axes=axes)
         yield "with angles of the joints in rad in place of deg", radians, np.eye(3)
 
 
@@ -407,11 +409,11 @@ class MeasuredCell:
 
     @classmethod
     def of(cls, setup: Setup, part: Mesh | None) -> MeasuredCell:
-        """The cell of a setup, in which axes beside joints and table rest where they start.
+        """The cell of a setup.
 
         Raises `ScancellError` if the part or another body cannot be used.
         """
-        nominal = nominal_cell(setup.cell, part).with_axes_held()
+        nominal = nominal_cell(setup.cell, part)
         return cls.with_deviations(nominal, _deviations(setup), part is not None)
 
     @classmethod
@@ -421,13 +423,14 @@ class MeasuredCell:
         if not has_part and cell.holds_part:
             raise DescriptionError("a cloud on the flange needs the part that the arm holds", key="part")
         if not has_part:
-            platter_from_base = pose.inverse(cell.world_from("table")) @ cell.arm.world_from_base
+            placed = cell.tree.place(cell.start, ["table", "base"])
+            platter_from_base = pose.inverse(placed["table"]) @ placed["base"]
             cell = replace(cell, table_from_part=platter_from_base)
         return cls(cell, has_part)
 
     @property
     def frame(self) -> str:
-        """Name of the cloud's frame; that of the base is meant with the table at 0."""
+        """Name of the cloud's frame; that of the base is meant with the table at 0 and further axes at their start."""
         return "part" if self.has_part else "base"
 
     def part_from_sensor(self, readings: AxisReadings, number: int = 1) -> Array:
@@ -440,14 +443,15 @@ class MeasuredCell:
         return lambda time: self.part_from_sensor(readings.moved(time), number)
 
     def world_from(self, frame: str, readings: AxisReadings) -> Array:
-        """Poses (n, 4, 4) of ``table``, ``part`` or a sensor in the world.
+        """Poses (n, 4, 4) of ``table``, ``part``, a sensor or the frame of a further axis in the world.
 
         Raises `DescriptionError` if poses of the flange do not place the sensor, which another link carries.
         """
         if readings.flange is not None:
             carrier, carrier_from_frame = self.cell.tree.carrier_of(frame, self.cell.axes)
             if carrier == self.cell.arm.flange:
-                return np.asarray(self.cell.arm.world_from_base @ readings.flange @ carrier_from_frame)
+                world_from_base = self.cell.world_from("base", self.all_axes(readings.axes))
+                return np.asarray(world_from_base @ readings.flange @ carrier_from_frame)
             if carrier.startswith("link["):
                 raise DescriptionError(
                     "poses of the flange do not place a sensor that another link carries",
@@ -458,7 +462,7 @@ class MeasuredCell:
         return self.cell.world_from(frame, self.all_axes(readings.axes))
 
     def all_axes(self, axes: Array) -> Array:
-        """Positions or rates (n, axes) of joints and table; 0 of joints that poses of the flange leave open."""
+        """Positions or rates (n, axes) of all axes; 0 of joints that poses of the flange leave open."""
         return np.hstack([np.zeros((len(axes), len(self.cell.axes) - axes.shape[1])), axes])
 
 
@@ -661,7 +665,7 @@ def _latency(found: Measurements, setup: Setup, measured: MeasuredCell, wanted: 
 
 def nominal_cell_of(measured: MeasuredCell, setup: Setup) -> NominalCell:
     """The described cell, without what was estimated, with the part of a measured one."""
-    return nominal_cell(setup.cell, measured.cell.part if measured.has_part else None).with_axes_held()
+    return nominal_cell(setup.cell, measured.cell.part if measured.has_part else None)
 
 
 def joints_of_flange(cell: NominalCell, flange: Array) -> Array | None:

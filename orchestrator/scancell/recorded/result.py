@@ -31,7 +31,7 @@ from scancell.evaluation.deviation import (
 )
 from scancell.files import arrow_table
 from scancell.geometry.mesh import Mesh
-from scancell.nominal.cell import with_table
+from scancell.nominal.cell import further_axes
 from scancell.nominal.parts import load_part
 from scancell.output.deviation_report import DeviationReport, deviation_picture
 from scancell.output.run_folder import (
@@ -272,14 +272,15 @@ class ReconstructionResult(Result):
             reached = joints_of_flange(data.measured_cell.cell, flange)
             if reached is None:
                 return None
-            axes = with_table(reached, records.table)
+            axes = np.hstack([reached, axes[:, reached.shape[1] :]])
         columns: dict[str, Any] = {
             "trigger.index": records.index,
             "trigger.segment": records.segment,
             "trigger.time": records.time,
             "trigger.exposure": records.exposure,
         }
-        layout = RecordLayout(records.q.shape[1]).axes
+        further = tuple(axis.name for axis in data.measured_cell.cell.further_axes)
+        layout = RecordLayout(records.q.shape[1], further=further).axes
         for names, position, rate in zip(layout.values(), axes.T, records.rates.T, strict=True):
             columns |= dict(zip(names, (position, rate), strict=True))
         return Recording(columns)
@@ -401,7 +402,7 @@ def reconstruct(
                 raise DescriptionError("does not apply to a cloud without poses", key=key, value=str(value))
         if form is not None and cloud_unit is not None:
             raise DescriptionError("applies to a cloud; the format states its units", key="cloud_unit")
-        found = read_cloud_of(data, cloud_unit, MeasuredCell.of(setup, mesh).cell.flange_from_sensor, form)
+        found = read_cloud_of(data, cloud_unit, MeasuredCell.of(setup, mesh).cell, form)
     elif cloud_unit is not None:
         raise DescriptionError(
             "applies to a cloud; the names of columns of a table state their units", key="cloud_unit", value=cloud_unit
@@ -411,6 +412,7 @@ def reconstruct(
             data,
             setup.sensor,
             len(setup.cell.robot.joint),
+            [axis.joint for axis in further_axes(setup.cell)],
             flange=None if flange is None else Path(flange),
             convention=convention,
             laser_off=None if laser_off is None else Path(laser_off),

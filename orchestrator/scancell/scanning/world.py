@@ -20,7 +20,7 @@ from scancell.cell.fmu_file import cell_json
 from scancell.cell.recording import ExposureTruth, Recording
 from scancell.config.cell import sensor_frame
 from scancell.config.choices import Engine
-from scancell.config.description import si_value
+from scancell.config.description import si_value, split_unit
 from scancell.config.loading import Setup, as_built_delay, as_built_sensor, require_sensors
 from scancell.config.material import Material
 from scancell.config.sensor import SensorDescription, exposure_windows, read_out, sensor_json
@@ -375,6 +375,24 @@ class World:
     def __setstate__(self, state: dict[str, Any]) -> None:
         beside = tuple((bodies, build_scene(bodies)) for bodies in state["beside"])
         self.__dict__.update({**state, "scene": build_scene(state["bodies"]), "beside": beside})
+
+    def with_axes_at(self, position: Array, seed: int | None = None) -> World:
+        """The world in which the further axes start at positions (k,), rad or m; with a seed of its own where given."""
+        cell = self.setup.cell
+        keys = {
+            f"axis[{i}].start{described.unit}": value / split_unit(described.unit)[1]
+            for i, (described, value) in enumerate(zip(cell.axis, position.tolist(), strict=True), 1)
+        }
+
+        def moved(of: NominalCell) -> NominalCell:
+            axes = zip(of.further_axes, position.tolist(), strict=True)
+            return replace(of, further_axes=tuple(replace(axis, start=value) for axis, value in axes))
+
+        if not keys:
+            return self if seed is None else replace(self, seed=seed)
+        setup = replace(self.setup, cell=cell.replace(keys))
+        seed = self.seed if seed is None else seed
+        return replace(self, setup=setup, nominal=moved(self.nominal), true=moved(self.true), seed=seed)
 
     @cached_property
     def estimated(self) -> NominalCell:

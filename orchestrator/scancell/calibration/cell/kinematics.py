@@ -3,9 +3,9 @@
 Where the arm holds the artefact before a sensor on a post, the flange takes the place of the platter.
 
 A deviation is named like the ``as_built`` parameter of the FMU, without the prefix: ``tool.x``, ``dh[3].theta``,
-``grasp.z``, ``table.rx``, ``platter.y``, ``trigger.latency``; SI units. The wobble of the table axis is a rotation
-vector in the table's nominal x-y plane, ``rx = rx_cos cos t + rx_sin sin t`` at table angle t, and `ry` likewise: to
-first order the general tilt of an axis that repeats with every revolution.
+``grasp.z``, ``table.rx``, ``platter.y``, ``axis.track.rz``, ``trigger.latency``; SI units. The wobble of the table axis
+is a rotation vector in the table's nominal x-y plane, ``rx = rx_cos cos t + rx_sin sin t`` at table angle t, and `ry`
+likewise: to first order the general tilt of an axis that repeats with every revolution.
 """
 
 from __future__ import annotations
@@ -20,12 +20,13 @@ from numpy.typing import NDArray
 
 from scancell.arrays import Array
 from scancell.cell.recording import later
+from scancell.geometry import pose
 from scancell.geometry.arm import Chain
-from scancell.geometry.pose import inverse
 from scancell.geometry.tree import WORLD, Joint, Tree, z_along
 
-TOOL = tuple(f"tool.{name}" for name in ("x", "y", "z", "rx", "ry", "rz"))
-GRASP = tuple(f"grasp.{name}" for name in ("x", "y", "z", "rx", "ry", "rz"))
+_POSE = ("x", "y", "z", "rx", "ry", "rz")
+TOOL = tuple(f"tool.{name}" for name in _POSE)
+GRASP = tuple(f"grasp.{name}" for name in _POSE)
 TABLE = tuple(f"table.{name}" for name in ("x", "y", "rx", "ry"))
 PLATTER = ("platter.x", "platter.y")
 UNIT = 1e-3  # of unknowns in normal equations and of directions: mm, mrad, ms
@@ -33,10 +34,25 @@ UNIT = 1e-3  # of unknowns in normal equations and of directions: mm, mrad, ms
 # Coordinate axes along which and about which a frame is moved.
 _XYZ = _X, _Y, _Z, _RX, _RY, _RZ = range(6)
 _DH = {"theta": _RZ, "a": _X, "d": _Z, "alpha": _RX, "beta": _RY}
-_FLANGE = {f"flange.{name}": direction for direction, name in enumerate(("x", "y", "z", "rx", "ry", "rz"))}
+_FLANGE = {f"flange.{name}": direction for direction, name in enumerate(_POSE)}
 _TILTS = ("rx", "ry")
 WOBBLE = tuple(f"table.wobble_{axis}_{part}" for axis in _TILTS for part in ("cos", "sin"))
 LATENCY = "trigger.latency"
+
+
+def axis_deviations(name: str) -> tuple[str, ...]:
+    """Names of the deviations of a further axis, such as ``axis.track.x``."""
+    return tuple(f"axis.{name}.{key}" for key in _POSE)
+
+
+def column_unit(joint: Joint) -> tuple[str, float]:
+    """Unit of the positions of a further axis in tables, and its factor to SI."""
+    return ("mm", 1e-3) if joint.kind == "prismatic" else ("deg", np.pi / 180)
+
+
+def axis_column(joint: Joint, suffix: str = "", end: str = "") -> str:
+    """Name of the column of a further axis in tables; of its rates with ``_rate`` and ``_s``."""
+    return f"{joint.axis}{suffix}_{column_unit(joint)[0]}{end}"
 
 
 def joint_names(count: int, *quantities: str) -> tuple[str, ...]:
@@ -46,15 +62,17 @@ def joint_names(count: int, *quantities: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class AxisReadings:
-    """Measured positions of joints and table (n, axes), rad, at n exposures, their rates and accelerations.
+    """Measured positions of joints, table and `further` axes (n, axes), rad and m, at n exposures.
 
-    With `flange`, measured poses (n, 4, 4) of the flange in the robot's base, the table is the only axis: (n, 1).
+    Also their rates and accelerations. With `flange`, measured poses (n, 4, 4) of the flange in the robot's base, the
+    joints are left out.
     """
 
     axes: Array
     rates: Array
     accelerations: Array
     flange: Array | None = None
+    further: tuple[Joint, ...] = ()
 
     def __len__(self) -> int:
         return len(self.axes)
@@ -62,17 +80,22 @@ class AxisReadings:
     @property
     def q(self) -> Array:
         """Joints (n, joints), rad."""
-        return self.axes[:, :-1]
+        return self.axes[:, : self.joints]
+
+    @property
+    def joints(self) -> int:
+        """Number of joints that are stated."""
+        return int(self.axes.shape[1]) - 1 - len(self.further)
 
     @property
     def table(self) -> Array:
         """Angles (n,) of the table, rad."""
-        return self.axes[:, -1]
+        return self.axes[:, self.joints]
 
     def rows(self, chosen: NDArray[np.intp]) -> AxisReadings:
         """Readings of some exposures, by row."""
         flange = None if self.flange is None else self.flange[chosen]
-        return AxisReadings(self.axes[chosen], self.rates[chosen], self.accelerations[chosen], flange)
+        return AxisReadings(self.axes[chosen], self.rates[chosen], self.accelerations[chosen], flange, self.further)
 
     def after(self, latency: float) -> AxisReadings:
         """With all axes `latency` (s) later, by their rates and accelerations; poses of the flange stay."""
@@ -83,25 +106,31 @@ class AxisReadings:
         return replace(self, axes=self.axes + self.rates * time)
 
     @classmethod
-    def at_rest(cls, axes: Array) -> AxisReadings:
-        """Readings of joints and table (n, axes) that do not move."""
-        return cls(axes, np.zeros_like(axes), np.zeros_like(axes))
+    def at_rest(cls, axes: Array, further: Sequence[Joint] = ()) -> AxisReadings:
+        """Readings of joints, table and `further` axes (n, axes) that do not move."""
+        return cls(axes, np.zeros_like(axes), np.zeros_like(axes), further=tuple(further))
 
     @classmethod
-    def of_flange(cls, flange: Array, table: Array) -> AxisReadings:
-        """Measured poses (n, 4, 4) of the flange at rest."""
-        return replace(cls.at_rest(table[:, None]), flange=flange)
+    def of_flange(cls, flange: Array, axes: Array, further: Sequence[Joint] = ()) -> AxisReadings:
+        """Measured poses (n, 4, 4) of the flange at rest, at positions (n,) of the table, or (n, k) with further axes.
+
+        These follow the table.
+        """
+        return replace(cls.at_rest(axes.reshape(len(flange), -1), further), flange=flange)
 
     def columns(self) -> dict[str, Array]:
-        """Columns (n,) of tables: angles, rates and accelerations of all axes in deg, deg/s and deg/s²."""
+        """Columns (n,) of tables: positions, rates and accelerations of all axes in deg or mm, per s and s²."""
         found: dict[str, Array] = {}
-        for name, of_table, values, unit in (
-            ("q", "table", self.axes, "deg"),
-            ("qd", "table_rate", self.rates, "deg_s"),
-            ("qdd", "table_acceleration", self.accelerations, "deg_s2"),
+        for (joint, suffix), end, values in zip(
+            (("q", ""), ("qd", "_rate"), ("qdd", "_acceleration")),
+            ("", "_s", "_s2"),
+            (self.axes, self.rates, self.accelerations),
+            strict=True,
         ):
-            *joints, table = np.degrees(values).T
-            found |= {f"{name}{i}_{unit}": column for i, column in enumerate(joints, 1)} | {f"{of_table}_{unit}": table}
+            names = [f"{joint}{i}_deg{end}" for i in range(1, self.joints + 1)] + [f"table{suffix}_deg{end}"]
+            found |= dict(zip(names, np.degrees(values).T, strict=False))
+            for axis, column in zip(self.further, values[:, len(names) :].T, strict=True):
+                found[axis_column(axis, suffix, end)] = column / column_unit(axis)[1]
         return found
 
 
@@ -124,23 +153,28 @@ class SensorPoses:
 
 @dataclass(frozen=True)
 class CellKinematics:
-    """Nominal geometry of arm, tool and table; poses (4, 4), m.
+    """Nominal geometry of arm, tool, table, and of further axes which carry them; poses (4, 4), m.
 
-    The sensor is on the flange, or, where `flange_from_part` states the pose of an artefact there, in the world.
+    The sensor is on the flange, or, where `flange_from_part` states the pose of an artefact there, on `sensor_on`.
     """
 
     arm: Chain
     carrier_from_sensor: Array
     world_from_table: Array
     flange_from_part: Array | None = None
+    further: tuple[Joint, ...] = ()
+    arm_on: str = WORLD
+    table_on: str = WORLD
+    sensor_on: str = WORLD
 
     @property
     def names(self) -> tuple[str, ...]:
         """All deviations."""
         joints = joint_names(len(self.arm.joints), *_DH)
+        of_axes = [name for joint in self.further for name in axis_deviations(joint.axis)]
         if self.flange_from_part is not None:
-            return (*TOOL, *GRASP, *joints, LATENCY)
-        return (*TOOL, *TABLE, *PLATTER, *WOBBLE, *joints, LATENCY)
+            return (*TOOL, *GRASP, *joints, *of_axes, LATENCY)
+        return (*TOOL, *TABLE, *PLATTER, *WOBBLE, *joints, *of_axes, LATENCY)
 
     def poses(self, readings: AxisReadings, deviations: Mapping[str, float]) -> SensorPoses:
         """Poses of the sensor on the platter, when light falls on it.
@@ -157,7 +191,7 @@ class CellKinematics:
         latency = value[LATENCY]
         rates = readings.rates + latency * readings.accelerations
         axes = readings.axes + latency * (readings.rates + rates) / 2
-        angle = axes[:, -1]
+        angle = axes[:, readings.joints]
         cosine, sine = np.cos(angle), np.sin(angle)
         position: dict[str, Array | float] = {**value, "table": angle}
         tilts = () if self.flange_from_part is not None else _TILTS
@@ -166,8 +200,10 @@ class CellKinematics:
             position[f"wobble.{name}"] = along * cosine + across * sine
         thetas = joint_names(readings.q.shape[1], "theta")
         position |= {name: axes[:, i] + value[name] for i, name in enumerate(thetas)}
+        further = {f"axis.{joint.axis}": i for i, joint in enumerate(readings.further, len(thetas) + 1)}
+        position |= {name: axes[:, i] for name, i in further.items()}
 
-        tree = self._tree if readings.flange is None else self._tree_behind(self._stated(readings.flange))
+        tree = self._tree if readings.flange is None else self._tree_behind(readings.flange)
         positions = np.stack([np.broadcast_to(position.get(axis, 0.0), len(readings)) for axis in tree.axes], -1)
         platter_from_sensor, screws = tree.relative("sensor", "platter", positions)
         # From the velocity of the sensor's origin to that of the point at the platter's.
@@ -181,7 +217,11 @@ class CellKinematics:
                 named[f"table.wobble_{name}_{part}"] = tilt * share[:, None]
             turn = turn + tilt * (across * cosine - along * sine)[:, None]
         joints = np.stack([named[name] for name in thetas], -1) if thetas else np.zeros((len(readings), 6, 0))
-        named[LATENCY] = np.einsum("nij,nj->ni", joints, rates[:, :-1]) + turn * rates[:, -1:]
+        count = readings.joints
+        latency_screw = np.einsum("nij,nj->ni", joints, rates[:, :count]) + turn * rates[:, count : count + 1]
+        for name, i in further.items():
+            latency_screw = latency_screw + named.pop(name) * rates[:, i : i + 1]
+        named[LATENCY] = latency_screw
         flange = np.stack([named.pop(name) for name in _FLANGE], -1)
         return SensorPoses(platter_from_sensor, named, joints, turn, flange)
 
@@ -193,26 +233,37 @@ class CellKinematics:
         for number, joint in enumerate(self.arm.joints, 1):
             steps += [(f"dh[{number}].{name}", direction) for name, direction in _DH.items()]
             nominal += [getattr(joint, name) for name in _DH]
-        return self._tree_behind(self.arm.world_from_base, *_elementary("base", steps, nominal))
+        return self._tree_behind(np.eye(4), *_elementary("base", steps, nominal))
 
-    def _stated(self, base_from_flange: Array) -> Array:
-        """Poses (n, 4, 4) of measured flanges: on an arm that holds the artefact, in the world of the sensor."""
-        held = self.flange_from_part is not None
-        return np.asarray(self.arm.world_from_base @ base_from_flange) if held else base_from_flange
-
-    def _tree_behind(self, world_from_base: Array, *arm: Joint) -> Tree:
-        """The tree of joints of an arm at `world_from_base` (..., 4, 4), of the tool behind it, and of the table."""
-        base, part = Joint("base", parent_from_joint=world_from_base), self.flange_from_part
+    def _tree_behind(self, base_from_arm: Array, *arm: Joint) -> Tree:
+        """The tree of joints of an arm at `base_from_arm` (..., 4, 4), the tool behind it, table and further axes."""
+        carriers: list[Joint] = []
+        for joint in self.further:
+            # A deviation is that of the frame which the axis carries, at position 0.
+            at_0 = Joint(f"{joint.axis} at 0", _carrier(joint.parent))
+            at_0 = replace(at_0, parent_from_joint=joint.parent_from_joint @ joint.joint_from_frame)
+            deviating = _elementary(at_0.frame, list(zip(axis_deviations(joint.axis), _XYZ, strict=True)))
+            moved = Joint(
+                *(_carrier(joint.frame), deviating[-1].frame, joint.kind, f"axis.{joint.axis}", joint.zero),
+                parent_from_joint=pose.inverse(joint.joint_from_frame),
+                joint_from_frame=joint.joint_from_frame,
+            )
+            carriers += [at_0, *deviating, moved]
+        part = self.flange_from_part
+        base = Joint("base", _carrier(self.arm_on), parent_from_joint=self.arm.world_from_base @ base_from_arm)
         flange = _elementary([base, *arm][-1].frame, list(_FLANGE.items()))
-        carrier = flange[-1].frame if part is None else WORLD
+        carrier = flange[-1].frame if part is None else _carrier(self.sensor_on)
         sensor = Joint("nominal sensor", carrier, parent_from_joint=self.carrier_from_sensor)
         tool = _elementary(sensor.frame, list(zip(TOOL, _XYZ, strict=True)))
         if part is not None:
             held = Joint("nominal part", flange[-1].frame, parent_from_joint=part)
             grasp = _elementary(held.frame, list(zip(GRASP, _XYZ, strict=True)))
-            end = Joint("platter", grasp[-1].frame, parent_from_joint=inverse(part))
-            return Tree([base, *arm, *flange, sensor, *tool, held, *grasp, Joint("sensor", tool[-1].frame), end])
-        table = Joint("nominal table", parent_from_joint=self.world_from_table)
+            ends = [
+                Joint("sensor", tool[-1].frame),
+                Joint("platter", grasp[-1].frame, parent_from_joint=pose.inverse(part)),
+            ]
+            return Tree([*carriers, base, *arm, *flange, sensor, *tool, held, *grasp, *ends])
+        table = Joint("nominal table", _carrier(self.table_on), parent_from_joint=self.world_from_table)
         of_table = [
             *zip(TABLE, (_X, _Y, _RX, _RY), strict=True),
             ("wobble.rx", _RX),
@@ -221,7 +272,12 @@ class CellKinematics:
         ]
         platter = _elementary(table.frame, [*of_table, *zip(PLATTER, (_X, _Y), strict=True)])
         ends = [Joint("sensor", tool[-1].frame), Joint("platter", platter[-1].frame)]
-        return Tree([base, *arm, *flange, sensor, *tool, table, *platter, *ends])
+        return Tree([*carriers, base, *arm, *flange, sensor, *tool, table, *platter, *ends])
+
+
+def _carrier(frame: str) -> str:
+    """Name in the tree of the frame of a further axis, or of the world."""
+    return frame if frame == WORLD else f"axis.{frame}"
 
 
 def _elementary(parent: str, steps: Sequence[tuple[str, int]], zeros: Sequence[float] = ()) -> list[Joint]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.arrays import Array
-from scancell.calibration.cell.kinematics import AxisReadings, written_unit
+from scancell.calibration.cell.kinematics import AxisReadings, axis_column, column_unit, written_unit
 from scancell.calibration.cell.problem import (
     REACH,
     CalibrationProblem,
@@ -35,6 +35,7 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.orientation import StatedPoses
 from scancell.geometry.shapes import ShapeMesh, Sphere
+from scancell.geometry.tree import Joint
 from scancell.nominal.cell import NominalCell
 
 _DEFAULT_SIGMA_UM = 10.0
@@ -110,6 +111,7 @@ def read_points(
     flange_path: Path | None = None,
     convention: str | None = None,
     table: MeasuredTable | None = None,
+    further: Sequence[Joint] = (),
 ) -> MeasuredPoints:
     """Observations from CSV, Parquet or YAML; rows without ``z_mm`` are left out.
 
@@ -126,16 +128,20 @@ def read_points(
         Convention of flange poses, see `read_flange`.
     table
         That of the points, where it has been read.
+    further
+        Axes of the cell beside joints and table.
     """
     if table is None:
         table = MeasuredTable(path)
         table.leave_out_missing("z_mm")
     numbers, first, frame = np.unique(table.numbers("exposure"), return_index=True, return_inverse=True)
     frame = np.asarray(frame, np.intp).reshape(-1)
-    stated, kind = None, ""
+    stated, kind, with_poses = None, "", dict[str, Array]()
     if flange_path is not None:
         poses, kind = read_pose_file(flange_path)
-        stated = _poses_of(poses, numbers, path, convention)
+        row = _rows_of(poses, numbers, path)
+        stated = read_flange(poses, convention).rows(row)
+        with_poses = {name: poses.numbers(name)[row] for axis in further if (name := axis_column(axis)) in poses.names}
     elif has_flange(table):
         every = read_flange(table, convention)
         stated = every.rows(first)
@@ -143,9 +149,9 @@ def read_points(
         _require_equal(per_point, first, frame, numbers, table)
     elif convention is not None:
         raise DescriptionError("has no flange poses", file=path, key="convention", value=convention)
-    readings = read_axes(table, joints if stated is None else 0, first, frame, numbers)
+    readings = read_axes(table, joints if stated is None else 0, first, frame, numbers, further, with_poses)
     if stated is not None:
-        readings = AxisReadings.of_flange(stated.matrices(), readings.table)
+        readings = AxisReadings.of_flange(stated.matrices(), readings.axes, further)
     direction = None
     if any(f"error_{axis}" in table.names for axis in "xyz"):
         stated_direction = np.column_stack([table.numbers(f"error_{axis}", 0.0) for axis in "xyz"])
@@ -175,9 +181,9 @@ def _coordinates(table: MeasuredTable, with_flange: bool) -> Array:
     return np.column_stack([table.numbers("x_mm", 0.0), table.numbers("y_mm"), table.numbers("z_mm")])
 
 
-def _poses_of(table: MeasuredTable, numbers: Array, points: Path, convention: str | None) -> StatedPoses:
-    """Flange poses of the exposures `numbers` (n,)."""
-    stated, own = read_flange(table, convention), table.numbers("exposure")
+def _rows_of(table: MeasuredTable, numbers: Array, points: Path) -> NDArray[np.intp]:
+    """Rows (n,) of a table of flange poses for the exposures `numbers` (n,)."""
+    own = table.numbers("exposure")
     unique, row, count = np.unique(own, return_index=True, return_counts=True)
     if (count > 1).any():
         twice = float(unique[count > 1][0])
@@ -190,28 +196,50 @@ def _poses_of(table: MeasuredTable, numbers: Array, points: Path, convention: st
             key="column 'exposure'",
             expected="a row with exposure " + ", ".join(f"{number:g}" for number in missing[:_MOST_NAMED]),
         )
-    return stated.rows(row[np.searchsorted(unique, numbers)])
+    return np.asarray(row[np.searchsorted(unique, numbers)], np.intp)
 
 
 def read_axes(
-    table: MeasuredTable, joints: int, first: NDArray[np.intp], frame: NDArray[np.intp], numbers: Array
+    table: MeasuredTable,
+    joints: int,
+    first: NDArray[np.intp],
+    frame: NDArray[np.intp],
+    numbers: Array,
+    further: Sequence[Joint] = (),
+    with_poses: Mapping[str, Array] | None = None,
 ) -> AxisReadings:
-    """Readings of joints and table, by the rows `first` (n,) of exposures; with no joints the table may be missing.
+    """Readings of joints, table and `further` axes, by the rows `first` (n,) of exposures.
 
-    `frame` (m,) is the exposure of each row, `numbers` (n,) those of the exposures for messages.
+    With no joints the table may be missing. Columns `with_poses` (n,), of a table of poses, replace those of further
+    axes that the table lacks. `frame` (m,) is the exposure of each row, `numbers` (n,) those of the
+    exposures for messages.
 
     Raises `DescriptionError` if a column is missing, or the readings of an exposure differ.
     """
-
-    names = ("q", "table", "deg"), ("qd", "table_rate", "deg_s"), ("qdd", "table_acceleration", "deg_s2")
+    kinds = ("q", "", ""), ("qd", "_rate", "_s"), ("qdd", "_acceleration", "_s2")
     per_point: dict[str, Array] = {}
-    for name, of_table, unit in names:
+    scales = [np.pi / 180] * (joints + 1) + [column_unit(axis)[1] for axis in further]
+    for name, suffix, end in kinds:
         default = None if name == "q" else 0.0
-        columns = [table.numbers(f"{name}{joint}_{unit}", default) for joint in range(1, 1 + joints)]
-        columns.append(table.numbers(f"{of_table}_{unit}", default if joints else 0.0))
+        columns = [table.numbers(f"{name}{joint}_deg{end}", default) for joint in range(1, 1 + joints)]
+        columns.append(table.numbers(f"table{suffix}_deg{end}", default if joints else 0.0))
+        for axis in further:
+            column = axis_column(axis, suffix, end)
+            if column not in table.names and column in (with_poses or {}):
+                columns.append((with_poses or {})[column][frame])
+                continue
+            if default is None and column not in table.names:
+                raise DescriptionError(
+                    "is missing",
+                    file=table.path,
+                    key=f"column '{column}'",
+                    expected=f"the measured position of the axis {axis.axis} of the cell; a constant where it rests",
+                )
+            columns.append(table.numbers(column, default))
         per_point[name] = np.column_stack(columns)
     _require_equal(per_point, first, frame, numbers, table)
-    return AxisReadings(*(np.radians(values[first]) for values in per_point.values()))
+    positions, rates, accelerations = (values[first] * scales for values in per_point.values())
+    return AxisReadings(positions, rates, accelerations, further=tuple(further))
 
 
 def _require_equal(
@@ -390,8 +418,8 @@ def opposite_table(problem_of: Callable[[Observations], CalibrationProblem], mea
     own = measured.readings
     if not own.table.any():
         return ""
-    sign = np.append(np.ones(own.q.shape[1]), -1.0)
-    turned = AxisReadings(own.axes * sign, own.rates * sign, own.accelerations * sign, own.flange)
+    sign = np.where(np.arange(own.axes.shape[1]) == own.joints, -1.0, 1.0)
+    turned = replace(own, axes=own.axes * sign, rates=own.rates * sign, accelerations=own.accelerations * sign)
     agrees = (
         "with the sign of table_deg changed the points agree with the artefact: is the angle of the table counted in"
         " the opposite direction?"

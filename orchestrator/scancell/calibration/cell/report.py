@@ -14,7 +14,13 @@ from numpy.typing import NDArray
 from scancell.calibration.cell.kinematics import GRASP, TOOL, written_unit
 from scancell.calibration.cell.points import implausible, read_points, shift_text, write_points, wrong_sizes
 from scancell.calibration.cell.problem import CalibrationResult
-from scancell.calibration.cell.scan import Calibration, CalibrationRequest, CalibrationScan, single_sphere
+from scancell.calibration.cell.scan import (
+    Calibration,
+    CalibrationRequest,
+    CalibrationScan,
+    kinematics_of,
+    single_sphere,
+)
 from scancell.calibration.measured_table import MeasuredTable, read_profiles
 from scancell.calibration.report import SavedCalibration, comparison_text
 from scancell.cell.fmu_file import parse_as_built
@@ -173,8 +179,7 @@ class CalibrationReport(SavedCalibration):
     @property
     def warnings(self) -> list[str]:
         """Warnings about the result."""
-        plan = self.calibration.plan
-        found = list(plan.warnings) if plan is not None else []
+        found = list(dict.fromkeys(text for plan in self.calibration.plans for text in plan.warnings))
         found += filter(None, [self._wrong_sizes])
         if not self._is_found_alone:
             found += filter(None, [shift_text(self.calibration.shift)])
@@ -321,8 +326,9 @@ class CalibrationReport(SavedCalibration):
 
     def _write(self, folder: RunFolder, command_line: list[str]) -> None:
         super()._write(folder, command_line)
-        if self.calibration.plan is not None:
-            write_json(folder.path("plan.json"), plan_json(self.calibration.plan))
+        for number, plan in enumerate(self.calibration.plans, 1):
+            name = "plan.json" if number == 1 else f"plan{number}.json"
+            write_json(folder.path(name), plan_json(plan))
         self.cell.to_toml(folder.path("calibrated.toml"))
         write_points(self.calibration.problem.observations, folder.path("points.parquet"))
         folder.path("resolved.toml").write_text(resolved_toml(self._described, self.run))
@@ -444,7 +450,8 @@ def calibrate_from_points(
     form = recognised_format(points) if table_format is None else read_format(table_format)
     profiles = None if form is None else read_profiles(points, form)
     table = None if profiles is None else MeasuredTable(points, profiles.columns())
-    measured = read_points(points, len(world.setup.cell.robot.joint), flange, convention, table)
+    kinematics = kinematics_of(world.nominal)
+    measured = read_points(points, len(kinematics.arm.joints), flange, convention, table, kinematics.further)
     report = _report(scan.solve_measured(measured), world, request, None)
     files = (points,) if profiles is None else profiles.files
     return replace(report, inputs=(*report.inputs, *files, *([] if flange is None else [flange])))

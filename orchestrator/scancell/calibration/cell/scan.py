@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+from typing import Annotated, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from scancell import sensor as sensor_rt
 from scancell.arguments import Seed, checked_fields
@@ -23,6 +26,7 @@ from scancell.calibration.cell.kinematics import (
     WOBBLE,
     AxisReadings,
     CellKinematics,
+    axis_deviations,
 )
 from scancell.calibration.cell.points import (
     ABOVE_TABLE,
@@ -47,7 +51,7 @@ from scancell.calibration.cell.problem import (
     points_on_platter,
     surface_of,
 )
-from scancell.calibration.cell.solve import circles_of, moments_of, solve, sphere_start
+from scancell.calibration.cell.solve import circles_of, moments_of, require_known, solve, sphere_start
 from scancell.calibration.variance_components import informations
 from scancell.cell.recording import TriggerRecords, slopes
 from scancell.config.choices import CalibrationTarget, Engine
@@ -57,6 +61,7 @@ from scancell.errors import CalibrationError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import ShapeMesh, Sphere
+from scancell.geometry.tree import WORLD, Joint
 from scancell.nominal.cell import NominalCell, with_table
 from scancell.planning.model import PlanningCell, SensorRange, Work
 from scancell.planning.motion.assembly import Assembly, check_part, verified
@@ -86,6 +91,8 @@ _LEAST_CANDIDATES = 400
 _DOUBTFUL_SHARE = 0.01  # of the radius: profiles of a sphere with larger offsets may be those of another size
 _SHARES = (1.0, 1.003, 1.01, 1.03)  # radius of a sphere of unknown size in terms of that of its largest circle
 _LEAST_POINTS = 30  # of a candidate, on the artefact
+_GRID = 3  # positions of a further axis that are tried, for each that is wanted
+_SEED_STEP = 7919  # between the seeds of the simulated cell at different positions of its axes
 # Expected pose errors of the robot: position (m) and orientation (rad) of the flange.
 _EXPECTED = np.log([1.0, 20e-6**2, np.radians(0.003) ** 2])
 
@@ -272,7 +279,11 @@ class CalibrationRequest:
         flange before a sensor on a post, by the tool as it is. table: its axis, and the eccentricity of the
         platter if the artefact's pose is known, by the tool as it is. latency: of the trigger. all: these together.
     also
-        Further deviations to find, such as ``dh[3].theta``, by the names of as-built parameters.
+        Further deviations to find, such as ``dh[3].theta``, by the names of as-built parameters; ``axis.NAME`` means
+        all six of a further axis.
+    axis_positions
+        Number of positions of the further axes at which the artefact is measured, where deviations of one are to be
+        found; else they rest where they start.
     poses, passes
         Number of exposures at rest, and of passes in motion.
     is_pose_known, is_size_known
@@ -307,6 +318,7 @@ class CalibrationRequest:
     robot_noise: RobotNoise = "flange"
     pose_seed: Seed = 0
     further_sensor: str | None = None
+    axis_positions: Annotated[int, Field(ge=1, le=100)] = 4
 
     @classmethod
     def of(cls, described: CalibrateDescription) -> Self:
@@ -325,7 +337,12 @@ class CalibrationRequest:
     @property
     def turns_table(self) -> bool:
         """Whether exposures are at different angles of the table."""
-        return self.what in {"table", "all"}
+        return self.what in {"table", "all"} or self.moves_axes
+
+    @property
+    def moves_axes(self) -> bool:
+        """Whether deviations of a further axis are to be found, by exposures at several of its positions."""
+        return any(name.startswith("axis.") for name in self.also)
 
     @property
     def trusts_pose(self) -> bool:
@@ -342,7 +359,12 @@ class CalibrationRequest:
         free = {"tool": TOOL, "grasp": GRASP, "table": table, "latency": (LATENCY,), "all": (*TOOL, *table, LATENCY)}[
             self.what
         ]
-        return tuple(dict.fromkeys((*free, *self.also)))
+        also = [
+            one
+            for name in self.also
+            for one in (axis_deviations(name[5:]) if re.fullmatch(r"axis\.\w+", name) else (name,))
+        ]
+        return tuple(dict.fromkeys((*free, *also)))
 
     @property
     def pose_count(self) -> int:
@@ -357,25 +379,28 @@ class CalibrationRequest:
 
 @dataclass(frozen=True)
 class Calibration:
-    """A calibration with its inputs; without a plan if the points came from a file.
+    """A calibration with its inputs; without plans if the points came from a file.
 
-    `measured` is the number of points, those beside the artefact included, which are no part of the problem.
-    `shift` (3,) is that of the artefact's coordinates on the table, see `shift_of`.
+    There is a plan for each position of the further axes. `measured` is the number of points, those beside the artefact
+    included, which are no part of the problem. `shift` (3,) is that of the artefact's coordinates on the table, see
+    `shift_of`.
     """
 
     problem: CalibrationProblem
     result: CalibrationResult
     measured: int
-    plan: Plan | None
+    plans: tuple[Plan, ...]
     shift: Array
 
 
 def kinematics_of(nominal: NominalCell) -> CellKinematics:
-    """Kinematics of the nominal cell for calibration; axes beside joints and table rest where they start."""
-    nominal = nominal.with_axes_held()
+    """Kinematics of the nominal cell for calibration."""
     nominal.require_scanned()
     part = nominal.table_from_part if nominal.holds_part else None
-    return CellKinematics(nominal.arm, nominal.sensor.parent_from_joint, nominal.world_from_table, part)
+    further = tuple(axis.joint for axis in nominal.further_axes)
+    carriers = nominal.arm_on, nominal.table_on, nominal.sensor.parent if nominal.holds_part else WORLD
+    sensor = nominal.sensor.parent_from_joint
+    return CellKinematics(nominal.arm, sensor, nominal.world_from_table, part, further, *carriers)
 
 
 def _require_possible(request: CalibrationRequest, nominal: NominalCell) -> None:
@@ -390,11 +415,12 @@ def _require_possible(request: CalibrationRequest, nominal: NominalCell) -> None
         )
 
 
-def readings_of(measured: TriggerRecords) -> AxisReadings:
-    """Readings of the controller at every trigger, with the accelerations between triggers."""
-    moved = slice(measured.names.index("table") + 1)
+def readings_of(measured: TriggerRecords, further: Sequence[Joint] = ()) -> AxisReadings:
+    """Readings of joints, table and `further` axes at every trigger, with the accelerations between triggers."""
+    moved = [*range(measured.names.index("table") + 1), *(measured.names.index(joint.axis) for joint in further)]
     rates = measured.rates[:, moved]
-    return AxisReadings(measured.axes[:, moved], rates, slopes(rates, measured.time, measured.segment))
+    accelerations = slopes(rates, measured.time, measured.segment)
+    return AxisReadings(measured.axes[:, moved], rates, accelerations, further=tuple(further))
 
 
 def observations_of(profiles: ProfilePoints, readings: AxisReadings, sensor: sensor_rt.Sensor) -> Observations:
@@ -477,18 +503,57 @@ class CalibrationScan:
         Raises `CalibrationError` if the artefact cannot be measured, or what was measured does not determine the
         unknowns.
         """
-        progress.stage("planning", 1, "plan")
-        self._cell = replace(self._cell, work=Work(self.world.setup.scan.max_planning_work, progress))
-        plan = self.plan
-        progress.advance(1)
-        recording, sensed = Scan(self.pipeline, world, engine).measure(plan, progress)
-        readings = readings_of(recording.measured)
+        stations = self._stations(progress)
+        measured = []
+        for number, (position, station) in enumerate(stations):
+            seed = (world.seed + _SEED_STEP * number) % 2**31 if number else None
+            measured.append(station.measure(world.with_axes_at(position, seed), engine, progress))
         progress.stage("solving", 1, "solution")
-        found = self.solve(observations_of(sensed.points, readings, world.sensor), plan)
+        found = self.solve(joined(measured), tuple(station.plan for _, station in stations))
         progress.advance(1)
         return found
 
-    def solve(self, measured: Observations, plan: Plan | None = None) -> Calibration:
+    def measure(self, world: World, engine: Engine, progress: Progress) -> Observations:
+        """Drive the plan, and sense; `world` as of `run`."""
+        recording, sensed = Scan(self.pipeline, world, engine).measure(self.plan, progress)
+        readings = readings_of(recording.measured, kinematics_of(self.world.nominal).further)
+        return observations_of(sensed.points, readings, world.sensor)
+
+    def _stations(self, progress: Progress) -> list[tuple[Array, CalibrationScan]]:
+        """Positions (k,) of the further axes, and the planned exposures at each.
+
+        They start where the cell does; each next one is far from those before. Positions from which too few views of
+        the artefact are feasible are left out.
+        """
+        progress.stage("planning", 1, "plan")
+        self._cell = replace(self._cell, work=Work(self.world.setup.scan.max_planning_work, progress))
+        require_known(self.request.free, kinematics_of(self.world.nominal))
+        nominal, request = self.world.nominal, self.request
+        start = nominal.start[len(nominal.home) + 1 :]
+        wanted = request.axis_positions if request.moves_axes and len(start) else 1
+        own = self if wanted == 1 else self._at(start, wanted, is_first=True)
+        own.plan  # noqa: B018  (its errors are those of the cell as described)
+        found = [(start, own)]
+        for position in _spread(nominal, start, _GRID * wanted):
+            if len(found) == wanted:
+                break
+            station = self._at(position, wanted, is_first=False)
+            with suppress(CalibrationError, PlanningError):
+                station.plan  # noqa: B018
+                found.append((position, station))
+        progress.advance(1)
+        return found
+
+    def _at(self, position: Array, stations: int, *, is_first: bool) -> CalibrationScan:
+        """A share of the exposures with the further axes at positions (k,); passes where they start alone."""
+        request = self.request
+        poses = -(-request.pose_count // stations)
+        shared = replace(request, poses=poses, passes=request.pass_count if is_first else 0)
+        station = CalibrationScan(self.pipeline, self.world.with_axes_at(position), shared, self._start)
+        station._cell = replace(station._cell, work=self._cell.work)
+        return station
+
+    def solve(self, measured: Observations, plans: tuple[Plan, ...] = ()) -> Calibration:
         """Calibrate by measured profiles of the artefact.
 
         Raises `CalibrationError` if they do not determine the unknowns; the message names what is likely to be the
@@ -508,7 +573,7 @@ class CalibrationScan:
             if wrong:
                 raise CalibrationError(wrong)
         shift = shift_of(self.world.nominal, self.world.setup.cell.part)
-        return Calibration(problem, result, len(measured.sigma), plan, shift)
+        return Calibration(problem, result, len(measured.sigma), plans, shift)
 
     def solve_measured(self, measured: MeasuredPoints) -> Calibration:
         """Calibrate by points of a file.
@@ -594,9 +659,48 @@ class CalibrationScan:
         """Observations of the nominal sensor at positions (n, axes) in the nominal cell, by ideal rays."""
         sensor, index = self.world.sensor, np.arange(len(axes), dtype=np.int64)
         nominal, once = self.world.nominal, np.array([[0.0, sensor.exposure]])
-        frames = nominal.frame_poses(nominal.with_further_axes(axes))
-        sensed = self.world.expose_at_rest(frames, index, once, "geometric", threads=self.pipeline.threads)
-        return observations_of(sensed.points, AxisReadings.at_rest(axes), sensor)
+        axes = nominal.with_further_axes(axes)
+        sensed = self.world.expose_at_rest(
+            nominal.frame_poses(axes), index, once, "geometric", threads=self.pipeline.threads
+        )
+        return observations_of(sensed.points, AxisReadings.at_rest(axes, kinematics_of(nominal).further), sensor)
+
+
+def joined(parts: Sequence[Observations]) -> Observations:
+    """Observations one after the other; all have directions, and none has shapes."""
+    if len(parts) == 1:
+        return parts[0]
+    counts = np.cumsum([0, *(len(part.readings) for part in parts)])
+    axes, rates, accelerations = (
+        np.concatenate([getattr(part.readings, name) for part in parts]) for name in ("axes", "rates", "accelerations")
+    )
+    directions = [part.direction for part in parts if part.direction is not None]
+    return Observations(
+        AxisReadings(axes, rates, accelerations, further=parts[0].readings.further),
+        np.concatenate([part.points_in_sensor for part in parts]),
+        np.concatenate([part.sigma for part in parts]),
+        np.concatenate(directions) if directions else None,
+        np.concatenate([part.frame + first for part, first in zip(parts, counts[:-1], strict=True)]),
+        np.concatenate([part.time_offset for part in parts]),
+    )
+
+
+def _spread(nominal: NominalCell, start: Array, count: int) -> Iterator[Array]:
+    """Positions (k,) within the limits of the further axes, each as far as possible from those before and `start`.
+
+    Distances count in terms of the ranges of the axes.
+    """
+    low, high = np.array([[axis.min, axis.max] for axis in nominal.further_axes]).reshape(-1, 2).T
+    shares = np.linspace(0.0, 1.0, count)
+    # Every axis takes every position of its own once: rows of a lattice.
+    left = np.column_stack([shares[(np.arange(count) * step) % count] for step in (1, 5, 7)[: len(low)]])
+    done = [(start - low) / (high - low)] if len(low) else []
+    while len(left) and len(low):
+        nearest = np.min([np.abs(left - one).max(1) for one in done], axis=0)
+        number = int(nearest.argmax())
+        done.append(left[number])
+        left = np.delete(left, number, 0)
+        yield low + done[-1] * (high - low)
 
 
 def with_sphere_start(problem: CalibrationProblem, part: Mesh) -> CalibrationProblem:

@@ -7,7 +7,7 @@ on the screw of the unknown; see `kinematics`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -329,6 +329,12 @@ def _advice(problem: CalibrationProblem) -> str:
         )
     if LATENCY in problem.free and np.abs(readings.rates).max() < _LEAST_RATE:
         return "Nothing moves: measure while the sensor passes the artefact in opposite directions"
+    if {name.partition(".")[0] for name in problem.free} >= {"axis", "table"}:
+        return (
+            "An axis that carries the arm displaces it as the table's deviations displace the table, and one that"
+            " carries the table moves it along and about itself as they do: hold deviations of the table, or of the"
+            " axis"
+        )
     if any(name.startswith(("table.", "platter.")) for name in problem.free):
         if np.ptp(readings.table) < _LEAST_TABLE_TURN:
             return "The table hardly turns: measure at three or more table angles, 90 deg apart or more"
@@ -476,13 +482,18 @@ def _start(problem: CalibrationProblem) -> _State:
     )
 
 
-def _check(problem: CalibrationProblem) -> None:
-    names = problem.kinematics.names
-    unknown = [name for name in problem.free if name not in names]
+def require_known(free: Sequence[str], kinematics: CellKinematics) -> None:
+    """Raise `CalibrationError` naming the first of the deviations `free` that is none of the cell."""
+    names = kinematics.names
+    unknown = [name for name in free if name not in names]
     if unknown:
         raise CalibrationError(
             "is not a deviation of the cell", key="also", value=unknown[0], expected=f"one of {', '.join(names)}"
         )
+
+
+def _check(problem: CalibrationProblem) -> None:
+    require_known(problem.free, problem.kinematics)
     if problem.observations.readings.flange is not None:
         of_joints = [name for name in problem.free if name == LATENCY or name.startswith("dh[")]
         if of_joints or problem.robot_noise == "joints":
