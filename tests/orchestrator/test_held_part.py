@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from cells import block, cell_file, export_mm
@@ -392,13 +390,20 @@ def test_cell_with_axes_is_scanned_where_they_start(tmp_path) -> None:
     assert held.world_from_sensor(at[:7]) == pytest.approx(result.nominal.world_from_sensor(at), abs=1e-12)
 
 
-def test_guard_refuses_a_held_part_or_supervises_it() -> None:
-    """A guard of a cell whose sensor is not the tool says so; it never takes another tool for it."""
+def test_guard_supervises_a_held_part() -> None:
     setup = load_setup(CELL)
     nominal = nominal_cell(setup.cell, load_part(BLOCK))
-    with pytest.raises(DescriptionError, match=r"cell\.tool\.moves_with = 'world'"):
-        Guard(nominal, setup.cell.robot)
-    # Its bodies come from the nominal cell, in which the arm carries the part.
-    carried = {body.name for body in nominal.bodies if "joint[6]" in nominal.tree.axes_of(body.moves_with)}
-    assert carried == {"link6", "part", "chuck"}
-    assert replace(nominal, bodies=()).holds_part
+    guard, home = Guard(nominal, setup.cell.robot), nominal.start
+    assert guard.check([home, home + 0.02]) is None
+    # Views of the part from so near that it is inside the sensor's housing, at any turn about its axis.
+    turns = pose.from_rotation(pose.rotation_about(2, np.radians(np.arange(0.0, 360.0, 15.0))))
+    near = turns @ nominal.table_from_part @ pose.from_euler_xyz((0.0, 0.0, 5e-3), (np.pi, 0.0, 0.0))
+    branches = nominal.arm.ik(nominal.world_from_flange(near, frame=nominal.support)).reshape(-1, len(nominal.home))
+    (q, *_) = branches[np.isfinite(branches).all(1)]
+    clash = guard.check([home, np.append(q, home[len(q) :])])
+    assert clash is not None
+    assert clash.distance < clash.clearance
+    on_flange, standing = {"part", "chuck"}, {"sensor", "post"}
+    there = guard.check([np.append(q, home[len(q) :])] * 2)
+    assert there is not None
+    assert len({there.body_a, there.body_b} & on_flange) == len({there.body_a, there.body_b} & standing) == 1

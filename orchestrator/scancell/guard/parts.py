@@ -22,7 +22,7 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.tree import WORLD
 from scancell.guard.messages import PlacedPart
-from scancell.nominal.cell import Body, NominalCell
+from scancell.nominal.cell import Body, NominalCell, flange_from_tool, tool_names
 from scancell.nominal.parts import pose_matrix
 from scancell.proximity.motion_check import Budget, MotionBounds, MotionCheck, MotionClash, arm_motion
 from scancell.proximity.scene import ProximityScene, arm_chain, carrying_axes
@@ -195,7 +195,7 @@ def _numbers(at: Array) -> tuple[float, ...]:
 
 
 class Tool:
-    """Kinematics of the sensor of a cell.
+    """Kinematics of the tool that Cartesian motion moves: the sensor, or the flange where this does not carry it.
 
     Attributes
     ----------
@@ -208,7 +208,8 @@ class Tool:
     """
 
     def __init__(self, nominal: NominalCell) -> None:
-        (self._motion, self._axes), self._flange_from_tool = arm_motion(nominal), nominal.flange_from_sensor
+        self._motion, self._axes = arm_motion(nominal)
+        self._flange_from_tool = flange_from_tool(nominal, tool_names(nominal)[0])
         self.joints = len(nominal.arm.joints)
         held = {joint.index for joint in nominal.arm.held}
         self.held = np.array([*sorted(held), *range(self.joints + 1, len(nominal.axes))], np.int64)
@@ -460,8 +461,11 @@ class UnseenApproach:
 
     def __init__(self, nominal: NominalCell, pairs: Sequence[tuple[str, str]], limits: JogLimits) -> None:
         self._bounds, self._limits = MotionBounds(nominal, pairs), limits
-        carriers = ("sensor", "finger[1]", "finger[2]", f"link[{len(nominal.arm.joints)}]")
-        lever = {body.name: _lever(nominal, body) for body in nominal.bodies if body.moves_with in carriers}
+        lever = {
+            body.name: _lever(nominal, body)
+            for body in nominal.bodies
+            if nominal.tree.carrier_of(body.moves_with, nominal.axes)[0] == nominal.arm.flange
+        }
         moving = {name for name in arm_chain(nominal) if name != "base"}
         # The limits of the tool are those of its motion in the world, not on what carries the arm.
         carriers_of_arm = set(nominal.tree.axes_of("base"))
@@ -490,5 +494,6 @@ class UnseenApproach:
 def _lever(nominal: NominalCell, body: Body) -> float:
     """Largest distance of a body's points from the tool's origin, m."""
     frames = nominal.frame_poses(nominal.home)
-    tool_from_body = pose.inverse(frames["sensor"]) @ frames[body.moves_with]
+    flange_from_body = pose.inverse(frames[nominal.arm.flange]) @ frames[body.moves_with]
+    tool_from_body = pose.inverse(flange_from_tool(nominal, tool_names(nominal)[0])) @ flange_from_body
     return float(np.linalg.norm(pose.transform_points(tool_from_body, body.mesh.vertices), axis=1).max())

@@ -795,6 +795,11 @@ def flange_from_tool(nominal: NominalCell, tool: str) -> Array:
     return np.asarray(flange_from_gripper)
 
 
+def world_from_tool(nominal: NominalCell, axes: ArrayLike) -> Array:
+    """Pose (4, 4) of the tool that motions in space move unless they name another one, see `tool_names`."""
+    return np.asarray(nominal.world_from(nominal.arm.flange, axes) @ flange_from_tool(nominal, tool_names(nominal)[0]))
+
+
 def world_from_frame(nominal: NominalCell, frame: str, axes: ArrayLike) -> Array:
     """Pose (4, 4) of ``base``, ``table`` or a user frame at positions of the axes.
 

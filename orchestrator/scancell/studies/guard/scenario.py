@@ -16,7 +16,7 @@ from scancell.cell.driver import GripperMode, JogFrame, Mode, Operation
 from scancell.cell.instance import CellInstance
 from scancell.cell.program import Program, Segment, program_data
 from scancell.geometry import pose
-from scancell.nominal.cell import NominalCell
+from scancell.nominal.cell import NominalCell, world_from_tool
 
 
 class Kind(StrEnum):
@@ -321,7 +321,7 @@ class Operator:
         self._cell.set(self._speed, np.array([motion.speed]))
         target = self._from + self._by
         if motion.kind is Kind.LINE_MOVE:
-            end = self._nominal.world_from_sensor(target)
+            end = world_from_tool(self._nominal, target)
             self._cell.set(self._line, np.append(end[:3, 3], pose.quaternion_from_rotation(end[:3, :3])))
         self._cell.set(self._targets, target)
         if _MODES[motion.kind] is Mode.PROGRAM:

@@ -178,8 +178,9 @@ class World:
 
     def _carrier(self, body: Body) -> str:
         moves_with = self.nominal.carrier(body.moves_with)
-        frame = "table" if moves_with == "part" and not self.grips else moves_with
-        return f"link[{len(self.nominal.arm.joints)}]" if frame == "sensor" else frame
+        if moves_with == "part" and not self.grips:
+            return self.nominal.support
+        return self.nominal.sensor.parent if moves_with == "sensor" else moves_with
 
     @cached_property
     def scene(self) -> ProximityScene:
