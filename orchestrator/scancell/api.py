@@ -44,7 +44,7 @@ from scancell.errors import DescriptionError, require
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import ShapeGroup
 from scancell.nominal.parts import load_artefact, load_part
-from scancell.planning.layout import Layouts, Ranges
+from scancell.planning.layout import Layouts, Plans, Ranges, Samples
 from scancell.planning.plan import Plan
 from scancell.planning.setups import SetUps
 from scancell.progress import Progress, ProgressCallback, as_progress
@@ -262,8 +262,8 @@ def place(part: str | Path | Mesh, share: Share = 0.99, **options: Unpack[PlanOp
 def layout(
     parts: str | Path | Mesh | Sequence[str | Path | Mesh],
     vary: Ranges = (),
-    samples: Count = 128,
-    plans: Count = 4,
+    samples: Samples = 128,
+    plans: Plans = 4,
     seed: Seed = 0,
     **options: Unpack[PlanOptions],
 ) -> Layouts:

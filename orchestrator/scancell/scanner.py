@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Self
 
-from scancell.arguments import Count, Length, Pose, Seed, Share, Threads, checked_arguments
+from scancell.arguments import Length, Pose, Seed, Share, Threads, checked_arguments
 from scancell.calibration.cell.report import (
     CalibrationReport,
     ExchangedSensor,
@@ -30,7 +30,15 @@ from scancell.errors import DescriptionError, ScancellError
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.parts import PartCache
 from scancell.nominal.plausibility import setup_warnings
-from scancell.planning.layout import MOST_CLEARANCE, LayoutPlanner, Layouts, Ranges, layout_bounds
+from scancell.planning.layout import (
+    MOST_CLEARANCE,
+    LayoutPlanner,
+    Layouts,
+    Plans,
+    Ranges,
+    Samples,
+    layout_bounds,
+)
 from scancell.planning.model import SensorRange, Work
 from scancell.planning.options import scan_options
 from scancell.planning.path_map.configuration_map import QualityFactor
@@ -335,8 +343,8 @@ class Scanner(Closing):
         parts: str | Path | Mesh | Sequence[str | Path | Mesh],
         vary: Ranges = (),
         *,
-        samples: Count = 128,
-        plans: Count = 4,
+        samples: Samples = 128,
+        plans: Plans = 4,
         seed: Seed = 0,
         unit: str = "mm",
         progress: Progress | ProgressCallback | None = None,

@@ -114,9 +114,12 @@ def test_same_seed_gives_the_same_layouts_at_any_thread_count(found: Layouts) ->
 
 def test_layout_of_two_parts_adds_times_and_states_the_worst_coverage() -> None:
     parts = [angle(), scancell.box_mesh((0.05, 0.03, 0.02))]
-    with Scanner(settings=FAST) as scanner:
+    estimated = {"cell.estimated.table.x_mm": 0.3}  # of the table where it stands
+    with Scanner(settings={**FAST, **estimated}) as scanner:
         both = scanner.layout(parts, {"table.pose.x_mm": (400.0, 500.0)}, samples=2, plans=1)
     (layout,) = both.chosen
+    assert layout.cell.estimated is None
+    assert both.present.cell.estimated is not None
     assert len(layout.scans) == 2
     assert layout.time == pytest.approx(sum(scan.plan.program.duration for scan in layout.scans))
     assert layout.scanned == min(scan.scanned for scan in layout.scans)

@@ -353,8 +353,12 @@ def layout(
             " arm's base, sensor on the flange",
         ),
     ] = None,
-    samples: Annotated[int, typer.Option(min=1, help="layouts that are screened by inverse kinematics alone")] = 128,
-    plans: Annotated[int, typer.Option(min=1, help="layouts that are planned in full, the best of these")] = 4,
+    samples: Annotated[
+        int, typer.Option(min=1, max=100_000, help="layouts that are screened by inverse kinematics alone")
+    ] = 128,
+    plans: Annotated[
+        int, typer.Option(min=1, max=1000, help="layouts that are planned in full, the best of these")
+    ] = 4,
     seed: SeedOption = 0,
     out: OutOption = Path("out/layout"),
 ) -> Outcome:

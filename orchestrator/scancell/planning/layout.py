@@ -12,10 +12,11 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
+from scancell.arguments import Within
 from scancell.arrays import Array, Flags, Indices
 from scancell.config.cell import CellDescription
 from scancell.config.description import checked
@@ -53,6 +54,9 @@ DEFAULT_RANGES = {
     "tool.flange_from_sensor.ry_deg": (-30.0, 30.0),
 }
 
+Samples = Annotated[int, Within(1, 100_000)]
+Plans = Annotated[int, Within(1, 1000)]
+
 WORTH = 0.01
 """Share of the surface by which layouts may differ to count as equal in coverage."""
 
@@ -62,7 +66,7 @@ _TRIES = 10  # layouts that are tried for each that is planned
 _SAMPLES = 1500  # of the surface, for screening
 _ROUNDS = 2  # of passes
 # Views of a part for screening, table angles of each, and poses along each, by closed form and by numerical solution.
-_SCREENING = {True: (80, 24, 3), False: (24, 8, 1)}
+_SCREENING = {True: (80, 24, 2), False: (24, 8, 1)}
 
 PlanScan = Callable[[CellDescription, Mesh], tuple[Plan, float]]
 """Plan of a part in a cell, and the smallest distance between bodies in it, m; raises `ScancellError`."""
@@ -445,8 +449,12 @@ class LayoutPlanner:
                 break
         if not made:
             raise PlanningError(join_reasons(self._none(samples, len(order), len(reasons)), sorted(set(reasons))))
-        chosen = [replace(one, name=f"layout_{rank}") for rank, one in enumerate(_ranked(made), 1)]
-        return Layouts(tuple(chosen), present, dict(bounds), samples, dict(Counter(reasons)))
+        chosen = tuple(
+            # Deviations that calibration found are those of the cell as it stands.
+            replace(one, name=f"layout_{rank}", cell=one.cell.model_copy(update={"estimated": None}))
+            for rank, one in enumerate(_ranked(made), 1)
+        )
+        return Layouts(chosen, present, dict(bounds), samples, dict(Counter(reasons)))
 
     @staticmethod
     def _none(samples: int, reachable: int, tried: int) -> str:
