@@ -186,6 +186,15 @@ def test_scan_without_a_choice_of_views_is_refused() -> None:
         scanner.layout(angle())
 
 
+def test_cell_whose_table_does_not_turn_is_refused() -> None:
+    fixed = {**FAST, "cell.table.turns": False}
+    with (
+        Scanner(settings=fixed) as scanner,
+        pytest.raises(DescriptionError, match=r"table\.turns = False: expected a part"),
+    ):
+        scanner.layout(angle(), BOUNDS)
+
+
 @pytest.mark.parametrize("cell", ["default", "offset_wrist", "track", "tilt_turn"])
 def test_screening_finds_less_in_reach_the_farther_the_table_is(cell: str) -> None:
     with Scanner(scancell.assets_dir() / "cells" / f"{cell}.toml", settings=FAST) as scanner:

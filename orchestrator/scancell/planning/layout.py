@@ -496,6 +496,10 @@ class LayoutPlanner:
     def _views_of(self, part: Mesh) -> Views:
         """Views in range and sight of a part, which the arm may reach or not."""
         nominal = nominal_cell(self._cell, part).with_axes_held()
+        if nominal.holds_part or not nominal.table_turns:
+            key, value = ("part.moves_with", "flange") if nominal.holds_part else ("table.turns", False)
+            expected = "a part on a table that turns: layouts of other cells are not proposed yet"
+            raise DescriptionError(key=f"cell.{key}", value=value, expected=expected)
         surface = unknown_surface(nominal, self._sensor, _SAMPLES, self._threads)
         every = replace(surface, measurable=np.ones(len(surface.samples), bool))
         sight = Sight(nominal, self._sensor, lambda *_: every, self._threads, self._work, _SAMPLES)
