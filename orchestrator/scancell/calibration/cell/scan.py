@@ -75,6 +75,7 @@ from scancell.scanning.pipeline import ScanPipeline
 from scancell.scanning.scan import Scan
 from scancell.scanning.world import World
 
+_LEAST_SIGMA = 1e-9  # m: standard deviation of the points of a sensor without noise, as their weights need one
 _TILT = np.radians(50.0)  # largest angle between the sensor's z and the normal of the surface that it looks at
 _RANGE_MARGIN = 0.15  # share of the measuring range that is left free at both ends
 _LINE_SHARE = 0.5  # of the half laser line, within which the target lies
@@ -434,7 +435,7 @@ def observations_of(profiles: ProfilePoints, readings: AxisReadings, sensor: sen
     return Observations(
         readings=readings,
         points_in_sensor=points,
-        sigma=np.asarray(profiles.sigma[good], float),
+        sigma=np.maximum(profiles.sigma[good], _LEAST_SIGMA),
         direction=direction / np.linalg.norm(direction, axis=1, keepdims=True),
         frame=np.asarray(profiles.frame[good], np.intp),
         time_offset=profiles.time_offset[good],
@@ -691,11 +692,13 @@ def _spread(nominal: NominalCell, start: Array, count: int) -> Iterator[Array]:
     Distances count in terms of the ranges of the axes.
     """
     low, high = np.array([[axis.min, axis.max] for axis in nominal.further_axes]).reshape(-1, 2).T
+    if not len(low):
+        return
     shares = np.linspace(0.0, 1.0, count)
     # Every axis takes every position of its own once: rows of a lattice.
     left = np.column_stack([shares[(np.arange(count) * step) % count] for step in (1, 5, 7)[: len(low)]])
-    done = [(start - low) / (high - low)] if len(low) else []
-    while len(left) and len(low):
+    done = [(start - low) / (high - low)]
+    while len(left):
         nearest = np.min([np.abs(left - one).max(1) for one in done], axis=0)
         number = int(nearest.argmax())
         done.append(left[number])

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 LIMIT_FRACTION = 0.8
 PATH_ACCELERATION = 0.5  # m/s² along straight passes
 _AZIMUTH_STEP = np.radians(15.0)
+_SLOWEST = 100.0  # factor by which a pass may be slowed: near a singular position its proof would take minutes
 MIN_METRIC = 1e-3  # product of Eq. 7 below which a pose counts as infeasible: too near to a joint limit
 _TURN_CHECKS = 120  # table angles per turn at which collisions are checked
 _TURN_STEPS = 24  # parts of a turn of the table that are free or not
@@ -436,6 +437,8 @@ class Placer:
         needed = slowdown(cell, lambda time: positions(run.at(time)), run.duration)
         if isinstance(needed, str):
             return Infeasible(needed)
+        if needed.factor > _SLOWEST:
+            return Infeasible(f"{needed}: the arm is near a singular position")
         exposures = positions(np.linspace(0.0, view.length, count))
         slow = run.slowed(needed.factor)
         moving = positions(slow.at(trajectory.cycle_times(slow.duration, cell.cycle)))
