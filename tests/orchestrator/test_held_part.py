@@ -158,8 +158,15 @@ def test_part_between_the_fingers_is_scanned(tmp_path) -> None:
     setup = load_setup(CELL, settings=[*FEW, *grip], ideal=True)
     with Scanner(setup=setup) as scanner:
         result = scanner.scan(BLOCK, engine="geometric")
-    assert result.deviation.rms < 0.1e-6
-    assert {"finger1", "finger2"} & set(result.dropped.foreign)
+    # Points on a finger within 1.5 mm of where it touches the part count as the part's.
+    distance = result.deviation.distance
+    on_part = np.abs(distance) < 0.1e-6
+    assert on_part.mean() > 0.85
+    assert np.abs(distance).max() < 1.5e-3
+    x, y, _ = result.cloud.points_in_part[~on_part].T
+    assert np.abs(x).max() <= 8.01e-3
+    assert np.abs(y).min() >= 24.99e-3
+    assert {"finger1", "finger2"} <= set(result.dropped.foreign)
 
 
 def test_plan_keeps_every_body_clear_of_the_held_part_by_true_poses() -> None:
@@ -217,13 +224,13 @@ def test_obstacle_in_the_way_of_the_held_part_is_kept_clear_of(tmp_path) -> None
 @pytest.mark.parametrize(
     "words",
     [
-        ['scan.mode="stop-and-look"', "scan.max_profiles=12"],
+        ['scan.mode="stop-and-look"', "scan.max_profiles=24"],
         ["scan.coverage.share=0.4", "scan.max_profiles=60"],
         [
             "scan.sweep.enabled=false",
             "scan.raster.enabled=false",
-            'scan.path=[{ name = "over", waypoint = [{ x_mm = -30, z_mm = 20, elevation_deg = 70 },'
-            " { x_mm = 30, z_mm = 20, elevation_deg = 70 }] }]",
+            'scan.path=[{ name = "over", waypoint = [{ x_mm = -30, y_mm = 3, z_mm = 20, elevation_deg = 70 },'
+            " { x_mm = 30, y_mm = -2, z_mm = 20, elevation_deg = 70 }] }]",
             "scan.max_profiles=400",
         ],
         ["scan.pose=[{ z_mm = 110, rx_deg = 180 }, { x_mm = 20, z_mm = 112, rx_deg = 180, rz_deg = 30 }]"],

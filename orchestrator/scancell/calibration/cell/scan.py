@@ -75,7 +75,7 @@ from scancell.scanning.pipeline import ScanPipeline
 from scancell.scanning.scan import Scan
 from scancell.scanning.world import World
 
-_LEAST_SIGMA = 1e-9  # m: standard deviation of the points of a sensor without noise, as their weights need one
+_LEAST_SIGMA = 1e-7  # m: standard deviation of points of a sensor without noise, whose weights are finite, too
 _TILT = np.radians(50.0)  # largest angle between the sensor's z and the normal of the surface that it looks at
 _RANGE_MARGIN = 0.15  # share of the measuring range that is left free at both ends
 _LINE_SHARE = 0.5  # of the half laser line, within which the target lies
