@@ -156,8 +156,8 @@ def chuck() -> Manifold:
         [
             drum(30, 0, 8, chamfer=1),
             cone(24, 14, 7, 16),
-            drum(14, 10, 36, chamfer=0),
-            cone(14, 18, 30, 36),
+            drum(14, 10, 37, chamfer=0),
+            cone(13, 17, 29, 37),
             drum(18, 35, 40, chamfer=1),
         ]
     )

@@ -33,7 +33,7 @@ def cases(seed: int, number: int) -> list[Case]:
         inputs = {
             "exposures": {**rotations, **positions, "table_deg": np.degrees(readings.table)},
             "points": {"exposure": observed.frame.astype(float), "y_mm": y, "z_mm": z},
-            "flange_from_sensor": cell.flange_from_sensor.tolist(),
+            "flange_from_sensor": cell.carrier_from_sensor.tolist(),
             "base_from_table": (pose.inverse(cell.arm.world_from_base) @ cell.world_from_table).tolist(),
             "radius_mm": 1e3 * RADIUS,
             "sphere_on_table_mm": (1e3 * (np.array(CENTRE) + rng.uniform(-_PLACED_OFF, _PLACED_OFF, 3))).tolist(),

@@ -152,7 +152,7 @@ def test_rotations_about_one_axis_are_refused() -> None:
     rng, cell = np.random.default_rng(5), default_kinematics()
     q = sphere_views(rng, 1, turn_table=False)[:, :-1]
     world_from_flange = cell.arm.fk(q)[0]
-    middle = world_from_flange @ cell.flange_from_sensor @ pose.translation([0.0, 0.0, 0.12])
+    middle = world_from_flange @ cell.carrier_from_sensor @ pose.translation([0.0, 0.0, 0.12])
     turns = [
         middle @ pose.from_rotation(pose.rotation_about(0, angle)) @ pose.inverse(middle)
         for angle in np.radians([-12.0, -8.0, -4.0, 0.0, 4.0, 8.0, 12.0, 15.0])

@@ -59,7 +59,7 @@ class Recording:
         readings = AxisReadings.at_rest(sphere_views(rng, count, turn_table=False))
         self.observed = SphereCase(robot=REALISTIC).observe(readings, rng)
         self.flange = pose.inverse(cell.arm.world_from_base) @ cell.arm.fk(readings.q) @ DESCRIBED_FROM_REAL
-        self.flange_from_sensor = pose.inverse(DESCRIBED_FROM_REAL) @ cell.flange_from_sensor
+        self.flange_from_sensor = pose.inverse(DESCRIBED_FROM_REAL) @ cell.carrier_from_sensor
 
     def columns(
         self, convention: str, length: str = "mm", angle: str = "deg", named: str = ""
@@ -183,7 +183,7 @@ def test_intervals_contain_the_truth(scanner, tmp_path) -> None:
     for seed in range(8):
         one = Recording(seed + 20)
         report = scanner.calibrate("tool", from_points=one.write(tmp_path / "p.parquet", one.columns("matrix")))
-        delta = pose.inverse(default_kinematics().flange_from_sensor) @ one.flange_from_sensor
+        delta = pose.inverse(default_kinematics().carrier_from_sensor) @ one.flange_from_sensor
         true = np.array([*delta[:3, 3], *pose.euler_xyz_from_rotation(delta[:3, :3])])
         inside.extend(np.abs(report.result.values - true) < report.result.half_widths())
     assert len(inside) == 48 and sum(inside) >= 41  # 1e-3 of the binomial distribution

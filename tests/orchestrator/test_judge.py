@@ -67,7 +67,7 @@ def test_a_plan_that_collides_is_refused_by_the_judge() -> None:
 
     def lowered(axes: np.ndarray) -> np.ndarray:
         q = axes[:, :-1]
-        sunk = lower @ cell.table_from_sensor(q)
+        sunk = lower @ cell.support_from_sensor(q)
         return with_table(cell.ik(sunk, reference=q, filtered=False)[:, 0], axes[:, -1])
 
     segment = next(s for s in made.program.segments if s.trigger.kind == "table_angle")

@@ -151,7 +151,7 @@ def test_present_layout_that_cannot_scan_is_listed_last_with_the_reason() -> Non
         (["=1:2"], "expected KEY=LOW:HIGH"),
         (["table.pose.x_mm=1:2", "table.pose.x_mm=3:4"], "table.pose.x_mm is given twice"),
         (["tool.fixture.reach_mm=-20:90"], "tool.fixture.reach_mm = -20.0: must be greater than or equal to 0"),
-        (["tool.flange_from_sensor.x_mm=0:9"], "give exactly one of flange_from_sensor and fixture"),
+        (["tool.flange_from_sensor.x_mm=0:9"], "give exactly one of flange_from_sensor, fixture and pose"),
         ({"table.pose.x_mm": (5.0, 2.0)}, "the range of table.pose.x_mm is empty"),
         ({"table.pose.x_mm": 5.0}, "vary"),
         ("table.pose.x_mm=1:2", "vary"),

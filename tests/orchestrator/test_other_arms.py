@@ -45,7 +45,7 @@ def test_all_views_of_the_default_arm_are_reached(any_plan: tuple[PlanningCell, 
 def test_sensor_is_where_the_views_have_it(any_plan: tuple[PlanningCell, Plan]) -> None:
     """Exposures of a sweep have one pose but for the turn of the table; those of a pass lie on a straight line."""
     cell, result = any_plan
-    sensor = cell.table_from_sensor(result.q)
+    sensor = cell.support_from_sensor(result.q)
     for segment in result.program.segments:
         mine = sensor[result.segment == segment.id]
         if segment.name.startswith("sweep"):

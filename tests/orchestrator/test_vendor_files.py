@@ -343,7 +343,7 @@ def test_points_without_a_height_are_left_out_of_a_table(tmp_path) -> None:
         ("a.dat", POSES["KUKA"][1].replace("C 155.5", "C ?"), "line 6 holds no such pose"),
         ("a.rob", POSES["RobPoses"][1].replace("\t\t\t155.500", ""), "holds no such pose"),
         ("a.mod", POSES["ABB"][1].replace("p10:=[[", "p10:=[[9E9,", 1), "line 3 holds no such pose"),
-        ("a.txt", "1 2 3 4 5 6\n", "needs a `convention`"),
+        ("a.txt", "1 2 3 4 5 6\n" * 3, "needs a `convention`"),
     ],
 )
 def test_lost_poses_are_refused(tmp_path, name, content, message) -> None:
