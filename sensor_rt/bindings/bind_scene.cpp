@@ -8,7 +8,9 @@
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <tuple>
 #include <utility>
+#include <vector>
 
 #include "sensor_rt/bindings/arrays.h"
 #include "sensor_rt/bindings/bindings.h"
@@ -22,12 +24,31 @@ namespace py = pybind11;
 namespace sensor_rt {
 namespace {
 
+CurvedKind to_curved_kind(const std::string& name) {
+  if (name == "cylinder") return CurvedKind::kCylinder;
+  if (name == "cone") return CurvedKind::kCone;
+  if (name == "sphere") return CurvedKind::kSphere;
+  if (name == "torus") return CurvedKind::kTorus;
+  throw std::invalid_argument("an exact surface '" + name + "': expected cylinder, cone, sphere or torus");
+}
+
+/// Kind, `body_from_face`, radius and second figure of each exact surface, and the number of that of each
+/// face.
+using CurvedFaceTuple = std::tuple<std::string, Doubles, double, double>;
+
 void add_mesh(Scene& scene, const std::string& body, const Doubles& vertices, const py::object& faces,
-              const py::object& material) {
+              const py::object& material, const std::vector<CurvedFaceTuple>& curved,
+              const Integers<std::int32_t>& curved_of_face) {
   const MeshArrays mesh(vertices, faces);
   const Material surface = to_material(material);
+  ExactFaces exact;
+  for (const auto& [kind, body_from_face, radius, second] : curved) {
+    exact.curved.push_back(
+        {to_curved_kind(kind), to_pose(body_from_face, "body_from_face").inverse(), radius, second});
+  }
+  exact.curved_of_face.assign(curved_of_face.data(), curved_of_face.data() + curved_of_face.size());
   const py::gil_scoped_release release;
-  scene.add_mesh(body, mesh.view(), surface);
+  scene.add_mesh(body, mesh.view(), surface, exact);
 }
 
 void add_sphere(Scene& scene, const std::string& body, const Doubles& centre, double radius,
@@ -209,7 +230,9 @@ py::tuple py_triangle_distances(const MeshSurface& surface, const Doubles& trian
 void bind_scene(py::module_& module) {
   py::class_<Scene>(module, "Scene", py::module_local())
       .def(py::init<>())
-      .def("add_mesh", &add_mesh, py::arg("name"), py::arg("vertices"), py::arg("faces"), py::arg("material"))
+      .def("add_mesh", &add_mesh, py::arg("name"), py::arg("vertices"), py::arg("faces"), py::arg("material"),
+           py::arg("curved") = std::vector<CurvedFaceTuple>(),
+           py::arg("curved_of_face") = Integers<std::int32_t>(0))
       .def("add_sphere", &add_sphere, py::arg("name"), py::arg("centre"), py::arg("radius"),
            py::arg("material"))
       .def("add_box", &add_box, py::arg("name"), py::arg("body_from_box"), py::arg("size"),

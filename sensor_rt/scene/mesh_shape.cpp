@@ -43,7 +43,7 @@ SceneHandle build_triangle_scene(const MeshView& mesh, const Eigen::Vector3d& ce
 
 std::uint64_t tree_builds() { return builds; }
 
-Shape make_mesh_shape(const MeshView& mesh) {
+Shape make_mesh_shape(const MeshView& mesh, const ExactFaces& exact) {
   const Eigen::Vector3d centre = mesh_centre(mesh);
   Shape shape;
   shape.kind = ShapeKind::kMesh;
@@ -53,6 +53,11 @@ Shape make_mesh_shape(const MeshView& mesh) {
     shape.planes.push_back(face_plane(mesh, face, centre));
   for (std::size_t i = 0; i < mesh.vertex_count; ++i) {
     shape.half_size = shape.half_size.cwiseMax((mesh.vertex(i) - centre).cwiseAbs());
+  }
+  shape.curved = exact.curved;
+  shape.curved_of_face = exact.curved_of_face;
+  for (CurvedFace& face : shape.curved) {
+    face.face_from_shape.translation += face.face_from_shape.rotation * centre;
   }
   shape.embree = build_triangle_scene(mesh, centre);
   return shape;

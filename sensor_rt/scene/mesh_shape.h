@@ -4,6 +4,7 @@
 #include <Eigen/Dense>
 #include <cstddef>
 #include <cstdint>
+#include <vector>
 
 #include "sensor_rt/scene/mesh_view.h"
 #include "sensor_rt/scene/shape.h"
@@ -17,7 +18,14 @@ SceneHandle build_triangle_scene(const MeshView& mesh, const Eigen::Vector3d& ce
 /// rebuilt.
 std::uint64_t tree_builds();
 
+/// Exact surfaces of faces: `curved_of_face` numbers those of each face in `curved`, -1: the face is flat.
+/// Both are empty for a plain mesh.
+struct ExactFaces {
+  std::vector<CurvedFace> curved;  ///< in the body frame: `face_from_shape` is `face_from_body`
+  std::vector<std::int32_t> curved_of_face;
+};
+
 /// Returns the shape of a valid mesh given in the body frame.
-Shape make_mesh_shape(const MeshView& mesh);
+Shape make_mesh_shape(const MeshView& mesh, const ExactFaces& exact = {});
 
 }  // namespace sensor_rt

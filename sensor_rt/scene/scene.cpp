@@ -7,11 +7,38 @@
 #include <utility>
 
 namespace sensor_rt {
+namespace {
 
-void Scene::add_mesh(const std::string& body, const MeshView& mesh, const Material& material) {
+void validate_exact_faces(const ExactFaces& exact, std::size_t faces, const std::string& what) {
+  const auto require = [&](bool holds, const char* expected) {
+    if (!holds) throw std::invalid_argument(what + ": " + expected);
+  };
+  require(exact.curved_of_face.empty() || exact.curved_of_face.size() == faces,
+          "expected the number of an exact surface for each face, or none");
+  const auto count = static_cast<std::int32_t>(exact.curved.size());
+  for (const std::int32_t number : exact.curved_of_face) {
+    require(number >= -1 && number < count, "the number of an exact surface is out of range");
+  }
+  for (const CurvedFace& face : exact.curved) {
+    require(face.face_from_shape.translation.allFinite() && face.face_from_shape.rotation.allFinite(),
+            "the pose of an exact surface is not finite");
+    const bool is_cone = face.kind == CurvedKind::kCone;
+    require(std::isfinite(face.radius) && (face.radius > 0.0 || (is_cone && face.radius == 0.0)),
+            "radii of exact surfaces must be finite and positive");
+    require(!is_cone || std::abs(face.second) < 1.57, "the half angle of a cone must be below 1.57 rad");
+    require(face.kind != CurvedKind::kTorus || (std::isfinite(face.second) && face.second > 0.0),
+            "the radius of the tube of a torus must be finite and positive");
+  }
+}
+
+}  // namespace
+
+void Scene::add_mesh(const std::string& body, const MeshView& mesh, const Material& material,
+                     const ExactFaces& exact) {
   validate_material(material, "body " + body);
   validate_mesh(mesh, "body " + body);
-  add_shape(body, make_mesh_shape(mesh), material);
+  validate_exact_faces(exact, mesh.face_count, "body " + body);
+  add_shape(body, make_mesh_shape(mesh, exact), material);
 }
 
 void Scene::add_sphere(const std::string& body, const Eigen::Vector3d& centre, double radius,

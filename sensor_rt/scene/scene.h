@@ -16,8 +16,9 @@ namespace sensor_rt {
 /// finished scene is thread-safe.
 class Scene {
  public:
-  /// Adds a mesh given in the body frame.
-  void add_mesh(const std::string& body, const MeshView& mesh, const Material& material);
+  /// Adds a mesh given in the body frame; rays that meet a face with an exact surface hit that surface.
+  void add_mesh(const std::string& body, const MeshView& mesh, const Material& material,
+                const ExactFaces& exact = {});
   /// Adds a sphere around `centre` (body frame).
   void add_sphere(const std::string& body, const Eigen::Vector3d& centre, double radius,
                   const Material& material);

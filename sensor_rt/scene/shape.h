@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "sensor_rt/geometry/rigid3.h"
+#include "sensor_rt/scene/curved_face.h"
 #include "sensor_rt/scene/embree.h"
 #include "sensor_rt/scene/material.h"
 #include "sensor_rt/scene/mesh_view.h"
@@ -36,9 +37,11 @@ struct Shape {
   /// Half extents of the bounding box. For a sphere, a box and a rectangle, which lies in z = 0, these are
   /// the dimensions.
   Eigen::Vector3d half_size = Eigen::Vector3d::Zero();
-  Frustum frustum;                ///< frusta only
-  std::vector<FacePlane> planes;  ///< meshes only, one per face
-  SceneHandle embree;             ///< meshes only
+  Frustum frustum;                           ///< frusta only
+  std::vector<FacePlane> planes;             ///< meshes only, one per face
+  std::vector<CurvedFace> curved;            ///< exact surfaces of a mesh from CAD
+  std::vector<std::int32_t> curved_of_face;  ///< number in `curved` of each face, -1: flat; empty without any
+  SceneHandle embree;                        ///< meshes only
 
   /// Returns normal and grooves at a point, in the reference frame.
   SurfaceFrame frame(const Rigid3& shape_from_reference, const Eigen::Vector3d& point,

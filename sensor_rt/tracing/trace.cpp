@@ -71,6 +71,42 @@ bool meet_box(const Shape& shape, const Lanes3& __restrict origin, const Lanes3&
   return any != 0;
 }
 
+/// Largest way along a ray from a triangle to the exact surface of its face, m: beyond, the ray meets another
+/// part of the surface, or none, and the triangle counts.
+constexpr double kFarthestMove = 2e-3;
+constexpr double kGrazing = 1e-6;     // cosine below which a ray has no point of intersection
+constexpr double kConverged = 1e-12;  // m
+constexpr int kNewtonSteps = 12;
+
+/// Moves hits from the triangles to the exact surfaces of their faces, by Newton's method along the rays.
+void meet_exact_faces(const Shape& shape, const Lanes3& origin, const Lanes3& direction, Candidates& found) {
+  for (int l = 0; l < kLanes; ++l) {
+    const std::int32_t number = shape.curved_of_face[found.face[l]];
+    if (number < 0 || !(found.t[l] < kNoHit)) continue;
+    const CurvedFace& face = shape.curved[static_cast<std::size_t>(number)];
+    const Eigen::Vector3d from = lane(origin, l);
+    const Eigen::Vector3d along = lane(direction, l);
+    const double length = along.norm();
+    double t = found.t[l];
+    Eigen::Vector3d gradient;
+    double distance = face.distance(from + t * along, gradient);
+    for (int step = 0; step < kNewtonSteps && std::abs(distance) > kConverged; ++step) {
+      const double towards = gradient.dot(along);
+      if (!(std::abs(towards) > kGrazing * length)) break;
+      t -= distance / towards;
+      if (!(std::abs(t - found.t[l]) * length <= kFarthestMove)) break;
+      distance = face.distance(from + t * along, gradient);
+    }
+    if (!(std::abs(distance) <= kConverged && t > 0.0)) continue;
+    if (!(std::abs(t - found.t[l]) * length <= kFarthestMove)) continue;
+    const double side = gradient.dot(lane(found.normal, l)) < 0.0 ? -1.0 : 1.0;
+    found.t[l] = t;
+    found.normal.x[l] = side * gradient.x();
+    found.normal.y[l] = side * gradient.y();
+    found.normal.z[l] = side * gradient.z();
+  }
+}
+
 /// Returns false when no ray hits the mesh.
 bool find_faces(const Shape& shape, const Lanes3& origin, const Lanes3& direction, const int* valid,
                 const PacketHits& hits, Candidates& found) {
@@ -96,6 +132,7 @@ bool find_faces(const Shape& shape, const Lanes3& origin, const Lanes3& directio
   for (int l = 0; l < kLanes; ++l) {
     if (valid[l] == 0 || rays.hit.geomID[l] == RTC_INVALID_GEOMETRY_ID) found.t[l] = kNoHit;
   }
+  if (!shape.curved_of_face.empty()) meet_exact_faces(shape, origin, direction, found);
   return true;
 }
 

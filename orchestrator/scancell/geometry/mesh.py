@@ -16,7 +16,7 @@ from scancell.arguments import Shape, checked_arguments, checked_fields
 from scancell.arrays import Array
 from scancell.errors import MeshError
 from scancell.geometry import orientation, pose
-from scancell.geometry.mesh_files import FORMATS, Vertices, read_mesh, weld, weld_seams
+from scancell.geometry.mesh_files import CAD_FORMATS, FORMATS, Vertices, read_mesh, weld, weld_seams
 from scancell.geometry.orientation import Orientation, Winding, connected_components
 from scancell.values import Value
 
@@ -252,7 +252,7 @@ class MassProperties:
 
 
 def load_mesh(path: str | Path, unit: str = "mm") -> Mesh:
-    """Read an STL, OBJ or PLY file whose coordinates are in `unit` (mm, m or inch).
+    """Read an STL, OBJ or PLY file whose coordinates are in `unit` (mm, m or inch), or a CAD file, which states its unit.
 
     Equal vertices are joined, also those of open edges that differ by rounding only; repeated faces are removed, and
     faces without an area where the mesh is closed without them; faces that certainly point the wrong way are flipped.
@@ -264,6 +264,10 @@ def load_mesh(path: str | Path, unit: str = "mm") -> Mesh:
     path = Path(path)
     if unit not in METRES_PER_UNIT:
         raise MeshError(key="unit", value=unit, expected=f"one of {', '.join(METRES_PER_UNIT)}")
+    if path.suffix.lower() in CAD_FORMATS:
+        from scancell.geometry.cad import load_cad  # noqa: PLC0415  (it imports this module)
+
+        return load_cad(path)
     vertices, faces, found = read_mesh(path)
     _check_mesh(vertices, faces, str(path))
     first, number = weld(vertices)

@@ -27,6 +27,7 @@ Remarks = tuple[str, ...]
 MeshContent = tuple[Vertices, Faces, Remarks]
 
 FORMATS = (".stl", ".obj", ".ply")
+CAD_FORMATS = (".step", ".stp", ".iges", ".igs", ".brep", ".brp")  # see `scancell.geometry.cad`
 
 _STL_HEAD = 84  # bytes: header and number of triangles
 _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -41,7 +42,7 @@ _OTHER_CONTENTS = {
     b"pk\x03\x04": "a ZIP archive (a 3MF file is one)",
     b"\x1f\x8b": "compressed with gzip",
     b"7z\xbc\xaf": "a 7z archive",
-    b"iso-10303-21": "a STEP file, which holds no triangles: export a mesh from the CAD program",
+    b"iso-10303-21": "a STEP file: name it .step",
     b"\xd0\xcf\x11\xe0": "a document of a CAD or office program",
     b"gltf": "a binary glTF file",
     b"{": "a JSON file (glTF is one)",

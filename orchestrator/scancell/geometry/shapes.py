@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from scancell.arrays import Array
 from scancell.geometry import pose
+from scancell.geometry.cad import CadMesh
 from scancell.geometry.mesh import Mesh, box_mesh, joined
 from scancell.sensor import MeshSurface
 
@@ -405,12 +406,12 @@ def _nearest_on_profile(points: Array, profile: Array) -> tuple[Array, Array]:
 
 
 class PartSurface:
-    """Distances to the exact shapes of a part that has them, otherwise to its mesh.
+    """Distances to the exact shapes or faces of a part that has them, otherwise to its mesh.
 
     Attributes
     ----------
     is_exact
-        Whether the part consists of exact shapes.
+        Whether the part consists of exact shapes, or of faces with a closed form.
     is_signed
         Whether distances have a sign: a mesh that is not closed has no inside.
     """
@@ -418,8 +419,8 @@ class PartSurface:
     def __init__(self, part: Mesh) -> None:
         self._part, self._mesh = part, MeshSurface(part.vertices, part.faces)
         self._shapes = part.shapes if isinstance(part, ShapeMesh) else None
-        self.is_exact = self._shapes is not None
-        self.is_signed = self.is_exact or part.is_closed
+        self.is_exact = self._shapes is not None or (isinstance(part, CadMesh) and part.is_exact)
+        self.is_signed = self._shapes is not None or part.is_closed
 
     def __reduce__(self) -> tuple[Any, ...]:
         return PartSurface, (self._part,)
@@ -432,4 +433,6 @@ class PartSurface:
         signed, face = self._mesh.signed_distances(points, threads)
         if self._shapes is not None:
             signed = self._shapes.nearest(points)[0]
+        elif isinstance(self._part, CadMesh):
+            signed = self._part.refined(points, signed, face)
         return (signed if self.is_signed else np.abs(signed)), face

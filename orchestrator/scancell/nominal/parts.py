@@ -41,9 +41,10 @@ from scancell.geometry.mesh import (
     load_mesh,
     mass_properties,
 )
+from scancell.geometry.mesh_files import CAD_FORMATS
 from scancell.geometry.shapes import Box, Cone, Cylinder, PlacedShape, Plane, Ring, Shape, ShapeGroup, ShapeMesh, Sphere
 
-PART_FORMATS = (*FORMATS, ".toml")
+PART_FORMATS = (*FORMATS, *CAD_FORMATS, ".toml")
 
 _MOST_KEPT = 2
 _MOST_MESHES = 32  # of files that are kept

@@ -25,6 +25,7 @@ from scancell.config.loading import Setup, as_built_delay, as_built_sensor, requ
 from scancell.config.material import Material
 from scancell.config.sensor import SensorDescription, exposure_windows, read_out, sensor_json
 from scancell.errors import DescriptionError, SensorError
+from scancell.geometry.cad import CadMesh
 from scancell.geometry.shapes import Box, Cone, Cylinder, PartSurface, PlacedShape, Plane, Ring, ShapeMesh, Sphere
 from scancell.nominal.cell import Body, Lamp, NominalCell, as_estimated, fmu_frame
 from scancell.nominal.parts import Patch
@@ -75,11 +76,12 @@ def _add_body(scene: sensor_rt.Scene, body: Body) -> None:
         if len(patch.faces) == 0:
             continue
         material = native_material(patch.material)
+        exact = body.mesh.curved_surfaces(patch.faces) if isinstance(body.mesh, CadMesh) else ()
         if len(patch.faces) == len(patched):
-            scene.add_mesh(body.name, body.mesh.vertices, body.mesh.faces, material)
+            scene.add_mesh(body.name, body.mesh.vertices, body.mesh.faces, material, *exact)
         else:
             used, faces = np.unique(body.mesh.faces[patch.faces], return_inverse=True)
-            scene.add_mesh(body.name, body.mesh.vertices[used], faces.reshape(-1, 3), material)
+            scene.add_mesh(body.name, body.mesh.vertices[used], faces.reshape(-1, 3), material, *exact)
 
 
 def _add_shape(scene: sensor_rt.Scene, name: str, placed: PlacedShape, material: sensor_rt.Material) -> None:

@@ -4,6 +4,7 @@
 message that names the argument. The functions release the GIL.
 """
 
+from collections.abc import Sequence
 from typing import Literal, overload
 
 import numpy as np
@@ -137,8 +138,22 @@ class Scene:
     """Scene of rigid bodies made of shapes. Shapes with the same body name move together. Surfaces are two-sided."""
 
     def __init__(self) -> None: ...
-    def add_mesh(self, name: str, vertices: ArrayLike, faces: ArrayLike, material: Material | float) -> None:
-        """Add a mesh with vertices (n, 3) in the body frame, m, and faces (m, 3) of vertex indices."""
+    def add_mesh(
+        self,
+        name: str,
+        vertices: ArrayLike,
+        faces: ArrayLike,
+        material: Material | float,
+        curved: Sequence[tuple[str, ArrayLike, float, float]] = (),
+        curved_of_face: ArrayLike = (),
+    ) -> None:
+        """Add a mesh with vertices (n, 3) in the body frame, m, and faces (m, 3) of vertex indices.
+
+        `curved` are the exact surfaces of its faces: ``cylinder``, ``cone``, ``sphere`` or ``torus``, the pose
+        ``body_from_face`` (4, 4), the radius (of a cone where z = 0, of the centre line of a torus), m, and the half
+        angle of the cone, rad, or the radius of the tube, m. `curved_of_face` (m,) is the number in it of each face,
+        -1 for a flat one. Rays that meet a triangle hit the exact surface of its face.
+        """
     def add_sphere(self, name: str, centre: ArrayLike, radius: float, material: Material | float) -> None:
         """Add an exact sphere around a point (3,) of the body frame."""
     def add_box(self, name: str, body_from_box: ArrayLike, size: ArrayLike, material: Material | float) -> None:
