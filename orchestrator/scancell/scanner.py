@@ -156,7 +156,7 @@ class Scanner(Closing):
         Parameters
         ----------
         part
-            Mesh file (STL, OBJ, PLY) in `unit`, artefact file (TOML), or a mesh in metres.
+            Mesh file (STL, OBJ, PLY) in `unit`, CAD file (STEP, IGES, BREP), artefact file (TOML), or a mesh in metres.
         engine
             ``ray-traced`` renders the camera images and finds the stripe in them; ``geometric`` intersects the laser
             rays with the surfaces.

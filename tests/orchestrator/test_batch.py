@@ -50,7 +50,7 @@ def test_a_mesh_given_twice_is_one_part(tmp_path) -> None:
     ("files", "given", "fragment"),
     [
         ((), "none", "none: no such file or folder"),
-        (("notes.txt",), "", "holds no mesh"),
+        (("notes.txt",), "", "holds no part"),
         (("x.stl", "x.obj"), "", "has the same name 'x' as"),
     ],
 )

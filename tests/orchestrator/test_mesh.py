@@ -82,7 +82,7 @@ def test_obj_polygons_texture_indices_and_negative_indices(tmp_path):
         ("a.ply", PLY_POINTS.encode(), "no triangles"),
         ("a.ply", b"ply\n" + bytes(range(256)) * 50, "not a readable PLY"),
         ("a.ply", PLY_HEAD.replace("vertex 3", "vertex 4000000000").encode() + b"0 0 0\n", "truncated"),
-        ("a.step", b"ISO-10303-21;", "not a mesh format"),
+        ("a.3mf", b"PK", "not a mesh format"),
         ("a", b"solid", "no suffix"),
     ],
 )

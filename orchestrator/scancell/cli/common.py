@@ -252,7 +252,7 @@ def show_progress(as_json: bool) -> AbstractContextManager[Progress]:
     return interruptible(TerminalProgress())
 
 
-PartArgument = Annotated[Path, "mesh (STL, OBJ, PLY) or artefact (TOML)"]
+PartArgument = Annotated[Path, "mesh (STL, OBJ, PLY), CAD file (STEP, IGES, BREP) or artefact (TOML)"]
 CellOption = Annotated[Path | None, "cell description (TOML)"]
 SensorOption = Annotated[Path | None, "sensor description (TOML)"]
 ScanOption = Annotated[Path | None, "scan description (TOML)"]

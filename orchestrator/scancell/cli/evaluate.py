@@ -45,7 +45,7 @@ _ColourOption = Annotated[_Colour, "quantity that the colours of the cloud show"
 @command("evaluate")
 def evaluate(
     cloud: Annotated[Path, "point cloud (PLY, PCD, LAS, LAZ, E57, NPZ, text, CSV) or run folder"],
-    mesh: Annotated[Path | None, "nominal part: mesh (STL, OBJ, PLY)"] = None,
+    mesh: Annotated[Path | None, "nominal part: mesh (STL, OBJ, PLY) or CAD file (STEP, IGES, BREP)"] = None,
     artefact: Annotated[Path | None, "nominal artefact (TOML)"] = None,
     align: Annotated[Align, "before the comparison: nothing, least squares, or to datum planes"] = "none",
     datum: Annotated[

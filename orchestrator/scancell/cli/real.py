@@ -33,7 +33,8 @@ class ReconstructOptions(PartOptions):
         Path | None, "results of `scancell calibrate`: calibrated cell, sensor, pose on the flange"
     ] = None
     part: Annotated[
-        Path | None, "mesh (STL, OBJ, PLY) or artefact (TOML); without it the cloud is in the base frame"
+        Path | None,
+        "mesh (STL, OBJ, PLY), CAD file (STEP, IGES, BREP) or artefact (TOML); without it: cloud in the base frame",
     ] = None
     flange: Annotated[
         Path | None,

@@ -165,7 +165,7 @@ def extract(
 
 @command("survey", SimulationOptions)
 def survey(
-    part: Annotated[Path, "part on the table: mesh (STL, OBJ, PLY) or artefact (TOML)"],
+    part: Annotated[Path, "part on the table: mesh (STL, OBJ, PLY), CAD file (STEP, IGES, BREP) or artefact (TOML)"],
     options: SimulationOptions,
     out: Annotated[Path, "file for the voxels (NPZ)"] = Path("out/survey.npz"),
     radius_mm: Annotated[

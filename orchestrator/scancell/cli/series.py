@@ -179,7 +179,9 @@ def _reported(report: StudyReport, timings: dict[str, float], warnings: list[str
 
 @command("batch", ExecutionOptions)
 def batch(
-    parts: Annotated[list[Path], "meshes (STL, OBJ, PLY), folders of them, or artefacts (TOML)"],
+    parts: Annotated[
+        list[Path], "meshes (STL, OBJ, PLY), CAD files (STEP, IGES, BREP), folders of them, or artefacts (TOML)"
+    ],
     out: OutOption,
     options: ExecutionOptions,
     config: Annotated[Path | None, "batch description (TOML); options override its keys"] = None,

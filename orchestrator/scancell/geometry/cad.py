@@ -23,7 +23,8 @@ from scancell.errors import MeshError, MissingExtraError
 from scancell.files import require_file
 from scancell.geometry import orientation, pose
 from scancell.geometry.cad_kernel import UNREADABLE
-from scancell.geometry.mesh import Mesh, weld
+from scancell.geometry.mesh import Mesh
+from scancell.geometry.mesh_files import weld
 from scancell.values import Value
 
 CAD_CHORD_ERROR = 5e-6
@@ -33,6 +34,10 @@ FREE_FORM_CHORD_ERROR = 1e-6
 
 _FOOT = 2.0  # of the chord error by which the distance from an exact surface may differ from that of the triangles
 _TIME_LIMIT = 600.0  # s that the kernel may take
+_COMMAND = [sys.executable, "-m", "scancell.geometry.cad_kernel"]
+
+
+CurvedFace = tuple[str, Array, float, float]  # kind, part_from_face, radius and second figure of an exact surface
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -131,7 +136,7 @@ class CadMesh(Mesh):
         return replace(self, vertices=moved.vertices, cad_faces=faces)
 
     def refined(self, points: Array, signed: Array, triangle: NDArray[Any]) -> Array:
-        """Distances (n,), m, of points (n, 3) from the exact faces, from those `signed` of their nearest triangles (n,).
+        """Distances (n,), m, of points (n, 3) from the exact faces; `signed`: those from the nearest triangles (n,).
 
         Where the nearest point of the exact surface is not on the face, beyond an edge, that of the triangle stays.
         """
@@ -148,8 +153,8 @@ class CadMesh(Mesh):
             exact[rows] = np.where(is_foot, distance, signed[rows])
         return exact
 
-    def curved_surfaces(self, triangles: NDArray[np.int64]) -> tuple[list[tuple[str, Array, float, float]], Array]:
-        """Curved faces of some triangles (k,) as the ray tracer takes them, and the number of that of each, -1: flat."""
+    def curved_surfaces(self, triangles: NDArray[np.int64]) -> tuple[list[CurvedFace], NDArray[np.int32]]:
+        """Curved faces of triangles (k,) as the ray tracer takes them, and the number of that of each, -1: flat."""
         used, number = np.unique(self.cad_face[triangles], return_inverse=True)
         curved = [face for face in used if self.cad_faces[face].is_curved]
         of_used = np.array([curved.index(face) if face in curved else -1 for face in used], np.int32)
@@ -157,15 +162,8 @@ class CadMesh(Mesh):
         return [(one.kind, one.part_from_face, one.radius, one.second) for one in found], of_used[number]
 
 
-def load_cad(path: Path, solid: str | None = None) -> CadMesh:
+def load_cad(path: Path) -> CadMesh:
     """Read a STEP, IGES or BREP file; its unit is that which the file states.
-
-    Parameters
-    ----------
-    path
-        File.
-    solid
-        Name of one of its solids; None: all of them.
 
     Raises
     ------
@@ -177,14 +175,8 @@ def load_cad(path: Path, solid: str | None = None) -> CadMesh:
     require_file(path, MeshError)
     with tempfile.TemporaryDirectory(prefix="scancell-cad-") as folder:
         content = _kernel(path, Path(folder) / "part.npz")
-    described: list[dict[str, Any]] = json.loads(bytes(content["faces"]))
+    described, found = json.loads(bytes(content["described"]))
     triangles, of_triangle = content["triangles"], content["face"]
-    if solid is not None:
-        names = list(dict.fromkeys(face["part_name"] for face in described))
-        if solid not in names:
-            raise MeshError(file=path, key="solid", value=solid, expected=", ".join(names))
-        kept = np.array([face["part_name"] == solid for face in described])[of_triangle]
-        triangles, of_triangle = triangles[kept], of_triangle[kept]
     first, number = weld(content["vertices"])
     triangles = number[triangles]
     a, b, c = triangles.T
@@ -193,7 +185,7 @@ def load_cad(path: Path, solid: str | None = None) -> CadMesh:
     used, triangles = np.unique(triangles, return_inverse=True)
     vertices = 1e-3 * content["vertices"][first[used]]
     triangles = triangles.reshape(-1, 3).astype(np.int64)
-    faces, remarks = _faces(described, path), []
+    faces, remarks = _faces(described), [f"{path}: {remark}" for remark in found]
     if not orientation.is_closed(triangles):
         remarks.append(f"{path}: the faces do not close a solid: it has no inside")
     mesh = CadMesh(
@@ -208,7 +200,7 @@ def load_cad(path: Path, solid: str | None = None) -> CadMesh:
     return mesh.usable  # type: ignore[return-value]
 
 
-def _faces(described: list[dict[str, Any]], path: Path) -> tuple[CadFace, ...]:
+def _faces(described: list[dict[str, Any]]) -> tuple[CadFace, ...]:
     def face(one: Mapping[str, Any]) -> CadFace:
         frame = np.array(one.get("frame", np.eye(4)), float)
         frame[:3, 3] *= 1e-3
@@ -225,9 +217,8 @@ def _kernel(path: Path, target: Path) -> dict[str, NDArray[Any]]:
     if find_spec("OCP") is None:
         raise MissingExtraError('CAD files need Open CASCADE; install it with: pip install "scancell[cad]"')
     words = [str(path), str(target), str(1e3 * CAD_CHORD_ERROR), str(1e3 * FREE_FORM_CHORD_ERROR)]
-    command = [sys.executable, "-m", "scancell.geometry.cad_kernel", *words]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=_TIME_LIMIT, check=False)
+        done = subprocess.run([*_COMMAND, *words], capture_output=True, text=True, timeout=_TIME_LIMIT, check=False)
     except subprocess.TimeoutExpired:
         raise MeshError(f"the CAD kernel did not finish within {_TIME_LIMIT:.0f} s", file=path) from None
     if done.returncode == UNREADABLE:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -50,7 +51,7 @@ class _Document:
 
         self._document = TDocStd_Document(TCollection_ExtendedString("XmlXCAF"))
         kind = _SUFFIXES[path.suffix.lower()]
-        self._names: dict[Any, str] = {}
+        self._faces_in_file = 0
         if kind == "BREP":
             self._roots = [("", self._brep(path))]
             return
@@ -84,6 +85,10 @@ class _Document:
         reader.SetColorMode(True)
         if reader.ReadFile(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone:
             raise UnreadableError(f"the kernel finds no {kind} data in it")
+        if kind == "STEP":
+            model = reader.ChangeReader().StepModel()
+            types = Counter(model.Value(i).DynamicType().Name() for i in range(1, model.NbEntities() + 1))
+            self._faces_in_file = types["StepShape_AdvancedFace"] + types["StepShape_FaceSurface"]
         if not reader.Transfer(self._document):
             raise UnreadableError(f"the kernel cannot make shapes of its {kind} data")
 
@@ -117,7 +122,7 @@ class _Document:
             yield from walk(label, TopLoc_Location(), "")
 
     def triangles(self, chord: float, free_form_chord: float) -> dict[str, Any]:
-        """Arrays of the archive: vertices, mm, triangles, the face of each, and the faces as JSON.
+        """Arrays of the archive: vertices, mm, triangles, the face of each, and faces and remarks as JSON.
 
         Triangles are at most `chord` (mm) from the faces, those of a shape with free-form faces `free_form_chord`.
         """
@@ -153,8 +158,21 @@ class _Document:
             "vertices": np.concatenate(vertices),
             "triangles": np.concatenate(triangles),
             "face": np.concatenate(of_face),
-            "faces": np.frombuffer(json.dumps(faces).encode(), np.uint8),
+            "described": np.frombuffer(json.dumps([faces, self._remarks()]).encode(), np.uint8),
         }
+
+    def _remarks(self) -> list[str]:
+        """What of the file is in no shape; an assembly may hold one shape several times."""
+        if not self._faces_in_file:
+            return []
+        from OCP.collections import Sequence_TDF_Label  # noqa: PLC0415
+
+        labels = Sequence_TDF_Label()
+        self._shapes.GetShapes(labels)
+        simple = [label for label in _items(labels) if self._shapes.IsSimpleShape_s(label)]
+        made = sum(1 for label in simple for _ in _faces(self._shapes.GetShape_s(label)))
+        lost = self._faces_in_file - made
+        return [f"{lost} of {self._faces_in_file} faces could not be made"] if lost > 0 else []
 
     def _colour(self, face: Any) -> list[float] | None:
         if not hasattr(self, "_colours"):

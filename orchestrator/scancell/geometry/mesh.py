@@ -252,7 +252,7 @@ class MassProperties:
 
 
 def load_mesh(path: str | Path, unit: str = "mm") -> Mesh:
-    """Read an STL, OBJ or PLY file whose coordinates are in `unit` (mm, m or inch), or a CAD file, which states its unit.
+    """Read an STL, OBJ or PLY file with coordinates in `unit` (mm, m or inch), or a CAD file, which states its unit.
 
     Equal vertices are joined, also those of open edges that differ by rounding only; repeated faces are removed, and
     faces without an area where the mesh is closed without them; faces that certainly point the wrong way are flipped.

@@ -239,7 +239,7 @@ def load_part(path: str | Path, unit: str = "mm") -> Mesh:
     Parameters
     ----------
     path
-        An STL, OBJ or PLY file, or an artefact (TOML).
+        An STL, OBJ or PLY file, a CAD file (STEP, IGES, BREP), or an artefact (TOML).
     unit
         Unit of the coordinates in a mesh file: ``mm``, ``m`` or ``inch``. The keys of an artefact have units of their
         own.

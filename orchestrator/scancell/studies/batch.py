@@ -24,6 +24,7 @@ from scancell.evaluation.ground_truth import TrueWorld
 from scancell.files import name_for_file, read_json
 from scancell.geometry import pose
 from scancell.geometry.mesh import FORMATS, box_mesh
+from scancell.geometry.mesh_files import CAD_FORMATS
 from scancell.nominal.parts import load_part
 from scancell.output.run_folder import build_version, resolved_toml, sha256
 from scancell.output.tables import ImageStack, Truth, dataset_file, stripe_masks, write_measured, write_truth
@@ -232,7 +233,9 @@ def _meshes(path: Path, out: Path) -> list[tuple[str, Path]]:
         return [(_name(path.name), path.resolve())]
     if not path.is_dir():
         raise DescriptionError("no such file or folder", file=path)
-    files = [file for file in sorted(path.rglob("*")) if file.suffix.lower() in FORMATS and file.is_file()]
+    files = [
+        file for file in sorted(path.rglob("*")) if file.suffix.lower() in (*FORMATS, *CAD_FORMATS) and file.is_file()
+    ]
     inside = [(file.relative_to(path), file.resolve()) for file in files]
     wanted = [
         (_name(str(short)), file)
@@ -240,7 +243,7 @@ def _meshes(path: Path, out: Path) -> list[tuple[str, Path]]:
         if out not in file.parents and not any(piece.startswith(".") for piece in short.parts)
     ]
     if not wanted:
-        raise DescriptionError(f"holds no mesh ({', '.join(FORMATS)})", file=path)
+        raise DescriptionError(f"holds no part ({', '.join((*FORMATS, *CAD_FORMATS))})", file=path)
     return wanted
 
 

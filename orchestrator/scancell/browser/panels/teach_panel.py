@@ -491,7 +491,9 @@ class FilePanel:
         self._lost = gui.add_html("")
         self._unit = gui.add_dropdown("unit of the mesh", _UNITS)
         operator.add_inputs([self._unit])
-        part = gui.add_upload_button("Open a part (STL, OBJ, PLY, TOML)", mime_type=",".join(PART_FORMATS))
+        part = gui.add_upload_button(
+            "Open a part (STL, OBJ, PLY, STEP, IGES, BREP, TOML)", mime_type=",".join(PART_FORMATS)
+        )
         self._upload = operator.connect(part, self._open)
         run = gui.add_upload_button("Open a run (zip of a run folder)", mime_type=".zip,application/zip")
         operator.connect(run, lambda: opener.open_run(_checked_name(run.value), run.value.content))

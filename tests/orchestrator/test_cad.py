@@ -1,0 +1,239 @@
+"""Parts from CAD files: exact faces in hits of rays and in distances, units, assemblies, and files with faults."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import scancell
+from scancell import sensor as sensor_rt
+from scancell.errors import MeshError, MissingExtraError
+from scancell.geometry import cad, pose
+from scancell.geometry.cad import CAD_CHORD_ERROR, CadMesh
+from scancell.geometry.shapes import PartSurface
+
+pytest.importorskip("OCP")
+
+_MAKER = """
+import sys
+from OCP.BRep import BRep_Builder
+from OCP.BRepAlgoAPI import BRepAlgoAPI_Cut, BRepAlgoAPI_Fuse
+from OCP.BRepPrimAPI import (BRepPrimAPI_MakeBox, BRepPrimAPI_MakeCone, BRepPrimAPI_MakeCylinder,
+                             BRepPrimAPI_MakeSphere, BRepPrimAPI_MakeTorus)
+from OCP.BRepTools import BRepTools
+from OCP.IGESControl import IGESControl_Writer
+from OCP.Interface import Interface_Static
+from OCP.STEPControl import STEPControl_StepModelType, STEPControl_Writer
+from OCP.TopAbs import TopAbs_ShapeEnum
+from OCP.TopExp import TopExp_Explorer
+from OCP.TopLoc import TopLoc_Location
+from OCP.TopoDS import TopoDS_Compound
+from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt, gp_Trsf, gp_Vec
+
+folder = sys.argv[1]
+
+def axis(x, y, z, along=(0, 0, 1)):
+    return gp_Ax2(gp_Pnt(x, y, z), gp_Dir(*along))
+
+def step(shape, name, unit="MM"):
+    Interface_Static.SetCVal_s("write.step.unit", unit)
+    writer = STEPControl_Writer()
+    writer.Transfer(shape, STEPControl_StepModelType.STEPControl_AsIs)
+    writer.Write(f"{folder}/{name}")
+
+step(BRepPrimAPI_MakeCylinder(axis(3, -2, 1, (1, 2, 4)), 5, 30).Shape(), "cylinder.step")
+step(BRepPrimAPI_MakeTorus(axis(1, 2, 3, (1, 0, 3)), 25, 6).Shape(), "torus.step")
+block = BRepPrimAPI_MakeBox(gp_Pnt(-30, -20, 0), 60, 40, 25).Shape()
+block = BRepAlgoAPI_Cut(block, BRepPrimAPI_MakeCylinder(axis(-15, 5, -1), 6, 30).Shape()).Shape()
+block = BRepAlgoAPI_Cut(block, BRepPrimAPI_MakeCone(axis(12, -4, 10), 4, 9, 15.0).Shape()).Shape()
+block = BRepAlgoAPI_Fuse(block, BRepPrimAPI_MakeSphere(gp_Pnt(18, 10, 25), 7).Shape()).Shape()
+step(block, "block.step")
+step(block, "inch.step", "INCH")
+BRepTools.Write_s(block, f"{folder}/block.brep")
+iges = IGESControl_Writer("MM", 1)
+iges.AddShape(block)
+iges.ComputeModel()
+iges.Write(f"{folder}/block.igs")
+builder, many, opened = BRep_Builder(), TopoDS_Compound(), TopoDS_Compound()
+builder.MakeCompound(many)
+for number in range(200):
+    move = gp_Trsf()
+    move.SetTranslation(gp_Vec(10 * (number % 20), 10 * (number // 20), 0))
+    one = BRepPrimAPI_MakeCylinder(2.0 + 0.005 * number, 8.0).Shape()
+    builder.Add(many, one.Moved(TopLoc_Location(move)))
+step(many, "many.step")
+builder.MakeCompound(opened)
+faces, number = TopExp_Explorer(block, TopAbs_ShapeEnum.TopAbs_FACE), 0
+while faces.More():
+    if number != 2:
+        builder.Add(opened, faces.Current())
+    faces.Next()
+    number += 1
+step(opened, "open.step")
+"""
+
+Folder = Path
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """CAD files that the kernel writes."""
+    made = tmp_path_factory.mktemp("cad")
+    subprocess.run([sys.executable, "-c", _MAKER, str(made)], check=True, capture_output=True)
+    return made
+
+
+def _cylinder(points: Any) -> Any:
+    axis = np.array([1.0, 2.0, 4.0]) / np.sqrt(21)
+    p = points - 1e-3 * np.array([3.0, -2.0, 1.0])
+    along = p @ axis
+    across = np.linalg.norm(p - along[:, None] * axis, axis=1)
+    outside = np.maximum(np.column_stack([across - 5e-3, np.abs(along - 15e-3) - 15e-3]), 0.0)
+    inside = np.minimum(np.maximum(across - 5e-3, np.abs(along - 15e-3) - 15e-3), 0.0)
+    return np.hypot(*outside.T) + inside
+
+
+def _torus(points: Any) -> Any:
+    axis = np.array([1.0, 0.0, 3.0]) / np.sqrt(10)
+    p = points - 1e-3 * np.array([1.0, 2.0, 3.0])
+    along = p @ axis
+    across = np.linalg.norm(p - along[:, None] * axis, axis=1)
+    return np.hypot(across - 25e-3, along) - 6e-3
+
+
+@pytest.mark.parametrize(("name", "distance"), [("cylinder", _cylinder), ("torus", _torus)])
+def test_distances_are_those_of_the_exact_faces(folder: Folder, name: str, distance: Callable[[Any], Any]) -> None:
+    part = scancell.load_part(folder / f"{name}.step")
+    random = np.random.default_rng(5)
+    on_mesh, _ = scancell.geometry.mesh.sample_surface(part, 4000, 1)
+    points = on_mesh + random.uniform(-0.2e-3, 0.2e-3, on_mesh.shape)
+    found, _ = PartSurface(part).distances(points)
+    plain, _ = PartSurface(scancell.Mesh(part.vertices, part.faces)).distances(points)
+    expected = distance(points)
+    # Points nearest to an edge keep the distance from the triangles, which meet the edge at its chords.
+    assert np.quantile(np.abs(found - expected), 0.99) < 1e-11
+    assert np.abs(found - expected).max() < 2 * CAD_CHORD_ERROR
+    assert np.sqrt(np.mean((plain - expected) ** 2)) > 0.3e-6
+
+
+@pytest.mark.parametrize(("name", "distance"), [("cylinder", _cylinder), ("torus", _torus)])
+def test_rays_hit_the_exact_faces(folder: Folder, name: str, distance: Callable[[Any], Any]) -> None:
+    part = scancell.load_part(folder / f"{name}.step")
+    assert isinstance(part, CadMesh)
+    exact, plain = sensor_rt.Scene(), sensor_rt.Scene()
+    plain.add_mesh("part", part.vertices, part.faces, 0.5)
+    exact.add_mesh("part", part.vertices, part.faces, 0.5, *part.curved_surfaces(np.arange(len(part.faces))))
+    random = np.random.default_rng(7)
+    towards, _ = scancell.geometry.mesh.sample_surface(part, 3000, 2)
+    origins = towards + 0.1 * _unit(random.normal(size=towards.shape))
+    directions = _unit(towards - origins)
+    of_exact, of_plain = (_hits(scene, origins, directions) for scene in (exact, plain))
+    hit = np.isfinite(of_exact)
+    assert hit.mean() > 0.95
+    deviation = distance(origins[hit] + of_exact[hit, None] * directions[hit])
+    chords = distance(origins[hit] + of_plain[hit, None] * directions[hit])
+    # Single precision of the search decides at grazing incidence, where the triangle counts.
+    assert np.quantile(np.abs(deviation), 0.98) < 1e-11
+    assert np.abs(deviation).max() < 2 * CAD_CHORD_ERROR
+    assert np.quantile(np.abs(chords), 0.5) > 0.3e-6
+
+
+def _unit(vectors: Any) -> Any:
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+def _hits(scene: sensor_rt.Scene, origins: Any, directions: Any) -> Any:
+    return sensor_rt.cast_rays(scene, np.eye(4)[None], origins, directions)[0]
+
+
+def test_units_and_formats_give_one_part(folder: Folder) -> None:
+    parts = [scancell.load_part(folder / name) for name in ("block.step", "inch.step", "block.igs", "block.brep")]
+    for part in parts:
+        assert part.is_closed
+        assert part.orientation == "outward"
+        np.testing.assert_allclose(part.bounds, [[-0.03, -0.02, 0.0], [0.03, 0.02, 0.032]], atol=1e-6)
+        kinds = sorted(face.kind for face in part.cad_faces)
+        assert kinds == ["cone", "cylinder", *["plane"] * 7, "sphere"]
+        radii = {face.kind: face.radius for face in part.cad_faces if face.is_curved}
+        assert radii["cylinder"] == pytest.approx(6e-3, abs=1e-9)
+        assert radii["sphere"] == pytest.approx(7e-3, abs=1e-9)
+
+
+def test_faces_move_with_the_part(folder: Folder) -> None:
+    part = scancell.load_part(folder / "block.step")
+    move = pose.from_euler_xyz((0.1, -0.2, 0.3), (0.4, -0.5, 0.6))
+    random = np.random.default_rng(3)
+    points = scancell.geometry.mesh.sample_surface(part, 2000, 4)[0] + random.uniform(-1e-4, 1e-4, (2000, 3))
+    at_home = PartSurface(part).distances(points)[0]
+    moved = PartSurface(part.transformed(move)).distances(pose.transform_points(move, points))[0]
+    np.testing.assert_allclose(moved, at_home, atol=1e-12)
+
+
+def test_assembly_keeps_its_solids(folder: Folder) -> None:
+    part = scancell.load_part(folder / "many.step")
+    assert len(part.cad_faces) == 600
+    assert part.is_closed
+    radii = sorted(face.radius for face in part.cad_faces if face.kind == "cylinder")
+    np.testing.assert_allclose(radii, 1e-3 * (2.0 + 0.005 * np.arange(200)), atol=1e-9)
+
+
+def test_open_shell_is_said(folder: Folder) -> None:
+    part = scancell.load_part(folder / "open.step")
+    assert not part.is_closed
+    assert any("do not close a solid" in warning for warning in part.warnings)
+    assert (PartSurface(part).distances(part.vertices[:5] + 1e-4)[0] >= 0).all()
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "empty"),
+        (b"hello\n", "no STEP data"),
+        (bytes(range(256)) * 20, "no STEP data"),
+        (b"ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\nENDSEC;\nEND-ISO-10303-21;\n", "cannot make shapes"),
+    ],
+)
+def test_file_without_shapes_is_refused(tmp_path: Path, content: bytes, message: str) -> None:
+    file = tmp_path / "part.step"
+    file.write_bytes(content)
+    with pytest.raises(MeshError, match=message):
+        scancell.load_part(file)
+
+
+def test_lost_faces_are_said(folder: Folder, tmp_path: Path) -> None:
+    file = tmp_path / "part.step"
+    text = (folder / "block.step").read_text()
+    file.write_text(text.replace("CYLINDRICAL_SURFACE", "CYLINDRICAL_SURFOCE"))
+    part = scancell.load_part(file)
+    assert any("1 of 10 faces" in warning for warning in part.warnings)
+    file.write_text(text[: len(text) // 2])
+    with pytest.raises(MeshError, match="no STEP data"):
+        scancell.load_part(file)
+
+
+def test_crash_of_the_kernel_is_a_message(folder: Folder, monkeypatch: pytest.MonkeyPatch) -> None:
+    crash = "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)"
+    monkeypatch.setattr(cad, "_COMMAND", [sys.executable, "-c", crash])
+    with pytest.raises(MeshError, match=r"block\.step.*crashed on it \(signal 11\)"):
+        scancell.load_part(folder / "block.step")
+
+
+def test_missing_extra_is_named(folder: Folder, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cad, "find_spec", lambda name: None)
+    with pytest.raises(MissingExtraError, match=r"scancell\[cad\]"):
+        scancell.load_part(folder / "block.step")
+
+
+def test_scan_of_a_cylinder_from_cad_has_no_facets(folder: Folder) -> None:
+    settings = ["cell.part.x_mm=9", "cell.part.ry_deg=20", "scan.max_profiles=40"]
+    with scancell.Scanner(settings=settings, ideal=True) as scanner:
+        result = scanner.scan(folder / "torus.step", engine="geometric").evaluate()
+    assert result.deviation.is_exact
+    assert np.quantile(np.abs(result.deviation.distance), 0.99) < 1e-10
+    assert len(result.cloud) > 5000
