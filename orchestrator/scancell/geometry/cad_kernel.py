@@ -21,6 +21,7 @@ UNREADABLE = 3  # exit status: the kernel cannot read the file
 
 _ANGLE = 0.35  # rad between the normals of neighbouring triangles
 _MOST_TRIANGLES = 4_000_000
+_SHARE = 1e-5  # of the extent of a shape with free-form faces that triangles may be away: finer ones take minutes
 _SUFFIXES = {".step": "STEP", ".stp": "STEP", ".iges": "IGES", ".igs": "IGES", ".brep": "BREP", ".brp": "BREP"}
 
 
@@ -121,6 +122,19 @@ class _Document:
         for label in _items(labels):
             yield from walk(label, TopLoc_Location(), "")
 
+    def _kept(self) -> tuple[list[tuple[str, Any]], list[str]]:
+        """Solids where there are some, each with a name; else all shapes; and remarks on what is left out."""
+        from OCP.TopAbs import TopAbs_ShapeEnum as Type  # noqa: PLC0415
+
+        solids, left = [], 0
+        for name, shape in self._roots:
+            inside = _shapes(shape, Type.TopAbs_SOLID)
+            solids += [(name, solid) for solid in inside]
+            left += len(_shapes(shape, Type.TopAbs_FACE)) - sum(len(_shapes(s, Type.TopAbs_FACE)) for s in inside)
+        if not solids:
+            return self._roots, []
+        return solids, [f"{left} faces that belong to no solid are left out"] if left else []
+
     def triangles(self, chord: float, free_form_chord: float) -> dict[str, Any]:
         """Arrays of the archive: vertices, mm, triangles, the face of each, and faces and remarks as JSON.
 
@@ -133,11 +147,14 @@ class _Document:
         of_face: list[np.ndarray[Any, Any]] = []
         faces: list[dict[str, Any]] = []
         count = total = 0
-        for number, (name, shape) in enumerate(self._roots):
-            surfaces = [_surface(face) for face in _faces(shape)]
+        shapes, remarks = self._kept()
+        for number, (name, shape) in enumerate(shapes):
+            found_faces = _faces(shape)
+            surfaces = [_surface(face) for face in found_faces]
             is_free = any("frame" not in surface for surface in surfaces)
-            BRepMesh_IncrementalMesh(shape, free_form_chord if is_free else chord, False, _ANGLE, False)
-            for face, surface in zip(_faces(shape), surfaces, strict=True):
+            error = max(free_form_chord, _SHARE * _extent(shape)) if is_free else chord
+            BRepMesh_IncrementalMesh(shape, min(error, chord), False, _ANGLE, False)
+            for face, surface in zip(found_faces, surfaces, strict=True):
                 found = _triangulation(face)
                 described = {"part": number, "part_name": name, "colour": self._colour(face), **surface}
                 faces.append(described)
@@ -158,11 +175,11 @@ class _Document:
             "vertices": np.concatenate(vertices),
             "triangles": np.concatenate(triangles),
             "face": np.concatenate(of_face),
-            "described": np.frombuffer(json.dumps([faces, self._remarks()]).encode(), np.uint8),
+            "described": np.frombuffer(json.dumps([faces, remarks + self._lost()]).encode(), np.uint8),
         }
 
-    def _remarks(self) -> list[str]:
-        """What of the file is in no shape; an assembly may hold one shape several times."""
+    def _lost(self) -> list[str]:
+        """Faces of the file that are in no shape; an assembly may hold one shape several times."""
         if not self._faces_in_file:
             return []
         from OCP.collections import Sequence_TDF_Label  # noqa: PLC0415
@@ -170,7 +187,7 @@ class _Document:
         labels = Sequence_TDF_Label()
         self._shapes.GetShapes(labels)
         simple = [label for label in _items(labels) if self._shapes.IsSimpleShape_s(label)]
-        made = sum(1 for label in simple for _ in _faces(self._shapes.GetShape_s(label)))
+        made = sum(len(_faces(self._shapes.GetShape_s(label))) for label in simple)
         lost = self._faces_in_file - made
         return [f"{lost} of {self._faces_in_file} faces could not be made"] if lost > 0 else []
 
@@ -193,19 +210,41 @@ def _items(sequence: Any) -> list[Any]:
 def _name(label: Any) -> str:
     from OCP.TDataStd import TDataStd_Name  # noqa: PLC0415
 
+    # Looking for an attribute that is not there can end the process.
+    if not label.IsAttribute(TDataStd_Name.GetID_s()):
+        return ""
     found = TDataStd_Name()
-    return found.Get().ToExtString() if label.FindAttribute(TDataStd_Name.GetID_s(), found) else ""
+    label.FindAttribute(TDataStd_Name.GetID_s(), found)
+    return str(found.Get().ToExtString())
 
 
-def _faces(shape: Any) -> Iterator[Any]:
-    from OCP.TopAbs import TopAbs_ShapeEnum  # noqa: PLC0415
+def _shapes(shape: Any, kind: Any) -> list[Any]:
+    """All shapes of a kind in a shape, in their places."""
     from OCP.TopExp import TopExp_Explorer  # noqa: PLC0415
+
+    explorer, found = TopExp_Explorer(shape, kind), []
+    while explorer.More():
+        found.append(explorer.Current())
+        explorer.Next()
+    return found
+
+
+def _faces(shape: Any) -> list[Any]:
+    from OCP.TopAbs import TopAbs_ShapeEnum  # noqa: PLC0415
     from OCP.TopoDS import TopoDS  # noqa: PLC0415
 
-    found = TopExp_Explorer(shape, TopAbs_ShapeEnum.TopAbs_FACE)
-    while found.More():
-        yield TopoDS.Face_s(found.Current()) if hasattr(TopoDS, "Face_s") else TopoDS.Face(found.Current())
-        found.Next()
+    return [TopoDS.Face(face) for face in _shapes(shape, TopAbs_ShapeEnum.TopAbs_FACE)]
+
+
+def _extent(shape: Any) -> float:
+    """Largest side of the box around a shape, mm."""
+    from OCP.Bnd import Bnd_Box  # noqa: PLC0415
+    from OCP.BRepBndLib import BRepBndLib  # noqa: PLC0415
+
+    box = Bnd_Box()
+    BRepBndLib.Add_s(shape, box)
+    low, high = box.CornerMin(), box.CornerMax()
+    return max(high.X() - low.X(), high.Y() - low.Y(), high.Z() - low.Z())
 
 
 def _triangulation(face: Any) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]] | None:
