@@ -244,7 +244,7 @@ def _extent(shape: Any) -> float:
     box = Bnd_Box()
     BRepBndLib.Add_s(shape, box)
     low, high = box.CornerMin(), box.CornerMax()
-    return max(high.X() - low.X(), high.Y() - low.Y(), high.Z() - low.Z())
+    return float(max(high.X() - low.X(), high.Y() - low.Y(), high.Z() - low.Z()))
 
 
 def _triangulation(face: Any) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]] | None:
