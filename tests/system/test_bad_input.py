@@ -46,7 +46,7 @@ BROKEN = {
     "range.obj": (TRIANGLE + "f 1 2 9\n", ["range.obj", "face 0", "8", "0 to 2"]),
     "range.ply": (PLY_HEADER + "0 0 0\n10 0 0\n0 10 0\n3 0 1 7\n", ["range.ply"]),
     "nan.ply": (PLY_HEADER + "0 0 0\n10 nan 0\n0 10 0\n3 0 1 2\n", ["nan.ply", "nan"]),
-    "part.step": ("ISO-10303-21;\n", ["part.step", ".stl"]),
+    "part.step": ("ISO-10303-21;\n", ["part.step", "no STEP data"]),
 }
 
 
