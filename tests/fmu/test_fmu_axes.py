@@ -15,14 +15,13 @@ from cell_fixture import (
     Array,
     Build,
     CellFmu,
-    all_reals,
     box_hull,
     box_part,
     cell_description,
     pose,
     rejection,
 )
-from continue_from_state import assert_continues_exactly
+from continue_from_state import assert_continues_exactly, assert_restores_exactly
 from grasp_fixture import OVER_BOX, grasp_cell, grip, part_in_gripper
 from test_fmu_dynamic_arm import CENTRES, MASSES, dynamic_cell
 
@@ -88,14 +87,7 @@ def test_states_hold_the_axes(build: Build, version: int, tmp_path: Path) -> Non
     motion(cell)
     cell.trigger(2, 0.02, exposure=0.003)
     cell.step(20_250)
-    time_us, state = cell.time_us, cell.save()
-    futures = []
-    for _ in range(2):
-        motion(cell, 20)
-        futures.append(all_reals(cell))
-        cell.restore(state, time_us)
-    np.testing.assert_array_equal(*futures)
-    cell.free_state(state)
+    assert_restores_exactly(cell, motion)
     assert_continues_exactly(cell, motion, tmp_path)
 
 

@@ -14,13 +14,12 @@ from cell_fixture import (
     Build,
     CellFmu,
     FmuFolders,
-    all_reals,
     cell_description,
     further_axis,
     pose,
     rejection,
 )
-from continue_from_state import assert_continues_exactly
+from continue_from_state import assert_continues_exactly, assert_restores_exactly
 from fmpy.validation import validate_fmu
 
 HALF = np.sqrt(0.5)
@@ -147,14 +146,7 @@ def test_package_is_valid_and_states_continue(
     motion(cell)
     cell.trigger(3, 0.002, exposure=0.003)
     cell.step(20_250)
-    time_us, state = cell.time_us, cell.save()
-    futures = []
-    for _ in range(2):
-        motion(cell, 20)
-        futures.append(all_reals(cell))
-        cell.restore(state, time_us)
-    np.testing.assert_array_equal(*futures)
-    cell.free_state(state)
+    assert_restores_exactly(cell, motion)
     assert_continues_exactly(cell, motion, tmp_path)
 
 

@@ -264,5 +264,5 @@ def test_file_follows_edits_by_hand_and_keeps_what_it_cannot_read(tmp_path: Path
     [(0, "0.0°"), (-40, "-40.0°"), (360, "360.0°"), (1575, "1575.0°"), (-400, "-400.0°")],
 )
 def test_label_of_a_table_states_its_angle_with_its_turns(degrees: float, text: str) -> None:
-    """As its slider does."""
+    """The label states whole turns as the slider of the table does."""
     assert step_label(1, TaughtStep("turn_table", value=np.radians(degrees))).split(", ")[0] == f"1 table at {text}"

@@ -18,7 +18,7 @@ dart::dynamics::SkeletonPtr make_table(const TableDescription& table, bool colli
 /// The body of a belt does not move; a prismatic joint along x gives its surface a velocity.
 dart::dynamics::SkeletonPtr make_belt(const std::string& name, const ConveyorDescription& conveyor);
 
-/// What a further axis carries itself, on a free joint that is prescribed.
+/// Body of what a further axis carries itself, on a free joint that is prescribed.
 dart::dynamics::SkeletonPtr make_carriage(const std::string& name);
 
 /// The stationary environment.

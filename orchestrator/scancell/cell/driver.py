@@ -22,7 +22,7 @@ from scancell.config.loading import Setup
 from scancell.config.sensor import exposure_span
 from scancell.errors import CellError, CommandError, DescriptionError
 from scancell.geometry import pose
-from scancell.nominal.cell import NominalCell, flange_from_tool, tool_names
+from scancell.nominal.cell import NominalCell, flange_from_tool
 from scancell.nominal.parts import pose_matrix
 
 # Arguments of commands, SI units and radians.
@@ -389,7 +389,7 @@ class _Sequence:
 
     def move_line(self, world_from_flange: Array, speed: float = 0.1) -> None:
         self.joints = self.joints_for(world_from_flange)
-        world_from_tool = world_from_flange @ flange_from_tool(self.nominal, tool_names(self.nominal)[0])
+        world_from_tool = world_from_flange @ flange_from_tool(self.nominal)
         quaternion = pose.quaternion_from_rotation(world_from_tool[:3, :3])
         targets = _numbered("target.position", world_from_tool[:3, 3])
         self.move(Mode.LINE_MOVE, targets | _numbered("target.orientation", quaternion), speed)

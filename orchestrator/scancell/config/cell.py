@@ -88,26 +88,23 @@ def is_reserved_axis(name: str) -> bool:
     return name in {*RESERVED_FRAMES, *_COLUMNS} or re.fullmatch(r"qd{0,2}[0-9]+", name) is not None
 
 
-class EstimatedToolDescription(Description):
+class _EstimatedPoseDescription(Description):
+    """Deviation of a pose: translation, then rotation XYZ'."""
+
+    x_mm: Coordinate = _Length
+    y_mm: Coordinate = _Length
+    z_mm: Coordinate = _Length
+    rx_deg: Angle = _Angle
+    ry_deg: Angle = _Angle
+    rz_deg: Angle = _Angle
+
+
+class EstimatedToolDescription(_EstimatedPoseDescription):
     """Deviation of a sensor from its nominal pose on its carrier: translation, then rotation XYZ', nominal frame."""
 
-    x_mm: Coordinate = _Length
-    y_mm: Coordinate = _Length
-    z_mm: Coordinate = _Length
-    rx_deg: Angle = _Angle
-    ry_deg: Angle = _Angle
-    rz_deg: Angle = _Angle
 
-
-class EstimatedGraspDescription(Description):
+class EstimatedGraspDescription(_EstimatedPoseDescription):
     """Deviation of a part on the flange from its nominal pose there: translation, then rotation XYZ', part frame."""
-
-    x_mm: Coordinate = _Length
-    y_mm: Coordinate = _Length
-    z_mm: Coordinate = _Length
-    rx_deg: Angle = _Angle
-    ry_deg: Angle = _Angle
-    rz_deg: Angle = _Angle
 
 
 _Wobble = Field(
@@ -131,15 +128,8 @@ class EstimatedTableDescription(Description):
     wobble_ry_sin_deg: Angle = _Wobble
 
 
-class EstimatedAxisDescription(Description):
+class EstimatedAxisDescription(_EstimatedPoseDescription):
     """Deviation of the frame that a further axis carries, at its position 0: translation, then rotation XYZ'."""
-
-    x_mm: Coordinate = _Length
-    y_mm: Coordinate = _Length
-    z_mm: Coordinate = _Length
-    rx_deg: Angle = _Angle
-    ry_deg: Angle = _Angle
-    rz_deg: Angle = _Angle
 
 
 class EstimatedPlatterDescription(Description):

@@ -91,7 +91,7 @@ class UrdfBody:
 
 @dataclass(frozen=True)
 class UrdfTree:
-    """What a cell is made from, in the frame of the root link with every joint at 0, m.
+    """Content of a URDF file from which a cell is made, in the frame of the root link with every joint at 0, m.
 
     Attributes
     ----------

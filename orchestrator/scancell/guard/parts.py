@@ -22,7 +22,7 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.tree import WORLD
 from scancell.guard.messages import PlacedPart
-from scancell.nominal.cell import Body, NominalCell, flange_from_tool, tool_names
+from scancell.nominal.cell import Body, NominalCell, flange_from_tool
 from scancell.nominal.parts import pose_matrix
 from scancell.proximity.motion_check import Budget, MotionBounds, MotionCheck, MotionClash, arm_motion
 from scancell.proximity.scene import ProximityScene, arm_chain, carrying_axes
@@ -209,7 +209,7 @@ class Tool:
 
     def __init__(self, nominal: NominalCell) -> None:
         self._motion, self._axes = arm_motion(nominal)
-        self._flange_from_tool = flange_from_tool(nominal, tool_names(nominal)[0])
+        self._flange_from_tool = flange_from_tool(nominal)
         self.joints = len(nominal.arm.joints)
         held = {joint.index for joint in nominal.arm.held}
         self.held = np.array([*sorted(held), *range(self.joints + 1, len(nominal.axes))], np.int64)
@@ -495,5 +495,5 @@ def _lever(nominal: NominalCell, body: Body) -> float:
     """Largest distance of a body's points from the tool's origin, m."""
     frames = nominal.frame_poses(nominal.home)
     flange_from_body = pose.inverse(frames[nominal.arm.flange]) @ frames[body.moves_with]
-    tool_from_body = pose.inverse(flange_from_tool(nominal, tool_names(nominal)[0])) @ flange_from_body
+    tool_from_body = pose.inverse(flange_from_tool(nominal)) @ flange_from_body
     return float(np.linalg.norm(pose.transform_points(tool_from_body, body.mesh.vertices), axis=1).max())

@@ -415,7 +415,7 @@ class NominalCell(Value):
 
     @property
     def support_kind(self) -> Literal["table", "belt", "flange"]:
-        """What carries the part in the scan."""
+        """Kind of carrier of the part in the scan."""
         return "flange" if self.holds_part else "table" if self.support == "table" else "belt"
 
     @property
@@ -769,8 +769,10 @@ def frame_names(nominal: NominalCell) -> tuple[str, ...]:
     return ("base", "table", *nominal.user_frames)
 
 
-def flange_from_tool(nominal: NominalCell, tool: str) -> Array:
-    """Pose (4, 4) of a tool on the flange; the origin of ``gripper`` lies between its pads.
+def flange_from_tool(nominal: NominalCell, tool: str | None = None) -> Array:
+    """Pose (4, 4) of a tool on the flange, by default the first one of `tool_names`.
+
+    The origin of ``gripper`` lies between its pads.
 
     Raises
     ------
@@ -779,6 +781,7 @@ def flange_from_tool(nominal: NominalCell, tool: str) -> Array:
     DescriptionError
         If the cell has no such tool.
     """
+    tool = tool_names(nominal)[0] if tool is None else tool
     if tool == "sensor" and nominal.carries_sensor:
         return nominal.flange_from_sensor
     if tool == "flange" and not nominal.carries_sensor:
@@ -797,7 +800,7 @@ def flange_from_tool(nominal: NominalCell, tool: str) -> Array:
 
 def world_from_tool(nominal: NominalCell, axes: ArrayLike) -> Array:
     """Pose (4, 4) of the tool that motions in space move unless they name another one, see `tool_names`."""
-    return np.asarray(nominal.world_from(nominal.arm.flange, axes) @ flange_from_tool(nominal, tool_names(nominal)[0]))
+    return np.asarray(nominal.world_from(nominal.arm.flange, axes) @ flange_from_tool(nominal))
 
 
 def world_from_frame(nominal: NominalCell, frame: str, axes: ArrayLike) -> Array:

@@ -295,7 +295,7 @@ def _require_same_images(nominal: SensorDescription, estimated: SensorDescriptio
 
 
 SensorScene = tuple[tuple[Body | Lamp, ...], sensor_rt.Scene]
-"""What the light of a sensor can meet, and its ray-tracing scene."""
+"""Bodies and lamps that the light of a sensor can meet, and their ray-tracing scene."""
 
 
 def scenes_of(cell: NominalCell) -> tuple[SensorScene, ...]:

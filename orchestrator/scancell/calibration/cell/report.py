@@ -243,7 +243,7 @@ class CalibrationReport(SavedCalibration):
 
     @property
     def _carrier(self) -> str:
-        """What carries the sensor."""
+        """Carrier of the sensor."""
         return "world" if self._is_held else "flange"
 
     @property

@@ -168,7 +168,7 @@ class Drive:
 
     @property
     def in_words(self) -> str:
-        """What a row is, for messages."""
+        """Name of a row in messages."""
         return "table angle" if self.name == "table" else f"position of {self.name}"
 
 

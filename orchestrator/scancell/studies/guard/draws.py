@@ -12,7 +12,7 @@ from scancell.config.cell import ChannelDescription, LinkDescription
 from scancell.config.description import si_value, to_si
 from scancell.geometry import pose
 from scancell.guard.parts import Tool
-from scancell.nominal.cell import NominalCell, flange_from_tool, tool_names, world_from_tool
+from scancell.nominal.cell import NominalCell, flange_from_tool, world_from_tool
 from scancell.proximity.scene import ProximityScene
 from scancell.studies.guard.scenario import (
     FURTHER,
@@ -438,10 +438,10 @@ class Draws:
             shifts[body] = sign * 0.999 * error * poses[0, body, :3, :3].T @ across
         return shifts
 
-    def _joints_at(self, world_from_tool: Array, near: Array) -> Array | None:
+    def _joints_at(self, target: Array, near: Array) -> Array | None:
         nominal = self._world.nominal
         joints, others = np.split(near, [self._tool.joints])
-        flange = world_from_tool @ np.linalg.inv(flange_from_tool(nominal, tool_names(nominal)[0]))
+        flange = target @ np.linalg.inv(flange_from_tool(nominal))
         branches = nominal.arm.ik(pose.inverse(nominal.world_from(nominal.arm_on, near)) @ flange, joints)[0]
         apart = np.abs(branches - joints).max(-1)
         if not np.isfinite(apart).any():
