@@ -21,10 +21,19 @@ if TYPE_CHECKING:
 MAX_FILE_BYTES = 4 << 30  # of a file that a library reads by its name
 MAX_TEXT_BYTES = 256 << 20  # of a text that is read at once
 
+CAD_FORMATS = (".step", ".stp", ".iges", ".igs", ".brep", ".brp")  # see `scancell.geometry.cad`
+_CAD_SOLIDS = re.compile(rf"(.+(?:{'|'.join(map(re.escape, CAD_FORMATS))}))#(.+)", re.IGNORECASE | re.DOTALL)
+
 # Versions that are written, and the newest ones that are read: a version rises when earlier readers would misread it.
 PLAN_VERSION = 1
 RECORDING_VERSION = 1
 MANIFEST_VERSION = 1
+
+
+def split_solids(path: str | Path) -> tuple[Path, tuple[str, ...]]:
+    """File, and the solids of a CAD file that ``FILE#SOLID#SOLID`` names; none names all of them."""
+    found = _CAD_SOLIDS.fullmatch(str(path))
+    return (Path(found[1]), tuple(found[2].split("#"))) if found else (Path(path), ())
 
 
 def require_file(
@@ -115,7 +124,7 @@ def _regular_size(path: Path, raises: type[ScancellError], most_bytes: int) -> i
 def file_state(path: Path) -> tuple[str, int, int]:
     """Path, size and time of modification (ns) of a file, which a change of it changes; zeros if there is none."""
     try:
-        status = path.stat()
+        status = split_solids(path)[0].stat()
     except OSError:
         return str(path.absolute()), 0, 0
     return str(path.absolute()), status.st_size, status.st_mtime_ns

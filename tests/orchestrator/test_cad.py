@@ -15,7 +15,7 @@ import scancell
 from scancell import sensor as sensor_rt
 from scancell.errors import MeshError, MissingExtraError
 from scancell.geometry import cad, pose
-from scancell.geometry.cad import CAD_CHORD_ERROR, CadMesh
+from scancell.geometry.cad import CAD_CHORD_ERROR, CadMesh, find_faces
 from scancell.geometry.shapes import PartSurface
 
 pytest.importorskip("OCP")
@@ -28,6 +28,11 @@ from OCP.BRepPrimAPI import (BRepPrimAPI_MakeBox, BRepPrimAPI_MakeCone, BRepPrim
                              BRepPrimAPI_MakeSphere, BRepPrimAPI_MakeTorus)
 from OCP.BRepTools import BRepTools
 from OCP.IGESControl import IGESControl_Writer
+from OCP.STEPCAFControl import STEPCAFControl_Writer
+from OCP.TCollection import TCollection_ExtendedString
+from OCP.TDataStd import TDataStd_Name
+from OCP.TDocStd import TDocStd_Document
+from OCP.XCAFDoc import XCAFDoc_DocumentTool
 from OCP.Interface import Interface_Static
 from OCP.STEPControl import STEPControl_StepModelType, STEPControl_Writer
 from OCP.TopAbs import TopAbs_ShapeEnum
@@ -68,6 +73,31 @@ for number in range(200):
     one = BRepPrimAPI_MakeCylinder(2.0 + 0.005 * number, 8.0).Shape()
     builder.Add(many, one.Moved(TopLoc_Location(move)))
 step(many, "many.step")
+document = TDocStd_Document(TCollection_ExtendedString("XmlXCAF"))
+shapes = XCAFDoc_DocumentTool.ShapeTool_s(document.Main())
+assembly = shapes.NewShape()
+
+def named(label, name):
+    TDataStd_Name.Set_s(label, TCollection_ExtendedString(name))
+
+named(assembly, "plate with pins")
+for number in range(200):
+    pin = BRepPrimAPI_MakeCylinder(2.0 + 0.005 * number, 8.0).Shape()
+    own = shapes.AddShape(pin, False)
+    named(own, f"pin {number}")
+    faces = TopExp_Explorer(pin, TopAbs_ShapeEnum.TopAbs_FACE)
+    for name in ("mantle", "top", ""):
+        if name:
+            named(shapes.AddSubShape(own, faces.Current()), name)
+        faces.Next()
+    move = gp_Trsf()
+    move.SetTranslation(gp_Vec(10 * (number % 20), 10 * (number // 20), 0))
+    named(shapes.AddComponent(assembly, own, TopLoc_Location(move)), f"place {number}")
+shapes.UpdateAssemblies()
+writer = STEPCAFControl_Writer()
+Interface_Static.SetIVal_s("write.stepcaf.subshapes.name", 1)
+writer.Transfer(document)
+writer.Write(f"{folder}/assembly.step")
 builder.MakeCompound(opened)
 faces, number = TopExp_Explorer(block, TopAbs_ShapeEnum.TopAbs_FACE), 0
 while faces.More():
@@ -181,6 +211,58 @@ def test_assembly_keeps_its_solids(folder: Folder) -> None:
     assert part.is_closed
     radii = sorted(face.radius for face in part.cad_faces if face.kind == "cylinder")
     np.testing.assert_allclose(radii, 1e-3 * (2.0 + 0.005 * np.arange(200)), atol=1e-9)
+
+
+def test_solids_are_chosen_by_name(folder: Folder) -> None:
+    whole = scancell.load_part(folder / "assembly.step")
+    assert len({face.solid for face in whole.cad_faces}) == 200
+    one = scancell.load_part(folder / "assembly.step#pin 123")
+    assert {(face.name, face.solid) for face in one.cad_faces} == {("pin 123", 123)}
+    # It stays in its place in the assembly.
+    np.testing.assert_allclose(one.bounds[:, :2].mean(0), [0.03, 0.06], atol=1e-6)
+    several = scancell.load_part(folder / "assembly.step#pin 7#199")
+    assert [face.name for face in several.cad_faces] == ["pin 7"] * 3 + ["pin 199"] * 3
+    with pytest.raises(MeshError, match=r"no solid 'pin 1234'.* 200 solids.*'pin 123', .*and 180 more"):
+        scancell.load_part(folder / "assembly.step#pin 7#pin 1234")
+    with pytest.raises(MeshError, match=r"missing\.step: no such file"):
+        scancell.load_part(folder / "missing.step#pin 7")
+
+
+def test_solid_without_names_is_chosen_by_number(folder: Folder) -> None:
+    part = scancell.load_part(folder / "many.step#17")
+    assert {face.solid for face in part.cad_faces} == {17}
+    assert next(face.radius for face in part.cad_faces if face.is_curved) == pytest.approx(1e-3 * (2.0 + 0.005 * 17))
+    with pytest.raises(MeshError, match=r"no solid '200'"):
+        scancell.load_part(folder / "many.step#200")
+
+
+def test_descriptions_name_solids(folder: Folder) -> None:
+    setting = (
+        f"cell.obstacle=[{{name='pin', moves_with='world', mesh='{folder}/assembly.step#pin 5', pose={{x_mm=900}}}}]"
+    )
+    setup = scancell.load_setup(settings=[setting])
+    assert setup.cell.obstacle[0].mesh == f"{folder}/assembly.step#pin 5"
+    nominal = scancell.nominal_cell(setup.cell, None)
+    pin = next(body.mesh for body in nominal.bodies if body.name == "pin")
+    np.testing.assert_allclose(np.ptp(pin.bounds, axis=0)[2], 8e-3, atol=1e-6)
+    with pytest.raises(scancell.DescriptionError, match=r"no such file; tried .*none\.step#pin 5"):
+        scancell.load_setup(settings=[setting.replace("assembly", "none")])
+
+
+def test_faces_are_found_by_words(folder: Folder) -> None:
+    part = scancell.load_part(folder / "assembly.step#pin 0#pin 1#pin 2")
+    assert isinstance(part, CadMesh)
+    assert [face.label for face in part.cad_faces] == ["mantle", "top", ""] * 3
+    assert find_faces(part, ["mantle"]) == [0, 3, 6]
+    assert find_faces(part, ["pin 2/top", "pin 0/mantle", 2, "2"]) == [0, 2, 7]
+    assert find_faces(part, []) == []
+    with pytest.raises(MeshError, match=r"assembly\.step.*no face 'pin 2/mantel'; near it: pin 2/mantle"):
+        find_faces(part, ["top", "pin 2/mantel"])
+    for word in (9, "-1", "", "²"):
+        with pytest.raises(MeshError, match=f"no face '{word}'.*0 to 8"):
+            find_faces(part, [word])
+    with pytest.raises(MeshError, match="have no labels"):
+        find_faces(scancell.load_part(folder / "cylinder.step"), ["mantle"])
 
 
 def test_open_shell_is_said(folder: Folder) -> None:

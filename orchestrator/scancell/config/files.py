@@ -14,7 +14,7 @@ import tomli_w
 from pydantic import BaseModel
 
 from scancell.errors import DescriptionError
-from scancell.files import read_file
+from scancell.files import read_file, split_solids
 
 KeyPath = tuple[str | int, ...]
 Assignments = Mapping[str, bool | int | float | str | Sequence[Any] | Mapping[str, Any]] | Sequence[str]
@@ -270,8 +270,9 @@ def _folders(kind: str, path: Path) -> list[Path]:
 def _existing(name: str, folders: Sequence[Path], source: str, key: str) -> Path:
     places = list(dict.fromkeys((folder / name).resolve() for folder in folders))
     for place in places:
-        if place.exists():
-            if not place.is_file():
+        file = split_solids(place)[0]
+        if file.exists():
+            if not file.is_file():
                 raise DescriptionError(file=source, key=key, value=name, expected="a regular file")
             return place
     raise DescriptionError(f"no such file; tried {' and '.join(map(str, places))}", file=source, key=key, value=name)

@@ -9,8 +9,9 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from scancell.arrays import Array
 from scancell.errors import MeshError, MissingExtraError
-from scancell.files import require_file
+from scancell.files import require_file, split_solids
 from scancell.geometry import orientation, pose
 from scancell.geometry.cad_kernel import UNREADABLE
 from scancell.geometry.mesh import Mesh
@@ -58,6 +59,10 @@ class CadFace(Value):
         Name of the solid, or of the shape, of which it is a face.
     colour
         Red, green and blue, 0 to 1; None if the file states none.
+    label
+        Name of the face in the file; "" if it has none.
+    solid
+        Number of the solid in the file, from 0.
     """
 
     kind: str
@@ -66,6 +71,8 @@ class CadFace(Value):
     second: float = 0.0
     name: str = ""
     colour: tuple[float, ...] | None = None
+    label: str = ""
+    solid: int = 0
 
     @property
     def is_curved(self) -> bool:
@@ -163,18 +170,20 @@ class CadMesh(Mesh):
 
 
 def load_cad(path: Path) -> CadMesh:
-    """Read a STEP, IGES or BREP file; its unit is that which the file states.
+    """Read a STEP, IGES or BREP file, or some of its solids (``FILE#SOLID``); the file states its unit.
 
     Raises
     ------
     MissingExtraError
         If the extra ``cad`` is not installed.
     MeshError
-        With the file and the fault: missing, not CAD data, empty, without faces, or one that crashes the kernel.
+        With the file and the fault: missing, not CAD data, empty, without faces or such a solid, or one that crashes
+        the kernel.
     """
-    require_file(path, MeshError)
+    file, solids = split_solids(path)
+    require_file(file, MeshError)
     with tempfile.TemporaryDirectory(prefix="scancell-cad-") as folder:
-        content = _kernel(path, Path(folder) / "part.npz")
+        content = _kernel(file, Path(folder) / "part.npz", solids)
     described, found = json.loads(bytes(content["described"]))
     triangles, of_triangle = content["triangles"], content["face"]
     first, number = weld(content["vertices"])
@@ -200,6 +209,39 @@ def load_cad(path: Path) -> CadMesh:
     return mesh.usable  # type: ignore[return-value]
 
 
+def find_faces(part: CadMesh, words: Iterable[str | int]) -> list[int]:
+    """Numbers of faces, ascending, that words name: a number from 0, a label, or ``SOLID/LABEL``.
+
+    A label names all faces that have it, as the two halves of a bore; that of one face comes before a number.
+
+    Raises
+    ------
+    MeshError
+        Naming the word, and labels that are like it.
+    """
+    by_word: dict[str, list[int]] = {}
+    for number, face in enumerate(part.cad_faces):
+        if face.label:
+            for name in {face.label, f"{face.name}/{face.label}"}:
+                by_word.setdefault(name, []).append(number)
+    found: set[int] = set()
+    for word in map(str, words):
+        if word in by_word:
+            found.update(by_word[word])
+        elif word.isdecimal() and int(word) < len(part.cad_faces):
+            found.add(int(word))
+        else:
+            near = get_close_matches(word, by_word, n=5)
+            hint = f"; near it: {', '.join(near)}" if near else "" if by_word else "; its faces have no labels"
+            count = len(part.cad_faces)
+            raise MeshError(
+                f"no face '{word}'{hint}",
+                file=part.source,
+                expected=f"a label, SOLID/LABEL or a number from 0 to {count - 1}",
+            )
+    return sorted(found)
+
+
 def _faces(described: list[dict[str, Any]]) -> tuple[CadFace, ...]:
     def face(one: Mapping[str, Any]) -> CadFace:
         frame = np.array(one.get("frame", np.eye(4)), float)
@@ -207,16 +249,16 @@ def _faces(described: list[dict[str, Any]]) -> tuple[CadFace, ...]:
         radius, second = 1e-3 * one.get("radius", 0.0), one.get("second", 0.0)
         second *= 1e-3 if one["kind"] == "torus" else 1.0
         colour = None if one["colour"] is None else tuple(one["colour"])
-        return CadFace(one["kind"], frame, radius, second, one["part_name"], colour)
+        return CadFace(one["kind"], frame, radius, second, one["name"], colour, one["label"], one["solid"])
 
     return tuple(face(one) for one in described)
 
 
-def _kernel(path: Path, target: Path) -> dict[str, NDArray[Any]]:
+def _kernel(path: Path, target: Path, solids: Iterable[str]) -> dict[str, NDArray[Any]]:
     """Arrays that the child process makes of a file."""
     if find_spec("OCP") is None:
         raise MissingExtraError('CAD files need Open CASCADE; install it with: pip install "scancell[cad]"')
-    words = [str(path), str(target), str(1e3 * CAD_CHORD_ERROR), str(1e3 * FREE_FORM_CHORD_ERROR)]
+    words = [str(path), str(target), str(1e3 * CAD_CHORD_ERROR), str(1e3 * FREE_FORM_CHORD_ERROR), *solids]
     try:
         done = subprocess.run([*_COMMAND, *words], capture_output=True, text=True, timeout=_TIME_LIMIT, check=False)
     except subprocess.TimeoutExpired:

@@ -1,8 +1,8 @@
 """Child process that reads a CAD file with Open CASCADE.
 
-``python -m scancell.geometry.cad_kernel FILE OUT CHORD_MM FREE_FORM_CHORD_MM`` writes triangles and the exact surfaces
-of the faces into the file OUT (NumPy archive), and a fault as one line of JSON on its standard output. It is a process
-of its own, because a damaged file can crash the kernel.
+``python -m scancell.geometry.cad_kernel FILE OUT CHORD_MM FREE_FORM_CHORD_MM [SOLID...]`` writes triangles and the
+exact surfaces of the faces, of all solids or of those named, into the file OUT (NumPy archive), and a fault as one line
+of JSON on its standard output. It is a process of its own, because a damaged file can crash the kernel.
 """
 
 from __future__ import annotations
@@ -10,10 +10,11 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections import Counter
-from collections.abc import Iterator
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,6 +22,7 @@ UNREADABLE = 3  # exit status: the kernel cannot read the file
 
 _ANGLE = 0.35  # rad between the normals of neighbouring triangles
 _MOST_TRIANGLES = 4_000_000
+_MOST_NAMES = 20  # in a message
 _SHARE = 1e-5  # of the extent of a shape with free-form faces that triangles may be away: finer ones take minutes
 _SUFFIXES = {".step": "STEP", ".stp": "STEP", ".iges": "IGES", ".igs": "IGES", ".brep": "BREP", ".brp": "BREP"}
 
@@ -31,15 +33,36 @@ class UnreadableError(Exception):
 
 def main() -> int:
     """Read the file that the command line names."""
-    source, target, *chords = sys.argv[1:]
+    source, target, chord, free_form_chord, *solids = sys.argv[1:]
     try:
-        content = _Document(Path(source)).triangles(*map(float, chords))
+        content = _Document(Path(source)).triangles(float(chord), float(free_form_chord), solids)
     except UnreadableError as error:
         print(json.dumps({"fault": str(error)}))
         return UNREADABLE
     with Path(target).open("wb") as stream:
         np.savez(stream, **content)
     return 0
+
+
+class _Solid(NamedTuple):
+    """A solid in its place, or a shape without one, with its number in the file and its name."""
+
+    number: int
+    name: str
+    shape: Any
+
+
+class _ByShape:
+    """Values of shapes, wherever these are placed."""
+
+    def __init__(self) -> None:
+        self._known: dict[int, list[tuple[Any, Any]]] = defaultdict(list)
+
+    def add(self, shape: Any, value: Any) -> None:
+        self._known[_key(shape)].append((shape, value))
+
+    def of(self, shape: Any) -> list[Any]:
+        return [value for known, value in self._known.get(_key(shape), ()) if known.IsPartner(shape)]
 
 
 class _Document:
@@ -52,13 +75,18 @@ class _Document:
 
         self._document = TDocStd_Document(TCollection_ExtendedString("XmlXCAF"))
         kind = _SUFFIXES[path.suffix.lower()]
-        self._faces_in_file = 0
+        self._faces_in_file, self._names = 0, _ByShape()
         if kind == "BREP":
             self._roots = [("", self._brep(path))]
             return
         self._read(path, kind)
         main = self._document.Main()
         self._shapes, self._colours = XCAFDoc_DocumentTool.ShapeTool_s(main), XCAFDoc_DocumentTool.ColorTool_s(main)
+        for label in self._simple_shapes():
+            for part in _labels(self._shapes.GetSubShapes_s, label):
+                # Some programs write this word where there is no name.
+                if (name := _name(part)) not in ("", "NONE"):
+                    self._names.add(self._shapes.GetShape_s(part), name)
         self._roots = list(self._solids())
 
     def _brep(self, path: Path) -> Any:
@@ -75,9 +103,11 @@ class _Document:
         from OCP.IFSelect import IFSelect_ReturnStatus  # noqa: PLC0415
 
         if kind == "STEP":
+            from OCP.Interface import Interface_Static  # noqa: PLC0415
             from OCP.STEPCAFControl import STEPCAFControl_Reader  # noqa: PLC0415
 
             reader = STEPCAFControl_Reader()
+            Interface_Static.SetIVal_s("read.stepcaf.subshapes.name", 1)
         else:
             from OCP.IGESCAFControl import IGESCAFControl_Reader  # noqa: PLC0415
 
@@ -95,11 +125,7 @@ class _Document:
 
     def _solids(self) -> Iterator[tuple[str, Any]]:
         """Name and shape, in its place, of every part of the assembly."""
-        from OCP.collections import Sequence_TDF_Label  # noqa: PLC0415
         from OCP.TopLoc import TopLoc_Location  # noqa: PLC0415
-
-        labels = Sequence_TDF_Label()
-        self._shapes.GetFreeShapes(labels)
 
         def walk(label: Any, place: Any, name: str) -> Iterator[tuple[str, Any]]:
             own = _name(label) or name
@@ -111,34 +137,39 @@ class _Document:
                 here = place.Multiplied(self._shapes.GetLocation_s(label))
                 yield from walk(referred, here, _name(referred) or own)
             elif self._shapes.IsAssembly_s(label):
-                parts = Sequence_TDF_Label()
-                self._shapes.GetComponents_s(label, parts)
-                for part in _items(parts):
+                for part in _labels(self._shapes.GetComponents_s, label):
                     yield from walk(part, place, own)
             else:
                 shape = self._shapes.GetShape_s(label)
                 yield own, shape.Moved(place)
 
-        for label in _items(labels):
+        for label in _labels(self._shapes.GetFreeShapes):
             yield from walk(label, TopLoc_Location(), "")
 
-    def _kept(self) -> tuple[list[tuple[str, Any]], list[str]]:
-        """Solids where there are some, each with a name; else all shapes; and remarks on what is left out."""
+    def _simple_shapes(self) -> list[Any]:
+        """Labels of shapes that are no assemblies."""
+        return [label for label in _labels(self._shapes.GetShapes) if self._shapes.IsSimpleShape_s(label)]
+
+    def _kept(self, chosen: Sequence[str]) -> tuple[list[_Solid], list[str]]:
+        """Solids where there are some, else all shapes, or those `chosen`; and remarks on what is left out."""
         from OCP.TopAbs import TopAbs_ShapeEnum as Type  # noqa: PLC0415
 
-        solids, left = [], 0
+        found, left = [], 0
         for name, shape in self._roots:
             inside = _shapes(shape, Type.TopAbs_SOLID)
-            solids += [(name, solid) for solid in inside]
-            left += len(_shapes(shape, Type.TopAbs_FACE)) - sum(len(_shapes(s, Type.TopAbs_FACE)) for s in inside)
-        if not solids:
-            return self._roots, []
-        return solids, [f"{left} faces that belong to no solid are left out"] if left else []
+            # The one solid of a product has the name of the product, which assemblies show.
+            found += [((self._names.of(one) or [name])[0] if len(inside) > 1 else name, one) for one in inside]
+            left += len(_faces(shape)) - sum(len(_faces(one)) for one in inside)
+        solids = [_Solid(number, *one) for number, one in enumerate(found or self._roots)]
+        if chosen:
+            return _chosen(solids, chosen), []
+        return solids, [f"{left} faces that belong to no solid are left out"] if found and left else []
 
-    def triangles(self, chord: float, free_form_chord: float) -> dict[str, Any]:
+    def triangles(self, chord: float, free_form_chord: float, chosen: Sequence[str]) -> dict[str, Any]:
         """Arrays of the archive: vertices, mm, triangles, the face of each, and faces and remarks as JSON.
 
         Triangles are at most `chord` (mm) from the faces, those of a shape with free-form faces `free_form_chord`.
+        Solids are `chosen` by name or number; without any, all are taken.
         """
         from OCP.BRepMesh import BRepMesh_IncrementalMesh  # noqa: PLC0415
 
@@ -147,8 +178,8 @@ class _Document:
         of_face: list[np.ndarray[Any, Any]] = []
         faces: list[dict[str, Any]] = []
         count = total = 0
-        shapes, remarks = self._kept()
-        for number, (name, shape) in enumerate(shapes):
+        solids, remarks = self._kept(chosen)
+        for number, name, shape in solids:
             found_faces = _faces(shape)
             surfaces = [_surface(face) for face in found_faces]
             is_free = any("frame" not in surface for surface in surfaces)
@@ -156,7 +187,8 @@ class _Document:
             BRepMesh_IncrementalMesh(shape, min(error, chord), False, _ANGLE, False)
             for face, surface in zip(found_faces, surfaces, strict=True):
                 found = _triangulation(face)
-                described = {"part": number, "part_name": name, "colour": self._colour(face), **surface}
+                label = (self._names.of(face) or [""])[0]
+                described = {"solid": number, "name": name, "label": label, "colour": self._colour(face), **surface}
                 faces.append(described)
                 if found is None:
                     described["kind"] = "empty"
@@ -182,12 +214,7 @@ class _Document:
         """Faces of the file that are in no shape; an assembly may hold one shape several times."""
         if not self._faces_in_file:
             return []
-        from OCP.collections import Sequence_TDF_Label  # noqa: PLC0415
-
-        labels = Sequence_TDF_Label()
-        self._shapes.GetShapes(labels)
-        simple = [label for label in _items(labels) if self._shapes.IsSimpleShape_s(label)]
-        made = sum(len(_faces(self._shapes.GetShape_s(label))) for label in simple)
+        made = sum(len(_faces(self._shapes.GetShape_s(label))) for label in self._simple_shapes())
         lost = self._faces_in_file - made
         return [f"{lost} of {self._faces_in_file} faces could not be made"] if lost > 0 else []
 
@@ -203,8 +230,37 @@ class _Document:
         return None
 
 
-def _items(sequence: Any) -> list[Any]:
+def _chosen(solids: Sequence[_Solid], words: Sequence[str]) -> list[_Solid]:
+    """Solids of which a word is the name, or else the number."""
+    kept: set[int] = set()
+    for word in words:
+        found = {solid.number for solid in solids if solid.name == word}
+        found = found or {solid.number for solid in solids if str(solid.number) == word}
+        if not found:
+            names = list(dict.fromkeys(solid.name for solid in solids if solid.name))
+            near = get_close_matches(word, names, n=3)
+            listed = [*near, *(name for name in names if name not in near)][:_MOST_NAMES]
+            more = f" and {len(names) - len(listed)} more" if len(names) > len(listed) else ""
+            known = f"; their names are {', '.join(map(repr, listed))}{more}" if names else ", which have no names"
+            raise UnreadableError(f"no solid {word!r} among its {len(solids)} solids (numbers from 0){known}")
+        kept |= found
+    return [solid for solid in solids if solid.number in kept]
+
+
+def _labels(list_into: Any, *of: Any) -> list[Any]:
+    """Labels that a function of the kernel appends to a sequence."""
+    from OCP.collections import Sequence_TDF_Label  # noqa: PLC0415
+
+    sequence = Sequence_TDF_Label()
+    list_into(*of, sequence)
     return [sequence.Value(i) for i in range(1, sequence.Length() + 1)]
+
+
+def _key(shape: Any) -> int:
+    """Hash of a shape that does not depend on its place."""
+    from OCP.TopLoc import TopLoc_Location  # noqa: PLC0415
+
+    return hash(shape.Located(TopLoc_Location()))
 
 
 def _name(label: Any) -> str:

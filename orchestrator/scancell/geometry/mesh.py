@@ -15,8 +15,9 @@ from scancell import sensor as sensor_rt
 from scancell.arguments import Shape, checked_arguments, checked_fields
 from scancell.arrays import Array
 from scancell.errors import MeshError
+from scancell.files import CAD_FORMATS, split_solids
 from scancell.geometry import orientation, pose
-from scancell.geometry.mesh_files import CAD_FORMATS, FORMATS, Vertices, read_mesh, weld, weld_seams
+from scancell.geometry.mesh_files import FORMATS, Vertices, read_mesh, weld, weld_seams
 from scancell.geometry.orientation import Orientation, Winding, connected_components
 from scancell.values import Value
 
@@ -254,6 +255,8 @@ class MassProperties:
 def load_mesh(path: str | Path, unit: str = "mm") -> Mesh:
     """Read an STL, OBJ or PLY file with coordinates in `unit` (mm, m or inch), or a CAD file, which states its unit.
 
+    ``FILE.step#NAME`` are the solids of this name, or of this number from 0, of a CAD file; ``#NAME#NAME`` are several.
+
     Equal vertices are joined, also those of open edges that differ by rounding only; repeated faces are removed, and
     faces without an area where the mesh is closed without them; faces that certainly point the wrong way are flipped.
     `Mesh.warnings` reports each. The order of the faces is that of the file.
@@ -264,7 +267,7 @@ def load_mesh(path: str | Path, unit: str = "mm") -> Mesh:
     path = Path(path)
     if unit not in METRES_PER_UNIT:
         raise MeshError(key="unit", value=unit, expected=f"one of {', '.join(METRES_PER_UNIT)}")
-    if path.suffix.lower() in CAD_FORMATS:
+    if split_solids(path)[0].suffix.lower() in CAD_FORMATS:
         from scancell.geometry.cad import load_cad  # noqa: PLC0415  (it imports this module)
 
         return load_cad(path)

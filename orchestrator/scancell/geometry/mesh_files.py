@@ -27,7 +27,6 @@ Remarks = tuple[str, ...]
 MeshContent = tuple[Vertices, Faces, Remarks]
 
 FORMATS = (".stl", ".obj", ".ply")
-CAD_FORMATS = (".step", ".stp", ".iges", ".igs", ".brep", ".brp")  # see `scancell.geometry.cad`
 
 _STL_HEAD = 84  # bytes: header and number of triangles
 _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])

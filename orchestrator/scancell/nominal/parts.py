@@ -28,7 +28,7 @@ from scancell.config.devices import GripperDescription
 from scancell.config.material import Material
 from scancell.config.robot import InertiaDescription
 from scancell.errors import CellError, MeshError
-from scancell.files import file_state, require_file
+from scancell.files import CAD_FORMATS, file_state, require_file, split_solids
 from scancell.geometry import pose
 from scancell.geometry.mesh import (
     FORMATS,
@@ -41,7 +41,6 @@ from scancell.geometry.mesh import (
     load_mesh,
     mass_properties,
 )
-from scancell.geometry.mesh_files import CAD_FORMATS
 from scancell.geometry.shapes import Box, Cone, Cylinder, PlacedShape, Plane, Ring, Shape, ShapeGroup, ShapeMesh, Sphere
 
 PART_FORMATS = (*FORMATS, *CAD_FORMATS, ".toml")
@@ -239,7 +238,8 @@ def load_part(path: str | Path, unit: str = "mm") -> Mesh:
     Parameters
     ----------
     path
-        An STL, OBJ or PLY file, a CAD file (STEP, IGES, BREP), or an artefact (TOML).
+        An STL, OBJ or PLY file, a CAD file (STEP, IGES, BREP; ``FILE#SOLID``: one of its solids), or an artefact
+        (TOML).
     unit
         Unit of the coordinates in a mesh file: ``mm``, ``m`` or ``inch``. The keys of an artefact have units of their
         own.
@@ -267,7 +267,7 @@ def load_part(path: str | Path, unit: str = "mm") -> Mesh:
     scancell.errors.MeshError: prat.stl: no such file
     """
     path = Path(path)
-    if path.suffix.lower() != ".toml":
+    if split_solids(path)[0].suffix.lower() != ".toml":
         return load_mesh(path, unit)
     if unit not in METRES_PER_UNIT:
         raise MeshError(key="unit", value=unit, expected=f"one of {', '.join(METRES_PER_UNIT)}")
@@ -306,7 +306,7 @@ class PartCache:
         if isinstance(part, Mesh):
             return part.usable
         path = Path(part)
-        return self._load(path, unit, file_state(path)) if path.is_file() else load_part(path, unit)
+        return self._load(path, unit, file_state(path)) if split_solids(path)[0].is_file() else load_part(path, unit)
 
     def clear(self) -> None:
         """Forget all parts."""

@@ -29,7 +29,7 @@ from scancell.cell.fmu_file import runtime_dir
 from scancell.config.files import file_entries, plain_data, toml_text
 from scancell.config.loading import Setup
 from scancell.errors import CellError, DescriptionError, OutputError
-from scancell.files import MANIFEST_VERSION, arrow_table, read_json
+from scancell.files import MANIFEST_VERSION, arrow_table, read_json, split_solids
 from scancell.progress import Stopwatch
 from scancell.proximity import _native as proximity_native
 from scancell.reconstruction.cloud_files import FORMATS
@@ -298,8 +298,8 @@ def command_words(given: Sequence[str] | None) -> list[str]:
 
 
 def sha256(path: Path) -> str:
-    """Hexadecimal SHA-256 of a file."""
-    with path.open("rb") as stream:
+    """Hexadecimal SHA-256 of a file, the whole one where a path names solids in it."""
+    with split_solids(path)[0].open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 

@@ -21,10 +21,9 @@ from scancell.config.loading import Setup, as_built_sensor
 from scancell.config.study import BatchDescription
 from scancell.errors import DescriptionError, OutputError, require
 from scancell.evaluation.ground_truth import TrueWorld
-from scancell.files import name_for_file, read_json
+from scancell.files import CAD_FORMATS, name_for_file, read_json, split_solids
 from scancell.geometry import pose
 from scancell.geometry.mesh import FORMATS, box_mesh
-from scancell.geometry.mesh_files import CAD_FORMATS
 from scancell.nominal.parts import load_part
 from scancell.output.run_folder import build_version, resolved_toml, sha256
 from scancell.output.tables import ImageStack, Truth, dataset_file, stripe_masks, write_measured, write_truth
@@ -57,7 +56,7 @@ class BatchWorker:
         self._batch = batch
         self._setup = Setup(**checked_sections(spec["setup"]))
         self._factors = Factors(batch, self._setup, "batch")
-        self._parts: OrderedDict[str, ScanWorker] = OrderedDict()
+        self._parts: OrderedDict[tuple[str, str], ScanWorker] = OrderedDict()
 
     def __call__(self, payload: Mapping[str, Any], folder: Path) -> None:
         """Make a scan and write its files into `folder`; of a scan that fails, only a row with the reason."""
@@ -109,7 +108,7 @@ class BatchWorker:
         write_truth(folder / TRUTH, truth, sensor, trial.seed)
 
     def _part(self, payload: Mapping[str, Any]) -> ScanWorker:
-        key = payload["mesh_sha256"]
+        key = payload["mesh"], payload["mesh_sha256"]
         if key not in self._parts:
             mesh = load_part(payload["mesh"], self._batch.unit)
             self._parts[key] = ScanWorker(self._batch, self._setup, mesh, "batch")
@@ -229,8 +228,9 @@ def find_parts(given: Sequence[Path], out: Path) -> tuple[Part, ...]:
 
 
 def _meshes(path: Path, out: Path) -> list[tuple[str, Path]]:
-    if path.is_file():
-        return [(_name(path.name), path.resolve())]
+    file, solids = split_solids(path)
+    if file.is_file():
+        return [("_".join([_name(file.name), *map(name_for_file, solids)]), path.resolve())]
     if not path.is_dir():
         raise DescriptionError("no such file or folder", file=path)
     files = [

@@ -28,7 +28,7 @@ from scancell.config.description import to_si, validate
 from scancell.config.loading import Setup
 from scancell.config.study import FittedSphereDescription, StudyDescription, VaryingScansDescription, load_study
 from scancell.errors import DescriptionError, FitError, OutputError, require
-from scancell.files import read_json
+from scancell.files import read_json, split_solids
 from scancell.geometry.fits import fit_sphere
 from scancell.nominal.parts import load_part
 from scancell.output.run_folder import build_version, named_files
@@ -394,7 +394,7 @@ def open_study(path: Path, settings: Sequence[str] = ()) -> Study:
     description = load_study(path, settings)
     setup = nominal_setup(description, path.parent, str(path))
     part = (path.parent / description.part).resolve()
-    if not part.is_file():
+    if not split_solids(part)[0].is_file():
         raise DescriptionError(f"no such file ({part})", file=path, key="part", value=description.part)
     return Study(str(path), description, setup, part)
 

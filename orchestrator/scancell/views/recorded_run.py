@@ -21,6 +21,7 @@ import numpy as np
 from scancell.cell.recording import read_any_recording, read_exposure_times
 from scancell.config.loading import Setup, load_resolved
 from scancell.errors import DescriptionError
+from scancell.files import split_solids
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import NominalCell, as_estimated, nominal_cell, with_unknown_obstacles
@@ -150,7 +151,8 @@ def _part(folder: Path, made: dict[str, Any]) -> Mesh | None:
         return None
     file = Path(made["part"])
     beside = folder / file.name
-    return load_part(beside if beside.is_file() and not file.is_file() else file, made["unit"])
+    is_moved = split_solids(beside)[0].is_file() and not split_solids(file)[0].is_file()
+    return load_part(beside if is_moved else file, made["unit"])
 
 
 def _cloud(path: Path, cell: NominalCell, most: int) -> tuple[Cloud | None, int]:
