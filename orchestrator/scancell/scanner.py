@@ -501,16 +501,17 @@ class Scanner(Closing):
         True
         """
         wanted = CalibrationRequest(request) if isinstance(request, str) else request
-        part, name = assets_dir() / wanted.artefact if artefact is None else artefact, wanted.further_sensor
+        described, name = setup or self.setup, wanted.further_sensor
         if name is not None:
-            exchanged = ExchangedSensor.of(setup or self.setup, name)
+            exchanged = ExchangedSensor.of(described, name)
             words = [exchanged.word(word) for word in assignments(as_built)]
             report = self.calibrate(
-                replace(wanted, further_sensor=None), part, unit=unit, engine=engine, as_built=words, seed=seed,
+                replace(wanted, further_sensor=None), artefact, unit=unit, engine=engine, as_built=words, seed=seed,
                 setup=exchanged.exchanged, from_points=from_points, flange=flange, convention=convention,
                 table_format=table_format, progress=progress,
             )  # fmt: skip
             return replace(report, exchanged=exchanged)
+        part = assets_dir() / wanted.artefact_in(described.cell) if artefact is None else artefact
         world = self._world(part, unit, as_built, seed, setup)
         scan = self._calibration_scan(self._world(part, unit, setup=setup), wanted)
         if from_points is not None:

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import scancell
 from scancell import (
+    CalibrationError,
     CalibrationRequest,
     CameraFeed,
     Cloud,
@@ -608,10 +609,53 @@ def test_further_sensor_on_the_flange_is_calibrated_in_place_of_the_main_one(tmp
         both = scanner.calibrate("tool", as_built=built, setup=setup).estimated
         result = scanner.scan(PART, engine="geometric", as_built=built, estimated=both)
         assert max(rms(result, 1), rms(result, 2)) < 1e-5
-        with pytest.raises(DescriptionError, match=r"further_sensor\[2\]\.moves_with = 'table'.*link\[6\]"):
+        with pytest.raises(DescriptionError, match=r"further_sensor\[2\]\.moves_with = 'table'.*link\[6\], world"):
             scanner.calibrate(CalibrationRequest("tool", further_sensor="rider"))
         with pytest.raises(DescriptionError, match="further_sensor = 'main': expected beside, rider"):
             scanner.calibrate(CalibrationRequest("tool", further_sensor="main"))
+
+
+@pytest.mark.parametrize(("name", "number", "carrier"), [("post", 4, "world"), ("carriage", 5, "track")])
+def test_sensor_that_the_arm_does_not_carry_is_calibrated_by_turns_of_the_table(
+    name: str, number: int, carrier: str, tmp_path
+) -> None:
+    frame = f"sensor[{number}]"
+    text = MOUNTS.replace("medium_range_50", "medium_range_80").replace(
+        "y_mm = -62.0, z_mm = 190.0", "y_mm = -96.0, z_mm = 230.0"
+    )
+    built = {f"{frame}.x_mm": 0.4, f"{frame}.z_mm": -0.3, f"{frame}.rx_deg": 0.2, f"{frame}.rz_deg": -0.2}
+    with Scanner(setup=load_setup(mounts(tmp_path, text), settings={**FEW, **EXACT}, ideal=True)) as scanner:
+        report = scanner.calibrate(CalibrationRequest("tool", further_sensor=name), as_built=built)
+        blind = scanner.scan(PART, engine="geometric", as_built=built)
+        mended = scanner.scan(PART, engine="geometric", as_built=built, estimated=report.estimated)
+    assert [row.name for row in report.rows] == [f"{frame}.{key}" for key in ("x", "y", "z", "rx", "ry", "rz")]
+    for row in report.rows:
+        assert row.true == pytest.approx(built.get(f"{row.name}_{row.unit}", 0.0))
+        assert abs(row.error) < {"mm": 2e-3, "deg": 2e-3}[row.unit], row.name
+    assert rms(mended, number) < 2e-6
+    assert rms(blind, number) > 1e-4
+    # The arm stays at home, and the table turns the artefact.
+    axes = report.calibration.problem.observations.readings.axes
+    assert np.ptp(axes[:, :6], axis=0).max() < 1e-6
+    assert np.ptp(axes[:, 6]) > 0.3
+    assert f"{carrier}_from_sensor_m" in report.figures
+    with pytest.raises(DescriptionError, match="the sensor is not on the flange"):
+        _ = report.flange_from_sensor
+
+
+def test_calibrations_that_turns_of_the_table_do_not_determine_are_refused() -> None:
+    wanted = CalibrationRequest("tool", further_sensor="post", poses=8)
+    with Scanner(assets_dir() / "cells/two_sensors.toml", settings=FEW) as scanner:
+        for what in ("table", "latency", "all", "grasp"):
+            with pytest.raises(CalibrationError, match=f"what = '{what}': the arm moves neither.*expected tool"):
+                scanner.calibrate(replace(wanted, what=what))
+        with pytest.raises(CalibrationError, match="passes = 2: the arm moves neither"):
+            scanner.calibrate(replace(wanted, passes=2))
+        with pytest.raises(CalibrationError, match="do not determine"):
+            scanner.calibrate(replace(wanted, is_pose_known=False))
+        with pytest.raises(CalibrationError, match="random views show 30 points of it"):
+            away = load_setup(scanner.setup.cell, settings={"cell.further_sensor[1].pose.x_mm": 700.0})
+            scanner.calibrate(wanted, setup=away)
 
 
 def test_poses_of_the_flange_do_not_place_what_other_links_carry(sample, tmp_path) -> None:

@@ -75,7 +75,7 @@ class CellCalibrationOptions(Options):
     ] = "flange"
     further_sensor: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="name of a further sensor on the flange, to calibrate in place of the main"),
+        typer.Option(metavar="NAME", help="name of a further sensor, to calibrate in place of the main one"),
     ] = None
     engine: EngineOption = "geometric"
     sensor: SensorOption = None

@@ -414,6 +414,11 @@ class NominalCell(Value):
         return self.support == self.arm.flange
 
     @property
+    def arm_rests(self) -> bool:
+        """Whether table and further axes alone move the part past the sensor, which the arm does not carry."""
+        return self.support == "table" and not self.carries_sensor
+
+    @property
     def support_kind(self) -> Literal["table", "belt", "flange"]:
         """Kind of carrier of the part in the scan."""
         return "flange" if self.holds_part else "table" if self.support == "table" else "belt"

@@ -155,7 +155,8 @@ class SensorPoses:
 class CellKinematics:
     """Nominal geometry of arm, tool, table, and of further axes which carry them; poses (4, 4), m.
 
-    The sensor is on the flange, or, where `flange_from_part` states the pose of an artefact there, on `sensor_on`.
+    The sensor is on the flange, or on `sensor_on`: in the world or on a further axis. There it sees an artefact that
+    the arm holds, at `flange_from_part`, or that the table turns.
     """
 
     arm: Chain
@@ -165,7 +166,7 @@ class CellKinematics:
     further: tuple[Joint, ...] = ()
     arm_on: str = WORLD
     table_on: str = WORLD
-    sensor_on: str = WORLD
+    sensor_on: str | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -251,7 +252,9 @@ class CellKinematics:
             carriers += [at_0, *deviating, moved]
         part = self.flange_from_part
         base = Joint("base", _carrier(self.arm_on), parent_from_joint=self.arm.world_from_base @ base_from_arm)
-        flange = _elementary([base, *arm][-1].frame, list(_FLANGE.items()))
+        # Random errors of a pose are those of the flange, or, where the arm rests, of what carries the sensor.
+        rests = part is None and self.sensor_on is not None
+        flange = _elementary(_carrier(self.sensor_on) if rests else [base, *arm][-1].frame, list(_FLANGE.items()))
         carrier = flange[-1].frame if part is None else _carrier(self.sensor_on)
         sensor = Joint("nominal sensor", carrier, parent_from_joint=self.carrier_from_sensor)
         tool = _elementary(sensor.frame, list(zip(TOOL, _XYZ, strict=True)))
@@ -275,9 +278,9 @@ class CellKinematics:
         return Tree([*carriers, base, *arm, *flange, sensor, *tool, table, *platter, *ends])
 
 
-def _carrier(frame: str) -> str:
+def _carrier(frame: str | None) -> str:
     """Name in the tree of the frame of a further axis, or of the world."""
-    return frame if frame == WORLD else f"axis.{frame}"
+    return WORLD if frame in (None, WORLD) else f"axis.{frame}"
 
 
 def _elementary(parent: str, steps: Sequence[tuple[str, int]], zeros: Sequence[float] = ()) -> list[Joint]:

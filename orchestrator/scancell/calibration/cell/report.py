@@ -33,6 +33,7 @@ from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import ShapeMesh
+from scancell.geometry.tree import WORLD
 from scancell.nominal.parts import tool_matrix
 from scancell.output.run_folder import RunFolder, resolved_toml, write_json
 from scancell.planning.plan import plan_json
@@ -130,14 +131,14 @@ class CalibrationReport(SavedCalibration):
 
     @property
     def carrier_from_sensor(self) -> NDArray[np.float64]:
-        """Calibrated pose (4, 4) of the sensor on what carries it, the flange or a post in the world, m."""
+        """Calibrated pose (4, 4) of the sensor on what carries it: the flange, the world or a further axis, m."""
         nominal = self.calibration.problem.kinematics.carrier_from_sensor
         return np.asarray(nominal @ self._moved(TOOL))
 
     @property
     def flange_from_sensor(self) -> NDArray[np.float64]:
         """Calibrated pose (4, 4) of the sensor on the flange, m; `DescriptionError` if the flange does not carry it."""
-        if self._is_held:
+        if self._carrier != "flange":
             raise DescriptionError("the sensor is not on the flange: see carrier_from_sensor", key="flange_from_sensor")
         return self.carrier_from_sensor
 
@@ -173,7 +174,7 @@ class CalibrationReport(SavedCalibration):
     def _is_found_alone(self) -> bool:
         """Whether tool and place of the artefact came from profiles of a sphere and flange poses, and need no cell."""
         problem = self.calibration.problem
-        has_poses = problem.observations.readings.flange is not None and not self._is_held
+        has_poses = problem.observations.readings.flange is not None and self._carrier == "flange"
         return has_poses and single_sphere(problem, self.artefact) is not None
 
     @property
@@ -243,8 +244,8 @@ class CalibrationReport(SavedCalibration):
 
     @property
     def _carrier(self) -> str:
-        """Carrier of the sensor."""
-        return "world" if self._is_held else "flange"
+        """Carrier of the sensor: flange, world, or the name of a further axis."""
+        return self.calibration.problem.kinematics.sensor_on or "flange"
 
     @property
     def _centre(self) -> NDArray[np.float64]:
@@ -314,7 +315,8 @@ class CalibrationReport(SavedCalibration):
             text = f"  {row.name + ' ' + row.unit:24} {row.value:10.5f} +- {row.half_width:12.5f} "
             lines.append(text + comparison_text(row.true, row.value, row.half_width))
         if set(TOOL) & set(result.names):
-            place = "in the world" if self._is_held else "on the flange"
+            carrier = self._carrier
+            place = {"world": "in the world", "flange": "on the flange"}.get(carrier, f"on axis {carrier}")
             lines.append(f"  sensor {place}: {_pose_text(self.carrier_from_sensor)}")
         if set(GRASP) & set(result.names):
             lines.append(f"  part on the flange: {_pose_text(self.flange_from_part)}")
@@ -350,7 +352,7 @@ class ExchangedSensor:
     def of(cls, setup: Setup, name: str) -> Self:
         """By the name of a further sensor.
 
-        Raises `DescriptionError` if there is none, or the flange does not carry it, or it exposes with a delay.
+        Raises `DescriptionError` if there is none, or the table or a link before the flange carries it.
         """
         names, flange = setup.sensor_names, f"link[{len(setup.cell.robot.joint)}]"
         if name not in names[1:]:
@@ -358,20 +360,17 @@ class ExchangedSensor:
             raise DescriptionError(key="further_sensor", value=name, expected=expected)
         number = names.index(name) + 1
         key, sensor = f"cell.further_sensor[{number - 1}]", setup.cell.further_sensor[number - 2]
-        if sensor.moves_with != flange:
+        carriers = (flange, WORLD, *(axis.name for axis in setup.cell.axis))
+        if sensor.moves_with not in carriers:
             raise DescriptionError(
-                "calibrations find the pose of a sensor on the flange", key=f"{key}.moves_with",
-                value=sensor.moves_with, expected=flange,
+                "calibrations find the pose of a sensor on the flange, in the world or on an axis",
+                key=f"{key}.moves_with", value=sensor.moves_with, expected=", ".join(carriers),
             )  # fmt: skip
-        if sensor.delay_ms:
-            raise DescriptionError(
-                "calibrations expose at the triggers", key=f"{key}.delay_ms", value=sensor.delay_ms, expected="0"
-            )
         return cls(setup, number)
 
     @property
     def exchanged(self) -> Setup:
-        """The same cell with both sensors exchanged: the further one is that of the tool."""
+        """The same cell with both sensors exchanged: the further one is that of the tool, and sets the triggers."""
         cell, row = self.setup.cell, self.number - 2
         sensor = cell.further_sensor[row]
         flange, carrier_from_main = f"link[{len(cell.robot.joint)}]", tool_matrix(cell.tool)
@@ -383,11 +382,13 @@ class ExchangedSensor:
                 "sensor": self.setup.sensor,
                 "moves_with": flange if cell.tool.moves_with == "flange" else cell.tool.moves_with,
                 "pose": PoseDescription(**place),
+                "delay_ms": 0.0,
                 "mesh": cell.sensor_mesh,
                 "inertia": cell.tool.inertia,
             }
         )
-        tool = ToolDescription(flange_from_sensor=sensor.pose, inertia=sensor.inertia)
+        carrier = "flange" if sensor.moves_with == flange else sensor.moves_with
+        tool = ToolDescription(moves_with=carrier, pose=sensor.pose, inertia=sensor.inertia)
         others = [one.model_copy(update={"sensor": one.sensor or self.setup.sensor}) for one in cell.further_sensor]
         others[row] = main
         changes: dict[str, Any] = {"tool": tool, "sensor_mesh": sensor.mesh, "further_sensor": (*others,)}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -54,6 +54,7 @@ from scancell.calibration.cell.problem import (
 from scancell.calibration.cell.solve import circles_of, moments_of, require_known, solve, sphere_start
 from scancell.calibration.variance_components import informations
 from scancell.cell.recording import TriggerRecords, slopes
+from scancell.config.cell import CellDescription
 from scancell.config.choices import CalibrationTarget, Engine
 from scancell.config.description import si_value
 from scancell.config.study import CalibrateDescription
@@ -61,7 +62,7 @@ from scancell.errors import CalibrationError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import ShapeMesh, Sphere
-from scancell.geometry.tree import WORLD, Joint
+from scancell.geometry.tree import Joint
 from scancell.nominal.cell import NominalCell, with_table
 from scancell.planning.model import PlanningCell, SensorRange, Work
 from scancell.planning.motion.assembly import Assembly, check_part, verified
@@ -126,6 +127,20 @@ def candidates(cell: PlanningCell, count: int, rng: np.random.Generator, clearan
             file=cell.nominal.part.source,
         )
     return np.concatenate(found)[:count]
+
+
+def turned_tables(cell: PlanningCell, count: int, rng: np.random.Generator, clearance: float) -> Iterator[Array]:
+    """Positions (n, axes), rad, at random angles of the table with clearance, while the arm rests.
+
+    It rests at home, then, as it may hide the artefact there, with its first joint turned.
+    """
+    nominal, home = cell.nominal, cell.nominal.home
+    first = nominal.arm.joints[0]
+    turns = home[0] + np.pi / 4 * np.array([0, 1, -1, 2, -2, 3, -3])
+    angles = rng.uniform(-np.pi, np.pi, count)
+    for turn in turns[(turns >= first.min) & (turns <= first.max)]:
+        turned = with_table([turn, *home[1:]], angles)
+        yield np.delete(turned, [clash.index for clash in cell.clearance_violations(turned, clearance)], 0)
 
 
 def _random_views(cell: PlanningCell, count: int, rng: np.random.Generator) -> Array:
@@ -276,8 +291,9 @@ class CalibrationRequest:
     Attributes
     ----------
     what
-        tool: pose of the sensor on the flange or on its post, with the table at rest. grasp: pose of a part on the
-        flange before a sensor on a post, by the tool as it is. table: its axis, and the eccentricity of the
+        tool: pose of the sensor on the flange or on its post, with the table at rest; where the arm moves neither
+        sensor nor artefact, the table turns. grasp: pose of a part on the flange before a sensor on a post, by the
+        tool as it is. table: its axis, and the eccentricity of the
         platter if the artefact's pose is known, by the tool as it is. latency: of the trigger. all: these together.
     also
         Further deviations to find, such as ``dh[3].theta``, by the names of as-built parameters; ``axis.NAME`` means
@@ -288,17 +304,19 @@ class CalibrationRequest:
     poses, passes
         Number of exposures at rest, and of passes in motion.
     is_pose_known, is_size_known
-        Whether pose and size of the artefact are exact; else they are found, too.
+        Whether pose and size of the artefact are exact; else they are found, too. A table that turns about one axis
+        does not determine the pose, which is exact by default where the arm rests.
     designed
         Whether poses are chosen for the information that they give; else at random.
     robot_noise
-        Where random errors of the robot are expected: none, joints, or flange.
+        Where random errors of the robot are expected: none, joints, or flange; this is what carries the sensor where
+        the arm rests.
     wobble
         Whether to find the wobble of the table axis, too.
     pose_seed
         Random seed of the views among which poses are chosen.
     further_sensor
-        Name of a further sensor on the flange that is calibrated in place of the main one.
+        Name of a further sensor on the flange, in the world or on an axis that is calibrated in place of the main one.
 
     Examples
     --------
@@ -327,13 +345,14 @@ class CalibrationRequest:
         plain = described.model_dump(exclude={"artefact", "pose"})
         return cls(**plain, is_pose_known=None if described.pose is None else described.pose == "described")
 
-    @property
-    def artefact(self) -> str:
-        """Default artefact, a shipped one: a tilt of the table axis needs spheres at different distances from it.
+    def artefact_in(self, cell: CellDescription) -> str:
+        """Default artefact in a `cell`, a shipped one: a tilt of the table axis needs spheres in different places.
 
-        So does the pose of a held part.
+        So do the pose of a held part, and that of a sensor past which the table alone moves the artefact.
         """
-        return "artefacts/ball_plate.toml" if self.turns_table or self.what == "grasp" else "artefacts/sphere.toml"
+        arm_rests = cell.tool.moves_with != "flange" and cell.part.moves_with == "table"
+        needs_several = self.turns_table or self.what == "grasp" or arm_rests
+        return "artefacts/ball_plate.toml" if needs_several else "artefacts/sphere.toml"
 
     @property
     def turns_table(self) -> bool:
@@ -396,23 +415,32 @@ class Calibration:
 
 def kinematics_of(nominal: NominalCell) -> CellKinematics:
     """Kinematics of the nominal cell for calibration."""
-    nominal.require_scanned()
+    if not nominal.arm_rests:
+        nominal.require_scanned()
     part = nominal.table_from_part if nominal.holds_part else None
     further = tuple(axis.joint for axis in nominal.further_axes)
-    carriers = nominal.arm_on, nominal.table_on, nominal.sensor.parent if nominal.holds_part else WORLD
+    carriers = nominal.arm_on, nominal.table_on, None if nominal.carries_sensor else nominal.sensor.parent
     sensor = nominal.sensor.parent_from_joint
     return CellKinematics(nominal.arm, sensor, nominal.world_from_table, part, further, *carriers)
 
 
 def _require_possible(request: CalibrationRequest, nominal: NominalCell) -> None:
     """Raise `CalibrationError` if the cell does not have what is to be found, or that is to stay unknown."""
-    possible = ("tool", "grasp", "latency") if nominal.holds_part else ("tool", "table", "latency", "all")
+    possible: tuple[CalibrationTarget, ...] = ("tool", "table", "latency", "all")
+    holds = "the part is not on the flange"
+    if nominal.holds_part:
+        possible, holds = ("tool", "grasp", "latency"), "the arm holds the part"
+    elif nominal.arm_rests:
+        possible, holds = ("tool",), "the arm moves neither sensor nor part"
     if request.what not in possible:
-        holds = "the arm holds the part" if nominal.holds_part else "the part is not on the flange"
         raise CalibrationError(holds, key="what", value=request.what, expected=", ".join(possible))
     if request.what == "grasp" and not request.trusts_pose:
         raise CalibrationError(
             "is what a calibration of the grasp finds", key="pose", value="unknown", expected="described"
+        )
+    if nominal.arm_rests and request.pass_count:
+        raise CalibrationError(
+            "the arm moves neither sensor nor part", key="passes", value=request.passes, expected="0"
         )
 
 
@@ -466,8 +494,8 @@ class CalibrationScan:
     start
         Deviations to start from, SI, by name; those that are not free stay.
 
-    Raises `DescriptionError` if the arm moves neither or both of artefact and sensor; `CalibrationError` if the request
-    is impossible in the cell.
+    Raises `DescriptionError` if the arm moves both artefact and sensor; `CalibrationError` if the request is impossible
+    in the cell.
     """
 
     def __init__(
@@ -477,7 +505,10 @@ class CalibrationScan:
         request: CalibrationRequest,
         start: Mapping[str, float],
     ) -> None:
-        world.nominal.require_scanned()
+        if not world.nominal.arm_rests:
+            world.nominal.require_scanned()
+        elif request.is_pose_known is None:
+            request = replace(request, is_pose_known=True)
         _require_possible(request, world.nominal)
         self.pipeline, self.world = pipeline, world
         self.request, self._start = request, start
@@ -640,12 +671,22 @@ class CalibrationScan:
         if not count:
             return np.empty((0, len(self._cell.start)))
         wanted = max(_PER_POSE * count, _LEAST_CANDIDATES)
-        found = candidates(self._cell, wanted, rng, self._scan.clearance, self.request.turns_table)
-        problem = self._problem(self._expected_observations(found))
-        problem = replace(problem, observations=problem.observations.chosen(on_artefact(problem)))
-        frame = problem.observations.frame
-        seen = np.flatnonzero(np.bincount(frame, minlength=len(found)) >= _LEAST_POINTS)
-        if len(seen) < count:
+        clearance, most = self._scan.clearance, -1
+        views: Iterable[Array] = (
+            turned_tables(self._cell, wanted, rng, clearance)
+            if self.world.nominal.arm_rests
+            else [candidates(self._cell, wanted, rng, clearance, self.request.turns_table)]
+        )
+        for axes in views:
+            posed = self._problem(self._expected_observations(axes))
+            posed = replace(posed, observations=posed.observations.chosen(on_artefact(posed)))
+            frame = posed.observations.frame
+            showing = np.flatnonzero(np.bincount(frame, minlength=len(axes)) >= _LEAST_POINTS)
+            if len(showing) > most:
+                found, problem, seen, most = axes, posed, showing, len(showing)
+            if most >= count:
+                break
+        if most < count:
             raise CalibrationError(
                 f"{len(seen)} of {len(found)} random views show {_LEAST_POINTS} points of it, {count} poses"
                 " were requested: place it where the sensor sees more of it",
