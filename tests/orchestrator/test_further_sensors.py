@@ -242,6 +242,39 @@ def test_true_optics_and_delay_of_a_further_sensor_are_its_own(tmp_path) -> None
     assert [rms(late, number) > 5e-6 for number in range(1, 6)] == [False, False, False, False, True]
 
 
+@pytest.mark.parametrize("engine", ["geometric", "ray-traced"])
+def test_sensor_that_exposes_at_every_third_trigger_measures_the_same_there(engine: str) -> None:
+    settings = {"scan.max_profiles": 20 if engine == "ray-traced" else 60}
+    key, found = "cell.further_sensor[1].every", {}
+    with Scanner(assets_dir() / "cells/two_sensors.toml", settings=settings) as scanner:
+        for every in (1, 3):
+            setup = load_setup(scanner.setup.cell, scan=scanner.setup.scan, settings={key: every})
+            found[every] = scanner.scan(PART, engine=engine, seed=2, setup=setup)
+    always, seldom = (found[every].profiles for every in (1, 3))
+    index = found[3].recording.measured.index
+    assert np.array_equal(index, found[1].recording.measured.index)
+    own = seldom.sensor == 2
+    assert set(np.unique(index[seldom.frame[own]] % 3)) == {1}
+    for number, kept in ((1, slice(None)), (2, index[always.frame[always.sensor == 2]] % 3 == 1)):
+        for name in ("points_in_sensor", "frame", "sigma"):
+            was, now = (getattr(one, name)[one.sensor == number] for one in (always, seldom))
+            assert np.array_equal(was[kept], now), (number, name)
+    assert all((one.trigger - 1) % 3 == 0 for one in found[3].sample_images if one.sensor == 2)
+    assert rms(found[3], 2) == pytest.approx(rms(found[1], 2), rel=0.1)
+
+
+def test_time_between_triggers_follows_the_sensors_that_expose_at_them() -> None:
+    cell = load_setup(assets_dir() / "cells/two_sensors.toml").cell
+    slow = {"cell.further_sensor[1].sensor.detector.exposure_ms": 40.0}
+    times = [
+        load_setup(cell, settings={**slow, "cell.further_sensor[1].every": every}).profile_time
+        for every in (1, 2, 5, 1000)
+    ]
+    assert times[0] >= 0.04
+    assert times[1:3] == pytest.approx([times[0] / 2, times[0] / 5])
+    assert times[3] == load_setup().profile_time < times[2]
+
+
 @pytest.mark.parametrize(
     ("word", "message"),
     [
@@ -270,6 +303,8 @@ def test_wrong_deviations_of_further_sensors_are_refused(word: str, message: str
         ({"cell.further_sensor[1].moves_with": "link[7]"}, "expected world"),
         ({"cell.further_sensor[3].sensor.detector.exposure_ms": -1}, r"further_sensor\[3\]\.sensor\.detector"),
         ({"cell.further_sensor[1].delay_ms": 101}, "delay_ms"),
+        ({"cell.further_sensor[1].every": 0}, r"every = 0"),
+        ({"cell.further_sensor[1].every": 1.5}, r"every = 1\.5"),
         ({"cell.estimated.further_sensor": [{}] * 5}, r"estimated\.further_sensor has 5 rows: expected at most 4"),
     ],
 )

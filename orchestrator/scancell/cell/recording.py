@@ -237,7 +237,7 @@ class Recording(Value):
     def __len__(self) -> int:
         return len(self.columns["trigger.index"])
 
-    def __getitem__(self, rows: slice) -> Recording:
+    def __getitem__(self, rows: slice | NDArray[np.intp]) -> Recording:
         """The recording of some of its rows."""
         return Recording({name: values[rows] for name, values in self.columns.items()})
 

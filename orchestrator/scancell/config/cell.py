@@ -324,7 +324,7 @@ AxisDescription = Annotated[RevoluteAxisDescription | PrismaticAxisDescription, 
 
 
 class FurtherSensorDescription(Description):
-    """A sensor beside that of the tool, which measures at the same triggers; these are numbered from ``sensor[2]``."""
+    """A sensor beside that of the tool, which measures at its triggers; these are numbered from ``sensor[2]``."""
 
     name: Name = Field(description="unique name of the sensor in clouds, files and figures")
     sensor: SensorDescription | None = Field(
@@ -336,6 +336,9 @@ class FurtherSensorDescription(Description):
     )
     delay_ms: Annotated[float, Field(ge=-100.0, le=100.0)] = Field(
         default=0.0, description="time from the middle of the main sensor's exposures to the middle of its own, ms"
+    )
+    every: Annotated[int, Field(ge=1, le=1000)] = Field(
+        default=1, description="exposes at every n-th trigger of the main sensor, from the first one on"
     )
     mesh: str | None = Field(
         default=None, description="file of the mesh of its housing, sensor frame, mm; default: none"

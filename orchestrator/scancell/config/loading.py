@@ -96,7 +96,8 @@ class Setup:
     @property
     def profile_time(self) -> float:
         """Shortest time from a trigger to the next one, s, at which all sensors follow."""
-        return max(profile_time(self.seen_by(number).sensor) for number in range(1, len(self.sensor_names) + 1))
+        own = profile_time(self.sensor)
+        return max(own, *(profile_time(one.sensor or self.sensor) / one.every for one in self.cell.further_sensor), 0.0)
 
     def seen_by(self, number: int) -> Setup:
         """The setup whose sensor is that of a number, from 1."""

@@ -39,6 +39,7 @@ _IN_THE_DARK = 2.0  # factor without any light of the stripe
 _NEAR_ENOUGH = 0.05  # relative change that is not worth it
 
 # Exposures per call: enough to use all cores, few enough for responsive interrupts and progress.
+_FIRST_TRIGGER = 1
 _BATCH = 64
 
 
@@ -471,6 +472,11 @@ class World:
         described = self.setup.cell.further_sensor[self.number - 2]
         return si_value(described, "delay_ms"), as_built_delay(described, self.as_built, self.number)
 
+    def exposed_at(self, index: NDArray[np.int64]) -> NDArray[np.intp]:
+        """Rows (k,) of trigger indices (n,) at which the sensor exposes."""
+        every = 1 if self.number == 1 else self.setup.cell.further_sensor[self.number - 2].every
+        return np.flatnonzero((index - _FIRST_TRIGGER) % every == 0)
+
     def sense(
         self,
         recording: Recording,
@@ -485,7 +491,7 @@ class World:
     ) -> SensedProfiles:
         """Profiles of a recording, with the images of those in the rows `kept`; no images with the geometric engine.
 
-        All `sensors` expose, each lit by its own laser.
+        All `sensors` expose, each at its own triggers, see `exposed_at`, and lit by its own laser.
 
         Raises `SensorError` if the library reports an error.
 
@@ -500,21 +506,26 @@ class World:
             Whether this sensor alone exposes.
         """
         worlds, kept = (self,) if alone else self.sensors, () if engine == "geometric" else kept
-        chosen = zip(worlds, controls or [world.control() for world in worlds], strict=True)
         exposing = [
             partial(world._sense_batch, recording, engine, control=control, on_images=on_images, kept=kept,
                     threads=threads)
-            for world, control in chosen
+            for world, control in zip(worlds, controls or [world.control() for world in worlds], strict=True)
         ]  # fmt: skip
+        index = recording.measured.index
         progress.stage("sensing", len(recording), "profiles")
 
-        def advanced(some: SensedProfiles) -> SensedProfiles:
-            progress.advance(some.count / len(worlds))
+        def advanced(sensors: int, some: SensedProfiles) -> SensedProfiles:
+            progress.advance(some.count / sensors)
             return some
 
         def sensed() -> Iterator[SensedProfiles]:
             for batch, wanted in _batches(len(recording), kept, on_images is not None):
-                parts = [map(advanced, expose_batch(batch, wanted)) for expose_batch in exposing]
+                chosen = [
+                    (expose_batch, own)
+                    for world, expose_batch in zip(worlds, exposing, strict=True)
+                    if len(own := world.exposed_at(index[batch]))
+                ]
+                parts = [map(partial(advanced, len(chosen)), one(batch, own, wanted)) for one, own in chosen]
                 if len(parts) == 1:
                     yield from parts[0]
                 else:
@@ -527,6 +538,7 @@ class World:
         recording: Recording,
         engine: Engine,
         batch: slice,
+        own: NDArray[np.intp],
         wanted: bool,
         *,
         control: ExposureControl,
@@ -534,16 +546,28 @@ class World:
         kept: Collection[int],
         threads: int,
     ) -> Iterator[SensedProfiles]:
-        """Profiles of a batch of rows by this sensor, see `sense`; images are rendered if `wanted`."""
-        first = batch.start
-        while first < batch.stop:
-            rows = recording[first : batch.stop]
-            some = self.expose(rows, engine, control=control, images=wanted, threads=threads)
+        """Profiles of a batch of rows by this sensor, see `sense`; images are rendered if `wanted`.
+
+        It exposes at the rows `own` (k,) of the batch; profiles of the others are empty.
+        """
+        rows = recording[batch][own]
+        begin, done = 0, 0
+        while done < len(own):
+            some = self.expose(rows[done:], engine, control=control, images=wanted, threads=threads)
             if on_images is not None:
                 for images in some.images:
                     on_images(images)
-            yield replace(some, images=tuple(images for row, images in enumerate(some.images, first) if row in kept))
-            first += some.count
+            taken = own[done : done + some.count]
+            done += some.count
+            end = int(taken[-1]) + 1 if done < len(own) else batch.stop - batch.start
+            rendered = zip(taken + batch.start, some.images, strict=False)  # none where images are not wanted
+            yield replace(
+                some,
+                points=replace(some.points, frame=(taken[some.points.frame] - begin).astype(np.int32)),
+                count=end - begin,
+                images=tuple(image for row, image in rendered if row in kept),
+            )
+            begin = end
 
     def expose(
         self,
