@@ -27,7 +27,8 @@ from scancell.config.scan import PathDescription
 from scancell.errors import PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import box_mesh, load_mesh
-from scancell.nominal.cell import Body, NominalCell, nominal_cell
+from scancell.nominal.cell import NominalCell, nominal_cell
+from scancell.nominal.parts import Body
 from scancell.planning.model import PlanningCell, SensorRange
 from scancell.planning.motion.assembly import check_part
 from scancell.planning.path_map.path_planner import PathPlanner

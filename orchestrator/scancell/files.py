@@ -36,17 +36,15 @@ def split_solids(path: str | Path) -> tuple[Path, tuple[str, ...]]:
     return (Path(found[1]), tuple(found[2].split("#"))) if found else (Path(path), ())
 
 
-def require_file(
-    path: str | Path, raises: type[ScancellError] = DescriptionError, most_bytes: int = MAX_FILE_BYTES
-) -> Path:
-    """The path of a regular file that is neither empty nor larger than `most_bytes`.
+def require_file(path: str | Path, raises: type[ScancellError] = DescriptionError) -> Path:
+    """The path of a regular file that is neither empty nor larger than `MAX_FILE_BYTES`.
 
     A device or a named pipe may never end, and a file of the kernel, whose size is 0, may never begin.
 
     Raises `raises` naming the file.
     """
     path = Path(path)
-    if _regular_size(path, raises, most_bytes) == 0:
+    if _regular_size(path, raises, MAX_FILE_BYTES) == 0:
         raise raises("the file is empty", file=path)
     return path
 
@@ -74,15 +72,15 @@ def read_text(path: str | Path, raises: type[ScancellError] = DescriptionError) 
         raise raises(f"is not text in UTF-8: {error}", file=path) from None
 
 
-def read_json(path: str | Path, raises: type[ScancellError] = DescriptionError) -> Any:
-    """Content of a regular JSON file of limited size and depth; raises `raises` naming the file."""
-    text = read_text(path, raises)
+def read_json(path: str | Path) -> Any:
+    """Content of a regular JSON file of limited size and depth; raises `DescriptionError` naming the file."""
+    text = read_text(path)
     try:
         return json.loads(text)
     except ValueError as error:
-        raise raises(f"cannot be read as JSON: {error}", file=path) from None
+        raise DescriptionError(f"cannot be read as JSON: {error}", file=path) from None
     except (RecursionError, MemoryError):
-        raise raises("cannot be read as JSON: it is nested too deeply, or too large", file=path) from None
+        raise DescriptionError("cannot be read as JSON: it is nested too deeply, or too large", file=path) from None
 
 
 def require_format_version(version: Any, newest: int, path: str | Path) -> None:

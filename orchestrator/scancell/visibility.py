@@ -22,7 +22,8 @@ from scancell.errors import DescriptionError, OutputError
 from scancell.files import atomic_write
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, joined, sample_surface
-from scancell.nominal.cell import Body, NominalCell
+from scancell.nominal.cell import NominalCell
+from scancell.nominal.parts import Body
 from scancell.progress import NullProgress, Progress
 from scancell.values import Value
 

@@ -14,7 +14,8 @@ from scipy.spatial import ConvexHull
 from scancell.config.loading import assets_dir, load_setup
 from scancell.geometry import pose
 from scancell.geometry.mesh import load_mesh
-from scancell.nominal.cell import Body, nominal_cell
+from scancell.nominal.cell import nominal_cell
+from scancell.nominal.parts import Body
 from scancell.planning.model import PlanningCell, SensorRange
 from scancell.planning.motion.connection import Connector
 from scancell.scanning.world import make_sensor

@@ -32,7 +32,8 @@ from scancell.config.loading import Setup, load_setup
 from scancell.errors import CellError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
-from scancell.nominal.cell import Body, NominalCell, nominal_cell
+from scancell.nominal.cell import NominalCell, nominal_cell
+from scancell.nominal.parts import Body
 from scancell.planning import planner
 from scancell.planning.model import MOTION_SHARE, PlanningCell, SensorRange, Work
 from scancell.planning.motion.connection import Connector

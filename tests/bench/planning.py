@@ -39,8 +39,7 @@ from scancell.config.scan import PathDescription, RasterDescription, ScanDescrip
 from scancell.config.sensor import SensorDescription
 from scancell.errors import PlanningError
 from scancell.planning.model import PlanningCell
-from scancell.planning.motion.timing import FINER
-from scancell.planning.motion.trajectory import arm_skeleton, joint_torques, limit_fractions, move
+from scancell.planning.motion.trajectory import FINER, arm_skeleton, joint_torques, limit_fractions, move
 from scancell.planning.options import scan_options
 from scancell.planning.path_map.path_planner import PathPlanner
 from scancell.planning.path_map.ray_shooting import best_motion, shoot

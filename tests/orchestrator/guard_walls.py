@@ -13,7 +13,8 @@ from scancell.config.material import Material
 from scancell.geometry.mesh import Mesh, box_mesh
 from scancell.geometry.pose import from_rotation, transform_points, translation
 from scancell.guard.parts import Tool
-from scancell.nominal.cell import Body, NominalCell
+from scancell.nominal.cell import NominalCell
+from scancell.nominal.parts import Body
 from scancell.proximity.scene import ProximityScene, cell_scene
 
 Square = tuple[np.ndarray, np.ndarray, float, NominalCell, ProximityScene]

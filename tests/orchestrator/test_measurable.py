@@ -15,7 +15,8 @@ from scancell.config.sensor import SensorDescription
 from scancell.errors import CancelledError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh, joined
-from scancell.nominal.cell import Body, NominalCell, nominal_cell
+from scancell.nominal.cell import NominalCell, nominal_cell
+from scancell.nominal.parts import Body
 from scancell.progress import CallbackProgress
 from scancell.visibility import (
     POSITION_STEP,

@@ -11,7 +11,8 @@ from scancell.config.loading import load_setup
 from scancell.config.material import Material
 from scancell.geometry.mesh import Mesh, box_mesh
 from scancell.geometry.pose import transform_points, translation
-from scancell.nominal.cell import Body, NominalCell, nominal_cell
+from scancell.nominal.cell import NominalCell, nominal_cell
+from scancell.nominal.parts import Body
 from scancell.proximity.motion_check import Budget, MotionBounds, MotionCheck
 from scancell.proximity.scene import ProximityScene, cell_scene
 

@@ -17,8 +17,7 @@ from scancell.config.material import Material
 from scancell.config.sensor import sensor_json
 from scancell.errors import CellError
 from scancell.geometry.mesh import Mesh
-from scancell.nominal.cell import Body
-from scancell.nominal.parts import part_patches
+from scancell.nominal.parts import Body, part_patches
 from scancell.scanning.world import build_scene
 
 Z = 0.12

@@ -13,7 +13,8 @@ from scancell.config.loading import load_setup
 from scancell.errors import CancelledError
 from scancell.geometry import pose
 from scancell.geometry.mesh import box_mesh
-from scancell.nominal.cell import Body, nominal_cell
+from scancell.nominal.cell import nominal_cell
+from scancell.nominal.parts import Body
 from scancell.planning.model import PlanningCell, SensorRange, Work
 from scancell.planning.options import scan_options
 from scancell.planning.planner import plan

@@ -13,7 +13,8 @@ from fcl_collisions import colliding, collision_object
 from scancell.config.loading import assets_dir, load_setup
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
-from scancell.nominal.cell import Body, nominal_cell
+from scancell.nominal.cell import nominal_cell
+from scancell.nominal.parts import Body
 from scancell.proximity.motion_check import MotionCheck
 from scancell.proximity.scene import ProximityScene, cell_scene, intersecting_pairs
 

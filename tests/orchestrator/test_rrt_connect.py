@@ -13,7 +13,7 @@ from scancell.config.material import Material
 from scancell.errors import PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import box_mesh
-from scancell.nominal.cell import Body
+from scancell.nominal.parts import Body
 from scancell.planning.model import MOTION_SHARE, PlanningCell
 from scancell.planning.motion.connection import Connector, RrtConnect
 

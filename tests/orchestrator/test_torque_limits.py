@@ -16,8 +16,7 @@ from scancell.nominal.cell import nominal_cell
 from scancell.planning.model import PlanningCell
 from scancell.planning.motion import trajectory
 from scancell.planning.motion.connection import Connector
-from scancell.planning.motion.timing import axis_name
-from scancell.planning.motion.trajectory import TorqueLimits
+from scancell.planning.motion.trajectory import TorqueLimits, axis_name
 
 START = np.radians([0.0, 45.0, -30.0, 0.0, 30.0, 0.0])
 END = np.radians([60.0, 90.0, -60.0, 40.0, -30.0, 90.0])

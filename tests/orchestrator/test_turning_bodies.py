@@ -18,7 +18,8 @@ from scancell.config.loading import assets_dir, load_setup
 from scancell.errors import PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
-from scancell.nominal.cell import Body, NominalCell, nominal_cell
+from scancell.nominal.cell import NominalCell, nominal_cell
+from scancell.nominal.parts import Body
 from scancell.planning.model import PlanningCell
 from scancell.planning.motion import assembly
 from scancell.planning.motion.connection import Connector

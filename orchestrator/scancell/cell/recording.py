@@ -486,8 +486,8 @@ def refuse_value(path: Path, name: str, row: int, value: object, expected: str) 
     raise DescriptionError(file=path, key=f"column '{name}', row {row + 1}", value=value, expected=expected)
 
 
-def read_table(path: Path, convert: pyarrow.csv.ConvertOptions | None = None) -> pa.Table:
-    """Table of a CSV or Parquet file; `convert` holds the types of the values of CSV.
+def read_table(path: Path) -> pa.Table:
+    """Table of a CSV or Parquet file.
 
     Raises
     ------
@@ -497,7 +497,7 @@ def read_table(path: Path, convert: pyarrow.csv.ConvertOptions | None = None) ->
     require_file(path)
     try:
         is_csv = path.suffix.lower() == ".csv"
-        table = pyarrow.csv.read_csv(path, convert_options=convert) if is_csv else pyarrow.parquet.read_table(path)
+        table = pyarrow.csv.read_csv(path) if is_csv else pyarrow.parquet.read_table(path)
         _ = table.column_names  # decodes them
     except MemoryError:  # no fault of the file's format
         raise

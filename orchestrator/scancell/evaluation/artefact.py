@@ -35,7 +35,7 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, sample_surface
 from scancell.geometry.shapes import PartSurface, ShapeGroup
 
-REACH = 2e-3  # m
+REACH = 2e-3  # m: largest distance of a point from the face that it belongs to
 GUARD = 1e-3  # m
 _SHOWN = 40  # characteristics in the summary
 _LEAST_POINTS = 20  # of a face with figures of its own
@@ -157,7 +157,6 @@ def evaluate_against_artefact(
     align: Align = "none",
     datum: Sequence[str] = (),
     *,
-    reach: float = REACH,
     guard: float = GUARD,
 ) -> ArtefactEvaluation:
     """Align points (n, 3), m, to an artefact, and measure it from them.
@@ -170,16 +169,14 @@ def evaluate_against_artefact(
     datum
         For ``align="datum"``: three plane faces in order of precedence, or any faces to which alone the points are
         fitted; by default all measured faces.
-    reach
-        Largest distance of a point from the face that it belongs to, m.
     guard
         Points nearer to an edge do not count, m.
     """
     check_request(points, align)
     faces = faces_of(artefact)
-    moved, used, warnings = _alignment(points, artefact, faces, align, datum, reach, guard)
+    moved, used, warnings = _alignment(points, artefact, faces, align, datum, guard)
     aligned = points if align == "none" else pose.transform_points(moved, points)
-    assigned = assign(aligned, artefact, faces, reach, guard)
+    assigned = assign(aligned, artefact, faces, REACH, guard)
     counts = np.bincount(assigned.face + 1, minlength=len(faces) + 1)[1:]
     measured, unfitted = [], {}
     for number, face in enumerate(faces):
@@ -190,7 +187,7 @@ def evaluate_against_artefact(
                 unfitted[face.name] = str(error)
     if not measured:
         raise FitError(
-            f"no face has {_LEAST_POINTS} points within {1e3 * reach:g} mm; is the cloud in the frame of the artefact?",
+            f"no face has {_LEAST_POINTS} points within {1e3 * REACH:g} mm; is the cloud in the frame of the artefact?",
             file=artefact.source,
         )
     distance = artefact.nearest(aligned)[0]
@@ -207,7 +204,7 @@ def evaluate_against_artefact(
         statistics=DeviationFigures.of(np.concatenate([one.signed for one in measured])),
         outlier_rate=float(assigned.outlier.mean()),
         missing_rate=_missing(aligned, artefact, faces, measured, guard),
-        reach=reach,
+        reach=REACH,
         guard=guard,
         datum=used,
         warnings=tuple(warnings),
@@ -220,7 +217,6 @@ def _alignment(
     faces: list[Face],
     align: Align,
     datum: Sequence[str],
-    reach: float,
     guard: float,
 ) -> tuple[Array, tuple[str, ...], list[str]]:
     """Pose (4, 4) that moves the points, the datum faces used, and warnings."""
@@ -235,7 +231,7 @@ def _alignment(
     if align == "best-fit":
         return start, (), warnings
     chosen = [known.index(name) for name in (datum or known)]
-    assigned = assign(pose.transform_points(start, points), artefact, faces, reach, guard).face
+    assigned = assign(pose.transform_points(start, points), artefact, faces, REACH, guard).face
     counts = {known[k]: int((assigned == k).sum()) for k in chosen}
     missing = [name for name in datum if counts[name] < _LEAST_POINTS]
     if missing:

@@ -27,7 +27,8 @@ from scancell.config.sensor import (
 from scancell.errors import SensorError
 from scancell.geometry import pose
 from scancell.geometry.shapes import ShapeMesh
-from scancell.nominal.cell import Body, Lamp
+from scancell.nominal.cell import Lamp
+from scancell.nominal.parts import Body
 from scancell.reconstruction.cloud import Cloud
 from scancell.scanning.sense import SensedProfiles, expose
 from scancell.scanning.world import build_scene, exposures_from_truth, make_sensor, true_poses

@@ -22,8 +22,8 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.tree import WORLD
 from scancell.guard.messages import PlacedPart
-from scancell.nominal.cell import Body, NominalCell, flange_from_tool
-from scancell.nominal.parts import pose_matrix
+from scancell.nominal.cell import NominalCell, flange_from_tool
+from scancell.nominal.parts import Body, pose_matrix
 from scancell.proximity.motion_check import Budget, MotionBounds, MotionCheck, MotionClash, arm_motion
 from scancell.proximity.scene import ProximityScene, arm_chain, carrying_axes
 

@@ -15,8 +15,7 @@ from scancell.arguments import checked_arguments
 from scancell.arrays import Array
 from scancell.config.cell import AxisDescription, CellDescription, sensor_frame
 from scancell.config.description import si_value, to_si
-from scancell.config.devices import ConveyorDescription, FurtherPartDescription, LightDescription
-from scancell.config.material import Material, MaterialDescription
+from scancell.config.devices import ConveyorDescription, LightDescription
 from scancell.config.robot import RobotDescription
 from scancell.errors import CommandError, DescriptionError
 from scancell.geometry import pose
@@ -25,15 +24,13 @@ from scancell.geometry.arm import Joint as ArmJoint
 from scancell.geometry.mesh import Mesh, box_mesh
 from scancell.geometry.tree import WORLD, Joint, Tree, z_along
 from scancell.nominal.parts import (
-    Patch,
-    described_mesh,
-    finger_mesh,
+    Body,
+    FurtherPart,
+    cell_bodies,
     gripper_from_finger,
-    housing_mesh,
     lay_down,
     load_part,
-    part_patches,
-    platter_cylinder,
+    obstacle_bodies,
     pose_matrix,
     refuse_unstable,
     start_width,
@@ -82,29 +79,6 @@ def fmu_frame(frame: str) -> str:
     return frame if re.fullmatch(r"world|table|sensor|\w+\[\d+\]", frame) else f"axis_frame.{frame}"
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Body(Value):
-    """A rigid body that can occlude, be lit, or collide.
-
-    `moves_with` names the frame that carries it: ``world``, ``link[1]`` …, ``sensor``, ``table``, ``part`` and, for
-    further sensors and parts, ``sensor[2]`` … and ``part[2]`` …, for a gripper ``finger[1]`` and ``finger[2]``; the
-    mesh is given in that frame, metres. Faces of `patches` have materials of their own. `clearance` (m) replaces that
-    of the scan.
-    """
-
-    name: str
-    moves_with: str
-    mesh: Mesh
-    material: Material
-    patches: tuple[Patch, ...] = ()
-    clearance: float | None = None
-
-    @property
-    def materials(self) -> tuple[Material, ...]:
-        """All that its faces have."""
-        return (self.material, *(patch.material for patch in self.patches))
-
-
 @dataclass(frozen=True)
 class Lamp:
     """An external light, W and metres, at a pose (4, 4) in the frame that `moves_with` names.
@@ -120,14 +94,6 @@ class Lamp:
     power: float
     in_band: float | None
     spectrum: tuple[float, float] | None
-
-
-@dataclass(frozen=True)
-class FurtherPart:
-    """A part beside the one that is scanned, and its mesh, m."""
-
-    description: FurtherPartDescription
-    mesh: Mesh
 
 
 @dataclass(frozen=True)
@@ -554,12 +520,7 @@ def nominal_cell(cell: CellDescription, part: Mesh | None) -> NominalCell:
         table_turns=cell.table.turns,
         part=part,
         lamps=tuple(_lamp(f"light[{i}]", light) for i, light in enumerate(cell.light, 1)),
-        bodies=(
-            *_bodies(cell, part),
-            *_device_bodies(cell, further),
-            *_gripper_bodies(cell),
-            *_obstacles(cell, known=True),
-        ),
+        bodies=cell_bodies(cell, part, further),
         flange_from_finger=None
         if cell.gripper is None
         else pose_matrix(cell.gripper.pose) @ gripper_from_finger(start_width(cell.gripper)),
@@ -595,7 +556,7 @@ def with_unknown_obstacles(nominal: NominalCell, cell: CellDescription) -> Nomin
 
     Raises `MeshError` if the mesh of an obstacle cannot be used.
     """
-    return replace(nominal, bodies=(*nominal.bodies, *_obstacles(cell, known=False)))
+    return replace(nominal, bodies=(*nominal.bodies, *obstacle_bodies(cell, known=False)))
 
 
 def arm_of(robot: RobotDescription) -> Arm:
@@ -634,91 +595,12 @@ def _belt(cell: CellDescription) -> Belt | None:
     return Belt(arrival.conveyor, conveyor, pose_matrix(conveyor.pose), pose_matrix(arrival.pose))
 
 
-def _device_bodies(cell: CellDescription, further: tuple[FurtherPart, ...]) -> tuple[Body, ...]:
-    belts = [
-        Body(
-            belt.name,
-            "world",
-            box_mesh((si["length"], si["width"], si["thickness"]), belt.name).transformed(
-                pose_matrix(belt.pose) @ pose.translation((0.0, 0.0, -si["thickness"] / 2))
-            ),
-            _material(belt.material, belt.reflectance),
-        )
-        for belt in cell.conveyor
-        for si in [to_si(belt.model_dump(include={"length_mm", "width_mm", "thickness_mm"}))]
-    ]
-    parts = [
-        Body(
-            part.description.name,
-            f"part[{number}]",
-            part.mesh,
-            _material(part.description.material, part.description.reflectance),
-        )
-        for number, part in enumerate(further, start=2)
-    ]
-    return (*belts, *parts)
-
-
-def _obstacles(cell: CellDescription, *, known: bool) -> tuple[Body, ...]:
-    return tuple(
-        Body(
-            item.name,
-            f"link[{len(cell.robot.joint)}]" if item.moves_with == "flange" else item.moves_with,
-            load_part(item.mesh, item.unit).transformed(pose_matrix(item.pose)),
-            _material(item.material, item.reflectance),
-            clearance=None if item.clearance_mm is None else si_value(item, "clearance_mm"),
-        )
-        for item in cell.obstacle
-        if item.known == known
-    )
-
-
-def _gripper_bodies(cell: CellDescription) -> tuple[Body, ...]:
-    gripper = cell.gripper
-    if gripper is None:
-        return ()
-    material = _material(gripper.material, gripper.reflectance)
-    housing, finger = housing_mesh(gripper), finger_mesh(gripper)
-    bodies = [Body(f"finger{i}", f"finger[{i}]", finger, material) for i in (1, 2)]
-    if housing is None:
-        return tuple(bodies)
-    flange = f"link[{len(cell.robot.joint)}]"
-    return (Body("gripper", flange, housing.transformed(pose_matrix(gripper.pose)), material), *bodies)
-
-
-def _bodies(cell: CellDescription, part: Mesh) -> tuple[Body, ...]:
-    table = cell.table
-    robot_material = _material(cell.robot_material, cell.robot_reflectance)
-    table_material = _material(table.material, table.reflectance)
-    meshes = [
-        ("base", cell.robot_moves_with, described_mesh(cell.robot.base_mesh, cell.robot.base), robot_material),
-        *(
-            (f"link{i}", f"link[{i}]", described_mesh(joint.mesh), robot_material)
-            for i, joint in enumerate(cell.robot.joint, 1)
-        ),
-        ("sensor", "sensor", described_mesh(cell.sensor_mesh), robot_material),
-        *(
-            (one.name, sensor_frame(number), described_mesh(one.mesh), _material(one.material, one.reflectance))
-            for number, one in enumerate(cell.further_sensor, 2)
-        ),
-        ("table", "table", described_mesh(table.platter_mesh) or platter_cylinder(table), table_material),
-        ("table_base", table.moves_with, described_mesh(table.base_mesh, table.pose), table_material),
-    ]
-    bodies = [Body(name, frame, mesh, material) for name, frame, mesh, material in meshes if mesh is not None]
-    material = _material(cell.part.material, cell.part.reflectance)
-    return (*bodies, Body("part", "part", part, material, part_patches(part, cell.part)))
-
-
 def _lamp(name: str, light: LightDescription) -> Lamp:
     si = to_si(light.model_dump(exclude={"pose"}))
     size = {"point": (0.0, 0.0), "rectangle": (si["width"], si["height"]), "disc": (si["diameter"], si["diameter"])}
     spectrum = None if si["wavelength"] is None else (si["wavelength"], si["bandwidth"])
     place = pose_matrix(light.pose)
     return Lamp(name, light.frame, light.kind, place, size[light.kind], si["power"], si["in_band"], spectrum)
-
-
-def _material(description: MaterialDescription | None, reflectance: float) -> Material:
-    return Material(reflectance) if description is None else description.resolved()
 
 
 def as_estimated(nominal: NominalCell, cell: CellDescription) -> NominalCell:

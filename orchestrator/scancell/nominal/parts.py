@@ -1,4 +1,4 @@
-"""Meshes and poses from descriptions: parts and artefacts, their patches and placement, gripper and tool."""
+"""Meshes, poses and bodies from descriptions: parts and artefacts, their patches and placement, gripper and tool."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from scancell.config.cell import (
     sensor_frame,
 )
 from scancell.config.description import PoseDescription, si_value, to_si
-from scancell.config.devices import GripperDescription
-from scancell.config.material import Material
+from scancell.config.devices import FurtherPartDescription, GripperDescription
+from scancell.config.material import Material, MaterialDescription
 from scancell.config.robot import InertiaDescription
 from scancell.errors import CellError, MeshError
 from scancell.files import CAD_FORMATS, file_state, require_file, split_solids
@@ -42,6 +42,7 @@ from scancell.geometry.mesh import (
     mass_properties,
 )
 from scancell.geometry.shapes import Box, Cone, Cylinder, PlacedShape, Plane, Ring, Shape, ShapeGroup, ShapeMesh, Sphere
+from scancell.values import Value
 
 PART_FORMATS = (*FORMATS, *CAD_FORMATS, ".toml")
 
@@ -364,3 +365,122 @@ def _read_numbers(path: Path, faces: int, regions: int) -> NDArray[np.int64]:
             file=path, key="part.face_materials", expected=f"0 or the number of a material_region, 1 to {regions}"
         )
     return values.astype(np.int64)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Body(Value):
+    """A rigid body that can occlude, be lit, or collide.
+
+    `moves_with` names the frame that carries it: ``world``, ``link[1]`` …, ``sensor``, ``table``, ``part`` and, for
+    further sensors and parts, ``sensor[2]`` … and ``part[2]`` …, for a gripper ``finger[1]`` and ``finger[2]``; the
+    mesh is given in that frame, metres. Faces of `patches` have materials of their own. `clearance` (m) replaces that
+    of the scan.
+    """
+
+    name: str
+    moves_with: str
+    mesh: Mesh
+    material: Material
+    patches: tuple[Patch, ...] = ()
+    clearance: float | None = None
+
+    @property
+    def materials(self) -> tuple[Material, ...]:
+        """All that its faces have."""
+        return (self.material, *(patch.material for patch in self.patches))
+
+
+@dataclass(frozen=True)
+class FurtherPart:
+    """A part beside the one that is scanned, and its mesh, m."""
+
+    description: FurtherPartDescription
+    mesh: Mesh
+
+
+def cell_bodies(cell: CellDescription, part: Mesh, further: tuple[FurtherPart, ...]) -> tuple[Body, ...]:
+    """The bodies of arm, sensors, table and part, of conveyors and further parts, of the gripper, and known obstacles.
+
+    Raises `MeshError` if a mesh that the description names cannot be used.
+    """
+    table = cell.table
+    robot_material = _material(cell.robot_material, cell.robot_reflectance)
+    table_material = _material(table.material, table.reflectance)
+    meshes = [
+        ("base", cell.robot_moves_with, described_mesh(cell.robot.base_mesh, cell.robot.base), robot_material),
+        *(
+            (f"link{i}", f"link[{i}]", described_mesh(joint.mesh), robot_material)
+            for i, joint in enumerate(cell.robot.joint, 1)
+        ),
+        ("sensor", "sensor", described_mesh(cell.sensor_mesh), robot_material),
+        *(
+            (one.name, sensor_frame(number), described_mesh(one.mesh), _material(one.material, one.reflectance))
+            for number, one in enumerate(cell.further_sensor, 2)
+        ),
+        ("table", "table", described_mesh(table.platter_mesh) or platter_cylinder(table), table_material),
+        ("table_base", table.moves_with, described_mesh(table.base_mesh, table.pose), table_material),
+    ]
+    bodies = [Body(name, frame, mesh, material) for name, frame, mesh, material in meshes if mesh is not None]
+    material = _material(cell.part.material, cell.part.reflectance)
+    bodies.append(Body("part", "part", part, material, part_patches(part, cell.part)))
+    return (*bodies, *_device_bodies(cell, further), *_gripper_bodies(cell), *obstacle_bodies(cell, known=True))
+
+
+def obstacle_bodies(cell: CellDescription, *, known: bool) -> tuple[Body, ...]:
+    """The obstacles that planning and reconstruction know, or those that the description hides from them.
+
+    Raises `MeshError` if the mesh of an obstacle cannot be used.
+    """
+    return tuple(
+        Body(
+            item.name,
+            f"link[{len(cell.robot.joint)}]" if item.moves_with == "flange" else item.moves_with,
+            load_part(item.mesh, item.unit).transformed(pose_matrix(item.pose)),
+            _material(item.material, item.reflectance),
+            clearance=None if item.clearance_mm is None else si_value(item, "clearance_mm"),
+        )
+        for item in cell.obstacle
+        if item.known == known
+    )
+
+
+def _device_bodies(cell: CellDescription, further: tuple[FurtherPart, ...]) -> tuple[Body, ...]:
+    belts = [
+        Body(
+            belt.name,
+            "world",
+            box_mesh((si["length"], si["width"], si["thickness"]), belt.name).transformed(
+                pose_matrix(belt.pose) @ pose.translation((0.0, 0.0, -si["thickness"] / 2))
+            ),
+            _material(belt.material, belt.reflectance),
+        )
+        for belt in cell.conveyor
+        for si in [to_si(belt.model_dump(include={"length_mm", "width_mm", "thickness_mm"}))]
+    ]
+    parts = [
+        Body(
+            part.description.name,
+            f"part[{number}]",
+            part.mesh,
+            _material(part.description.material, part.description.reflectance),
+        )
+        for number, part in enumerate(further, start=2)
+    ]
+    return (*belts, *parts)
+
+
+def _gripper_bodies(cell: CellDescription) -> tuple[Body, ...]:
+    gripper = cell.gripper
+    if gripper is None:
+        return ()
+    material = _material(gripper.material, gripper.reflectance)
+    housing, finger = housing_mesh(gripper), finger_mesh(gripper)
+    bodies = [Body(f"finger{i}", f"finger[{i}]", finger, material) for i in (1, 2)]
+    if housing is None:
+        return tuple(bodies)
+    flange = f"link[{len(cell.robot.joint)}]"
+    return (Body("gripper", flange, housing.transformed(pose_matrix(gripper.pose)), material), *bodies)
+
+
+def _material(description: MaterialDescription | None, reflectance: float) -> Material:
+    return Material(reflectance) if description is None else description.resolved()

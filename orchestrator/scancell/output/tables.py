@@ -18,7 +18,8 @@ from scancell.cell.recording import Recording
 from scancell.config.sensor import SensorDescription, sensor_json
 from scancell.errors import OutputError, require
 from scancell.evaluation.ground_truth import CloudTruth, Stripe, Surface, TrueWorld
-from scancell.nominal.cell import Body, Lamp
+from scancell.nominal.cell import Lamp
+from scancell.nominal.parts import Body
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.scan import ScanData
 from scancell.scanning.sense import ExposureImages

@@ -16,7 +16,8 @@ from scancell.config.sensor import SensorDescription
 from scancell.errors import DescriptionError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, RestingPose, box_mesh, resting_poses
-from scancell.nominal.cell import Body, NominalCell, nominal_cell
+from scancell.nominal.cell import NominalCell, nominal_cell
+from scancell.nominal.parts import Body
 from scancell.planning.model import PlanningCell, SensorRange, Work, WorkLimitError, join_reasons
 from scancell.planning.motion.assembly import check_part
 from scancell.planning.options import ScanOptions

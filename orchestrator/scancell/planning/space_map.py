@@ -28,7 +28,8 @@ from scancell.files import atomic_write, require_file
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.pose import transform_points
 from scancell.geometry.voxels import VoxelGrid
-from scancell.nominal.cell import OCCUPIED, Body, NominalCell
+from scancell.nominal.cell import OCCUPIED, NominalCell
+from scancell.nominal.parts import Body
 from scancell.planning.model import SensorRange
 from scancell.reconstruction.cloud_files.read import read_cloud_file
 from scancell.sensor import closest_points

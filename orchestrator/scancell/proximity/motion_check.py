@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike
 from scancell.arrays import Array, Flags
 from scancell.geometry import pose
 from scancell.geometry.tree import WORLD, Tree
-from scancell.nominal.cell import Body, NominalCell
+from scancell.nominal.cell import NominalCell
+from scancell.nominal.parts import Body
 from scancell.proximity._native import CellMotion, MotionProof
 from scancell.proximity.scene import Clash, ProximityScene
 

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from scancell.arrays import Array
 from scancell.geometry.mesh import Mesh
-from scancell.nominal.cell import OCCUPIED, Body, NominalCell, with_table
+from scancell.nominal.cell import OCCUPIED, NominalCell, with_table
+from scancell.nominal.parts import Body
 from scancell.proximity._native import PairDistances
 
 _CONTACT = 1e-9  # m: bodies closer than this intersect

@@ -19,7 +19,8 @@ from scancell import sensor as sensor_rt
 from scancell.arrays import Array, Flags
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
-from scancell.nominal.cell import Body, NominalCell
+from scancell.nominal.cell import NominalCell
+from scancell.nominal.parts import Body
 from scancell.sensor import closest_points
 
 TOLERANCE = 1e-3  # m: more than as-built errors move points, less than parts stand apart
@@ -67,7 +68,7 @@ class CarriedBodies:
 
 @dataclass(frozen=True)
 class Neighbours:
-    """Nominal bodies around the scanned part, the part itself, and the distance (m) that tells them apart.
+    """Nominal bodies around the scanned part, and the part itself.
 
     The part rests on its support at `support_from_part` (4, 4); the support turns about its z or `slides` along its x
     with the axis in the column `axis` of the positions of axes. `carried` are bodies that other axes move, such as
@@ -79,7 +80,6 @@ class Neighbours:
     support_from_part: Array
     axis: int
     slides: bool = False
-    tolerance: float = TOLERANCE
     carried: CarriedBodies | None = None
 
     def moved(self, points: Array, position: Array) -> Array:
@@ -155,16 +155,15 @@ def foreign_points(points_on_support: Array, position: Array, neighbours: Neighb
         (n,) measured position of the support's axis at each point, rad or m.
     """
     owner = np.full(len(points_on_support), -1, np.int64)
-    tolerance = neighbours.tolerance
     for number, rows, points in _candidates(points_on_support, position, neighbours):
         body = neighbours.bodies[number]
         nearest, _, signed = closest_points(body.mesh.vertices, body.mesh.faces.astype(np.uint32), points)
         inside = (np.asarray(signed) < 0.0) & body.mesh.is_closed
-        on_it = np.flatnonzero(inside | (np.abs(signed) <= tolerance))
+        on_it = np.flatnonzero(inside | (np.abs(signed) <= TOLERANCE))
         place = np.asarray(nearest)[on_it]
         if not body.rides:
             place = neighbours.moved(place, -position[rows[on_it]])
-        contact = _nearer(place, neighbours.part_on_support, _CONTACT * tolerance)
+        contact = _nearer(place, neighbours.part_on_support, _CONTACT * TOLERANCE)
         owner[rows[on_it[~contact]]] = number
     return owner
 
@@ -186,20 +185,19 @@ def carried_points(
     owner = np.full(len(points_on_support), -1, np.int64)
     if neighbours.carried is None:
         return owner
-    tolerance, bodies = neighbours.tolerance, neighbours.carried.bodies
-    for number, (body, poses) in enumerate(zip(bodies, neighbours.carried.poses(axes), strict=True)):
+    for number, (body, poses) in enumerate(zip(neighbours.carried.bodies, neighbours.carried.poses(axes), strict=True)):
         mesh = body.mesh
         centre = mesh.bounds.mean(0)
-        radius = float(np.linalg.norm(mesh.vertices - centre, axis=1).max()) + tolerance
+        radius = float(np.linalg.norm(mesh.vertices - centre, axis=1).max()) + TOLERANCE
         away = np.linalg.norm(points_on_support - pose.transform_points(poses, centre[None])[:, 0][frame], axis=1)
         rows = np.flatnonzero((away <= radius) & (owner < 0))
         if not len(rows):
             continue
         points = pose.transform_each(pose.inverse(poses)[frame[rows]], points_on_support[rows])
-        near = ((points >= mesh.bounds[0] - tolerance) & (points <= mesh.bounds[1] + tolerance)).all(1)
+        near = ((points >= mesh.bounds[0] - TOLERANCE) & (points <= mesh.bounds[1] + TOLERANCE)).all(1)
         rows, points = rows[near], points[near]
         signed = np.asarray(closest_points(mesh.vertices, mesh.faces.astype(np.uint32), points)[2])
-        owner[rows[((signed < 0.0) & mesh.is_closed) | (np.abs(signed) <= tolerance)]] = number
+        owner[rows[((signed < 0.0) & mesh.is_closed) | (np.abs(signed) <= TOLERANCE)]] = number
     return owner
 
 
@@ -210,7 +208,7 @@ def _candidates(
     if not len(points):
         return
     height, radius = points[:, 2], np.hypot(points[:, 0], points[:, 1])
-    margin = np.array([[-neighbours.tolerance], [neighbours.tolerance]])
+    margin = np.array([[-TOLERANCE], [TOLERANCE]])
     for number, body in enumerate(neighbours.bodies):
         low, high = body.mesh.bounds + margin
         from_axis = 0.0 if neighbours.slides else np.linalg.norm(np.maximum(np.maximum(low, -high), 0.0)[:2])
@@ -253,8 +251,6 @@ class Footprint:
         (nx, ny) extremes of the heights of the low upper sides within the tolerance; infinite, and -infinite, without.
     base
         Height of the lowest point of the part.
-    tolerance
-        Distance by which as-built errors move points.
     """
 
     corner: Array
@@ -264,20 +260,17 @@ class Footprint:
     lowest_top: Array
     highest_top: Array
     base: float
-    tolerance: float
 
     def part_points(self, points_in_table: Array) -> tuple[Flags, Flags]:
         """Flags (n,) of the low points (n, 3) that are the part's, and of those that may be the table's as well."""
         shape = np.array(self.covered.shape)
         index = np.floor((points_in_table[:, :2] - self.corner) / self.step)
-        rows = np.flatnonzero(
-            ((index >= 0) & (index < shape)).all(1) & (points_in_table[:, 2] > self.base - self.tolerance)
-        )
+        rows = np.flatnonzero(((index >= 0) & (index < shape)).all(1) & (points_in_table[:, 2] > self.base - TOLERANCE))
         cell = tuple(index[rows].astype(np.intp).T)
         height, sure = points_in_table[rows, 2], self.surely_covered[cell]
         top = np.where(sure, self.lowest_top[cell], self.highest_top[cell])
         near = np.isfinite(top)
-        least = _THIN * self.tolerance
+        least = _THIN * TOLERANCE
         thin = top - self.base < least
         high = near & ((height >= self.base + np.maximum(top - self.base, least) / 2) | (thin & self.covered[cell]))
         kept, ambiguous = np.zeros((2, len(points_in_table)), bool)
@@ -286,9 +279,9 @@ class Footprint:
         return kept, ambiguous
 
 
-def footprint_of(part: Mesh, table_from_part: Array, lowest: float, tolerance: float = TOLERANCE) -> Footprint | None:
+def footprint_of(part: Mesh, table_from_part: Array, lowest: float) -> Footprint | None:
     """The footprint of the nominal part; None if it has no upper side near or below the height `lowest`, m."""
-    ceiling = lowest + tolerance
+    ceiling = lowest + TOLERANCE
     height = part.vertices @ table_from_part[2, :3] + table_from_part[2, 3]
     below = height < ceiling
     a, b, c = part.faces.T
@@ -298,16 +291,16 @@ def footprint_of(part: Mesh, table_from_part: Array, lowest: float, tolerance: f
     if not len(low):
         return None
     bounds = low[..., :2].reshape(-1, 2)
-    corner, end = bounds.min(0) - 2 * tolerance, bounds.max(0) + 2 * tolerance
-    step = max(tolerance / _CELLS, float((end - corner).max()) / _MOST_CELLS)
-    reach = 2 * int(np.ceil(tolerance / step)) + 1
+    corner, end = bounds.min(0) - 2 * TOLERANCE, bounds.max(0) + 2 * TOLERANCE
+    step = max(TOLERANCE / _CELLS, float((end - corner).max()) / _MOST_CELLS)
+    reach = 2 * int(np.ceil(TOLERANCE / step)) + 1
     shape = np.ceil((end - corner) / step).astype(int)
     x, y = (corner[axis] + step * (np.arange(shape[axis]) + _OFF_CENTRE[axis]) for axis in (0, 1))
     places = np.stack(np.meshgrid(x, y, indexing="ij"), -1)
     rays = _Rays(part, table_from_part)
     top = rays.tops(places, ceiling)
     covered = ~np.isnan(top)
-    covered[covered] = rays.covers(places[covered], float(height.min()), _THIN * tolerance)
+    covered[covered] = rays.covers(places[covered], float(height.min()), _THIN * TOLERANCE)
 
     from scipy.ndimage import maximum_filter, minimum_filter  # noqa: PLC0415
 
@@ -320,7 +313,6 @@ def footprint_of(part: Mesh, table_from_part: Array, lowest: float, tolerance: f
         lowest_top=minimum_filter(np.where(is_low, top, np.inf), reach),
         highest_top=maximum_filter(np.where(is_low, top, -np.inf), reach),
         base=float(height.min()),
-        tolerance=tolerance,
     )
 
 

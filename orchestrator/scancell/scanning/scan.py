@@ -18,7 +18,8 @@ from scancell.config.loading import Setup
 from scancell.config.sensor import ignored_by_geometric_engine
 from scancell.errors import DescriptionError, EmptyScanError
 from scancell.geometry import pose
-from scancell.nominal.cell import Body, NominalCell
+from scancell.nominal.cell import NominalCell
+from scancell.nominal.parts import Body
 from scancell.nominal.plausibility import payload_warnings
 from scancell.planning.path_map.configuration_map import QualityFactor
 from scancell.planning.plan import Plan

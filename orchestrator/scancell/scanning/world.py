@@ -27,8 +27,8 @@ from scancell.config.sensor import SensorDescription, exposure_windows, read_out
 from scancell.errors import DescriptionError, SensorError
 from scancell.geometry.cad import CadMesh
 from scancell.geometry.shapes import Box, Cone, Cylinder, PartSurface, PlacedShape, Plane, Ring, ShapeMesh, Sphere
-from scancell.nominal.cell import Body, Lamp, NominalCell, as_estimated, fmu_frame
-from scancell.nominal.parts import Patch
+from scancell.nominal.cell import Lamp, NominalCell, as_estimated, fmu_frame
+from scancell.nominal.parts import Body, Patch
 from scancell.progress import Progress
 from scancell.scanning.sense import OnImages, SensedProfiles, expose
 

@@ -69,11 +69,11 @@ def summary(sample: Array, probability: float) -> dict[str, Any]:
     }
 
 
-def convergence(sample: Array, steps: int = 24) -> list[dict[str, float]]:
+def convergence(sample: Array) -> list[dict[str, float]]:
     """Mean, its standard error, and standard deviation of the first n values, for growing n."""
     if len(sample) < 2:
         return []
-    counts = np.unique(np.geomspace(2, len(sample), steps).round().astype(int))
+    counts = np.unique(np.geomspace(2, len(sample), 24).round().astype(int))
     rows = []
     for n in counts:
         std = float(sample[:n].std(ddof=1))

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scancell.arrays import Array
 from scancell.config.sensor import SensorDescription
 from scancell.geometry import pose
-from scancell.nominal.cell import Body
+from scancell.nominal.parts import Body
 from scancell.views.recorded_run import RecordedRun
 
 _FIELD_DEG = 34.0  # of view along the longer side of the picture: that of a 60 mm lens, which distorts little

@@ -24,7 +24,8 @@ from scancell.geometry import pose
 from scancell.live.camera import CameraFrame
 from scancell.live.scan import LiveChunk
 from scancell.live.state import LiveState
-from scancell.nominal.cell import Body, NominalCell
+from scancell.nominal.cell import NominalCell
+from scancell.nominal.parts import Body
 from scancell.output.web_page import displayed
 from scancell.progress import NullProgress, Progress
 from scancell.values import Closing

@@ -22,7 +22,8 @@ from scancell.config.cell import sensor_frame
 from scancell.errors import DescriptionError, OutputError
 from scancell.files import atomic_write
 from scancell.geometry import pose
-from scancell.nominal.cell import Body, NominalCell
+from scancell.nominal.cell import NominalCell
+from scancell.nominal.parts import Body
 from scancell.output.sheet import INK, Sheet, text_width
 from scancell.output.web_page import packed, packed_mesh, quantised, script_data, write_filled
 from scancell.progress import Progress, ProgressCallback, as_progress

@@ -15,7 +15,8 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, decimated
 from scancell.geometry.mesh_files import weld
 from scancell.live.state import LiveState
-from scancell.nominal.cell import Body, NominalCell
+from scancell.nominal.cell import NominalCell
+from scancell.nominal.parts import Body
 from scancell.proximity.scene import ProximityScene
 from scancell.views.pictures import painted
 
@@ -71,11 +72,11 @@ def inset(mesh: Mesh, depth: float) -> Mesh:
     return Mesh(moved[number], mesh.faces, mesh.source)
 
 
-def split_at_creases(mesh: Mesh, angle: float = _CREASE) -> DrawnMesh:
+def split_at_creases(mesh: Mesh) -> DrawnMesh:
     """Vertices (n, 3), m, and faces (m, 3), in their order, so that faces share a vertex only across smooth edges.
 
     A renderer that takes the mean normal of the faces at each vertex then draws edges sharp where the normals of both
-    faces differ by more than `angle` (rad).
+    faces differ by more than 32°.
     """
     from scipy.sparse import coo_array  # noqa: PLC0415  (takes a while to import)
     from scipy.sparse.csgraph import connected_components  # noqa: PLC0415
@@ -90,7 +91,7 @@ def split_at_creases(mesh: Mesh, angle: float = _CREASE) -> DrawnMesh:
     one, other = order[:-1], order[1:]
     normals = mesh.normals
     smooth = (low[one] == low[other]) & (high[one] == high[other])
-    smooth &= np.einsum("ni,ni->n", normals[one // 3], normals[other // 3]) >= np.cos(angle)
+    smooth &= np.einsum("ni,ni->n", normals[one // 3], normals[other // 3]) >= np.cos(_CREASE)
     one, other = one[smooth], other[smooth]
     at_low = np.where(start == low, from_corner, to_corner)
     at_high = np.where(start == low, to_corner, from_corner)

@@ -22,7 +22,8 @@ from scancell.errors import DescriptionError
 from scancell.geometry import pose
 from scancell.live.scan import LiveChunk
 from scancell.live.state import LiveState
-from scancell.nominal.cell import Body, NominalCell
+from scancell.nominal.cell import NominalCell
+from scancell.nominal.parts import Body
 from scancell.output.deviation_report import colour_limit_um
 from scancell.views.camera import framing
 from scancell.views.renderer import SUN, colour_scale

@@ -152,13 +152,13 @@ class Circles:
         return np.column_stack([side * self.across, self.centre])
 
 
-def circles_of(data: Observations, radius: float, largest: float = _LARGEST_CIRCLE, seed: int = 0) -> Circles:
+def circles_of(data: Observations, radius: float, largest: float = _LARGEST_CIRCLE) -> Circles:
     """Circles in the profiles of a sphere of known radius, up to `largest` radii.
 
     The plane of the laser cuts the sphere in a circle of radius r at a distance of ``sqrt(radius² - r²)`` from its
     centre, on one side or the other.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     frames, circles = [], []
     for frame in np.unique(data.frame):
         rows = data.frame == frame

@@ -20,7 +20,8 @@ from scancell.config.material import PRESETS
 from scancell.config.sensor import SensorDescription, read_out
 from scancell.geometry import pose
 from scancell.geometry.shapes import ShapeGroup
-from scancell.nominal.cell import Body, Lamp
+from scancell.nominal.cell import Lamp
+from scancell.nominal.parts import Body
 from scancell.progress import NullProgress, Progress
 from scancell.scanning.world import build_scene, make_sensor
 

@@ -30,8 +30,7 @@ from scancell.errors import CalibrationError, DescriptionError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import PlacedShape, Plane, ShapeGroup, Sphere
-from scancell.nominal.cell import Body
-from scancell.nominal.parts import Patch, load_artefact
+from scancell.nominal.parts import Body, Patch, load_artefact
 from scancell.sensor import PEAK_FLAGS, PEAK_REJECTED
 
 _BITS_OF_SQUARE = 8  # 6 of a marker with its border, and the margin around it
@@ -42,7 +41,9 @@ _WINDOW = 0.95  # of a cell: half the window of corner refinement
 _LARGEST_SQUARE = 200.0  # px, for that window
 _VIEWS = 3  # of a camera, for its intrinsics
 
-_MARGIN = 0.06
+_BALL_DIAMETER = 0.025  # m
+_HEIGHTS = 5  # of a target over the measuring range
+_MARGIN = 0.06  # share of the measuring range that is left out at both of its ends
 _PRINT = Material(0.05)
 _FACING_SENSOR = pose.from_euler_xyz((0.0, 0.0, 0.0), (np.pi, 0.0, 0.0))  # the target's z towards the sensor
 
@@ -205,7 +206,7 @@ def surface_of(target: SensorTarget) -> ShapeGroup:
             return CheckeredBoard().surface
 
 
-def ball(diameter: float = 0.025) -> ShapeGroup:
+def ball(diameter: float = _BALL_DIAMETER) -> ShapeGroup:
     """A ball, m."""
     return ShapeGroup((PlacedShape("ball", Sphere(diameter / 2), np.eye(4)),), "ball")
 
@@ -222,11 +223,11 @@ def step_block(treads: int = 3, width: float = 0.008, rise: float = 0.004, lengt
     )
 
 
-def ball_poses(sensor: SensorDescription, diameter: float = 0.025, heights: int = 5) -> Array:
-    """Poses (9 heights, 4, 4) of a ball over range and line, its centre on and beside the laser sheet."""
-    radius = diameter / 2
+def ball_poses(sensor: SensorDescription) -> Array:
+    """Poses (45, 4, 4) of a ball over range and line, its centre on and beside the laser sheet."""
+    radius = _BALL_DIAMETER / 2
     found = []
-    for z in _heights(sensor, heights, _MARGIN):
+    for z in _heights(sensor, _HEIGHTS, _MARGIN):
         side = max(_half_width(sensor, z) - radius, 0.0)
         for y, x in product((-side, 0.0, side), (-0.35 * radius, 0.0, 0.35 * radius)):
             found.append(pose.translation((x, y, z + radius)))
@@ -234,7 +235,7 @@ def ball_poses(sensor: SensorDescription, diameter: float = 0.025, heights: int 
 
 
 def step_poses(
-    sensor: SensorDescription, heights: int = 5, tilt: float = np.radians(20.0), margin: float = _MARGIN
+    sensor: SensorDescription, heights: int = _HEIGHTS, tilt: float = np.radians(20.0), margin: float = _MARGIN
 ) -> Array:
     """Poses (5 heights, 4, 4) of a level target over the range: upright, and tilted to four sides.
 
@@ -249,9 +250,10 @@ def step_poses(
     return np.array(found)
 
 
-def board_poses(sensor: SensorDescription, heights: int = 2, tilt: float = np.radians(25.0)) -> Array:
-    """Poses (5 heights, 4, 4) of a checkered board: those of `step_poses`, turned about its own normal in between."""
-    poses = step_poses(sensor, heights, tilt, margin=0.25)  # nearer the ends it leaves the cameras' field of view
+def board_poses(sensor: SensorDescription) -> Array:
+    """Poses (10, 4, 4) of a checkered board: those of `step_poses`, turned about its own normal in between."""
+    # Nearer the ends it leaves the cameras' field of view.
+    poses = step_poses(sensor, heights=2, tilt=np.radians(25.0), margin=0.25)
     turns = [pose.from_euler_xyz((0.0, 0.0, 0.0), (0.0, 0.0, 0.4 * k)) for k in range(len(poses))]
     return np.array([one @ turn for one, turn in zip(poses, turns, strict=True)])
 

@@ -15,7 +15,7 @@ from scancell.nominal.cell import OCCUPIED, NominalCell
 from scancell.planning.model import CONFIGURATION, PlanningCell, WorkLimitError, describe
 from scancell.planning.motion import trajectory
 from scancell.planning.motion.connection import Connector, Stand, Stands
-from scancell.planning.motion.timing import axis_name, slowdown
+from scancell.planning.motion.trajectory import axis_name, slowdown
 from scancell.planning.options import ScanOptions
 from scancell.planning.path_map.path_planner import PlacedPath
 from scancell.planning.plan import Plan

@@ -22,7 +22,7 @@ from scancell.geometry import pose
 from scancell.nominal.cell import NominalCell
 from scancell.planning.model import PlanningCell, describe, join_reasons
 from scancell.planning.motion import trajectory
-from scancell.planning.motion.timing import weak_motor
+from scancell.planning.motion.trajectory import weak_motor
 from scancell.planning.options import ScanOptions
 from scancell.planning.views.placement import (
     LIMIT_FRACTION,

@@ -14,7 +14,7 @@ from scancell.config.scan import QualityDescription
 from scancell.errors import DescriptionError, PlanningError
 from scancell.planning.model import PATH_POSE, PlanningCell, WorkLimitError, describe
 from scancell.planning.motion import trajectory
-from scancell.planning.motion.timing import slowdown
+from scancell.planning.motion.trajectory import slowdown
 from scancell.planning.options import by_pair
 from scancell.planning.path_map import configuration_map
 from scancell.planning.path_map.configuration_map import ConfigurationMap, Drive, QualityFactor, StaticConstraints

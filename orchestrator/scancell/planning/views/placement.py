@@ -20,7 +20,7 @@ from scancell.nominal.cell import NominalCell, with_table
 from scancell.nominal.parts import pose_matrix
 from scancell.planning.model import PlanningCell, SensorRange, describe, out_of_reach
 from scancell.planning.motion import trajectory
-from scancell.planning.motion.timing import slowdown
+from scancell.planning.motion.trajectory import slowdown
 from scancell.planning.path_map import configuration_map
 from scancell.planning.views.views import Pass, Sweep
 from scancell.proximity.motion_check import MotionClash

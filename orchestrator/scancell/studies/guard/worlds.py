@@ -20,8 +20,8 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh, decimated, joined
 from scancell.guard.guard import Guard, GuardSettings
 from scancell.guard.parts import movable_parts
-from scancell.nominal.cell import Body, NominalCell, flange_from_tool, nominal_cell, with_table
-from scancell.nominal.parts import gripper_from_finger, pose_matrix
+from scancell.nominal.cell import NominalCell, flange_from_tool, nominal_cell, with_table
+from scancell.nominal.parts import Body, gripper_from_finger, pose_matrix
 from scancell.proximity.judge import Judge
 from scancell.proximity.scene import ProximityScene, arm_chain
 from scancell.scanning.session import settings_of, touching, with_finger_travel
