@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -15,7 +16,7 @@ import scancell
 from scancell import sensor as sensor_rt
 from scancell.errors import MeshError, MissingExtraError
 from scancell.geometry import cad, pose
-from scancell.geometry.cad import CAD_CHORD_ERROR, CadMesh, find_faces
+from scancell.geometry.cad import CAD_CHORD_ERROR, Annotation, CadMesh, find_faces
 from scancell.geometry.shapes import PartSurface
 
 pytest.importorskip("OCP")
@@ -32,7 +33,10 @@ from OCP.STEPCAFControl import STEPCAFControl_Writer
 from OCP.TCollection import TCollection_ExtendedString
 from OCP.TDataStd import TDataStd_Name
 from OCP.TDocStd import TDocStd_Document
-from OCP.XCAFDoc import XCAFDoc_DocumentTool
+from OCP.TCollection import TCollection_HAsciiString
+from OCP.XCAFDimTolObjects import *
+from OCP.XCAFDoc import XCAFDoc_Datum, XCAFDoc_Dimension, XCAFDoc_DocumentTool, XCAFDoc_GeomTolerance
+from OCP.collections import Sequence_TDF_Label
 from OCP.Interface import Interface_Static
 from OCP.STEPControl import STEPControl_StepModelType, STEPControl_Writer
 from OCP.TopAbs import TopAbs_ShapeEnum
@@ -98,6 +102,60 @@ writer = STEPCAFControl_Writer()
 Interface_Static.SetIVal_s("write.stepcaf.subshapes.name", 1)
 writer.Transfer(document)
 writer.Write(f"{folder}/assembly.step")
+
+document = TDocStd_Document(TCollection_ExtendedString("XmlXCAF"))
+shapes, tool = (get(document.Main()) for get in (XCAFDoc_DocumentTool.ShapeTool_s, XCAFDoc_DocumentTool.DimTolTool_s))
+drilled = BRepPrimAPI_MakeBox(gp_Pnt(-30, -20, 0), 60, 40, 25).Shape()
+drilled = BRepAlgoAPI_Cut(drilled, BRepPrimAPI_MakeCylinder(axis(-15, 5, -1), 6, 30).Shape()).Shape()
+own, faces, sides = shapes.AddShape(drilled, False), TopExp_Explorer(drilled, TopAbs_ShapeEnum.TopAbs_FACE), {}
+for name in ("left", "front", "top", "back", "bottom", "right", "bore"):
+    sides[name] = shapes.AddSubShape(own, faces.Current())
+    named(sides[name], name)
+    faces.Next()
+
+def sequence(*names):
+    made = Sequence_TDF_Label()
+    for name in names:
+        made.Append(sides[name])
+    return made
+
+def dimension(kind, value, lower, upper, first, *second):
+    label, made = tool.AddDimension(), XCAFDimTolObjects_DimensionObject()
+    made.SetType(getattr(XCAFDimTolObjects_DimensionType, f"XCAFDimTolObjects_DimensionType_{kind}"))
+    made.SetValue(value)
+    made.SetUpperTolValue(upper)
+    made.SetLowerTolValue(lower)
+    XCAFDoc_Dimension.Set_s(label).SetObject(made)
+    tool.SetDimension(sequence(first), sequence(*second), label)
+
+def tolerance(kind, value, faces, datums="", is_round=False):
+    label, made = tool.AddGeomTolerance(), XCAFDimTolObjects_GeomToleranceObject()
+    made.SetType(getattr(XCAFDimTolObjects_GeomToleranceType, f"XCAFDimTolObjects_GeomToleranceType_{kind}"))
+    made.SetValue(value)
+    if is_round:
+        made.SetTypeOfValue(XCAFDimTolObjects_GeomToleranceTypeValue.XCAFDimTolObjects_GeomToleranceTypeValue_Diameter)
+        made.SetMaterialRequirementModifier(
+            XCAFDimTolObjects_GeomToleranceMatReqModif.XCAFDimTolObjects_GeomToleranceMatReqModif_M)
+    XCAFDoc_GeomTolerance.Set_s(label).SetObject(made)
+    tool.SetGeomTolerance(sequence(*faces), label)
+    for position, letter in enumerate(datums, 1):
+        of_datum, datum = tool.AddDatum(), XCAFDimTolObjects_DatumObject()
+        datum.SetName(TCollection_HAsciiString(letter))
+        datum.SetPosition(position)
+        XCAFDoc_Datum.Set_s(of_datum).SetObject(datum)
+        tool.SetDatum(sequence({"A": "bottom", "B": "left", "C": "front"}[letter]), of_datum)
+        tool.SetDatumToGeomTol(of_datum, label)
+
+dimension("Size_Diameter", 12, 0.02, 0.05, "bore")
+dimension("Location_LinearDistance", 25, 0.1, 0.1, "bottom", "top")
+tolerance("Flatness", 0.05, ["bottom"])
+tolerance("Position", 0.08, ["bore"], "ABC", True)
+tolerance("ProfileOfSurface", 0.2, ["right", "back"], "A")
+writer = STEPCAFControl_Writer()
+writer.SetDimTolMode(True)
+Interface_Static.SetCVal_s("write.step.schema", "AP242DIS")
+writer.Transfer(document)
+writer.Write(f"{folder}/toleranced.step")
 builder.MakeCompound(opened)
 faces, number = TopExp_Explorer(block, TopAbs_ShapeEnum.TopAbs_FACE), 0
 while faces.More():
@@ -263,6 +321,119 @@ def test_faces_are_found_by_words(folder: Folder) -> None:
             find_faces(part, [word])
     with pytest.raises(MeshError, match="have no labels"):
         find_faces(scancell.load_part(folder / "cylinder.step"), ["mantle"])
+
+
+def _toleranced(folder: Path, tmp_path: Path, *changes: tuple[str, str]) -> CadMesh:
+    """The drilled block with tolerances, with changes (pattern, replacement) of the text of its file."""
+    text = re.sub(r"\n(?!#|ENDSEC|DATA)", " ", (folder / "toleranced.step").read_text())
+    for pattern, by in changes:
+        text, count = re.subn(pattern, by, text)
+        assert count, pattern
+    file = tmp_path / "part.step"
+    file.write_text(text)
+    part = scancell.load_part(file)
+    assert isinstance(part, CadMesh)
+    return part
+
+
+def _only(part: CadMesh, kind: str) -> Annotation:
+    (found,) = (one for one in part.annotations if one.kind == kind)
+    return found
+
+
+def test_tolerances_and_datums_are_read(folder: Folder) -> None:
+    part = scancell.load_part(folder / "toleranced.step")
+    assert isinstance(part, CadMesh)
+    left, front, top, back, bottom, right, bore = range(7)
+    assert [face.label for face in part.cad_faces] == ["left", "front", "top", "back", "bottom", "right", "bore"]
+    assert part.annotations == (
+        Annotation("datum", "A", faces=(bottom,)),
+        Annotation("datum", "B", faces=(left,)),
+        Annotation("datum", "C", faces=(front,)),
+        Annotation("diameter", "diameter", _mm(12), _mm(-0.02), _mm(0.05), (bore,)),
+        Annotation("distance", "linear distance", _mm(25), _mm(-0.1), _mm(0.1), (bottom,), (top,)),
+        Annotation("flatness", "flatness", _mm(0.05), faces=(bottom,), zone="width"),
+        Annotation(
+            "position",
+            "position",
+            _mm(0.08),
+            faces=(bore,),
+            datums=("A", "B", "C"),
+            modifiers=("maximum_material_requirement",),
+            zone="diameter",
+        ),
+        Annotation("surface_profile", "surface_profile", _mm(0.2), faces=(back, right), datums=("A",), zone="width"),
+    )
+    assert not part.warnings
+    assert part.transformed(pose.translation((1.0, 0.0, 0.0))).annotations == part.annotations
+    assert scancell.load_part(folder / "block.step").annotations == ()
+
+
+def _mm(value: float) -> Any:
+    return pytest.approx(1e-3 * value, rel=1e-9)
+
+
+@pytest.mark.parametrize(("lower", "upper"), [(-0.07, -0.02), (0.02, 0.05)])
+def test_deviations_keep_their_signs(folder: Folder, tmp_path: Path, lower: float, upper: float) -> None:
+    changes = [(r"MEASURE_WITH_UNIT\(5.E-02,", f"MEASURE_WITH_UNIT({upper},")]
+    changes += [(r"MEASURE_WITH_UNIT\(-2.E-02,", f"MEASURE_WITH_UNIT({lower},")]
+    bore = _only(_toleranced(folder, tmp_path, *changes), "diameter")
+    assert (bore.value, bore.lower, bore.upper) == (_mm(12), _mm(lower), _mm(upper))
+
+
+def test_angles_are_in_radians_and_limits_become_deviations(folder: Folder, tmp_path: Path) -> None:
+    unit = r"(#\d+) = \( NAMED_UNIT\(\*\) PLANE_ANGLE_UNIT"
+    (radian,) = re.findall(unit, re.sub(r"\s+", " ", (folder / "toleranced.step").read_text()))
+    part = _toleranced(
+        folder,
+        tmp_path,
+        (r"DIMENSIONAL_LOCATION\('linear distance',(.*?)\)", r"ANGULAR_LOCATION('angle',\1,.SMALL.)"),
+        (
+            r"\( LENGTH_MEASURE_WITH_UNIT\(\)([^;]*?)POSITIVE_LENGTH_MEASURE\(25.\),#\d+",
+            rf"( PLANE_ANGLE_MEASURE_WITH_UNIT()\1PLANE_ANGLE_MEASURE(1.5),{radian}",
+        ),
+        (
+            r"(#\d+) = MEASURE_WITH_UNIT\((-?)0.1,#\d+",
+            rf"\1 = PLANE_ANGLE_MEASURE_WITH_UNIT(PLANE_ANGLE_MEASURE(\g<2>0.002),{radian}",
+        ),
+    )
+    angle = _only(part, "angle")
+    assert (angle.value, angle.lower, angle.upper) == pytest.approx((1.5, -0.002, 0.002), rel=1e-9)
+    assert (angle.faces, angle.second_faces) == ((4,), (2,))
+
+
+def test_what_is_not_understood_is_listed(folder: Folder, tmp_path: Path) -> None:
+    part = _toleranced(
+        folder,
+        tmp_path,
+        (
+            r"FLATNESS_TOLERANCE\('','',(#\d+),(#\d+)\)",
+            r"(FLATNESS_TOLERANCE()GEOMETRIC_TOLERANCE('per area','',\1,\2)"
+            r"GEOMETRIC_TOLERANCE_WITH_DEFINED_AREA_UNIT(.RECTANGULAR.,\1)GEOMETRIC_TOLERANCE_WITH_DEFINED_UNIT(\1))",
+        ),
+        (r"DIMENSIONAL_SIZE\((#\d+),'diameter'\)", r"DIMENSIONAL_SIZE(\1,'toroidal minor diameter')"),
+    )
+    others = {one.name: one for one in part.annotations if one.kind == "other"}
+    assert others["per area"].faces == (4,)
+    assert "flatness_tolerance" in others["per area"].modifiers
+    assert others["toroidal minor diameter"].value == _mm(12)
+    assert len(part.annotations) == 8
+
+
+def test_datum_of_a_set_of_faces(folder: Folder, tmp_path: Path) -> None:
+    feature = r"GEOMETRIC_ITEM_SPECIFIC_USAGE\('','',(#\d+),(#\d+),(#\d+)\);(\s*#\d+ = DATUM\('','',#\d+,.F.,'A'\))"
+    (top,) = re.findall(r"(#\d+) = ADVANCED_FACE\('top'", (folder / "toleranced.step").read_text())
+    of_set = rf"ITEM_IDENTIFIED_REPRESENTATION_USAGE('',$,\1,\2,SET_REPRESENTATION_ITEM((\3,{top})));\4"
+    part = _toleranced(folder, tmp_path, (feature, of_set))
+    assert next(one for one in part.annotations if one.name == "A").faces == (2, 4)
+
+
+def test_tolerances_of_missing_faces_are_said(folder: Folder, tmp_path: Path) -> None:
+    part = _toleranced(folder, tmp_path, ("CYLINDRICAL_SURFACE", "CYLINDRICAL_SURFOCE"))
+    assert any("1 of 7 faces could not be made" in warning for warning in part.warnings)
+    (warning,) = (warning for warning in part.warnings if "not in the part" in warning)
+    assert warning.endswith("refer to faces that are not in the part: diameter, position_tolerance")
+    assert _only(part, "diameter").faces == ()
 
 
 def test_open_shell_is_said(folder: Folder) -> None:

@@ -112,6 +112,46 @@ class CadFace(Value):
         return distance, gradient @ self.part_from_face[:3, :3].T
 
 
+@dataclass(frozen=True)
+class Annotation:
+    """A dimension, a geometric tolerance or a datum that a STEP file (AP242) states.
+
+    Attributes
+    ----------
+    kind
+        ``diameter``, ``radius``, ``size``, ``distance`` or ``angle``; ``position``, ``flatness``, ``straightness``,
+        ``roundness``, ``cylindricity``, ``parallelism``, ``perpendicularity``, ``angularity``, ``line_profile``,
+        ``surface_profile``, ``run_out``, ``total_run_out``, ``concentricity`` or ``symmetry``; ``datum``; or ``other``:
+        what is not understood, and notes.
+    name
+        Name in the drawing; letter of a datum.
+    value
+        Nominal value of a dimension, or width of the zone of a tolerance, m or rad; None if the file states none.
+    lower, upper
+        Deviations from the value that a dimension may have, m or rad; None: not limited.
+    faces, second_faces
+        Numbers of the faces, from 0; the second ones are those to which a distance or an angle leads.
+    datums
+        Letters of the datums of a tolerance, in their order; ``A-B``: common datum.
+    modifiers
+        Further statements: ``maximum_material_requirement``, ``B:maximum_material_requirement`` (of a datum),
+        ``all_around``, ``theoretical``, ``auxiliary``, ``H7``, ``target 1``, ``per_length 0.1`` (m), ….
+    zone
+        Shape of the zone of a tolerance: ``width``, ``diameter`` or ``spherical_diameter``.
+    """
+
+    kind: str
+    name: str
+    value: float | None = None
+    lower: float | None = None
+    upper: float | None = None
+    faces: tuple[int, ...] = ()
+    second_faces: tuple[int, ...] = ()
+    datums: tuple[str, ...] = ()
+    modifiers: tuple[str, ...] = ()
+    zone: str = ""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class CadMesh(Mesh):
     """Triangles of a CAD part, as `load_part` reads it.
@@ -124,11 +164,14 @@ class CadMesh(Mesh):
         Number of the face, from 0, on which each triangle lies, (m,).
     chord_error
         Distance of the triangles from curved faces, m.
+    annotations
+        Dimensions, tolerances and datums of the file.
     """
 
     cad_faces: tuple[CadFace, ...] = field(kw_only=True)
     cad_face: NDArray[np.int64] = field(kw_only=True)
     chord_error: float = field(kw_only=True)
+    annotations: tuple[Annotation, ...] = field(default=(), kw_only=True)
 
     @property
     def is_exact(self) -> bool:
@@ -184,7 +227,7 @@ def load_cad(path: Path) -> CadMesh:
     require_file(file, MeshError)
     with tempfile.TemporaryDirectory(prefix="scancell-cad-") as folder:
         content = _kernel(file, Path(folder) / "part.npz", solids)
-    described, found = json.loads(bytes(content["described"]))
+    described, stated, found = json.loads(bytes(content["described"]))
     triangles, of_triangle = content["triangles"], content["face"]
     first, number = weld(content["vertices"])
     triangles = number[triangles]
@@ -205,6 +248,7 @@ def load_cad(path: Path) -> CadMesh:
         cad_faces=faces,
         cad_face=of_triangle,
         chord_error=CAD_CHORD_ERROR,
+        annotations=tuple(map(_annotation, stated)),
     )
     return mesh.usable  # type: ignore[return-value]
 
@@ -240,6 +284,11 @@ def find_faces(part: CadMesh, words: Iterable[str | int]) -> list[int]:
                 expected=f"a label, SOLID/LABEL or a number from 0 to {count - 1}",
             )
     return sorted(found)
+
+
+def _annotation(one: Mapping[str, Any]) -> Annotation:
+    values: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in one.items()}
+    return Annotation(**values)
 
 
 def _faces(described: list[dict[str, Any]]) -> tuple[CadFace, ...]:

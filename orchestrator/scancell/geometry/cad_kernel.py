@@ -10,13 +10,16 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+
+from scancell.geometry.cad_annotations import Annotations
+from scancell.geometry.cad_shapes import ByShape, faces_in, labels, name_of, shapes_in
 
 UNREADABLE = 3  # exit status: the kernel cannot read the file
 
@@ -52,19 +55,6 @@ class _Solid(NamedTuple):
     shape: Any
 
 
-class _ByShape:
-    """Values of shapes, wherever these are placed."""
-
-    def __init__(self) -> None:
-        self._known: dict[int, list[tuple[Any, Any]]] = defaultdict(list)
-
-    def add(self, shape: Any, value: Any) -> None:
-        self._known[_key(shape)].append((shape, value))
-
-    def of(self, shape: Any) -> list[Any]:
-        return [value for known, value in self._known.get(_key(shape), ()) if known.IsPartner(shape)]
-
-
 class _Document:
     """Solids, or else shells and faces, of a CAD file, with the names and colours of their faces; mm."""
 
@@ -75,7 +65,8 @@ class _Document:
 
         self._document = TDocStd_Document(TCollection_ExtendedString("XmlXCAF"))
         kind = _SUFFIXES[path.suffix.lower()]
-        self._faces_in_file, self._names = 0, _ByShape()
+        self._faces_in_file, self._names = 0, ByShape()
+        self._annotations: Annotations | None = None
         if kind == "BREP":
             self._roots = [("", self._brep(path))]
             return
@@ -83,9 +74,9 @@ class _Document:
         main = self._document.Main()
         self._shapes, self._colours = XCAFDoc_DocumentTool.ShapeTool_s(main), XCAFDoc_DocumentTool.ColorTool_s(main)
         for label in self._simple_shapes():
-            for part in _labels(self._shapes.GetSubShapes_s, label):
+            for part in labels(self._shapes.GetSubShapes_s, label):
                 # Some programs write this word where there is no name.
-                if (name := _name(part)) not in ("", "NONE"):
+                if (name := name_of(part)) not in ("", "NONE"):
                     self._names.add(self._shapes.GetShape_s(part), name)
         self._roots = list(self._solids())
 
@@ -108,6 +99,7 @@ class _Document:
 
             reader = STEPCAFControl_Reader()
             Interface_Static.SetIVal_s("read.stepcaf.subshapes.name", 1)
+            reader.SetGDTMode(True)
         else:
             from OCP.IGESCAFControl import IGESCAFControl_Reader  # noqa: PLC0415
 
@@ -122,33 +114,35 @@ class _Document:
             self._faces_in_file = types["StepShape_AdvancedFace"] + types["StepShape_FaceSurface"]
         if not reader.Transfer(self._document):
             raise UnreadableError(f"the kernel cannot make shapes of its {kind} data")
+        if kind == "STEP":
+            self._annotations = Annotations(path, reader.ChangeReader(), self._document)
 
     def _solids(self) -> Iterator[tuple[str, Any]]:
         """Name and shape, in its place, of every part of the assembly."""
         from OCP.TopLoc import TopLoc_Location  # noqa: PLC0415
 
         def walk(label: Any, place: Any, name: str) -> Iterator[tuple[str, Any]]:
-            own = _name(label) or name
+            own = name_of(label) or name
             if self._shapes.IsReference_s(label):
                 from OCP.TDF import TDF_Label  # noqa: PLC0415
 
                 referred = TDF_Label()
                 self._shapes.GetReferredShape_s(label, referred)
                 here = place.Multiplied(self._shapes.GetLocation_s(label))
-                yield from walk(referred, here, _name(referred) or own)
+                yield from walk(referred, here, name_of(referred) or own)
             elif self._shapes.IsAssembly_s(label):
-                for part in _labels(self._shapes.GetComponents_s, label):
+                for part in labels(self._shapes.GetComponents_s, label):
                     yield from walk(part, place, own)
             else:
                 shape = self._shapes.GetShape_s(label)
                 yield own, shape.Moved(place)
 
-        for label in _labels(self._shapes.GetFreeShapes):
+        for label in labels(self._shapes.GetFreeShapes):
             yield from walk(label, TopLoc_Location(), "")
 
     def _simple_shapes(self) -> list[Any]:
         """Labels of shapes that are no assemblies."""
-        return [label for label in _labels(self._shapes.GetShapes) if self._shapes.IsSimpleShape_s(label)]
+        return [label for label in labels(self._shapes.GetShapes) if self._shapes.IsSimpleShape_s(label)]
 
     def _kept(self, chosen: Sequence[str]) -> tuple[list[_Solid], list[str]]:
         """Solids where there are some, else all shapes, or those `chosen`; and remarks on what is left out."""
@@ -156,10 +150,10 @@ class _Document:
 
         found, left = [], 0
         for name, shape in self._roots:
-            inside = _shapes(shape, Type.TopAbs_SOLID)
+            inside = shapes_in(shape, Type.TopAbs_SOLID)
             # The one solid of a product has the name of the product, which assemblies show.
             found += [((self._names.of(one) or [name])[0] if len(inside) > 1 else name, one) for one in inside]
-            left += len(_faces(shape)) - sum(len(_faces(one)) for one in inside)
+            left += len(faces_in(shape)) - sum(len(faces_in(one)) for one in inside)
         solids = [_Solid(number, *one) for number, one in enumerate(found or self._roots)]
         if chosen:
             return _chosen(solids, chosen), []
@@ -177,10 +171,11 @@ class _Document:
         triangles: list[np.ndarray[Any, Any]] = []
         of_face: list[np.ndarray[Any, Any]] = []
         faces: list[dict[str, Any]] = []
+        numbers = ByShape()
         count = total = 0
         solids, remarks = self._kept(chosen)
         for number, name, shape in solids:
-            found_faces = _faces(shape)
+            found_faces = faces_in(shape)
             surfaces = [_surface(face) for face in found_faces]
             is_free = any("frame" not in surface for surface in surfaces)
             error = max(free_form_chord, _SHARE * _extent(shape)) if is_free else chord
@@ -189,6 +184,7 @@ class _Document:
                 found = _triangulation(face)
                 label = (self._names.of(face) or [""])[0]
                 described = {"solid": number, "name": name, "label": label, "colour": self._colour(face), **surface}
+                numbers.add(face, len(faces))
                 faces.append(described)
                 if found is None:
                     described["kind"] = "empty"
@@ -203,18 +199,23 @@ class _Document:
                 count += len(points)
         if not triangles:
             raise UnreadableError("it holds no faces")
+        stated: list[dict[str, Any]] = []
+        if self._annotations is not None:
+            stated, faults = self._annotations.described(numbers, not chosen)
+            remarks += faults
+        remarks += self._lost()
         return {
             "vertices": np.concatenate(vertices),
             "triangles": np.concatenate(triangles),
             "face": np.concatenate(of_face),
-            "described": np.frombuffer(json.dumps([faces, remarks + self._lost()]).encode(), np.uint8),
+            "described": np.frombuffer(json.dumps([faces, stated, remarks]).encode(), np.uint8),
         }
 
     def _lost(self) -> list[str]:
         """Faces of the file that are in no shape; an assembly may hold one shape several times."""
         if not self._faces_in_file:
             return []
-        made = sum(len(_faces(self._shapes.GetShape_s(label))) for label in self._simple_shapes())
+        made = sum(len(faces_in(self._shapes.GetShape_s(label))) for label in self._simple_shapes())
         lost = self._faces_in_file - made
         return [f"{lost} of {self._faces_in_file} faces could not be made"] if lost > 0 else []
 
@@ -245,51 +246,6 @@ def _chosen(solids: Sequence[_Solid], words: Sequence[str]) -> list[_Solid]:
             raise UnreadableError(f"no solid {word!r} among its {len(solids)} solids (numbers from 0){known}")
         kept |= found
     return [solid for solid in solids if solid.number in kept]
-
-
-def _labels(list_into: Any, *of: Any) -> list[Any]:
-    """Labels that a function of the kernel appends to a sequence."""
-    from OCP.collections import Sequence_TDF_Label  # noqa: PLC0415
-
-    sequence = Sequence_TDF_Label()
-    list_into(*of, sequence)
-    return [sequence.Value(i) for i in range(1, sequence.Length() + 1)]
-
-
-def _key(shape: Any) -> int:
-    """Hash of a shape that does not depend on its place."""
-    from OCP.TopLoc import TopLoc_Location  # noqa: PLC0415
-
-    return hash(shape.Located(TopLoc_Location()))
-
-
-def _name(label: Any) -> str:
-    from OCP.TDataStd import TDataStd_Name  # noqa: PLC0415
-
-    # Looking for an attribute that is not there can end the process.
-    if not label.IsAttribute(TDataStd_Name.GetID_s()):
-        return ""
-    found = TDataStd_Name()
-    label.FindAttribute(TDataStd_Name.GetID_s(), found)
-    return str(found.Get().ToExtString())
-
-
-def _shapes(shape: Any, kind: Any) -> list[Any]:
-    """All shapes of a kind in a shape, in their places."""
-    from OCP.TopExp import TopExp_Explorer  # noqa: PLC0415
-
-    explorer, found = TopExp_Explorer(shape, kind), []
-    while explorer.More():
-        found.append(explorer.Current())
-        explorer.Next()
-    return found
-
-
-def _faces(shape: Any) -> list[Any]:
-    from OCP.TopAbs import TopAbs_ShapeEnum  # noqa: PLC0415
-    from OCP.TopoDS import TopoDS  # noqa: PLC0415
-
-    return [TopoDS.Face(face) for face in _shapes(shape, TopAbs_ShapeEnum.TopAbs_FACE)]
 
 
 def _extent(shape: Any) -> float:
