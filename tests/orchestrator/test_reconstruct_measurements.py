@@ -148,9 +148,9 @@ def test_surface_without_poses_is_a_cloud_in_the_base_frame(tmp_path) -> None:
     result.save(tmp_path / "out")
 
 
-def test_scan_on_a_belt_is_refused(scanned, tmp_path) -> None:
+def test_belt_needs_a_part_that_arrives_on_it(scanned, tmp_path) -> None:
     table = write_table(scanned, tmp_path / "points.csv", joint_columns(scanned))
-    with pytest.raises(DescriptionError, match="no travel of a belt"):
+    with pytest.raises(DescriptionError, match=r"cell\.part\.arrival"):
         scancell.reconstruct(table, part=PART, settings={"scan.belt.pose.z_mm": 100.0})
 
 

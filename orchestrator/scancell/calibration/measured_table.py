@@ -262,14 +262,19 @@ class ProfileTable:
             f"taken for {self.kind}: {files}{profiles}, {len(self.profile)} points, {missing} of them without a height"
         )
 
-    def columns(self) -> dict[str, NDArray[np.generic]]:
-        """Columns of a table of the points that were measured, whose poses another table holds."""
+    def columns(self, travel: str | None = None) -> dict[str, NDArray[np.generic]]:
+        """Columns of a table of the points that were measured, whose poses another table holds.
+
+        Where y is stated, it is the column `travel`, the same for all points of a profile.
+        """
         kept = self.has_height
         found: dict[str, NDArray[np.generic]] = {"exposure": self.profile, "column_px": self.column}
         if self.time is not None:
             found["time_s"] = self.time
         if self.intensity is not None:
             found["intensity_dn"] = self.intensity
+        if travel is not None and self.has_travel:
+            found[travel] = self.points[:, 1]
         found |= {"x_mm": self.points[:, 0], "z_mm": self.points[:, 2]}
         return {name: values[kept] for name, values in found.items()}
 

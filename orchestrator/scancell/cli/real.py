@@ -15,6 +15,7 @@ from scancell.cli.common import (
     Outcome,
     OutOption,
     PartOptions,
+    ScanOption,
     SeedOption,
     ThreadsOption,
     UnitOption,
@@ -67,6 +68,8 @@ class ReconstructOptions(PartOptions):
     ] = None
     cloud_unit: CloudUnitOption = None
     keep_all: Annotated[bool, "with --part: keep points of the table and of its neighbours"] = False
+    locate: Annotated[bool, "with --part: find its pose on what carries it by the best fit of its mesh"] = False
+    scan: ScanOption = None
 
 
 @command("reconstruct", ReconstructOptions)

@@ -19,7 +19,7 @@ from scancell.evaluation.alignment import DatumPlane, best_fit_of_starts, check_
 from scancell.evaluation.deviation import Deviation, DeviationFigures, figures_by_label
 from scancell.geometry import pose
 from scancell.geometry.mesh import METRES_PER_UNIT, Mesh, Regions, sample_surface, smooth_regions
-from scancell.geometry.shapes import PartSurface, ShapeMesh
+from scancell.geometry.shapes import PartSurface
 from scancell.output.run_folder import RunFolder, SavedResult
 from scancell.sensor import MeshSurface
 
@@ -283,19 +283,7 @@ def _alignment(
     """Pose (4, 4) that moves the points, the datum regions used, and warnings."""
     if align == "none":
         return np.eye(4), (), []
-
-    def distances(at: Array) -> tuple[Array, Array]:
-        if isinstance(mesh, ShapeMesh):
-            return mesh.shapes.nearest(at)[:2]
-        signed, face = surface.distances(at, threads)
-        normal = mesh.normals[face]
-        if surface.is_signed:
-            return signed, normal
-        # Without an inside the sign is that of the side of the nearest face.
-        side = np.einsum("ni,ni->n", at - mesh.vertices[mesh.faces[face, 0]], normal)
-        return np.copysign(signed, side), normal
-
-    start, warnings = best_fit_of_starts(points, distances, mesh.bounds)
+    start, warnings = best_fit_of_starts(points, lambda at: surface.nearest(at, threads), mesh.bounds)
     if align == "best-fit":
         return start, (), warnings
     moved = pose.transform_points(start, points)

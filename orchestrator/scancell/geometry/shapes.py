@@ -16,6 +16,7 @@ from scancell.geometry.mesh import Mesh, box_mesh, joined
 from scancell.sensor import MeshSurface
 
 _BLOCK = 1 << 15  # points worked on at a time, which stay in the cache
+_ON_EDGE = 1e-9  # m: accuracy of distances from edges
 CHORD_ERROR = 10e-6  # m: default distance of a tessellation from its shape
 
 
@@ -436,3 +437,34 @@ class PartSurface:
         elif isinstance(self._part, CadMesh):
             signed = self._part.refined(points, signed, face)
         return (signed if self.is_signed else np.abs(signed)), face
+
+    def nearest(self, points: Array, threads: int = 0) -> tuple[Array, Array]:
+        """Signed distance (n,), m, of points (n, 3) in the part frame, and its gradient (n, 3), a unit normal.
+
+        Without an inside the sign is that of the side of the nearest face.
+        """
+        if self._shapes is not None:
+            return self._shapes.nearest(points)[:2]
+        signed, face = self.distances(points, threads)
+        corners, normal = self._part.vertices[self._part.faces[face]], self._part.normals[face]
+        height = np.einsum("ni,ni->n", points - corners[:, 0], normal)
+        if not self.is_signed:
+            signed = np.copysign(signed, height)
+        # Where the nearest point is on an edge, the gradient leads away from it.
+        rows = np.flatnonzero((np.abs(np.abs(height) - np.abs(signed)) > _ON_EDGE) & (np.abs(signed) > _ON_EDGE))
+        away, gradient = _from_edges(points[rows], corners[rows]), normal.copy()
+        length = np.linalg.norm(away, axis=1)
+        on_edge = np.abs(length - np.abs(signed[rows])) <= _ON_EDGE
+        gradient[rows[on_edge]] = (away / signed[rows, None])[on_edge]
+        return signed, gradient
+
+
+def _from_edges(points: Array, corners: Array) -> Array:
+    """Vectors (n, 3) to points (n, 3) from the nearest point on the edges of triangles (n, 3, 3), one for each."""
+    along = np.roll(corners, -1, axis=1) - corners
+    offset = points[:, None] - corners
+    square = np.maximum(np.einsum("nki,nki->nk", along, along), np.finfo(float).tiny)
+    share = np.clip(np.einsum("nki,nki->nk", offset, along) / square, 0.0, 1.0)
+    away = offset - share[..., None] * along
+    nearest = np.einsum("nki,nki->nk", away, away).argmin(1)
+    return np.asarray(away[np.arange(len(points)), nearest])

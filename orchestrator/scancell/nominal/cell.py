@@ -439,6 +439,12 @@ class NominalCell(Value):
         """Pose (4, 4) of the part in the frame of what carries it."""
         return self.required_belt().belt_from_part if self.support_kind == "belt" else self.table_from_part
 
+    def with_part_at(self, support_from_part: Array) -> NominalCell:
+        """The cell with the part at a pose (4, 4) in the frame of what carries it."""
+        if self.support_kind == "belt":
+            return replace(self, belt=replace(self.required_belt(), belt_from_part=support_from_part))
+        return replace(self, table_from_part=support_from_part)
+
     def on_belt(self) -> NominalCell:
         """The cell in which the part is scanned while its belt carries it.
 

@@ -23,14 +23,13 @@ from scancell.errors import DescriptionError, EmptyScanError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, sharp_edges
 from scancell.geometry.shapes import PartSurface
-from scancell.nominal.cell import further_axes
 from scancell.nominal.parts import load_part
 from scancell.output.run_folder import RunFolder, SavedResult, manifest, write_json
 from scancell.output.sheet import COLOURS, SOFT, Axes, Sheet
 from scancell.progress import Progress, ProgressCallback, as_progress
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.recorded.measurements import Measurements, read_table_of
-from scancell.recorded.reconstruct import MeasuredCell, ReconstructedData, reconstruct_measurements
+from scancell.recorded.reconstruct import MeasuredCell, ReconstructedData, reconstruct_measurements, stated_axes
 from scancell.scanning.sense import expose
 from scancell.scanning.world import build_scene, make_sensor, still_exposures, visible_bodies
 
@@ -393,8 +392,7 @@ def compare(
         measurements, latency, source = _of_scan(folder, setup), None, folder / "profiles.parquet"
     else:
         source = folder / "points.parquet"
-        axes = [axis.joint for axis in further_axes(setup.cell)]
-        measurements = read_table_of(source, len(setup.cell.robot.joint), further=axes)
+        measurements = read_table_of(source, len(setup.cell.robot.joint), further=stated_axes(setup)[0])
         latency = 1e-3 * float(made["latency_ms"])
     measurements = measurements.of_main_sensor()
     if not len(measurements.profiles.frame):
@@ -459,9 +457,9 @@ def _of_scan(folder: Path, setup: Setup) -> Measurements:
         time_offset=numbers(table, "time_offset_s", file, _LARGEST_S),
         sensor=sensor.astype(np.uint8),
     )
-    axes = further_axes(setup.cell)
-    measured.require_axes([axis.name for axis in axes])
-    readings = readings_of(measured, [axis.joint for axis in axes])
+    axes, _ = stated_axes(setup)
+    measured.require_axes([joint.axis for joint in axes])
+    readings = readings_of(measured, axes)
     return Measurements(
         names=tuple(f"exposure {number}" for number in measured.index),
         index=measured.index,

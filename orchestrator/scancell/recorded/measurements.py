@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from scancell.arrays import Array
 from scancell.calibration.board.views import pose_table
-from scancell.calibration.cell.kinematics import AxisReadings
+from scancell.calibration.cell.kinematics import AxisReadings, axis_column
 from scancell.calibration.cell.points import read_axes, read_points
 from scancell.calibration.measured_table import MeasuredTable, read_profiles, write_measured_table
 from scancell.calibration.pose_files import flange_columns, has_flange, read_flange
@@ -35,6 +35,9 @@ from scancell.values import Value
 
 _MOST_RAD = 2.0 * np.pi + 1e-6  # of an angle; degrees exceed it
 _MOST_NUMBER = 2**31 - 1
+Missing = Callable[[Array], Mapping[str, Array]]
+"""Columns (n,) by name, of exposures by their numbers (n,), that replace those which a table lacks."""
+
 _LEAST_GAP = 0.2  # of the range of all heights, between them and the value of missing points
 
 
@@ -133,6 +136,7 @@ def read_measurements(
     threads: int,
     progress: Progress,
     form: FormatDescription | None = None,
+    missing: Missing | None = None,
 ) -> Measurements:
     """Measurements of a table of points, of profiles in a format of a sensor, or of a folder of images.
 
@@ -148,16 +152,20 @@ def read_measurements(
     laser_off, quarter_turns
         Of images: folder of background images, and turns to the images of the described camera.
     form
-        Format of the profiles, which needs `flange`.
+        Format of the profiles, which needs `flange`, or `missing` joints.
+    missing
+        What replaces positions of axes that the table lacks.
     """
     if data.is_dir() and form is None:
         if flange is not None:
             raise DescriptionError("applies to a table of points; a folder of images holds its poses", key="flange")
-        return read_images_of(data, sensor, joints, convention, laser_off, quarter_turns, threads, progress, further)
+        return read_images_of(
+            data, sensor, joints, convention, laser_off, quarter_turns, threads, progress, further, missing
+        )
     for key, given in (("laser_off", laser_off is not None), ("quarter_turns", quarter_turns != 0)):
         if given:
             raise DescriptionError("applies to a folder of images", key=key, value=str(data))
-    return read_table_of(data, joints, flange, convention, form, further)
+    return read_table_of(data, joints, flange, convention, form, further, missing)
 
 
 def read_table_of(
@@ -167,23 +175,25 @@ def read_table_of(
     convention: str | None = None,
     form: FormatDescription | None = None,
     further: Sequence[Joint] = (),
+    missing: Missing | None = None,
 ) -> Measurements:
-    """Measurements of a table of points (docs/measurements.md).
+    """Measurements of a table of points (docs/measurements.md); y of profiles in a format is the travel of a belt.
 
     Raises `DescriptionError` naming file, column, row, value and what was expected.
     """
     if form is None:
         profiles_file = None
         table = MeasuredTable(path)
-        missing = table.leave_out_missing("z_mm")
-        notes = (f"{path}: {missing} rows are left out, which have no z_mm",) if missing else ()
+        empty = table.leave_out_missing("z_mm")
+        notes = (f"{path}: {empty} rows are left out, which have no z_mm",) if empty else ()
     else:
         profiles_file = read_profiles(path, form)
-        table = MeasuredTable(path, profiles_file.columns())
-        ignored = ("; y is not used where poses are given",) if form.y is not None else ()
+        belts = [axis_column(axis) for axis in further if axis.axis.startswith("conveyor[")]
+        table = MeasuredTable(path, profiles_file.columns(*belts[-1:]))
+        ignored = ("; y is not used where poses are given",) if form.y is not None and not belts else ()
         notes = (f"{path}: {profiles_file.text}{''.join(ignored)}",)
-    _require_one_kind(table, flange)
-    found = read_points(path, joints, flange, convention, table, further)
+    _require_one_kind(table, flange, missing)
+    found = read_points(path, joints, flange, convention, table, further, missing)
     if found.poses_kind:
         notes = (*notes, f"{flange}: taken for {found.poses_kind}")
     kept, marked = _with_a_height(path, found.observations.points_in_sensor)
@@ -300,13 +310,14 @@ def read_images_of(
     threads: int,
     progress: Progress,
     further: Sequence[Joint] = (),
+    missing: Missing | None = None,
 ) -> Measurements:
     """Measurements of a folder of images with a table of joints or flange poses.
 
     Raises `ScancellError` naming file, key, value and what was expected.
     """
     table = pose_table(folder)
-    _require_one_kind(table, None)
+    _require_one_kind(table, None, missing)
     native = make_sensor(sensor, 0)
     cameras = [camera.name for camera in native.cameras]
     sets = ImageSet.from_files([folder], cameras)
@@ -321,7 +332,9 @@ def read_images_of(
     elif convention is not None:
         raise DescriptionError("has no flange poses", file=table.path, key="convention", value=convention)
     every = np.arange(len(table))
-    axes = read_axes(table, joints if stated is None else 0, every, every, every.astype(float), further)
+    order = np.argsort(rows)  # exposures count in the order of the images
+    lacking = {} if missing is None else missing(np.asarray(order + 1.0))
+    axes = read_axes(table, joints if stated is None else 0, every, every, every.astype(float), further, lacking)
     if stated is not None:
         stated = stated.rows(rows)
         axes = AxisReadings.of_flange(stated.matrices(), axes.axes[rows], further)
@@ -379,8 +392,8 @@ def _rows_of_images(table: MeasuredTable, sets: ImageSet, folder: Path) -> NDArr
     return rows
 
 
-def _require_one_kind(table: MeasuredTable, flange: Path | None) -> None:
-    """Refuse a table of joints and flange poses, and one of neither."""
+def _require_one_kind(table: MeasuredTable, flange: Path | None, missing: Missing | None) -> None:
+    """Refuse a table of joints and flange poses, and one of neither where `missing` does not replace them."""
     has_joints = "q1_deg" in table.names
     if has_joints and (flange is not None or has_flange(table)):
         raise DescriptionError(
@@ -389,7 +402,8 @@ def _require_one_kind(table: MeasuredTable, flange: Path | None) -> None:
             key="columns 'q1_deg', 'flange_…'",
             expected="one of them",
         )
-    if not has_joints and flange is None and not has_flange(table):
+    needs_arm = missing is None or "q1_deg" not in missing(np.zeros(0))
+    if needs_arm and not has_joints and flange is None and not has_flange(table):
         raise DescriptionError(
             "states neither joints nor flange poses", file=table.path, expected="columns q1_deg … or flange_x_mm …"
         )

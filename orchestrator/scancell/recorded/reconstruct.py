@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.arrays import Array
-from scancell.calibration.cell.kinematics import LATENCY, AxisReadings
+from scancell.calibration.cell.kinematics import LATENCY, AxisReadings, axis_column
 from scancell.calibration.cell.problem import Artefact, CalibrationProblem, Observations, surface_of
 from scancell.calibration.cell.report import start_of
 from scancell.calibration.cell.scan import kinematics_of, on_artefact
@@ -26,11 +26,14 @@ from scancell.config.loading import Setup
 from scancell.config.robot import MAX_JOINTS
 from scancell.config.sensor import SensorDescription
 from scancell.errors import CalibrationError, DescriptionError, EmptyScanError
+from scancell.evaluation.alignment import PartPlacement, place_part, pose_values
 from scancell.files import read_json
 from scancell.geometry import pose
-from scancell.geometry.mesh import Mesh
+from scancell.geometry.mesh import Mesh, box_mesh
 from scancell.geometry.shapes import PartSurface
+from scancell.geometry.tree import Joint
 from scancell.nominal.cell import NominalCell, estimated_cell, nominal_cell
+from scancell.nominal.parts import lay_down
 from scancell.reconstruction.foreign import neighbours_of
 from scancell.reconstruction.reconstruct import (
     Envelope,
@@ -42,7 +45,7 @@ from scancell.reconstruction.reconstruct import (
     table_warnings,
     why_empty,
 )
-from scancell.recorded.measurements import Measurements
+from scancell.recorded.measurements import Measurements, Missing
 from scancell.scanning.pipeline import envelope_of
 
 _STEP = 1e-5  # m, rad, s: half the interval of difference quotients by deviations of the cell
@@ -72,6 +75,7 @@ _POINT_READINGS: dict[str, Array] = {
 
 PointsInPart = Callable[[AxisReadings, Array, NDArray[np.intp]], Array]
 
+_NO_PART = box_mesh((1e-9, 1e-9, 1e-9), "no part").transformed(pose.translation((0.0, 0.0, 1e3)))
 _EVERYWHERE = Envelope(-np.inf, np.inf, np.inf)
 
 
@@ -264,6 +268,18 @@ def with_sensor_at(cell: CellDescription, flange_from_sensor: NDArray[np.float64
     return cell.model_copy(update={"tool": tool, "estimated": estimated})
 
 
+def with_part_at(setup: Setup, part: Mesh, support_from_part: NDArray[np.float64]) -> Setup:
+    """The descriptions with the part at a pose (4, 4) on what carries it in the scan."""
+    values, described = pose_values(support_from_part), setup.cell.part
+    if setup.scan.belt is not None and described.arrival is not None:
+        described = described.replace({"arrival": described.arrival.replace({"pose": values})})
+    else:
+        turned = described.replace({**values, "x_mm": 0.0, "y_mm": 0.0, "z_mm": 0.0, "fixture": "clamped"})
+        offset = 1e3 * (support_from_part - lay_down(part, turned))[:3, 3]
+        described = turned.replace({f"{axis}_mm": float(value) for axis, value in zip("xyz", offset, strict=True)})
+    return replace(setup, cell=setup.cell.model_copy(update={"part": described}))
+
+
 @dataclass(frozen=True)
 class Latency:
     """A delay, s; `half_width` is that of its 95 % interval where it was estimated, else None."""
@@ -304,6 +320,11 @@ def estimate_latency(found: Measurements, nominal: NominalCell, start: Mapping[s
         raise CalibrationError(
             "is estimated from the agreement of points with a part", key="latency_ms", expected="`part`, or a number"
         )
+    if nominal.support_kind == "belt":
+        raise CalibrationError(
+            "is not estimated from a part on a belt: a delay shifts it along the belt", key="latency_ms",
+            value="estimate", expected="a number",
+        )  # fmt: skip
     profiles = found.profiles
     good = np.asarray(profiles.flags) == 0
     points = np.asarray(profiles.points_in_sensor, float)[good]
@@ -413,8 +434,7 @@ class MeasuredCell:
 
         Raises `ScancellError` if the part or another body cannot be used.
         """
-        nominal = nominal_cell(setup.cell, part)
-        return cls.with_deviations(nominal, _deviations(setup), part is not None)
+        return cls.with_deviations(described_cell(setup, part), _deviations(setup), part is not None)
 
     @classmethod
     def with_deviations(cls, nominal: NominalCell, deviations: Mapping[str, float], has_part: bool) -> MeasuredCell:
@@ -423,15 +443,24 @@ class MeasuredCell:
         if not has_part and cell.holds_part:
             raise DescriptionError("a cloud on the flange needs the part that the arm holds", key="part")
         if not has_part:
-            placed = cell.tree.place(cell.start, ["table", "base"])
-            platter_from_base = pose.inverse(placed["table"]) @ placed["base"]
-            cell = replace(cell, table_from_part=platter_from_base)
+            placed = cell.tree.place(cell.start, [cell.support, "base"])
+            cell = cell.with_part_at(pose.inverse(placed[cell.support]) @ placed["base"])
         return cls(cell, has_part)
 
     @property
     def frame(self) -> str:
         """Name of the cloud's frame; that of the base is meant with the table at 0 and further axes at their start."""
         return "part" if self.has_part else "base"
+
+    @property
+    def moving(self) -> str:
+        """What the frame of the cloud moves with on a belt, as an addition to its name; else empty."""
+        return f" (moves with {self.cell.support})" if self.cell.support_kind == "belt" else ""
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the axes that measurements state: those of the cell, and the belts up to that of the part."""
+        return (*self.cell.axes, *belt_axes(self.cell))
 
     def part_from_sensor(self, readings: AxisReadings, number: int = 1) -> Array:
         """Poses (n, 4, 4) of a sensor, by its number, in the frame of the cloud."""
@@ -463,7 +492,7 @@ class MeasuredCell:
 
     def all_axes(self, axes: Array) -> Array:
         """Positions or rates (n, axes) of all axes; 0 of joints that poses of the flange leave open."""
-        return np.hstack([np.zeros((len(axes), len(self.cell.axes) - axes.shape[1])), axes])
+        return np.hstack([np.zeros((len(axes), len(self.axes) - axes.shape[1])), axes])
 
 
 @dataclass(frozen=True)
@@ -486,6 +515,8 @@ class ReconstructedData:
         (k, 3, 3) the same by the uncertainty of calibrated values; None without.
     warnings
         What is doubtful.
+    placement
+        Pose of the part, where it was found from the points.
     """
 
     found: Measurements
@@ -496,6 +527,7 @@ class ReconstructedData:
     covariance: Array
     systematic: Array | None
     warnings: tuple[str, ...]
+    placement: PartPlacement | None = None
 
 
 def records_of(cell: MeasuredCell, found: Measurements, readings: AxisReadings) -> TriggerRecords:
@@ -506,7 +538,7 @@ def records_of(cell: MeasuredCell, found: Measurements, readings: AxisReadings) 
         segment=np.ones(len(readings), np.int64),
         time=found.time,
         exposure=np.zeros(len(readings)),
-        names=cell.cell.axes,
+        names=cell.axes,
         axes=axes,
         rates=rates,
     )
@@ -520,11 +552,12 @@ def reconstruct_measurements(
     keep_all: bool,
     threads: int,
     uncertainty: Sequence[ValueCovariance] = (),
+    locate: bool = False,
 ) -> ReconstructedData:
     """The cloud of measurements; with a part, points on the table and on its neighbours are removed as in a scan.
 
     Raises `CalibrationError` if the latency cannot be applied or estimated, or the measurements disagree with the part;
-    `EmptyScanError` if no point is left; `DescriptionError` for a scan on a belt.
+    `EmptyScanError` if no point is left.
 
     Parameters
     ----------
@@ -534,11 +567,9 @@ def reconstruct_measurements(
         Whether points that are not the part's stay.
     uncertainty
         Uncertainty of calibrated values; those of different calibrations are independent.
+    locate
+        Whether the pose of the part on what carries it is found from the points, not that of the description.
     """
-    if setup.scan.belt is not None:
-        raise DescriptionError(
-            "measurements state no travel of a belt", key="scan.belt", expected="a part on the table"
-        )
     measured_cell = MeasuredCell.of(setup, part)
     cell = measured_cell.cell
     delay = _latency(found, setup, measured_cell, latency)
@@ -553,6 +584,15 @@ def reconstruct_measurements(
             value=int(found.profiles.sensor.max()),
             expected=f"1 to {len(sensors)}",
         )
+    poses = [measured_cell.poses_after(readings, number) for number in sensors]
+    placement = None
+    if locate:
+        if part is None or surface is None:
+            raise DescriptionError("is found from the points of a part", key="locate", value=True, expected="`part`")
+        placement = _located(found, measured_cell, readings, poses, setup, surface, threads)
+        measured_cell = replace(measured_cell, cell=cell.with_part_at(placement.support_from_part))
+        cell = measured_cell.cell
+        poses = [measured_cell.poses_after(readings, number) for number in sensors]
     main = found.of_main_sensor()
     if surface is not None and len(main.profiles.frame):
         check_readings(
@@ -569,8 +609,8 @@ def reconstruct_measurements(
     made = reconstruct_sensors(
         found.profiles,
         records_of(measured_cell, found, readings),
-        [measured_cell.poses_after(readings, number) for number in sensors],
-        cell.table_from_part,
+        poses,
+        cell.support_from_part,
         envelope,
         neighbours=neighbours,
         threads=threads,
@@ -590,7 +630,49 @@ def reconstruct_measurements(
         warnings.append(f"{empty} of {len(found.index)} exposures give no point")
     parts = [_systematic(one, found, setup, measured_cell, readings, made) for one in uncertainty]
     systematic = np.sum(parts, axis=0) if parts else None
-    return ReconstructedData(found, measured_cell, readings, delay, made, covariance, systematic, tuple(warnings))
+    warnings += [] if placement is None else placement.warnings
+    return ReconstructedData(
+        found, measured_cell, readings, delay, made, covariance, systematic, tuple(warnings), placement
+    )
+
+
+def _located(
+    found: Measurements,
+    measured: MeasuredCell,
+    readings: AxisReadings,
+    poses: Sequence[PosesAfter],
+    setup: Setup,
+    surface: PartSurface,
+    threads: int,
+) -> PartPlacement:
+    """The pose of the part by all points above its support that are on no other body."""
+    cell = measured.cell
+    # Neighbours do not touch the part, and the envelope has no outline: where the part is is not known.
+    neighbours = replace(neighbours_of(cell), part=_NO_PART)
+    if readings.flange is not None:
+        neighbours = replace(neighbours, carried=None)
+    envelope = replace(envelope_of(cell, setup), footprint=None, outline=None)
+    made = reconstruct_sensors(
+        found.profiles,
+        records_of(measured, found, readings),
+        poses,
+        cell.support_from_part,
+        envelope,
+        normals=False,
+        neighbours=neighbours,
+        threads=threads,
+    )
+    if not len(made.cloud):
+        raise EmptyScanError(
+            f"no point to find the part by: {'; '.join(why_empty(made.dropped, envelope))}", file=found.files[0]
+        )
+    return place_part(
+        pose.transform_points(cell.support_from_part, made.cloud.points_in_part),
+        lambda at: surface.nearest(at, threads),
+        cell.part.bounds,
+        cell.support,
+        cell.support_from_part,
+    )
 
 
 def _systematic(
@@ -665,7 +747,43 @@ def _latency(found: Measurements, setup: Setup, measured: MeasuredCell, wanted: 
 
 def nominal_cell_of(measured: MeasuredCell, setup: Setup) -> NominalCell:
     """The described cell, without what was estimated, with the part of a measured one."""
-    return nominal_cell(setup.cell, measured.cell.part if measured.has_part else None)
+    return described_cell(setup, measured.cell.part if measured.has_part else None)
+
+
+def described_cell(setup: Setup, part: Mesh | None) -> NominalCell:
+    """The described cell, in which the belt carries the part where the scan is one on a belt."""
+    nominal = nominal_cell(setup.cell, part)
+    return nominal if setup.scan.belt is None else nominal.on_belt()
+
+
+def belt_axes(cell: NominalCell) -> tuple[str, ...]:
+    """Names of the axes of the belts up to that which carries the part, ``conveyor[1]`` …; none without one."""
+    count = cell.required_belt().conveyor if cell.support_kind == "belt" else 0
+    return tuple(f"conveyor[{number}]" for number in range(1, count + 1))
+
+
+def stated_axes(setup: Setup) -> tuple[list[Joint], Missing]:
+    """Axes beside joints and table that measurements state, and what replaces those that they lack.
+
+    On a belt, exposures without its travel are a pitch of the scan apart, so that exposure n is at n pitches, at its
+    speed. Joints and table are at their start where no sensor moves with them.
+    """
+    cell = described_cell(setup, None)
+    belts, fixed = [cell.tree[name] for name in belt_axes(cell)], dict[str, float]()
+    arm = {"table", *cell.arm.tree.axes}
+    sensors = [sensor_frame(number) for number in range(1, len(cell.further_sensors) + 2)]
+    if not any(arm.intersection(cell.tree.axes_of(frame)) for frame in (*sensors, "part")):
+        fixed = {f"q{i}_deg": angle for i, angle in enumerate(setup.cell.robot.home_deg, 1)} | {"table_deg": 0.0}
+    fixed |= {axis_column(belt): 0.0 for belt in belts[:-1]}
+
+    def missing(numbers: Array) -> dict[str, Array]:
+        columns = {name: np.full(len(numbers), value) for name, value in fixed.items()}
+        if belts and (belt := setup.scan.belt) is not None:
+            columns[axis_column(belts[-1])] = np.copysign(belt.pitch_mm, belt.speed_mm_s) * numbers
+            columns[axis_column(belts[-1], "_rate", "_s")] = np.full(len(numbers), belt.speed_mm_s)
+        return columns
+
+    return [*(axis.joint for axis in cell.further_axes), *belts], missing
 
 
 def joints_of_flange(cell: NominalCell, flange: Array) -> Array | None:

@@ -18,9 +18,11 @@ from scancell.config.cell import CellDescription
 from scancell.config.choices import FlangeConvention, LatencyWord, LengthUnit
 from scancell.config.files import Assignments, assignments
 from scancell.config.loading import Setup, load_setup
+from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription, camera_label
 from scancell.config.table_format import read_format, recognised_format
 from scancell.errors import DescriptionError
+from scancell.evaluation.alignment import PartPlacement
 from scancell.evaluation.deviation import (
     Deviation,
     UnseenSurface,
@@ -31,7 +33,6 @@ from scancell.evaluation.deviation import (
 )
 from scancell.files import arrow_table
 from scancell.geometry.mesh import Mesh
-from scancell.nominal.cell import further_axes
 from scancell.nominal.parts import load_part
 from scancell.output.deviation_report import DeviationReport, deviation_picture
 from scancell.output.run_folder import (
@@ -55,10 +56,13 @@ from scancell.recorded.reconstruct import (
     MeasuredCell,
     ReconstructedData,
     ValueCovariance,
+    belt_axes,
     joints_of_flange,
     read_calibration,
     reconstruct_measurements,
     records_of,
+    stated_axes,
+    with_part_at,
     with_sensor_at,
 )
 from scancell.values import Result
@@ -108,6 +112,11 @@ class ReconstructionResult(Result):
         return self.data.made.cloud
 
     @property
+    def placement(self) -> PartPlacement | None:
+        """Pose of the part on what carries it, where it was found from the points; None by the description."""
+        return self.data.placement
+
+    @property
     def covariance(self) -> Array:
         """Covariance (n, 3, 3) of the points of the cloud in its frame by the noise of the sensor alone, m²."""
         return self.data.covariance
@@ -143,6 +152,7 @@ class ReconstructionResult(Result):
             "exposures": len(data.found.index),
             "points": len(self.cloud),
             "frame": data.measured_cell.frame,
+            "part_placement": None if self.placement is None else self.placement.as_json(),
             "dropped": data.made.dropped.as_json(),
             "sigma_median_um": 1e6 * float(np.median(np.asarray(self.cloud.sigma, float))),
             "systematic_sigma_median_um": systematic,
@@ -154,11 +164,14 @@ class ReconstructionResult(Result):
     def summary(self) -> str:
         """The figures as lines of text."""
         figures, deviation, latency = self.figures, self.deviation, self.data.latency
+        placement, support = self.placement, self.data.measured_cell.cell.support_kind
         where = "of the part" if self.data.measured_cell.has_part else "of the robot's base"
         lines = [f"{figures['exposures']} exposures: {len(self.cloud)} points in the frame {where}"]
+        if placement is not None:
+            lines.append(f"  {placement.text()}")
         if deviation is not None:
             lines.append(f"  deviation{deviation.figures.text()[1:]}")
-            lines.append(f"  dropped    {self.data.made.dropped.low} points on the table")
+            lines.append(f"  dropped    {self.data.made.dropped.low} points on the {support}")
         if figures["systematic_sigma_median_um"] is not None:
             lines.append(
                 f"  systematic {figures['systematic_sigma_median_um']:.2f} um standard deviation, of all points"
@@ -188,7 +201,12 @@ class ReconstructionResult(Result):
         surface = replace(surface, measurable=np.ones(len(surface.samples), bool))
         spacing = profile_spacing(surface.samples, poses, np.ones(len(poses), np.int64))
         covered = coverage(cloud.points_in_part, surface, spacing, cloud.normals)
-        if len(poses) > 1:
+        if cell.support_kind == "belt":
+            unseen = UnseenSurface.without_reason(
+                surface.samples, covered.covered, surface.area, covered.tolerance,
+                "reasons are determined only for a part that is turned",
+            )  # fmt: skip
+        elif len(poses) > 1:
             margin = 1e-3 * self.setup.scan.table_margin_mm
             unseen = unseen_surface(covered, surface, cell, sensor, poses, margin, self.threads)
         else:
@@ -234,7 +252,7 @@ class ReconstructionResult(Result):
         data, chosen = self.data, parse_formats(",".join(formats), "formats")
         run = {**self.run, "command_line": command_words(command_line)}
         with RunFolder(Path(folder), OPTIONAL_FILES) as files:
-            comments = ("scancell reconstruct", f"frame {data.measured_cell.frame}")
+            comments = ("scancell reconstruct", f"frame {data.measured_cell.frame}{data.measured_cell.moving}")
             for suffix in chosen:
                 write_cloud(files.path(f"cloud.{suffix}"), self.cloud, comments)
             self._write_covariance(files.path("covariance.parquet"))
@@ -279,8 +297,9 @@ class ReconstructionResult(Result):
             "trigger.time": records.time,
             "trigger.exposure": records.exposure,
         }
-        further = tuple(axis.name for axis in data.measured_cell.cell.further_axes)
-        layout = RecordLayout(records.q.shape[1], further=further).axes
+        cell = data.measured_cell.cell
+        further = tuple(axis.name for axis in cell.further_axes)
+        layout = RecordLayout(records.q.shape[1], further=further, conveyors=len(belt_axes(cell))).axes
         for names, position, rate in zip(layout.values(), axes.T, records.rates.T, strict=True):
             columns |= dict(zip(names, (position, rate), strict=True))
         return Recording(columns)
@@ -294,13 +313,14 @@ def calibrated_setup(
     sensor: str | Path | SensorDescription | None,
     calibration: str | Path | None,
     settings: list[str],
+    scan: str | Path | ScanDescription | None = None,
 ) -> tuple[Setup, int, tuple[ValueCovariance, ...], list[Path]]:
     """Descriptions with what a calibration has found, quarter turns, uncertainty, and the files that were read.
 
     Raises `DescriptionError` if a file is wrong, or cell or sensor are given and calibrated.
     """
     if calibration is None:
-        return load_setup(cell, sensor, None, settings), 0, (), _files(cell, sensor)
+        return load_setup(cell, sensor, scan, settings), 0, (), _files(cell, sensor, scan)
     calibration = Path(calibration)
     found = read_calibration(calibration)
     for key, given, own in (("cell", cell, found.cell), ("sensor", sensor, found.sensor)):
@@ -308,11 +328,11 @@ def calibrated_setup(
             raise DescriptionError(
                 f"conflicts with {own} of the calibration", key=key, value=str(given), expected="one of them"
             )
-    setup = load_setup(cell or found.cell, sensor or found.sensor, None, settings)
+    setup = load_setup(cell or found.cell, sensor or found.sensor, scan, settings)
     if found.flange_from_sensor is not None:
         setup = Setup(with_sensor_at(setup.cell, found.flange_from_sensor), setup.sensor, setup.scan)
     file = calibration / "calibration.json" if calibration.is_dir() else calibration
-    files = [*_files(cell or found.cell, sensor or found.sensor), file]
+    files = [*_files(cell or found.cell, sensor or found.sensor, scan), file]
     return setup, found.quarter_turns, found.uncertainty, files
 
 
@@ -326,6 +346,7 @@ def reconstruct(
     *,
     cell: str | Path | CellDescription | None = None,
     sensor: str | Path | SensorDescription | None = None,
+    scan: str | Path | ScanDescription | None = None,
     settings: Assignments = (),
     part: str | Path | Mesh | None = None,
     unit: str = "mm",
@@ -338,6 +359,7 @@ def reconstruct(
     quarter_turns: QuarterTurns | None = None,
     latency_ms: LatencyMs | LatencyWord | None = None,
     keep_all: bool = False,
+    locate: bool = False,
     threads: Threads = 0,
     progress: Progress | ProgressCallback | None = None,
 ) -> ReconstructionResult:
@@ -372,6 +394,9 @@ def reconstruct(
         Delay of the exposures after the joints, or ``estimate`` to find it from the part; by default that of the cell.
     keep_all
         With a part: keep points of the table and of its neighbours.
+    locate
+        Find the pose of the part on what carries it by the best fit of its mesh to the points, from any turn about the
+        support's z; by default it is where the description places it.
 
     Raises
     ------
@@ -388,14 +413,21 @@ def reconstruct(
     profiles.csv: no such file
     """
     reporter, data = as_progress(progress), Path(data)
-    setup, turns, uncertainty, inputs = calibrated_setup(cell, sensor, calibration, assignments(settings))
+    setup, turns, uncertainty, inputs = calibrated_setup(cell, sensor, calibration, assignments(settings), scan)
     mesh = part.usable if isinstance(part, Mesh) else None if part is None else load_part(part, unit)
     form = None if table_format is None else read_format(table_format)
     is_cloud = form is None and data.is_file() and holds_cloud(data)
     has_poses = any((data / name).is_file() for name in TABLES)  # of images
     if form is None and not is_cloud and not has_poses and data.exists():
         form = recognised_format(data)
-    if is_cloud or (form is not None and flange is None):
+    further, missing = stated_axes(setup)
+    needs_arm = "q1_deg" not in missing(np.zeros(0))
+    if is_cloud or (form is not None and flange is None and needs_arm):
+        if setup.scan.belt is not None:
+            raise DescriptionError(
+                "a cloud without poses states no travel of the belt", file=data, key="scan.belt",
+                expected="profiles with joints, poses of the flange, or a sensor that the arm does not carry",
+            )  # fmt: skip
         needless = {"flange": flange, "convention": convention, "laser_off": laser_off, "quarter_turns": quarter_turns}
         for key, value in needless.items():
             if value is not None:
@@ -412,7 +444,7 @@ def reconstruct(
             data,
             setup.sensor,
             len(setup.cell.robot.joint),
-            [axis.joint for axis in further_axes(setup.cell)],
+            further,
             flange=None if flange is None else Path(flange),
             convention=convention,
             laser_off=None if laser_off is None else Path(laser_off),
@@ -420,10 +452,13 @@ def reconstruct(
             threads=threads,
             progress=reporter,
             form=form,
+            missing=missing,
         )
     reporter.stage("reconstructing", 1, "cloud")
     latency = latency_ms if latency_ms is None or isinstance(latency_ms, str) else 1e-3 * latency_ms
-    made = reconstruct_measurements(found, setup, mesh, latency, keep_all, threads, uncertainty)
+    made = reconstruct_measurements(found, setup, mesh, latency, keep_all, threads, uncertainty, locate)
+    if made.placement is not None and mesh is not None:
+        setup = with_part_at(setup, mesh, made.placement.support_from_part)
     reporter.advance(1)
     file = None if part is None or isinstance(part, Mesh) else Path(part)
     run = {
@@ -432,6 +467,7 @@ def reconstruct(
         "measured": str(data.absolute()),
         "latency_ms": 1e3 * made.latency.value,
         "keep_all": keep_all,
+        "locate": locate,
     }
     names = tuple(camera.name for camera in setup.sensor.camera)
     files = [*inputs, *found.files, *([] if file is None else [file])]

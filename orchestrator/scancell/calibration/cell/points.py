@@ -112,6 +112,7 @@ def read_points(
     convention: str | None = None,
     table: MeasuredTable | None = None,
     further: Sequence[Joint] = (),
+    missing: Callable[[Array], Mapping[str, Array]] | None = None,
 ) -> MeasuredPoints:
     """Observations from CSV, Parquet or YAML; rows without ``z_mm`` are left out.
 
@@ -130,18 +131,20 @@ def read_points(
         That of the points, where it has been read.
     further
         Axes of the cell beside joints and table.
+    missing
+        Columns (n,) by name, of exposures by their numbers (n,), that replace those which the table lacks.
     """
     if table is None:
         table = MeasuredTable(path)
         table.leave_out_missing("z_mm")
     numbers, first, frame = np.unique(table.numbers("exposure"), return_index=True, return_inverse=True)
     frame = np.asarray(frame, np.intp).reshape(-1)
-    stated, kind, with_poses = None, "", dict[str, Array]()
+    stated, kind, with_poses = None, "", dict[str, Array]({} if missing is None else missing(numbers))
     if flange_path is not None:
         poses, kind = read_pose_file(flange_path)
         row = _rows_of(poses, numbers, path)
         stated = read_flange(poses, convention).rows(row)
-        with_poses = {name: poses.numbers(name)[row] for axis in further if (name := axis_column(axis)) in poses.names}
+        with_poses |= {name: poses.numbers(name)[row] for axis in further if (name := axis_column(axis)) in poses.names}
     elif has_flange(table):
         every = read_flange(table, convention)
         stated = every.rows(first)
@@ -165,7 +168,7 @@ def read_points(
         table.require(time_offset == 0.0, "time_offset_ms", "0 with flange poses, which state no rates")
     observations = Observations(
         readings,
-        1e-3 * _coordinates(table, stated is not None),
+        1e-3 * _coordinates(table, stated is not None or "q1_deg" not in table.names),
         1e-6 * sigma,
         direction,
         frame,
@@ -174,9 +177,9 @@ def read_points(
     return MeasuredPoints(path, observations, numbers, stated, flange_path or path, kind)
 
 
-def _coordinates(table: MeasuredTable, with_flange: bool) -> Array:
-    """Points (m, 3), mm; in a table of flange poses without y_mm, x_mm is along the line of the sensor."""
-    if with_flange and "x_mm" in table.names and "y_mm" not in table.names:
+def _coordinates(table: MeasuredTable, without_joints: bool) -> Array:
+    """Points (m, 3), mm; in a table without joints and y_mm, x_mm is along the line of the sensor."""
+    if without_joints and "x_mm" in table.names and "y_mm" not in table.names:
         return np.column_stack([np.zeros(len(table)), table.numbers("x_mm"), table.numbers("z_mm")])
     return np.column_stack([table.numbers("x_mm", 0.0), table.numbers("y_mm"), table.numbers("z_mm")])
 
@@ -210,9 +213,9 @@ def read_axes(
 ) -> AxisReadings:
     """Readings of joints, table and `further` axes, by the rows `first` (n,) of exposures.
 
-    With no joints the table may be missing. Columns `with_poses` (n,), of a table of poses, replace those of further
-    axes that the table lacks. `frame` (m,) is the exposure of each row, `numbers` (n,) those of the
-    exposures for messages.
+    With no joints the table may be missing. Columns `with_poses` (n,), such as those of a table of poses, replace
+    positions that the table lacks. `frame` (m,) is the exposure of each row, `numbers` (n,) those of the exposures for
+    messages.
 
     Raises `DescriptionError` if a column is missing, or the readings of an exposure differ.
     """
@@ -221,12 +224,18 @@ def read_axes(
     scales = [np.pi / 180] * (joints + 1) + [column_unit(axis)[1] for axis in further]
     for name, suffix, end in kinds:
         default = None if name == "q" else 0.0
-        columns = [table.numbers(f"{name}{joint}_deg{end}", default) for joint in range(1, 1 + joints)]
-        columns.append(table.numbers(f"table{suffix}_deg{end}", default if joints else 0.0))
+
+        def column_of(column: str, default: float | None) -> Array:
+            if column not in table.names and column in (with_poses or {}):
+                return (with_poses or {})[column][frame]
+            return table.numbers(column, default)
+
+        columns = [column_of(f"{name}{joint}_deg{end}", default) for joint in range(1, 1 + joints)]
+        columns.append(column_of(f"table{suffix}_deg{end}", default if joints else 0.0))
         for axis in further:
             column = axis_column(axis, suffix, end)
-            if column not in table.names and column in (with_poses or {}):
-                columns.append((with_poses or {})[column][frame])
+            if column in (with_poses or {}):
+                columns.append(column_of(column, default))
                 continue
             if default is None and column not in table.names:
                 raise DescriptionError(
