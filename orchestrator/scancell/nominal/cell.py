@@ -440,7 +440,7 @@ class NominalCell(Value):
         return self.required_belt().belt_from_part if self.support_kind == "belt" else self.table_from_part
 
     def with_part_at(self, support_from_part: Array) -> NominalCell:
-        """The cell with the part at a pose (4, 4) in the frame of what carries it."""
+        """The cell with the part at the pose `support_from_part` (4, 4) in the frame of what carries it."""
         if self.support_kind == "belt":
             return replace(self, belt=replace(self.required_belt(), belt_from_part=support_from_part))
         return replace(self, table_from_part=support_from_part)

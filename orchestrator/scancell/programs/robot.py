@@ -18,7 +18,7 @@ Everything is in metres, radians and seconds: a number with a unit is multiplied
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +30,7 @@ from scancell.arguments import Length, Share, checked_arguments
 from scancell.arrays import Array
 from scancell.cell.driver import Tool, WorldFromTool
 from scancell.config.choices import Engine
+from scancell.errors import CommandError
 from scancell.geometry import pose
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import write_cloud
@@ -248,6 +249,46 @@ class Robot:
         """Give conveyor number `conveyor` (from 1) the `speed`, m/s; it accelerates while the program goes on."""
         with self._step("run_conveyor", f"{conveyor}: {speed / mm:.1f} mm/s"):
             self._session.run_conveyor(conveyor, speed)
+
+    def follow_conveyor(
+        self,
+        conveyor: int,
+        poses: Sequence[WorldFromTool],
+        *,
+        dwell: float = 0.0,
+        grip_at: int | None = None,
+        force: float = 20.0,
+    ) -> None:
+        """Move the tool relative to the running belt of conveyor number `conveyor` (from 1), and come to rest.
+
+        Parameters
+        ----------
+        poses
+            ``world_from_tool`` (4, 4) each, where the belt has them now; they move on with it. The tool moves straight
+            in its frame from one to the next.
+        dwell
+            Time at each, s.
+        grip_at
+            Number of the pose, from 0, at which the gripper begins to close; None: it does not.
+        force
+            Of each finger, N.
+
+        Raises
+        ------
+        CommandError
+            If the arm cannot follow the belt, see `ScanSession.follow_conveyor`.
+        """
+        if grip_at is not None and grip_at not in range(len(poses)):
+            raise CommandError(f"follow_conveyor: grip_at = {grip_at}: expected 0 to {len(poses) - 1}")
+
+        def close(number: int) -> None:
+            if number == grip_at:
+                self._session.start_close_gripper(force)
+
+        with self._step("follow_conveyor", f"{conveyor}: {len(poses)} poses"):
+            self._session.follow_conveyor(
+                conveyor, poses, dwell=dwell, tool=self._tool, speed=self._speed, on_pose=close
+            )
 
     def conveyor_travel(self, conveyor: int) -> float:
         """Signed distance that the belt of conveyor number `conveyor` (from 1) has travelled, m."""

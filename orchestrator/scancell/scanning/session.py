@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scancell.arguments import checked_arguments
+from scancell.arguments import Count, Duration, Share, checked_arguments
 from scancell.arrays import Array
-from scancell.cell.driver import Operation
+from scancell.cell.driver import Operation, Tool, WorldFromTool
 from scancell.cell.instance import CellInstance, RecordBatches
 from scancell.cell.recording import Recording
 from scancell.cell.session import CellSession
@@ -28,6 +28,7 @@ from scancell.config.loading import load_setup
 from scancell.config.robot import JointDescription
 from scancell.config.scan import ScanDescription
 from scancell.config.sensor import exposure_span
+from scancell.errors import CommandError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.guard.guard import Guard, GuardedCell, GuardSettings
@@ -43,6 +44,7 @@ from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.pipeline import ScanPipeline, measured_motion
 from scancell.scanning.sense import ExposureImages, SensedProfiles
+from scancell.scanning.tracking import BeltMotion, BeltTracking
 from scancell.scanning.world import ExposureControl, World
 from scancell.values import Value
 
@@ -50,6 +52,10 @@ _ANSWER_TIME = 0.003  # s of simulated time that the guard needs for an answer
 _BATCH = 16  # profiles of a line that are sensed together
 _PATIENCE = 0.02  # s, period at which a wait for them checks whether it has to end
 SEEN = 0.1  # s, in which a guard surely gets a state and answers it
+
+_MOST_STARTS = 4  # of a motion on a belt, until the time from its plan to its start is known
+_MOST_LATE = 3  # cycles by which it may fall behind the belt
+_EVEN, _LEAST_BELT_SPEED = 1e-3, 0.01  # share of the belt's speed that may change in a cycle, at least of this, m/s
 
 _LEAST_NOISE = np.radians(0.005)
 _LEAST_NOISE_M = 1e-5  # of prismatic axes: that of a rack whose position repeats within 0.05 mm
@@ -149,6 +155,10 @@ def _posture(world: World, part_from_sensor: Array, threads: int) -> tuple[dict[
     return {name: value[None] for name, value in frames.items()}, warnings
 
 
+class _OtherStart(Exception):  # noqa: N818  (ends a motion, which is planned anew)
+    """A motion on a belt starts at another time than planned."""
+
+
 class ScanSession(CellSession):
     """A `CellSession` that also measures, and that a guard may watch in every cycle; made by `Scanner.session`.
 
@@ -195,6 +205,7 @@ class ScanSession(CellSession):
         self.progress: Progress = NullProgress()
         self.on_exposures: Callable[[Recording, Cloud | None], object] = lambda _recording, _cloud: None
         self.on_points: Callable[[Cloud], object] | None = None
+        self._start_delay = self.cycle  # from the plan of a motion on a belt to its start, s
         self._guarded: GuardedCell | None = None
         if guard is not None:
             max_age = guard.settings.max_age
@@ -242,6 +253,112 @@ class ScanSession(CellSession):
         super().set_operation(operation)
         if self._guarded is not None:
             self.wait(SEEN)
+
+    @checked_arguments
+    def follow_conveyor(
+        self,
+        conveyor: Count,
+        poses: Sequence[WorldFromTool],
+        *,
+        dwell: Duration = 0.0,
+        tool: Tool = "sensor",
+        speed: Share = 1.0,
+        on_pose: Callable[[int], object] = lambda _: None,
+    ) -> None:
+        """Move a tool relative to a belt that runs at a constant speed: onto it, through `poses`, and to rest.
+
+        From pose to pose the tool moves straight in the frame of the belt, turning evenly, and rests there relative to
+        it. The speed of the belt is that of its encoder.
+
+        Parameters
+        ----------
+        conveyor
+            Its number, from 1.
+        poses
+            ``world_from_tool`` (4, 4) each, where the belt has them now; they move on with it.
+        dwell
+            Time at each pose, s.
+        tool
+            See `flange_from_tool`.
+        speed
+            Share of the limits of joints and of straight lines.
+        on_pose
+            Called with the number of each pose, from 0, when the tool is there; it may start commands that take effect
+            in the next cycles, such as `start_close_gripper`.
+
+        Raises
+        ------
+        CommandError
+            If the belt does not run evenly, the arm does not reach a pose while the belt carries it, or not follow
+            within its limits; or the guard or a lower monitor speed let it fall behind the belt: it is then stopped.
+        DescriptionError
+            If an argument is out of its range.
+        """
+        count = len(self.nominal.world_from_conveyors)
+        if conveyor > count:
+            raise CommandError(f"follow_conveyor: conveyor = {conveyor}: expected 1 to {count}")
+        if not poses:
+            raise CommandError("follow_conveyor: poses = []: expected at least one")
+        if self.monitor_speed < 1.0:
+            raise CommandError("follow_conveyor: the monitor speed is below 1: the belt does not wait for the arm")
+        along, travel = self.nominal.world_from_conveyors[conveyor - 1][:3, 0], self.conveyor_travel(conveyor)
+        robot, flange_from_tool = self.world.setup.cell.robot, self.flange_from_tool(tool)
+        for _ in range(_MOST_STARTS):
+            velocity = self._even_speed(conveyor)
+            moved = self.conveyor_travel(conveyor) - travel + velocity * self._start_delay
+            tracking = BeltTracking(self.nominal, robot.motion, self.cycle, velocity * along, flange_from_tool, speed)
+            shift = pose.translation(moved * along)
+            motion = tracking.plan(self.commanded, [shift @ np.asarray(one, float) for one in poses], dwell)
+            if self._run_on_belt(motion, on_pose):
+                return
+            self.come_to_rest()
+        raise CommandError("follow_conveyor: the controller does not start motions after the same time")
+
+    def _even_speed(self, conveyor: int) -> float:
+        """Speed of a belt by its encoder, m/s; `CommandError` if it changes."""
+        name = f"measured.conveyor[{conveyor}].speed"
+        before = self.value(name)
+        self.wait(0.0)
+        now = self.value(name)
+        if abs(now - before) > _EVEN * max(abs(now), _LEAST_BELT_SPEED):
+            raise CommandError(f"follow_conveyor: the belt accelerates ({1e3 * before:.1f} to {1e3 * now:.1f} mm/s)")
+        return now
+
+    def _run_on_belt(self, motion: BeltMotion, on_pose: Callable[[int], object]) -> bool:
+        """Run a motion relative to a belt; False if it starts at another time than planned, which is then known.
+
+        A guard lets a motion start only when it has seen it.
+        """
+        pending, began, due = list(enumerate(motion.reached)), -1.0, self.time + self._start_delay
+        old, late, duration = self.value("controller.clock"), _MOST_LATE * self.cycle, motion.program.duration
+
+        def look() -> None:
+            nonlocal began
+            clock = self.value("controller.clock")
+            if began < 0.0:
+                if clock == old or not 0.0 < clock <= late:
+                    return
+                began = self.time - clock
+                if abs(began - due) > self.cycle / 2:
+                    self._start_delay += began - due
+                    raise _OtherStart
+            if clock < duration - self.cycle and self.time - began - clock > late:
+                why = self._guard_text() or f"monitor speed {self.value('command.monitor_speed'):g}"
+                raise CommandError(f"follow_conveyor: the tool falls behind the belt: {why}")
+            while pending and clock >= pending[0][1]:
+                on_pose(pending.pop(0)[0])
+
+        end = self.cell.on_step(look)
+        try:
+            self.run_program(motion.program, self.exposure)
+        except _OtherStart:
+            return False
+        except BaseException:
+            self.hold()
+            raise
+        finally:
+            end()
+        return True
 
     def scan_line(
         self, world_from_sensor: ArrayLike, spacing: float, *, speed: float = 1.0, engine: Engine = "ray-traced"
