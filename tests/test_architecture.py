@@ -36,7 +36,7 @@ TIERS = [
     {"scanning"},
     {"evaluation"},
     {"output"},
-    {"results"},
+    {"results", "inspection"},
     {"calibration"},
     {"recorded"},
     {"scanner"},

@@ -7,7 +7,9 @@ from .api import calibrate as calibrate
 from .calibration.board.report import calibrate_from_images as calibrate_from_images
 from .api import calibrate_sensor as calibrate_sensor
 from .recorded.compare import compare as compare
+from .api import capability as capability
 from .api import evaluate as evaluate
+from .api import inspect as inspect
 from .output.extract_images import extract as extract
 from .api import layout as layout
 from .api import mesh as mesh
@@ -41,6 +43,10 @@ from .config.cell import LinkDescription as LinkDescription
 from .config.files import assets_dir as assets_dir
 from .calibration.cell.scan import CalibrationRequest as CalibrationRequest
 from .calibration.sensor.report import SensorCalibrationRequest as SensorCalibrationRequest
+
+from .config.inspection import InspectionDescription as InspectionDescription
+from .config.inspection import CharacteristicDescription as CharacteristicDescription
+from .config.inspection import DatumDescription as DatumDescription
 
 # Data
 from .geometry.mesh import Mesh as Mesh

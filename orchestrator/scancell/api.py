@@ -5,11 +5,14 @@ Parameters of the same name mean the same everywhere: `Scanner` and `Scanner.sca
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from inspect import Parameter, signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypedDict, TypeVar, Unpack
+
+import numpy as np
 
 from scancell.arguments import (
     Count,
@@ -37,13 +40,16 @@ from scancell.config.choices import (
     SensorTarget,
 )
 from scancell.config.files import Assignments, assignments
+from scancell.config.inspection import InspectionDescription
 from scancell.config.scan import ScanDescription
 from scancell.config.sensor import SensorDescription
 from scancell.config.study import CloudFormat
-from scancell.errors import DescriptionError, require
+from scancell.errors import DescriptionError, MeshError, require
+from scancell.geometry.cad import CadMesh
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import ShapeGroup
-from scancell.nominal.parts import load_artefact, load_part
+from scancell.nominal.parts import cad_part, load_artefact, load_part
+from scancell.output.run_folder import SavedResult
 from scancell.planning.layout import Layouts, Plans, Ranges, Samples
 from scancell.planning.plan import Plan
 from scancell.planning.setups import SetUps
@@ -59,8 +65,10 @@ from scancell.scanning.survey import SurveyResult
 if TYPE_CHECKING:
     from scancell.evaluation.artefact import ArtefactEvaluation
     from scancell.evaluation.mesh_evaluation import MeshEvaluation
+    from scancell.inspection.inspection import Inspection
     from scancell.studies.acceptance.report import AcceptanceReport
     from scancell.studies.batch import BatchResult
+    from scancell.studies.capability import Capability
     from scancell.studies.report import StudyReport
 
 P = ParamSpec("P")
@@ -174,11 +182,11 @@ def _single_call(method: Callable[..., object], options: type) -> Callable[[Call
     """Decorator: check the arguments; the signature shows the options, those of `Scanner` and its `method`."""
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
-        called, signature = checked_arguments(function), inspect.signature(function)
-        known = {**inspect.signature(Scanner).parameters, **inspect.signature(method).parameters}
-        own = list(signature.parameters.values())[:-1]
-        shown = [known[name].replace(kind=inspect.Parameter.KEYWORD_ONLY) for name in options.__annotations__]
-        called.__signature__ = signature.replace(parameters=[*own, *shown])  # type: ignore[attr-defined]
+        called, own_signature = checked_arguments(function), signature(function)
+        known = {**signature(Scanner).parameters, **signature(method).parameters}
+        own = list(own_signature.parameters.values())[:-1]
+        shown = [known[name].replace(kind=Parameter.KEYWORD_ONLY) for name in options.__annotations__]
+        called.__signature__ = own_signature.replace(parameters=[*own, *shown])  # type: ignore[attr-defined]
         return called
 
     return decorate
@@ -397,6 +405,75 @@ def evaluate(
 
 
 @checked_arguments
+def inspect(
+    cloud: str | Path | ScanResult | Cloud | Points,
+    part: str | Path | CadMesh,
+    characteristics: str | Path | InspectionDescription | None = None,
+    *,
+    align: Align = "best-fit",
+    capability: str | Path | SavedResult | None = None,
+    out: str | Path | None = None,
+    cloud_unit: LengthUnit | None = None,
+    threads: Threads = 0,
+) -> Inspection:
+    """Decide for each toleranced characteristic of a CAD part whether it conforms (ISO 14253-1).
+
+    Parameters
+    ----------
+    cloud
+        As of `evaluate`. The noise of its points is that of their changes from point to point and, in clouds of
+        scancell, from profile to profile.
+    part
+        CAD file, or such a part as `load_part` reads it.
+    characteristics
+        What is inspected: a description (TOML, docs/inspection.md); by default the annotations of the CAD file.
+    align
+        How points find their faces: by the best fit; or none, for points in the frame of the part.
+    capability
+        Result of `scancell.capability`, or its ``capability.json``: what the errors of the cell do to each
+        characteristic. Without it, uncertainties are those by noise.
+    out
+        Folder for ``inspection.json``, ``.csv`` and ``.html``.
+    cloud_unit, threads
+        As of `evaluate`.
+
+    Raises
+    ------
+    ScancellError
+        Naming what is wrong and what was expected.
+
+    Examples
+    --------
+    >>> part = scancell.load_part("block.step")  # doctest: +SKIP
+    >>> inspection = scancell.inspect("out/scan", part, "block.toml")  # doctest: +SKIP
+    >>> inspection.decisions[0].verdict  # doctest: +SKIP
+    'conforms'
+    """
+    from scancell.inspection.inspection import inspect_part, loaded_description  # noqa: PLC0415
+    from scancell.studies.capability import read_effects  # noqa: PLC0415
+
+    nominal = cad_part(part)
+    description, file, left = loaded_description(characteristics, nominal)
+    source = points_of(cloud, cloud_unit)
+    points = checked_value("cloud", source.points, Points)
+    if not len(points):
+        raise DescriptionError("cloud: holds no points; expected at least one")
+    profile = None
+    if not isinstance(cloud, np.ndarray):
+        with suppress(MeshError):  # clouds of other programs do not state it
+            own = cloud_of(cloud).profile
+            profile = own if len(own) == len(points) else None
+    effects = None if capability is None else read_effects(capability)
+    found = inspect_part(
+        nominal, points, description, profile=profile, align=align, effects=effects, source=file, threads=threads
+    )
+    found = replace(found, source=source.figures, warnings=(*source.warnings, *left, *found.warnings))
+    if out is not None:
+        found.save(out)
+    return found
+
+
+@checked_arguments
 def mesh(
     run: str | Path | ScanResult | Cloud,
     out: str | Path | None = None,
@@ -507,6 +584,72 @@ def acceptance(
     if out is not None:
         report.save(out)
     return report
+
+
+@checked_arguments
+def capability(
+    part: str | Path | CadMesh,
+    characteristics: str | Path | InspectionDescription | None = None,
+    *,
+    cell: str | Path | CellDescription | None = None,
+    sensor: str | Path | SensorDescription | None = None,
+    scan: str | Path | ScanDescription | None = None,
+    settings: Assignments = (),
+    factors: str | Path | None = None,
+    draws: Repeats = 20,
+    engine: Engine = "geometric",
+    as_built: Assignments = (),
+    seed: Seed = 0,
+    out: str | Path | None = None,
+    threads: Threads = 0,
+    progress: Progress | ProgressCallback | None = None,
+) -> Capability:
+    """Find which characteristics of a part a cell can decide, by simulated measurements (virtual instrument).
+
+    The other parameters are those of `Scanner`, `Scanner.scan` and `inspect`.
+
+    Parameters
+    ----------
+    factors
+        Study description (TOML) whose factors are drawn for each measurement: what is uncertain about the cell after
+        its calibration. Without it, noise alone counts.
+    draws
+        Number of simulated measurements.
+    out
+        Folder for ``capability.json``, which `inspect` takes, and ``capability.csv``.
+
+    Raises
+    ------
+    ScancellError
+        Naming what is wrong and what was expected.
+
+    Examples
+    --------
+    >>> capability = scancell.capability("block.step", "block.toml", draws=10)  # doctest: +SKIP
+    >>> capability.rows[0].answer  # doctest: +SKIP
+    'can be decided'
+    """
+    from scancell.inspection.inspection import loaded_description  # noqa: PLC0415
+    from scancell.studies.capability import run_capability  # noqa: PLC0415
+
+    nominal = cad_part(part)
+    description, file, _ = loaded_description(characteristics, nominal)
+    with Scanner(cell, sensor, scan, settings=settings, threads=threads) as scanner:
+        found = run_capability(
+            scanner,
+            nominal,
+            description,
+            factors=None if factors is None else Path(factors),
+            draws=draws,
+            seed=seed,
+            engine=engine,
+            as_built=assignments(as_built),
+            progress=as_progress(progress),
+            source=file,
+        )
+    if out is not None:
+        found.save(out)
+    return found
 
 
 @checked_arguments

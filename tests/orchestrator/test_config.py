@@ -346,7 +346,18 @@ def test_override_words_and_paths() -> None:
 
 def test_schemas_are_complete_and_strict() -> None:
     schemas = json_schemas()
-    assert set(schemas) == {"cell", "robot", "sensor", "scan", "path", "artefact", "study", "batch", "format"}
+    assert set(schemas) == {
+        "cell",
+        "robot",
+        "sensor",
+        "scan",
+        "path",
+        "artefact",
+        "study",
+        "batch",
+        "format",
+        "characteristics",
+    }
     assert set(schemas["scan"]["properties"]) == set(ScanDescription.model_fields)
     assert all(schema["additionalProperties"] is False for schema in schemas.values())
 

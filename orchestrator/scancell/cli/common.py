@@ -37,7 +37,16 @@ _RENAMED = {"is_size_known": "unknown_size"}
 
 GROUPS = {
     "Scan": ("scan", "shot", "plan", "place", "layout", "survey", "render", "rerun", "extract", "reconstruct"),
-    "Evaluate and calibrate": ("evaluate", "compare", "mesh", "calibrate", "acceptance"),
+    "Evaluate and calibrate": (
+        "evaluate",
+        "characteristics",
+        "inspect",
+        "capability",
+        "compare",
+        "mesh",
+        "calibrate",
+        "acceptance",
+    ),
     "Many scans": ("study", "batch"),
     "Robot cell": ("workspace", "run", "guard", "fmu", "ssp", "robot"),
     "Recorded runs": ("picture", "animate", "page", "export"),

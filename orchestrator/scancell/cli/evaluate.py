@@ -19,6 +19,7 @@ from scancell.cli.common import (
     OutOption,
     ScanOption,
     SeedOption,
+    SensorOption,
     SetOption,
     ThreadsOption,
     UnitOption,
@@ -36,6 +37,9 @@ _LARGE_MB = 20.0
 _View = Literal["cell", "part", "orbit", "sensor"]
 _Colour = Literal["deviation", "intensity"]
 
+_CharacteristicsOption = Annotated[
+    Path | None, "toleranced characteristics (TOML, docs/inspection.md); default: those of the CAD file"
+]
 _Run = Annotated[Path, "run folder of a scan or robot program"]
 _ViewOption = Annotated[_View, "whole cell, part, once around the cell, or following the sensor"]
 _SizeOption = Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="size in pixels")]
@@ -73,6 +77,105 @@ def evaluate(
     kind = found.source["format"]
     lines = [f"{cloud} ({kind}): {len(found.distance)} points", found.summary()]
     return Outcome(lines, found.figures, files, list(found.warnings))
+
+
+@command("characteristics")
+def characteristics(
+    part: Annotated[Path, "CAD file (STEP, IGES, BREP)"],
+    out: Annotated[
+        Path | None, typer.Option(help="file for the characteristics that the CAD file states (TOML)")
+    ] = None,
+) -> Outcome:
+    """List the faces of a CAD part, and the tolerances that its file states, as a description for `inspect`."""
+    from scancell.config.files import toml_text  # noqa: PLC0415
+    from scancell.files import atomic_write  # noqa: PLC0415
+    from scancell.inspection.annotations import annotated, face_rows  # noqa: PLC0415
+    from scancell.nominal.parts import cad_part  # noqa: PLC0415
+
+    nominal = cad_part(part)
+    described, left = annotated(nominal)
+    rows = face_rows(nominal)
+    lines = [f"{part}: {len(rows)} faces, {len(nominal.annotations)} annotations", *map(_face_text, rows)]
+    plain = {} if described is None else described.model_dump(mode="json", exclude_defaults=True)
+    if described is not None and out is None:
+        lines += ["", toml_text(plain).rstrip()]
+    if described is not None and out is not None:
+        with atomic_write(out) as temporary:
+            temporary.write_text(toml_text(plain), encoding="utf-8")
+        lines.append(f"  characteristics  {out}")
+    figures = {"faces": rows, "characteristics": plain}
+    files = [] if out is None or described is None else [str(out)]
+    notes = [f"not inspected: {text}" for text in left]
+    if described is None and not left:
+        notes.append(f"{part}: states no tolerances; docs/inspection.md shows how to describe them")
+    return Outcome(lines, figures, files, [*nominal.warnings, *notes])
+
+
+def _face_text(row: dict[str, Any]) -> str:
+    at = ", ".join(f"{value:.2f}" for value in row["centre_mm"])
+    size = f" radius {row['radius_mm']:g} mm" if row["radius_mm"] else ""
+    return f"  {row['number']:4d}  {row['kind']:10} {row['label']:16} centre ({at}) mm{size}"
+
+
+@command("inspect")
+def inspect(
+    cloud: Annotated[Path, "point cloud or run folder, as for evaluate"],
+    part: Annotated[Path, "nominal part: CAD file (STEP, IGES, BREP)"],
+    characteristics: _CharacteristicsOption = None,
+    capability: Annotated[
+        Path | None, "capability.json of this cell and part: uncertainty by errors of the cell"
+    ] = None,
+    align: Annotated[Literal["best-fit", "none"], "how points find their faces"] = "best-fit",
+    out: OutOption = Path("out/inspect"),
+    cloud_unit: CloudUnitOption = None,
+    threads: ThreadsOption = 0,
+) -> Outcome:
+    """Decide for each toleranced characteristic of a CAD part whether it conforms, with its uncertainty (ISO 14253-1).
+
+    Writes inspection.json, inspection.csv, and a report as one HTML page.
+    """
+    found = scancell.inspect(
+        cloud,
+        part,
+        characteristics,
+        align=align,
+        capability=capability,
+        out=out,
+        cloud_unit=cloud_unit,
+        threads=threads,
+    )
+    files = [str(out / f"inspection.{suffix}") for suffix in ("json", "csv", "html")]
+    return Outcome([found.summary(), f"  report     {files[-1]}"], found.figures, files, list(found.warnings))
+
+
+@dataclass(frozen=True)
+class CapabilityOptions(Options):
+    """Options of `scancell.capability`."""
+
+    characteristics: _CharacteristicsOption = None
+    factors: Annotated[Path | None, "study (TOML) whose factors are drawn for each measurement"] = None
+    draws: Annotated[int, typer.Option(min=1, max=10_000, help="simulated measurements")] = 20
+    cell: CellOption = None
+    sensor: SensorOption = None
+    scan: ScanOption = None
+    engine: EngineOption = "geometric"
+    settings: SetOption = None
+    as_built: AsBuiltOption = None
+    seed: SeedOption = 0
+    threads: ThreadsOption = 0
+
+
+@command("capability", CapabilityOptions)
+def capability(
+    part: Annotated[Path, "CAD file (STEP, IGES, BREP)"],
+    options: CapabilityOptions,
+    out: OutOption = Path("out/capability"),
+) -> Outcome:
+    """Find which characteristics of a CAD part a cell can decide, by simulated measurements before any real one."""
+    with show_progress(options.as_json) as progress:
+        found = scancell.capability(part, **options.given, out=out, progress=progress)
+    files = [str(out / f"capability.{suffix}") for suffix in ("json", "csv")]
+    return Outcome([found.summary(), f"  results    {out}"], found.figures, files)
 
 
 @command("mesh")

@@ -7,6 +7,7 @@ from typing import Any
 from scancell.config.artefact import ArtefactDescription
 from scancell.config.cell import CellDescription
 from scancell.config.description import Description
+from scancell.config.inspection import InspectionDescription
 from scancell.config.robot import RobotDescription
 from scancell.config.scan import PathDescription, ScanDescription
 from scancell.config.sensor import SensorDescription
@@ -20,6 +21,7 @@ _MODELS: dict[str, type[Description]] = {
     "scan": ScanDescription,
     "path": PathDescription,
     "artefact": ArtefactDescription,
+    "characteristics": InspectionDescription,
     "batch": BatchDescription,
     "study": StudyDescription,
     "format": FormatFileDescription,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal, Self, TypeVar
+from typing import ClassVar, Literal, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -236,7 +236,18 @@ def _unit(vector: Array) -> Array:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
+class Adjustable(Protocol):
+    """What fits adjust to points: an `Element`, or a nominal surface with some of its motions."""
+
+    def linearised(self, points: Array) -> tuple[Array, Array]:
+        """Distances of points (n, 3), and their derivatives by the step."""
+
+    def moved(self, step: Array) -> Self:
+        """The same after a step."""
+
+
 E = TypeVar("E", bound=Element)
+Z = TypeVar("Z", bound=Adjustable)
 
 _ITERATIONS = 500
 _ROUNDING = 1e-15  # of the extent of the points: steps that move the surface less change nothing
@@ -246,33 +257,48 @@ _WORKING_SET = 400  # points of the first linear program of a step
 _TRUST = 0.1  # first limit of a step, of the extent
 
 
-def least_squares(element: E, points: Array, iterations: int = _ITERATIONS) -> E:
+def least_squares(element: Z, points: Array, iterations: int = _ITERATIONS) -> Z:
     """Element with the least sum of squared distances from points (n, 3) of extent about 1."""
 
-    def linearised(at: E) -> tuple[LinearResiduals, Callable[[Array], E]]:
+    def linearised(at: Z) -> tuple[LinearResiduals, Callable[[Array], Z]]:
         return LinearResiduals(*at.linearised(points)), at.moved
 
     return minimise(linearised, element, iterations, settled=len(points) * _ROUNDING**2)[0]
 
 
-def minimum_zone(element: E, points: Array) -> E:
+def minimum_zone(element: Z, points: Array, sides: tuple[int, ...] = (1, -1), limit: float = _TRUST) -> Z:
     """Element with the least largest distance from points (n, 3) of extent about 1, from one that is near.
 
     Successive linear programs: the distances are linearised, the largest is minimised within a limit of the step,
     and the limit adapts to how well the prediction holds (Anthony, Anthony, Cox and Forbes, "Chebyshev reference
     software for the evaluation of coordinate measuring machine data", 1993).
+
+    Parameters
+    ----------
+    sides
+        1 and -1: the largest absolute distance; 1 alone: the largest, for circumscribed elements; -1 alone: that of the
+        other sign, for inscribed ones.
+    limit
+        First limit of the step.
     """
+
+    def largest(residual: Array) -> float:
+        return max(float((side * residual).max()) for side in sides)
+
     residual, jacobian = element.linearised(points)
-    zone, limit = float(np.abs(residual).max()), _TRUST
+    zone = largest(residual)
     for _ in range(_ZONE_ITERATIONS):
-        if zone < _ROUNDING:
+        middle = 0.0 if len(sides) > 1 else float(residual.mean())
+        scale = float(np.abs(residual - middle).max())
+        if scale < _ROUNDING:
             break
-        step, predicted = _chebyshev_step(residual, jacobian, zone, limit)
+        step, predicted = _chebyshev_step(residual - middle, jacobian, scale, limit, sides)
+        predicted += sides[0] * middle
         moved = element.moved(step)
         new_residual, new_jacobian = moved.linearised(points)
-        new_zone = float(np.abs(new_residual).max())
+        new_zone = largest(new_residual)
         gain, promised = zone - new_zone, zone - predicted
-        if promised <= _ZONE_PRECISION * zone:
+        if promised <= _ZONE_PRECISION * scale:
             break
         limit *= 2.0 if gain > 0.75 * promised else 0.25 if gain < 0.25 * promised else 1.0
         if gain > 0:
@@ -282,7 +308,9 @@ def minimum_zone(element: E, points: Array) -> E:
     return element
 
 
-def _chebyshev_step(residual: Array, jacobian: Array, zone: float, limit: float) -> tuple[Array, float]:
+def _chebyshev_step(
+    residual: Array, jacobian: Array, zone: float, limit: float, sides: tuple[int, ...]
+) -> tuple[Array, float]:
     """Step (k,) that minimises the largest linearised distance, and that distance.
 
     The linear program holds few of the points; those that its solution violates are added until there is none.
@@ -291,17 +319,20 @@ def _chebyshev_step(residual: Array, jacobian: Array, zone: float, limit: float)
 
     size = jacobian.shape[1]
     scaled = residual / zone
-    chosen = np.argsort(-np.abs(scaled), kind="stable")[:_WORKING_SET]
+    rank = np.abs(scaled) if len(sides) > 1 else sides[0] * scaled
+    chosen = np.argsort(-rank, kind="stable")[:_WORKING_SET]
     goal = np.append(np.zeros(size), 1.0)
-    bounds = [(-limit / zone, limit / zone)] * size + [(0.0, None)]
+    bounds = [(-limit / zone, limit / zone)] * size + [(0.0 if len(sides) > 1 else None, None)]
     options = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
     while True:
         rows, right, one = jacobian[chosen], scaled[chosen], np.ones((len(chosen), 1))
-        matrix = np.concatenate([np.hstack([rows, -one]), np.hstack([-rows, -one])])
-        found = linprog(goal, matrix, np.concatenate([-right, right]), bounds=bounds, method="highs", options=options)
+        matrix = np.concatenate([np.hstack([side * rows, -one]) for side in sides])
+        bound = np.concatenate([-side * right for side in sides])
+        found = linprog(goal, matrix, bound, bounds=bounds, method="highs", options=options)
         if found.x is None:
-            return np.zeros(size), zone
-        distance = np.abs(scaled + jacobian @ found.x[:-1])
+            return np.zeros(size), zone * max(float((side * scaled).max()) for side in sides)
+        linear = scaled + jacobian @ found.x[:-1]
+        distance = np.max([side * linear for side in sides], axis=0)
         outside = np.flatnonzero(distance > found.x[-1] + 1e-9)
         missing = np.setdiff1d(outside, chosen)
         if len(missing) == 0:
@@ -637,7 +668,7 @@ def _fitted(
 ) -> tuple[E, Array, Array]:
     """Element, its residuals and the covariance; the points must span this number of `dimensions`."""
     given = np.asarray(points, float)
-    kind = start.__name__
+    kind = start.__name__.removeprefix("start_")
     if given.ndim != 2 or given.shape[1] != 3 or not np.isfinite(given).all():
         raise FitError(f"fit of a {kind}: shape {given.shape}", expected="finite points of shape (n, 3)")
     if len(given) < dimensions + 1:

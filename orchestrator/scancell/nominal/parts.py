@@ -30,6 +30,7 @@ from scancell.config.robot import InertiaDescription
 from scancell.errors import CellError, MeshError
 from scancell.files import CAD_FORMATS, file_state, require_file, split_solids
 from scancell.geometry import pose
+from scancell.geometry.cad import CadMesh
 from scancell.geometry.mesh import (
     FORMATS,
     METRES_PER_UNIT,
@@ -273,6 +274,21 @@ def load_part(path: str | Path, unit: str = "mm") -> Mesh:
     if unit not in METRES_PER_UNIT:
         raise MeshError(key="unit", value=unit, expected=f"one of {', '.join(METRES_PER_UNIT)}")
     return load_artefact(path).mesh()
+
+
+def cad_part(part: str | Path | Mesh) -> CadMesh:
+    """A CAD part, or that of a file.
+
+    Raises `MeshError` if it is missing, broken, or not from a CAD file.
+    """
+    found = part.usable if isinstance(part, Mesh) else load_part(part)
+    if not isinstance(found, CadMesh):
+        raise MeshError(
+            "has no CAD faces",
+            file=found.source,
+            expected=f"a CAD file ({', '.join(CAD_FORMATS)}), whose faces are exact",
+        )
+    return found
 
 
 @checked_arguments

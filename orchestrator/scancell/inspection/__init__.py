@@ -1,0 +1,1 @@
+"""Inspection of CAD parts: features, datums, characteristics, uncertainty and decisions."""
