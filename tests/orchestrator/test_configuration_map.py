@@ -20,6 +20,7 @@ from scancell.planning.path_map.configuration_map import (
     StaticConstraints,
     singularity_distance,
 )
+from scancell.planning.path_map.numbered_branches import NumberedBranches
 from scancell.planning.views.views import sweep_pose
 
 PERIOD = 0.05
@@ -164,3 +165,49 @@ def test_cells_evaluated_on_demand_are_those_of_the_whole_map(cell: PlanningCell
     known = np.isfinite(lazy.quality)
     assert known.sum() == lazy.evaluated <= 100
     np.testing.assert_allclose(lazy.quality[known], a_map_all(cell)[known], rtol=0, atol=1e-6)
+
+
+def numbered(cell: PlanningCell, columns: int = 8, rows: int = 120) -> tuple[NumberedBranches, np.ndarray]:
+    """Branches along a part of the circle, found by small steps, and the poses (columns, rows, 4, 4) of the map."""
+    path = circle(6 * columns)[:columns]
+    turns = pose.from_rotation(pose.rotation_about(2, np.arange(rows) * 2 * np.pi / rows))
+    targets = turns @ path[:, None]
+    return NumberedBranches(cell, lambda column, row: targets[column, row], np.ones(rows, bool), columns), targets
+
+
+def test_branches_found_by_small_steps_are_those_of_the_closed_form(cell: PlanningCell) -> None:
+    branches, targets = numbered(cell)
+    named = cell.ik(targets.reshape(-1, 4, 4)).reshape(*targets.shape[:2], 8, 6)
+    names = set()
+    for number in range(8):
+        q = branches[number]
+        if q is None:
+            break
+        cells = np.isfinite(q[..., 0])
+        assert cells.any(1).all()  # it reaches every pose of the path
+        with np.errstate(invalid="ignore"):
+            same = np.abs(np.remainder(named - q[:, :, None] + np.pi, 2 * np.pi) - np.pi).max(-1) < 1e-6
+        (name,) = {int(one) for one in same[cells].argmax(-1)}
+        assert same[cells].any(-1).all()
+        # One joint configuration may be several regions of the map.
+        names.add(name)
+        assert np.abs(np.diff(q, axis=0)[cells[1:] & cells[:-1]]).max() < 0.2
+    reached = {int(b) for b in range(8) if np.isfinite(named[:, :, b, 0]).any(1).all()}
+    assert names == reached
+    assert branches[8 * 3] is None
+
+
+def test_joints_between_the_cells_of_a_numbered_branch_reach_the_pose(cell: PlanningCell) -> None:
+    branches, targets = numbered(cell)
+    q, rng = branches[0], np.random.default_rng(1)
+    assert q is not None
+    column, row = np.argwhere(np.isfinite(q[:-1, :, 0])).T
+    some = rng.choice(len(column), 50)
+    at, beside = column[some] + rng.uniform(-0.4, 0.4, 50), row[some] + rng.uniform(-0.4, 0.4, 50)
+    turn = pose.from_rotation(pose.rotation_about(2, beside * 2 * np.pi / targets.shape[1]))
+    wanted = turn @ targets[column[some], 0]
+    found = branches.near(0, at, beside, wanted)
+    met = np.isfinite(found[:, 0])
+    assert met.mean() > 0.9  # others are beyond the limits of joints
+    assert np.abs(cell.support_from_sensor(found[met]) - wanted[met]).max() < 1e-9
+    assert np.isnan(branches.near(99, at, beside, wanted)).all()

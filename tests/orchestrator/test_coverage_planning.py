@@ -19,6 +19,7 @@ from scancell.errors import DescriptionError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, load_mesh
 from scancell.nominal.cell import nominal_cell
+from scancell.nominal.parts import load_part
 from scancell.planning.model import PlanningCell, Work
 from scancell.planning.options import ScanOptions, scan_options
 from scancell.planning.views.coverage import (
@@ -31,7 +32,8 @@ from scancell.planning.views.coverage import (
     _least_time,
     legs,
 )
-from scancell.planning.views.views import Pass, sample_part, sweep_pose
+from scancell.planning.views.views import Pass, Shift, Sweep, Turn, sample_part, sweep_pose
+from scancell.scanner import Scanner
 from scancell.scanning.world import make_sensor
 from scancell.visibility import MeasurableSurface, measurable_surface
 
@@ -222,3 +224,62 @@ def test_part_without_measurable_surface_is_refused() -> None:
 def test_coverage_without_any_kind_of_view_is_refused() -> None:
     with pytest.raises(DescriptionError, match="enable sweep or raster"):
         options_of("scan.sweep.enabled=false", "scan.raster.enabled=false", "scan.path=[]")
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_sheet_of_a_sensor_in_any_pose_passes_over_the_points_at_their_crossings(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-0.05, 0.05, (200, 3))
+    at = pose.from_euler_xyz(rng.uniform(-0.1, 0.1, 3), rng.uniform(-np.pi, np.pi, 3))
+    end = pose.translation(rng.uniform(-0.1, 0.1, 3)) @ at
+    for view in (Turn(at), Shift(at, end)):
+        crossings = view.crossings(points)
+        for way in crossings:
+            met = np.isfinite(way[:, 0, 3])
+            across = pose.transform_each(pose.inverse(way[met]), points[met])[:, 0]
+            assert np.abs(across).max(initial=0.0) < 1e-12
+            if isinstance(view, Turn):  # the same sensor at another angle of the table
+                assert way[met, 2] == pytest.approx(np.broadcast_to(at[2], (met.sum(), 4)))
+        # What is not met lies on one side of the sheet at both ends, or nearer to the axis than the sheet.
+        if isinstance(view, Shift):
+            sides = [pose.transform_points(pose.inverse(one), points)[:, 0] > 0 for one in (at, end)]
+            assert np.array_equal(np.isfinite(crossings[0, :, 0, 3]), sides[0] != sides[1])
+        else:
+            turned = [points @ pose.rotation_about(2, a).T for a in np.linspace(0, 2 * np.pi, 721)]
+            sides = np.array([pose.transform_points(pose.inverse(at), one)[:, 0] > 0 for one in turned])
+            changes = (sides[1:] != sides[:-1]).any(0)
+            assert (np.isfinite(crossings[..., 0, 3]).all(0) == changes).mean() > 0.98
+
+
+def test_sensor_at_the_place_of_the_main_one_sees_what_that_one_sees() -> None:
+    twin = {"name": "twin", "moves_with": "link[6]", "pose": {"z_mm": 80.0}}
+    setup = load_setup(load_setup().cell.replace({"further_sensor": [twin]}))
+    nominal = nominal_cell(setup.cell, load_part(assets_dir() / "parts/step_block.stl"))
+    sight = Sight(nominal, setup.sensor, lambda n, s: measurable_surface(n, s, 400), beside=[setup.sensor])
+    sweep = Sweep("sweep", sweep_pose(np.array([0.0, 0.0, 0.02]), np.radians(45.0), 0.1), np.zeros(3), 0.0)
+    above = pose.from_rotation(pose.rotation_about(0, np.pi), (0.0, 0.0, 0.11))
+    leg = Pass("leg", pose.translation((-0.03, 0.0, 0.0)) @ above, pose.translation((0.03, 0.0, 0.0)) @ above)
+    for view in (sweep, leg):
+        seen = sight.judge(view) == SEEN
+        assert 0 < seen.sum() < len(seen)
+        assert np.array_equal(sight.judge_beside(view) == SEEN, seen), view.name
+    without = Sight(nominal, setup.sensor, lambda n, s: measurable_surface(n, s, 400), beside=[None])
+    assert not (without.judge_beside(sweep) == SEEN).any()
+
+
+def test_surface_that_a_sensor_on_a_post_sees_in_a_sweep_is_measured_by_it() -> None:
+    settings = {"scan.max_profiles": 400, "scan.raster.enabled": False, "scan.sweep.elevations_deg": [45.0]}
+    part = assets_dir() / "parts/machined.stl"
+    with Scanner(assets_dir() / "cells/two_sensors.toml", settings=settings, ideal=True) as scanner:
+        result = scanner.scan(part, engine="geometric")
+        setup, nominal = scanner.setup, nominal_cell(scanner.setup.cell, load_part(part))
+    other = setup.seen_by(2).sensor
+    sight = Sight(nominal, setup.sensor, lambda n, s: measurable_surface(n, s, 800), beside=[other])
+    leg = pose.from_rotation(pose.rotation_about(0, np.pi), (0.0, 0.0, 0.11))
+    assert not (sight.judge_beside(Pass("leg", leg, pose.translation((0.03, 0.0, 0.0)) @ leg)) == SEEN).any()
+    judged = sight.judge_beside(Sweep("sweep", sweep_pose(np.zeros(3), 0.8, 0.1), np.zeros(3), 0.8))
+    cloud = pose.transform_points(nominal.table_from_part, result.cloud.points_in_part[result.cloud.sensor == 2])
+    away = cKDTree(cloud).query(sight.points)[0]
+    # Less than a millimetre from one profile to the next.
+    assert (away[judged == SEEN] < 1.5e-3).mean() > 0.97
+    assert (away[judged != SEEN] < 0.3e-3).mean() < 0.1

@@ -22,7 +22,8 @@ from scancell.errors import DescriptionError
 from scancell.nominal.cell import nominal_cell
 from scancell.planning.model import PlanningCell
 from scancell.planning.motion import trajectory
-from scancell.planning.path_map import configuration_map
+from scancell.planning.path_map import configuration_map, path_planner
+from scancell.planning.path_map.configuration_map import ConfigurationMap
 from scancell.planning.path_map.path_planner import PathPlanner, PlacedPath
 from scancell.planning.path_map.ray_shooting import best_motion
 from scancell.planning.views.sensor_paths import sensor_paths
@@ -47,7 +48,25 @@ def spiral(cell: PlanningCell) -> PlacedPath:
     return made
 
 
-def test_set_points_lead_the_sensor_along_the_path(cell: PlanningCell, spiral: PlacedPath) -> None:
+def offset_wrist() -> PlanningCell:
+    """An arm whose inverse kinematics is numerical."""
+    setup = load_setup(assets_dir() / "cells" / "offset_wrist.toml")
+    return PlanningCell(nominal_cell(setup.cell, block(0.05, 0.04, 0.03)), RANGE, CYCLE)
+
+
+@pytest.fixture(scope="module", params=["closed form", "numerical"])
+def followed(request: pytest.FixtureRequest) -> tuple[PlanningCell, PlacedPath]:
+    """The spiral by arms with named branches and without."""
+    if request.param == "closed form":
+        return request.getfixturevalue("cell"), request.getfixturevalue("spiral")
+    cell = offset_wrist()
+    made = placed(cell, PathDescription(speed_mm_s=100.0, spiral=SpiralDescription(turns=-0.5)))
+    assert isinstance(made, PlacedPath)
+    return cell, made
+
+
+def test_set_points_lead_the_sensor_along_the_path(followed: tuple[PlanningCell, PlacedPath]) -> None:
+    cell, spiral = followed
     placed = cell.nominal.tree.place(spiral.axes, ["table", "sensor"])
     table_from_sensor = np.linalg.inv(placed["table"]) @ placed["sensor"]
     np.testing.assert_allclose(
@@ -55,7 +74,8 @@ def test_set_points_lead_the_sensor_along_the_path(cell: PlanningCell, spiral: P
     )
 
 
-def test_all_axes_keep_their_limits_at_a_tenth_of_the_cycle(cell: PlanningCell, spiral: PlacedPath) -> None:
+def test_all_axes_keep_their_limits_at_a_tenth_of_the_cycle(followed: tuple[PlanningCell, PlacedPath]) -> None:
+    cell, spiral = followed
     fine = spiral.at(np.arange(-3 * CYCLE, spiral.run.duration + 3 * CYCLE, CYCLE / 10))
     assert np.ptp(fine[[0, 20]], axis=0).max() < 1e-12  # at rest before the start
     assert trajectory.limit_fractions(fine, cell.axis_limits, CYCLE / 10).max() <= 1.0
@@ -82,7 +102,8 @@ def fine_positions(made: PlacedPath) -> np.ndarray:
     return made.at(np.arange(-3 * CYCLE, made.run.duration + 3 * CYCLE, CYCLE / 10))
 
 
-def test_motion_is_near_the_optimum_with_few_cells_evaluated(spiral: PlacedPath) -> None:
+def test_motion_is_near_the_optimum_with_few_cells_evaluated(followed: tuple[PlanningCell, PlacedPath]) -> None:
+    _, spiral = followed
     map_ = spiral.lattice.map
     assert map_.evaluated < 0.12 * map_.quality.size
     best = best_motion(spiral.lattice)
@@ -91,8 +112,9 @@ def test_motion_is_near_the_optimum_with_few_cells_evaluated(spiral: PlacedPath)
     assert spiral.motion.cost < 1.1 * best.cost
 
 
-def test_an_independent_library_finds_no_collision(cell: PlanningCell, spiral: PlacedPath) -> None:
+def test_an_independent_library_finds_no_collision(followed: tuple[PlanningCell, PlacedPath]) -> None:
     """python-fcl at 300 poses along the path, all pairs of the scene."""
+    cell, spiral = followed
     setpoints = spiral.axes
     at = np.linspace(0, len(setpoints) - 1, 300)
     dense = np.stack([np.interp(at, np.arange(len(setpoints)), column) for column in setpoints.T], -1)
@@ -106,10 +128,26 @@ def test_a_path_beyond_the_arms_reach_is_refused_with_its_place(cell: PlanningCe
     assert made.startswith("far: at 0 % of the way the pose is out of the arm's reach at every table angle")
 
 
-def test_an_arm_without_named_branches_is_refused() -> None:
-    setup = load_setup(assets_dir() / "cells" / "offset_wrist.toml")
-    other = PlanningCell(nominal_cell(setup.cell, block(0.05, 0.04, 0.03)), RANGE, CYCLE)
-    assert "closed form" in str(placed(other, PathDescription(spiral=SpiralDescription())))
+def test_path_along_which_a_joint_would_jump_is_refused(cell: PlanningCell, monkeypatch: pytest.MonkeyPatch) -> None:
+    own = ConfigurationMap.joints_for
+
+    def jumping(map_: ConfigurationMap, time: np.ndarray, *others: object) -> np.ndarray:
+        q = own(map_, time, *others)
+        q[np.asarray(time) > 0.4 * map_.columns * 0.05, 5] += 0.3
+        return q
+
+    monkeypatch.setattr(ConfigurationMap, "joints_for", jumping)
+    monkeypatch.setattr(path_planner, "_SLOWER", (1.0,))
+    made = placed(cell, PathDescription(speed_mm_s=100.0, spiral=SpiralDescription(turns=-0.1)))
+    assert isinstance(made, str)
+    assert "joint 6 would jump" in made
+
+
+def test_path_beyond_the_reach_of_an_arm_without_closed_form_is_refused() -> None:
+    far = tuple(WaypointDescription(x_mm=x, y_mm=0.0, z_mm=1200.0) for x in (-20.0, 20.0))
+    made = placed(offset_wrist(), PathDescription(name="far", waypoint=far))
+    assert isinstance(made, str)
+    assert made.startswith("far: at 0 % of the way the pose is out of the arm's reach at every table angle")
 
 
 def test_a_path_through_the_table_is_refused_with_its_cause(cell: PlanningCell) -> None:

@@ -245,6 +245,22 @@ class Branches:
             whole[..., index] = np.where(np.isfinite(q[..., 0]), value, np.nan)
         return whole
 
+    def holds(self, q: Array) -> NDArray[np.bool_]:
+        """Whether the held joints of q (n, joints) are at their angles, (n,)."""
+        return np.asarray(np.isclose(q[:, [*self._held]], [*self._held.values()]).all(1))
+
+    def near(self, targets: Array, seeds: Array) -> Array:
+        """Joints (n, joints) of the whole chain for targets (n, 4, 4), each by Newton's method from a seed (n, joints).
+
+        NaN from seeds that are NaN or do not converge.
+        """
+        found, usable = np.full_like(seeds, np.nan), np.isfinite(seeds).all(-1)
+        own = seeds[usable].copy()
+        ends = targets[usable] @ self._flange_from_end
+        own[:, self._free] = inverse_kinematics.refine(self._chain, ends, own[:, self._free], iterations=12)
+        found[usable] = np.where(np.isfinite(own).all(-1, keepdims=True), own, np.nan)
+        return found
+
     def distance_outside_reach(self, targets: Array) -> Array:
         if self.dimensions is None:
             return np.full(len(targets), np.nan)
@@ -489,6 +505,19 @@ class Arm(Chain):
             rows = slice(start, start + _BLOCK)
             q[rows] = self._chosen(q[rows], None if reference is None else reference[rows], filtered)
         return q
+
+    def near(self, world_from_flange: ArrayLike, seeds: Array, reference: Array | None = None) -> Array:
+        """Joint angles (n, joints), rad, for targets (n, 4, 4) by Newton's method from seeds (n, joints) close to them.
+
+        NaN without convergence or outside the limits; held joints stay. `reference` is as of `ik`.
+        """
+        targets = np.asarray(world_from_flange, float)
+        found = np.full_like(seeds, np.nan)
+        for part in self._parts:
+            own = part.holds(seeds)
+            found[own] = part.near(targets[own], seeds[own])
+        near = None if reference is None else np.broadcast_to(reference, found.shape)
+        return self._chosen(found, near, filtered=True)
 
     def _chosen(self, q: Array, reference: Array | None, filtered: bool) -> Array:
         """Solutions (..., joints) in the turn to choose, NaN outside the limits if `filtered`."""

@@ -378,6 +378,11 @@ class PlanningCell:
             found.append(self.nominal.arm.ik_along(targets[rows], None if near is None else near[rows], on_step=step))
         return np.concatenate(found)
 
+    def near(self, table_from_sensor: Array, seeds: Array, reference: Array | None = None) -> Array:
+        """Joints (n, joints), rad, for sensor poses (n, 4, 4) from seeds (n, joints), see `ik` and `Arm.near`."""
+        self.work.spend(NUMERICAL_STEP + NUMERICAL_ROW * len(seeds))
+        return self.nominal.arm.near(self.world_from_flange(table_from_sensor), seeds, reference)
+
     def _blocks(self, count: int) -> list[slice]:
         """Rows of inverse kinematics between two looks at the work."""
         size = _NUMERICAL_BLOCK if self._is_numerical else _BLOCK

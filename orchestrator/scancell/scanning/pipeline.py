@@ -228,23 +228,27 @@ class ScanPipeline(Closing):
         if setup.scan.belt is not None:
             cell = replace(cell, nominal=with_passing_part(cell.nominal, setup.scan.belt, cell.cycle))
         cell.nominal.require_scanned()
-        nominal, further = cell.nominal, tuple(axis.start for axis in world.nominal.further_axes)
+        nominal, at_start = cell.nominal, tuple(axis.start for axis in world.nominal.further_axes)
         _require_fixed_parts(setup, nominal)
-        if saved is not None and saved.program.further != further:
+        if saved is not None and saved.program.further != at_start:
             raise DescriptionError(
                 file=saved.source or None,
                 key="further",
                 value=list(saved.program.further),
-                expected=f"{list(further)}, where the further axes of the cell start",
+                expected=f"{list(at_start)}, where the further axes of the cell start",
             )
-        sight = Sight(nominal.with_axes_held(), setup.sensor, partial(self._measurable, work), self.threads, work)
+        further = setup.cell.further_sensor
+        beside = [(one.sensor or setup.sensor) if one.every == 1 else None for one in further]
+        find = partial(self._measurable, work)
+        sight = Sight(nominal.with_axes_held(), setup.sensor, find, self.threads, work, beside=beside)
         # Only what this plan depends on: a study of other values plans once.
         described: list[Any] = [
             setup.scan.model_dump_json(),
             options.spacing,
             [path.pitch_mm for path in options.scan.path],
         ]
-        described += [setup.sensor.model_dump_json()] if setup.scan.coverage.enabled else []
+        if setup.scan.coverage.enabled:
+            described += [setup.sensor.model_dump_json(), *(one.model_dump_json() for one in further)]
         described += [setup.cell.model_dump_json()] if is_dynamic else []
         key = _digest([_without_optics(nominal), cell.range, cell.cycle, *described])
         key += "" if saved is None else _digest([saved.program])

@@ -18,6 +18,7 @@ from scancell.geometry import pose
 from scancell.geometry.arm import Arm
 from scancell.nominal.cell import NominalCell
 from scancell.planning.model import CELL, QUERY, PlanningCell, out_of_reach
+from scancell.planning.path_map.numbered_branches import NumberedBranches
 from scancell.proximity.scene import Clash, ProximityScene
 
 
@@ -182,19 +183,21 @@ class ConfigurationMap:
     Parameters
     ----------
     cell
-        Nominal cell; its arm must have named branches.
+        Nominal cell.
     table_from_sensor
         (n, 4, 4) poses of the sensor along the path, in the frame of the table at angle 0, m.
     period
         Time between two poses, s.
     branch
-        Number of the arm branch.
+        Number of the arm branch: of those with names, or of `NumberedBranches`.
     rows
         Number of table angles in a turn.
     static
         Constraints.
     drive
         The axis whose positions are the rows, for which `rows` is their number in its span.
+    numbered
+        Branches without names of the same map, where they are known; default: to be found.
 
     Attributes
     ----------
@@ -217,6 +220,7 @@ class ConfigurationMap:
         rows: int,
         static: StaticConstraints,
         drive: Drive | None = None,
+        numbered: NumberedBranches | None = None,
     ) -> None:
         self._cell, self._static, self._branch = cell, static, branch
         self.drive = drive or Drive()
@@ -227,6 +231,9 @@ class ConfigurationMap:
         self.cause = np.zeros(shape, np.int8)
         self.lowest_rate = np.full(shape, np.inf, np.float32)
         self.highest_rate = np.full(shape, -np.inf, np.float32)
+        if numbered is None and not cell.nominal.arm.has_named_branches:
+            numbered = NumberedBranches(cell, self._targets_of_rows, self.within(np.arange(rows)), len(self._path))
+        self._numbered = numbered
         self._with_table, self._elsewhere = _split(cell, static)
         self._clearance_of_column = np.full(len(self._path), np.nan)
 
@@ -237,7 +244,13 @@ class ConfigurationMap:
 
     def of_branch(self, branch: int) -> ConfigurationMap:
         """The map of the same path for another branch, not evaluated."""
-        return ConfigurationMap(self._cell, self._path, self._period, branch, self.rows, self._static, self.drive)
+        own = self._path, self._period, branch, self.rows, self._static, self.drive, self._numbered
+        return ConfigurationMap(self._cell, *own)
+
+    @property
+    def is_found(self) -> bool:
+        """Whether the arm has the branch; of those with names it may have all."""
+        return self._numbered is None or self._numbered[self._branch] is not None
 
     @property
     def columns(self) -> int:
@@ -281,7 +294,21 @@ class ConfigurationMap:
 
     def joints(self, column: ArrayLike, angle: ArrayLike) -> Array:
         """Joints (k, joints), rad, at columns (k,) and table angles (k,); NaN outside reach or limits."""
-        return self._cell.ik(self._targets(np.asarray(column), np.asarray(angle)))[:, self._branch]
+        column, angle = np.asarray(column), np.asarray(angle, float)
+        return self.joints_for(self._period * column, angle, self._targets(column, angle))
+
+    def joints_for(self, time: Array, angle: Array, targets: Array, reference: Array | None = None) -> Array:
+        """Joints (k, joints), rad, of the branch for sensor poses (k, 4, 4) in the frame of the table at angle 0.
+
+        At times (k,) from the first pose, s, and table angles (k,); `reference` is as of `PlanningCell.ik`.
+        """
+        if self._numbered is None:
+            return self._cell.ik(targets, reference)[:, self._branch]
+        row = (angle - self.drive.low) * (self.rows / self.drive.span)
+        return self._numbered.near(self._branch, np.asarray(time) / self._period, row, targets, reference)
+
+    def _targets_of_rows(self, column: Indices, row: Indices) -> Array:
+        return self._targets(column, self.angle(row))
 
     def _targets(self, column: Indices, angle: Array) -> Array:
         nominal = self._cell.nominal
@@ -311,7 +338,11 @@ class ConfigurationMap:
         if not self.within(row):
             return f"the axis {self.drive.name} is beyond its limits"
         targets = self._targets(np.array([column]), self.angle([row]))
-        return out_of_reach(self._cell, targets, slice(self._branch, self._branch + 1))
+        if self._numbered is None:
+            return out_of_reach(self._cell, targets, slice(self._branch, self._branch + 1))
+        if np.isfinite(self._cell.ik(targets)).all(-1).any():
+            return f"the arm reaches it in other branches than {self._cell.nominal.arm.branch_names[self._branch]}"
+        return out_of_reach(self._cell, targets)
 
     def _evaluate(self, column: Indices, row: Indices) -> None:
         angle = self.angle(row)

@@ -14,7 +14,7 @@ from scancell.config.scan import QualityDescription
 from scancell.errors import DescriptionError, PlanningError
 from scancell.planning.model import PATH_POSE, PlanningCell, WorkLimitError, describe
 from scancell.planning.motion import trajectory
-from scancell.planning.motion.trajectory import slowdown
+from scancell.planning.motion.trajectory import axis_name, slowdown
 from scancell.planning.options import by_pair
 from scancell.planning.path_map import configuration_map
 from scancell.planning.path_map.configuration_map import ConfigurationMap, Drive, QualityFactor, StaticConstraints
@@ -35,6 +35,7 @@ _SLOWER = (1.0, 0.5, 0.25)  # shares of the speed that are tried
 _PROBES = 24  # columns and rows at which a branch is tried before its map is
 _MOST_HELD = 12  # table angles at which the motion of another axis is looked for
 _ROUNDS = 3  # in which two axes are improved in turns
+_ROUNDING = 1e-6  # of a step between set-points
 _LEAST_GAIN = 0.01  # of the cost, below which the turns end
 
 
@@ -120,8 +121,6 @@ class PathPlanner:
 
         Raises `DescriptionError` if its quality names a body that the cell does not have, or another number of joints.
         """
-        if not self._cell.nominal.arm.has_named_branches:
-            return f"{path.name}: paths need an arm whose branches have names, that is a closed form"
         found: list[tuple[float, PlacedPath]] = []
         reason = ""
         shortest = self._timing(path, path.speed).run.duration
@@ -184,7 +183,9 @@ class PathPlanner:
             for moving, still in ((axis, "table"), ("table", axis)):
                 others, window = self._along(best)
                 drive = self._drive(moving, others, timing, window, efforts[still])
-                placed = self._placed_at(path, timing, drive, [best.lattice.map.branch])
+                # Numbers of branches without names are those of one map.
+                is_named = self._cell.nominal.arm.has_named_branches
+                placed = self._placed_at(path, timing, drive, [best.lattice.map.branch] if is_named else None)
                 if isinstance(placed, PlacedPath) and placed.cost < best.cost:
                     best, efforts[moving] = placed, placed.lattice.effort(placed.motion)
             if best.cost > (1 - _LEAST_GAIN) * before:
@@ -259,8 +260,8 @@ class PathPlanner:
         static, nominal, drive = self._static(path.quality), self._cell.nominal, drive or Drive()
         number = nominal.axes.index(drive.name)
         speed, acceleration = nominal.axis_max_speed[number], nominal.axis_max_acceleration[number]
-        for branch in [b for b, _ in self._branches(timing, drive)] if branches is None else branches:
-            map_ = ConfigurationMap(self._cell, timing.columns, timing.period, branch, _ROWS, static, drive)
+        first = ConfigurationMap(self._cell, timing.columns, timing.period, 0, _ROWS, static, drive)
+        for map_ in self._maps(timing, first) if branches is None else map(first.of_branch, branches):
             yield Lattice(
                 map_, _SAMPLES, timing.period, LIMIT_FRACTION * speed, LIMIT_FRACTION * acceleration, path.weights
             )
@@ -294,8 +295,25 @@ class PathPlanner:
         at = run.at(np.linspace(0.0, run.duration, columns))
         return _Timing(run, count, run.duration / (columns - 1), path.at(at))
 
+    def _maps(self, timing: _Timing, first: ConfigurationMap) -> Iterator[ConfigurationMap]:
+        """The maps of all branches that may follow a path."""
+        arm = self._cell.nominal.arm
+        if arm.has_named_branches:
+            yield from (first.of_branch(branch) for branch, _ in self._branches(timing, first.drive))
+            return
+        for branch in range(len(arm.branch_names)):
+            map_ = first.of_branch(branch)
+            if not map_.is_found:
+                return
+            yield map_
+
     def _branches(self, timing: _Timing, drive: Drive) -> list[tuple[int, float]]:
-        """Branches that reach every probed column at some position, by their mean joint range, which follows each."""
+        """Branches that reach every probed column at some position, by their mean joint range, which follows each.
+
+        Of branches without names the first: it is found on the map of the drive.
+        """
+        if not self._cell.nominal.arm.has_named_branches:
+            return [(0, 0.0)]
         columns = np.unique(np.linspace(0, len(timing.columns) - 1, _PROBES).astype(int))
         angle = _probed(drive)
         targets = np.stack([self._targets(timing, drive, column, angle) for column in columns])
@@ -324,7 +342,7 @@ class PathPlanner:
             others = drive.positions(nominal, time - run.rest, moving)
             self._cell.work.spend(PATH_POSE * len(moving))
             targets = drive.carried(nominal, others) @ path.at(run.at(time))
-            q = self._cell.ik(targets, reference)[:, lattice.map.branch]
+            q = lattice.map.joints_for(time - run.rest, moving, targets, reference)
             return np.column_stack([q, others])
 
         needed = slowdown(self._cell, positions, run.duration)
@@ -336,6 +354,10 @@ class PathPlanner:
             return positions(time / factor)
 
         setpoints = slow_positions(trajectory.cycle_times(slow.duration, cycle))
+        # A solution that jumps to another one does so at any speed.
+        jump = np.abs(np.diff(setpoints, axis=0)) / (cycle * nominal.axis_max_speed[: setpoints.shape[1]])
+        if jump.max(initial=0.0) > 1 + _ROUNDING:
+            return f"{axis_name(self._cell, int(jump.max(0).argmax()))} would jump"
         beyond = self._beyond_limits(setpoints)
         if beyond:
             return f"{beyond} would leave its limits"

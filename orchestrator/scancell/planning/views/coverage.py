@@ -2,6 +2,7 @@
 
 Candidates are sweeps of the table at many elevations and offsets, and straight legs in all directions over what is not
 seen yet. Each is scored by `Sight`: range, incidence, occlusion of the laser and of the cameras, of which one suffices.
+What further sensors see meanwhile counts, too.
 A candidate is chosen only if the arm can make it without collision and get there from its home position.
 
 The seen area is a submodular function of the set of views: a view adds less the more is seen already. Greedy choice
@@ -27,6 +28,7 @@ from scancell.config.description import si_value
 from scancell.config.sensor import SensorDescription
 from scancell.errors import PlanningError
 from scancell.geometry import pose
+from scancell.geometry.tree import WORLD
 from scancell.nominal.cell import NominalCell
 from scancell.planning.model import SIGHT, PlanningCell, Work, WorkLimitError
 from scancell.planning.motion import trajectory
@@ -34,7 +36,7 @@ from scancell.planning.motion.connection import Stand, Stands
 from scancell.planning.options import ScanOptions
 from scancell.planning.views.paths import sweeps, sweeps_beside_axis
 from scancell.planning.views.placement import PATH_ACCELERATION, Infeasible, Placed, sweep_run
-from scancell.planning.views.views import Pass, Surface, Sweep, View, exposure_counts
+from scancell.planning.views.views import Pass, Shift, Surface, Sweep, Turn, View, exposure_counts
 from scancell.values import Value
 from scancell.visibility import (
     ANGLE_STEP,
@@ -96,6 +98,8 @@ class Sight:
         Number of measurable samples that are judged at most.
     elsewhere
         The cell with these axes at other positions. What is measurable at any of them counts.
+    beside
+        The further sensors of the cell; None for one that does not expose at all triggers.
     """
 
     def __init__(
@@ -107,8 +111,9 @@ class Sight:
         work: Work | None = None,
         most_samples: int = _MOST_SAMPLES,
         elsewhere: Sequence[NominalCell] = (),
+        beside: Sequence[SensorDescription | None] = (),
     ) -> None:
-        self._most_samples, self._elsewhere = most_samples, elsewhere
+        self._most_samples, self._elsewhere, self._beside = most_samples, elsewhere, beside
         self._nominal, self._description, self._measurable = nominal, sensor, measurable
         self._threads, self._work = threads, work or Work()
 
@@ -129,7 +134,7 @@ class Sight:
     def with_axes_at(self, elsewhere: Sequence[NominalCell]) -> Sight:
         """The same with further axes at other positions, too."""
         cell, sensor, find = self._nominal, self._description, self._measurable
-        return Sight(cell, sensor, find, self._threads, self._work, self._most_samples, elsewhere)
+        return Sight(cell, sensor, find, self._threads, self._work, self._most_samples, elsewhere, self._beside)
 
     def poses_of(self, judged: Indices, each: int) -> Array:
         """Poses (k, 4, 4) that measure some of the judged samples (n,), at most `each` of each, see `SurfaceSearch`.
@@ -171,20 +176,75 @@ class Sight:
 
     def judge(self, view: View) -> Judgements:
         """(n,) result of each sample in the view: `SEEN`, or the last check that it passes at no crossing."""
+        return self._judge(view, self.optics)
+
+    def judge_beside(self, view: Sweep | Pass) -> Judgements:
+        """(n,) the same by the further sensors meanwhile.
+
+        Those that move as the sensor does, which may be rolled by half a turn: what they see either way counts. In
+        sweeps also those in the world, past which the table turns the part.
+        """
+        best = np.full(len(self.points), OUT_OF_RANGE, np.int8)
+        for optics, sensor_from_other in self._riding:
+            ways: list[Judgements] = []
+            for roll in (0.0, np.pi):
+                moved = pose.from_rotation(pose.rotation_about(2, roll)) @ sensor_from_other
+                along: Turn | Shift = (
+                    Turn(view.at_azimuth_zero @ moved)
+                    if isinstance(view, Sweep)
+                    else Shift(view.start @ moved, view.end @ moved)
+                )
+                ways.append(self._judge(along, optics))
+            best = np.maximum(best, np.minimum(*ways))
+        return np.maximum(best, self._past_others) if isinstance(view, Sweep) else best
+
+    @cached_property
+    def _riding(self) -> list[tuple[SensorOptics, Array]]:
+        """Optics of the further sensors that move as the sensor does, and their poses (4, 4) in its frame."""
+        tree, described = self._nominal.tree, zip(self._nominal.further_sensors, self._beside, strict=False)
+        moving, placed = tree.axes_of("sensor"), tree.place(self._nominal.start)
+        return [
+            (SensorOptics.of(sensor), pose.inverse(placed["sensor"]) @ placed[joint.frame])
+            for joint, sensor in described
+            if sensor is not None and tree.axes_of(joint.frame) == moving
+        ]
+
+    @cached_property
+    def _past_others(self) -> Judgements:
+        """(n,) what sensors in the world see of a part that the table turns, wherever further axes may rest."""
+        best = np.full(len(self.points), OUT_OF_RANGE, np.int8)
+        if self._nominal.support != "table" or not self._nominal.table_turns:
+            return best
+        for number, sensor in enumerate(self._beside):
+            if sensor is None or self._nominal.further_sensors[number].parent != WORLD:
+                continue
+            cells = (self._nominal, *self._elsewhere)
+            from_table = [
+                pose.inverse(one.world_from_table) @ one.further_sensors[number].parent_from_joint for one in cells
+            ]
+            if np.allclose(from_table, from_table[0], atol=1e-9):
+                best = np.maximum(best, self._judge(Turn(from_table[0]), SensorOptics.of(sensor)))
+        return best
+
+    def _judge(self, view: View | Turn | Shift, optics: SensorOptics) -> Judgements:
         best = np.full(len(self.points), OUT_OF_RANGE, np.int8)
         for table_from_sensor in view.crossings(self.points):
             rows = np.flatnonzero(np.isfinite(table_from_sensor[:, 0, 3]) & (best < SEEN))
-            best[rows] = np.maximum(best[rows], self.judge_at(table_from_sensor[rows], rows))
+            best[rows] = np.maximum(best[rows], self.judge_at(table_from_sensor[rows], rows, optics))
         return best
 
-    def judge_at(self, table_from_sensor: Array, rows: Indices) -> Judgements:
-        """(k,) the same for the samples `rows` (k,), each from a pose (k, 4, 4) with the sample in the laser sheet."""
+    def judge_at(self, table_from_sensor: Array, rows: Indices, optics: SensorOptics | None = None) -> Judgements:
+        """(k,) the same for the samples `rows` (k,), each from a pose (k, 4, 4) with the sample in the laser sheet.
+
+        `optics` are those of the sensor unless stated.
+        """
         self._work.spend(SIGHT * len(rows))
+        optics = optics or self.optics
         points, normals = self.points[rows], self.normals[rows]
         result = np.full(len(rows), OUT_OF_RANGE, np.int8)
-        in_view = self.optics.contains(pose.transform_each(pose.inverse(table_from_sensor), points))
-        optics = np.concatenate([[[0.0, 0.0, self.optics.source_z]], self.optics.cameras])
-        ends = np.einsum("nij,kj->nki", table_from_sensor[:, :3, :3], optics) + table_from_sensor[:, None, :3, 3]
+        in_view = optics.contains(pose.transform_each(pose.inverse(table_from_sensor), points))
+        places = np.concatenate([[[0.0, 0.0, optics.source_z]], optics.cameras])
+        ends = np.einsum("nij,kj->nki", table_from_sensor[:, :3, :3], places) + table_from_sensor[:, None, :3, 3]
         rays = ends - points[:, None]
         if not self._nominal.part.is_closed:
             normals = np.where((rays[:, 0] * normals).sum(-1, keepdims=True) < 0, -normals, normals)
@@ -461,6 +521,7 @@ class CoveragePlanner:
         self.covered = np.asarray(seen.any(0))
 
     def _add(self, view: Sweep | Pass, judged: Judgements) -> None:
+        judged = np.maximum(judged, self._sight.judge_beside(view))
         self._best = np.maximum(self._best, judged)
         if (judged == SEEN).any():
             self._pool.add(view, judged, self._time(view))

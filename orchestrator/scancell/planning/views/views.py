@@ -219,6 +219,42 @@ class Pass:
         return float(np.linalg.norm(self.end[:3, 3] - self.start[:3, 3]))
 
 
+@dataclass(frozen=True)
+class Turn:
+    """A full turn of the table past a sensor in any pose.
+
+    `table_from_sensor` (4, 4) is its pose at one angle of the table, m.
+    """
+
+    table_from_sensor: Array
+
+    def crossings(self, points: Array) -> Array:
+        """``table_from_sensor`` (2, n, 4, 4) at both crossings of the sheet, see `View`."""
+        normal, origin = self.table_from_sensor[:3, 0], self.table_from_sensor[:3, 3]
+        radius = np.hypot(points[:, 0], points[:, 1]) * np.hypot(normal[0], normal[1])
+        with np.errstate(invalid="ignore", divide="ignore"):
+            near = np.arccos((normal @ origin - points[:, 2] * normal[2]) / radius)
+        azimuth = np.arctan2(points[:, 1], points[:, 0]) - np.arctan2(normal[1], normal[0])
+        turn = pose.from_rotation(pose.rotation_about(2, azimuth - np.stack([near, -near])))
+        return np.asarray(turn @ self.table_from_sensor)
+
+
+@dataclass(frozen=True)
+class Shift:
+    """A straight motion of a sensor in any direction, from `start` to `end` (4, 4) of the same orientation, m."""
+
+    start: Array
+    end: Array
+
+    def crossings(self, points: Array) -> Array:
+        """``table_from_sensor`` (1, n, 4, 4) where the sheet passes over the points, see `View`."""
+        normal, travel = self.start[:3, 0], self.end[:3, 3] - self.start[:3, 3]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            share = (points - self.start[:3, 3]) @ normal / (travel @ normal)
+        share[~((share >= 0.0) & (share <= 1.0))] = np.nan
+        return pose.from_rotation(self.start[:3, :3], self.start[:3, 3] + share[:, None] * travel)[None]
+
+
 def sweep_pose(target: Array, elevation: float, distance: float) -> Array:
     """``table_from_sensor`` (4, 4) at azimuth 0 that looks at `target` (3,) from `distance` (m), sheet vertical."""
     rotation = pose.looking_from(0.0, elevation)
