@@ -86,6 +86,17 @@ def test_tilt_moves_along_a_path_and_the_part_is_measured_without_error(tmp_path
     assert (tmp_path / "map.png").stat().st_size > 10_000
 
 
+def test_tilt_moves_along_a_path_of_an_arm_without_closed_form() -> None:
+    setup, other = path_cell("tilt_turn", f'axis = ["tilt"], {ACROSS}'), cell_of("offset_wrist").cell
+    cell = setup.cell.model_copy(update={"robot": other.robot, "tool": other.tool})
+    setup = replace(setup, cell=cell)
+    plan = planned(setup, PART)
+    (placed,) = plan.paths
+    assert np.ptp(placed.axes[:, -1]) > 0.05
+    assert np.ptp(placed.axes[:, -2]) == 0.0
+    assert_sound(setup, plan, PART)
+
+
 def test_two_axes_cost_no_more_than_the_table_alone() -> None:
     alone, both = (
         planned(path_cell("tilt_turn", f"axis = {axes}, {ACROSS}"), PART).paths[0]

@@ -33,6 +33,7 @@ _STEP = 0.2  # s, about the duration of a step
 _MOST_STEPS = 240
 _SLOWER = (1.0, 0.5, 0.25)  # shares of the speed that are tried
 _PROBES = 24  # columns and rows at which a branch is tried before its map is
+_COARSE = 8  # of branches without names, whose inverse kinematics takes longer
 _MOST_HELD = 12  # table angles at which the motion of another axis is looked for
 _ROUNDS = 3  # in which two axes are improved in turns
 _ROUNDING = 1e-6  # of a step between set-points
@@ -310,17 +311,17 @@ class PathPlanner:
     def _branches(self, timing: _Timing, drive: Drive) -> list[tuple[int, float]]:
         """Branches that reach every probed column at some position, by their mean joint range, which follows each.
 
-        Of branches without names the first: it is found on the map of the drive.
+        Of branches without names the first, which is found on the map of the drive, if there is any solution.
         """
-        if not self._cell.nominal.arm.has_named_branches:
-            return [(0, 0.0)]
-        columns = np.unique(np.linspace(0, len(timing.columns) - 1, _PROBES).astype(int))
-        angle = _probed(drive)
+        is_named = self._cell.nominal.arm.has_named_branches
+        columns = np.unique(np.linspace(0, len(timing.columns) - 1, _PROBES if is_named else _COARSE).astype(int))
+        angle = _probed(drive)[:: 1 if is_named else _PROBES // _COARSE]
         targets = np.stack([self._targets(timing, drive, column, angle) for column in columns])
         q = self._cell.ik(targets.reshape(-1, 4, 4)).reshape(
             len(columns), len(angle), -1, len(self._cell.nominal.arm.joints)
         )
         best = configuration_map.arm_metric(self._cell.nominal.arm, q).max(1)
+        best = best if is_named else best.max(1, keepdims=True)
         score = best.mean(0)
         return [(int(b), float(score[b])) for b in np.argsort(-score, kind="stable") if best[:, b].all()]
 
