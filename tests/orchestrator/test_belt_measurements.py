@@ -114,6 +114,8 @@ def test_a_part_that_lies_elsewhere_is_located(tmp_path: Path) -> None:
     """The description places the part 37 + 90 deg and several mm away from where it lies."""
     result = scanned(turned=True)
     table = write_table(result, tmp_path / "p.parquet", columns_of(result, "conveyor[1]"))
+    described = scancell.reconstruct(table, part=MACHINED, **POST)
+    assert any("`locate` finds its pose" in warning for warning in described.warnings)
     found = scancell.reconstruct(table, part=MACHINED, locate=True, **POST)
     placement, true = found.placement, scancell.location(-0.1473, 0.0064, 0.0, rz=np.radians(37.0))
     assert placement is not None

@@ -621,7 +621,14 @@ def reconstruct_measurements(
         raise EmptyScanError(f"the measurements give no point: {'; '.join(why)}", file=found.files[0])
     frame = np.asarray(found.profiles.frame, np.intp)[made.rows]
     if surface is not None:
-        check_exposures(found, frame, surface.distances(made.cloud.points_in_part, threads)[0])
+        distance = surface.distances(made.cloud.points_in_part, threads)[0]
+        check_exposures(found, frame, distance)
+        away = float(np.median(np.abs(distance)))
+        if away > AGREED and not locate:
+            notes.append(
+                f"the points are {1e3 * away:.3g} mm from the part (median): does it lie where the description "
+                "places it? `locate` finds its pose"
+            )
     turn = made.poses_of(found.profiles[made.rows])[:, :3, :3]
     covariance = turn @ found.covariance[made.rows] @ np.swapaxes(turn, 1, 2)
     warnings = [*found.notes, *notes, *([] if whole else table_warnings(made.dropped, setup.scan.table_margin_mm))]
