@@ -74,9 +74,31 @@ bool meet_box(const Shape& shape, const Lanes3& __restrict origin, const Lanes3&
 /// Largest way along a ray from a triangle to the exact surface of its face, m: beyond, the ray meets another
 /// part of the surface, or none, and the triangle counts.
 constexpr double kFarthestMove = 2e-3;
-constexpr double kGrazing = 1e-6;     // cosine below which a ray has no point of intersection
-constexpr double kConverged = 1e-12;  // m
+constexpr double kUncheckedMove = 2e-5;  // m: a longer way may lead past an edge of the face
+constexpr double kNearFace = 2e-5;       // m between exact surfaces and their triangles, with a margin
+constexpr double kGrazing = 1e-6;        // cosine below which a ray has no point of intersection
+constexpr double kConverged = 1e-12;     // m
 constexpr int kNewtonSteps = 12;
+
+/// Whether triangles of a face lie at a point of its exact surface; they end at the edges of the face.
+bool is_on_face(const Shape& shape, const Eigen::Vector3d& point, const Eigen::Vector3d& normal,
+                std::int32_t number) {
+  const Eigen::Vector3f from = (point + kNearFace * normal).cast<float>();
+  const Eigen::Vector3f along = -normal.cast<float>();
+  alignas(64) int valid[kLanes] = {-1};
+  RTCRayHit16 rays = {};
+  rays.ray.org_x[0] = from.x();
+  rays.ray.org_y[0] = from.y();
+  rays.ray.org_z[0] = from.z();
+  rays.ray.dir_x[0] = along.x();
+  rays.ray.dir_y[0] = along.y();
+  rays.ray.dir_z[0] = along.z();
+  rays.ray.tfar[0] = static_cast<float>(2.0 * kNearFace);
+  rays.ray.mask[0] = ~0u;
+  rays.hit.geomID[0] = RTC_INVALID_GEOMETRY_ID;
+  intersect16(shape.embree.get(), valid, rays);
+  return rays.hit.geomID[0] != RTC_INVALID_GEOMETRY_ID && shape.curved_of_face[rays.hit.primID[0]] == number;
+}
 
 /// Moves hits from the triangles to the exact surfaces of their faces, by Newton's method along the rays.
 void meet_exact_faces(const Shape& shape, const Lanes3& origin, const Lanes3& direction, Candidates& found) {
@@ -98,7 +120,9 @@ void meet_exact_faces(const Shape& shape, const Lanes3& origin, const Lanes3& di
       distance = face.distance(from + t * along, gradient);
     }
     if (!(std::abs(distance) <= kConverged && t > 0.0)) continue;
-    if (!(std::abs(t - found.t[l]) * length <= kFarthestMove)) continue;
+    const double move = std::abs(t - found.t[l]) * length;
+    if (!(move <= kFarthestMove)) continue;
+    if (move > kUncheckedMove && !is_on_face(shape, from + t * along, gradient, number)) continue;
     const double side = gradient.dot(lane(found.normal, l)) < 0.0 ? -1.0 : 1.0;
     found.t[l] = t;
     found.normal.x[l] = side * gradient.x();

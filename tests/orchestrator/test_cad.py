@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -156,6 +157,7 @@ writer.SetDimTolMode(True)
 Interface_Static.SetCVal_s("write.step.schema", "AP242DIS")
 writer.Transfer(document)
 writer.Write(f"{folder}/toleranced.step")
+step(BRepPrimAPI_MakeBox(60.0, 40.0, 25.0).Shape(), "plain.step")
 builder.MakeCompound(opened)
 faces, number = TopExp_Explorer(block, TopAbs_ShapeEnum.TopAbs_FACE), 0
 while faces.More():
@@ -230,6 +232,28 @@ def test_rays_hit_the_exact_faces(folder: Folder, name: str, distance: Callable[
     assert np.quantile(np.abs(deviation), 0.98) < 1e-11
     assert np.abs(deviation).max() < 2 * CAD_CHORD_ERROR
     assert np.quantile(np.abs(chords), 0.5) > 0.3e-6
+
+
+def test_grazing_rays_end_at_edges_of_faces(folder: Folder) -> None:
+    part = scancell.load_part(folder / "cylinder.step")
+    assert isinstance(part, CadMesh)
+    scene = sensor_rt.Scene()
+    scene.add_mesh("part", part.vertices, part.faces, 0.5, *part.curved_surfaces(np.arange(len(part.faces))))
+    random = np.random.default_rng(11)
+    count = 20_000
+    axis = np.array([1.0, 2.0, 4.0]) / np.sqrt(21)
+    across = _unit(np.cross(axis, random.normal(size=(count, 3))))
+    # The rays cross the untrimmed surface above its end, and the triangles, which lie inside, some of them below it.
+    above_end = random.uniform(0.0, 1e-3, (count, 1))
+    towards = 1e-3 * np.array([3.0, -2.0, 1.0]) + (30e-3 + above_end) * axis + 5e-3 * across
+    directions = _unit(-axis - random.uniform(0.003, 0.1, (count, 1)) * across)
+    origins = towards - 0.05 * directions
+    ways = _hits(scene, origins, directions)
+    hit = np.isfinite(ways)
+    deviation = _cylinder(origins[hit] + ways[hit, None] * directions[hit])
+    assert hit.mean() > 0.9
+    assert np.abs(deviation).max() < 4 * CAD_CHORD_ERROR
+    assert np.quantile(np.abs(deviation), 0.7) < 1e-11
 
 
 def _unit(vectors: Any) -> Any:
@@ -336,6 +360,49 @@ def _toleranced(folder: Path, tmp_path: Path, *changes: tuple[str, str]) -> CadM
     return part
 
 
+def test_file_of_ap242_without_tolerances(folder: Folder) -> None:
+    assert "AP242" in (folder / "plain.step").read_text()
+    part = scancell.load_part(folder / "plain.step")
+    assert part.annotations == ()
+    assert not part.warnings
+
+
+def test_faces_without_area_are_said(folder: Folder, tmp_path: Path) -> None:
+    file = tmp_path / "flat.step"
+    file.write_text((folder / "plain.step").read_text().replace("25.)", "0.)"))
+    part = scancell.load_part(file)
+    assert sum(face.kind == "empty" for face in part.cad_faces) == 4
+    assert any("4 of 6 faces have no area" in warning for warning in part.warnings)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "by", "kinds"),
+    [
+        (r"TOLERANCE_VALUE\(#\d+,", "TOLERANCE_VALUE($,", {"diameter": 0, "distance": 0, "other": 2}),
+        (r"DIMENSIONAL_SIZE\(#\d+,", "DIMENSIONAL_SIZE(#99999,", {"diameter": 1}),
+        (r"(FLATNESS_TOLERANCE\('',''),#\d+,", r"\1,$,", {"diameter": 1, "distance": 1}),
+    ],
+)
+def test_damaged_tolerances_leave_the_shapes(
+    folder: Folder, tmp_path: Path, pattern: str, by: str, kinds: dict[str, int]
+) -> None:
+    part = _toleranced(folder, tmp_path, (pattern, by))
+    assert len(part.cad_faces) == 7
+    assert part.is_closed
+    found = Counter(one.kind for one in part.annotations)
+    assert {kind: found[kind] for kind in kinds} == kinds
+
+
+def test_fault_in_reading_tolerances_is_said(folder: Folder, monkeypatch: pytest.MonkeyPatch) -> None:
+    broken = (
+        "from scancell.geometry import cad_kernel as k; k.Annotations = lambda *_: 1 / 0; raise SystemExit(k.main())"
+    )
+    monkeypatch.setattr(cad, "_COMMAND", [sys.executable, "-c", broken])
+    part = scancell.load_part(folder / "toleranced.step")
+    assert len(part.cad_faces) == 7
+    assert any("tolerances and datums cannot be read: ZeroDivisionError" in warning for warning in part.warnings)
+
+
 def _only(part: CadMesh, kind: str) -> Annotation:
     (found,) = (one for one in part.annotations if one.kind == kind)
     return found
@@ -350,19 +417,21 @@ def test_tolerances_and_datums_are_read(folder: Folder) -> None:
         Annotation("datum", "A", faces=(bottom,)),
         Annotation("datum", "B", faces=(left,)),
         Annotation("datum", "C", faces=(front,)),
-        Annotation("diameter", "diameter", _mm(12), _mm(-0.02), _mm(0.05), (bore,)),
-        Annotation("distance", "linear distance", _mm(25), _mm(-0.1), _mm(0.1), (bottom,), (top,)),
-        Annotation("flatness", "flatness", _mm(0.05), faces=(bottom,), zone="width"),
+        Annotation("diameter", "diameter bore", _mm(12), _mm(-0.02), _mm(0.05), (bore,)),
+        Annotation("distance", "distance bottom", _mm(25), _mm(-0.1), _mm(0.1), (bottom,), (top,)),
+        Annotation("flatness", "flatness bottom", _mm(0.05), faces=(bottom,), zone="width"),
         Annotation(
             "position",
-            "position",
+            "position bore",
             _mm(0.08),
             faces=(bore,),
             datums=("A", "B", "C"),
             modifiers=("maximum_material_requirement",),
             zone="diameter",
         ),
-        Annotation("surface_profile", "surface_profile", _mm(0.2), faces=(back, right), datums=("A",), zone="width"),
+        Annotation(
+            "surface_profile", "surface profile back", _mm(0.2), faces=(back, right), datums=("A",), zone="width"
+        ),
     )
     assert not part.warnings
     assert part.transformed(pose.translation((1.0, 0.0, 0.0))).annotations == part.annotations
@@ -416,7 +485,8 @@ def test_what_is_not_understood_is_listed(folder: Folder, tmp_path: Path) -> Non
     others = {one.name: one for one in part.annotations if one.kind == "other"}
     assert others["per area"].faces == (4,)
     assert "flatness_tolerance" in others["per area"].modifiers
-    assert others["toroidal minor diameter"].value == _mm(12)
+    assert others["other bore"].value == _mm(12)
+    assert others["other bore"].modifiers == ("toroidal_minor_diameter",)
     assert len(part.annotations) == 8
 
 
@@ -432,7 +502,7 @@ def test_tolerances_of_missing_faces_are_said(folder: Folder, tmp_path: Path) ->
     part = _toleranced(folder, tmp_path, ("CYLINDRICAL_SURFACE", "CYLINDRICAL_SURFOCE"))
     assert any("1 of 7 faces could not be made" in warning for warning in part.warnings)
     (warning,) = (warning for warning in part.warnings if "not in the part" in warning)
-    assert warning.endswith("refer to faces that are not in the part: diameter, position_tolerance")
+    assert warning.endswith("refer to faces that are not in the part: diameter, other")
     assert _only(part, "diameter").faces == ()
 
 

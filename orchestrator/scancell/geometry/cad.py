@@ -9,7 +9,7 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from importlib.util import find_spec
@@ -124,7 +124,7 @@ class Annotation:
         ``surface_profile``, ``run_out``, ``total_run_out``, ``concentricity`` or ``symmetry``; ``datum``; or ``other``:
         what is not understood, and notes.
     name
-        Name in the drawing; letter of a datum.
+        Name in the drawing; letter of a datum; else the kind and the label or number of the first face.
     value
         Nominal value of a dimension, or width of the zone of a tolerance, m or rad; None if the file states none.
     lower, upper
@@ -248,7 +248,7 @@ def load_cad(path: Path) -> CadMesh:
         cad_faces=faces,
         cad_face=of_triangle,
         chord_error=CAD_CHORD_ERROR,
-        annotations=tuple(map(_annotation, stated)),
+        annotations=tuple(_annotation(one, faces) for one in stated),
     )
     return mesh.usable  # type: ignore[return-value]
 
@@ -286,9 +286,10 @@ def find_faces(part: CadMesh, words: Iterable[str | int]) -> list[int]:
     return sorted(found)
 
 
-def _annotation(one: Mapping[str, Any]) -> Annotation:
+def _annotation(one: Mapping[str, Any], faces: Sequence[CadFace]) -> Annotation:
     values: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in one.items()}
-    return Annotation(**values)
+    of_face = [faces[number].label or f"face {number}" for number in values["faces"][:1]]
+    return Annotation(**values | {"name": values["name"] or " ".join([values["kind"].replace("_", " "), *of_face])})
 
 
 def _faces(described: list[dict[str, Any]]) -> tuple[CadFace, ...]:

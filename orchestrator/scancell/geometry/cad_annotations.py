@@ -145,7 +145,7 @@ class Annotations:
         if any(shape is not None and not faces_in(shape) for shape in shapes):
             described["modifiers"].append("of_edges_or_points")
         elif None in shapes or not all(numbers):
-            self._missing.append(described["name"])
+            self._missing.append(described["name"] or described["kind"])
         yield described
 
     def _shapes_of(self, aspect: Any) -> list[Any]:
@@ -177,8 +177,8 @@ class Annotations:
                 kind = "distance"
             else:
                 kind = _SIZES.get(words, words)
-            described = _described(kind if kind in _DIMENSIONS else "other", self._drawn_name(one) or words)
-            if words not in (kind, "linear distance"):
+            described = _described(kind if kind in _DIMENSIONS else "other", self._drawn_name(one))
+            if words not in (described["kind"], "linear distance"):
                 described["modifiers"].append(words.replace(" ", "_"))
             self._state(one, described)
             if isinstance(one, StepShape_DimensionalSize):
@@ -212,6 +212,9 @@ class Annotations:
                 modifiers.append(_text(limits.FormVariance()) + _text(limits.Grade()))
             else:
                 described["lower"], described["upper"] = _si(limits.LowerBound()), _si(limits.UpperBound())
+                if described["lower"] is None or described["upper"] is None:
+                    described["kind"] = "other"
+                    modifiers.append("unreadable_deviations")
 
     def _described_tolerances(self) -> Iterator[Described]:
         from OCP.XCAFDoc import XCAFDoc_DimTolTool, XCAFDoc_GeomTolerance  # noqa: PLC0415
@@ -220,7 +223,7 @@ class Annotations:
         for label in labels(self._tool.GetGeomToleranceLabels):
             found = XCAFDoc_GeomTolerance.Set_s(label).GetObject()
             name, value = _text(found.GetSemanticName()), 1e-3 * found.GetValue()
-            same = [one for one in stated if one[0] == name and abs(one[1] - value) <= 1e-9 * abs(value)]
+            same = [one for one in stated if one[0] == name and _is_near(one[1], value)]
             described = _described(_TOLERANCES.get(kind := _word(found.GetType()), kind), name, value)
             described["zone"] = _ZONES[_word(found.GetTypeOfValue())]
             described["modifiers"] = [_word(one) for one in found.GetModifiers()]
@@ -238,12 +241,11 @@ class Annotations:
                 described["name"] = self._drawn_name(same[0][2]) or name or self._drawn_name(aspect)
             described["datums"], of_datums = self._references(label)
             described["modifiers"] += of_datums
-            described["name"] = described["name"] or described["kind"]
             first, second = _label_pair(XCAFDoc_DimTolTool.GetRefShapeLabel_s, label)
             yield from self._placed(described, [self._shapes.GetShape_s(one) for one in (*first, *second)])
         for name, value, one in stated:
             kind = _class(one)
-            described = _described("other", name or kind, value)
+            described = _described("other", name, value)
             described["modifiers"] = [kind, *_exceptions(one)]
             yield from self._placed(described, self._shapes_of(one.TolerancedShapeAspect().Value()))
         for types in self._unknown:
@@ -331,6 +333,10 @@ def _label_pair(list_into: Any, label: Any) -> tuple[list[Any], list[Any]]:
     list_into(label, *pair)
     first, second = ([one.Value(i) for i in range(1, one.Length() + 1)] for one in pair)
     return first, second
+
+
+def _is_near(a: float | None, b: float) -> bool:
+    return a is not None and abs(a - b) <= 1e-9 * abs(b)
 
 
 def _text(text: Any) -> str:

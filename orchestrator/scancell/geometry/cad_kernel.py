@@ -11,8 +11,9 @@ import json
 import math
 import sys
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from difflib import get_close_matches
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -66,7 +67,7 @@ class _Document:
         self._document = TDocStd_Document(TCollection_ExtendedString("XmlXCAF"))
         kind = _SUFFIXES[path.suffix.lower()]
         self._faces_in_file, self._names = 0, ByShape()
-        self._annotations: Annotations | None = None
+        self._read_annotations: Callable[[], Annotations] | None = None
         if kind == "BREP":
             self._roots = [("", self._brep(path))]
             return
@@ -115,7 +116,7 @@ class _Document:
         if not reader.Transfer(self._document):
             raise UnreadableError(f"the kernel cannot make shapes of its {kind} data")
         if kind == "STEP":
-            self._annotations = Annotations(path, reader.ChangeReader(), self._document)
+            self._read_annotations = partial(Annotations, path, reader.ChangeReader(), self._document)
 
     def _solids(self) -> Iterator[tuple[str, Any]]:
         """Name and shape, in its place, of every part of the assembly."""
@@ -199,9 +200,16 @@ class _Document:
                 count += len(points)
         if not triangles:
             raise UnreadableError("it holds no faces")
+        empty = [str(number) for number, face in enumerate(faces) if face["kind"] == "empty"]
+        if empty:
+            listed = ", ".join(empty[:_MOST_NAMES]) + (", …" if len(empty) > _MOST_NAMES else "")
+            remarks.append(f"{len(empty)} of {len(faces)} faces have no area, or no triangles can be made: {listed}")
         stated: list[dict[str, Any]] = []
-        if self._annotations is not None:
-            stated, faults = self._annotations.described(numbers, not chosen)
+        if self._read_annotations is not None:
+            try:
+                stated, faults = self._read_annotations().described(numbers, not chosen)
+            except Exception as error:  # the kernel has exceptions of its own; the shapes are good without annotations
+                faults = [f"dimensions, tolerances and datums cannot be read: {type(error).__name__}: {error}"]
             remarks += faults
         remarks += self._lost()
         return {
