@@ -219,6 +219,19 @@ def test_a_plan_for_another_arm_is_refused_by_name(files: Path, tmp_path: Path, 
         )
 
 
+@pytest.mark.parametrize("owner", ["segments", "exposures"])
+@pytest.mark.parametrize(("key", "rows"), [("q", "q: rows of [5, 6] joints"), ("further", "further: rows of [0, 1]")])
+def test_plan_rows_of_unequal_lengths_are_refused(files: Path, tmp_path: Path, owner: str, key: str, rows: str) -> None:
+    plan = json.loads((files / "scan_geometric" / "plan.json").read_text())
+    points = plan["segments"][-1] if owner == "segments" else plan["exposures"]
+    if key == "q":
+        points["q"][-1].pop()
+    else:
+        points["further"] = [[0.0] for _ in points["q"]]
+    (tmp_path / "plan.json").write_text(json.dumps(plan))
+    refused(lambda: scancell.Plan.load(tmp_path / "plan.json"), "plan.json", rows)
+
+
 def test_an_upload_with_a_plan_for_another_arm_is_refused_by_name(files: Path, tmp_path: Path) -> None:
     """It is read in a process of its own, which ended in a traceback."""
     run = shutil.copytree(files / "scan_geometric", tmp_path / "run")
