@@ -252,10 +252,8 @@ class CellKinematics:
             carriers += [at_0, *deviating, moved]
         part = self.flange_from_part
         base = Joint("base", _carrier(self.arm_on), parent_from_joint=self.arm.world_from_base @ base_from_arm)
-        # Random errors of a pose are those of the flange, or, where the arm rests, of what carries the sensor.
-        rests = part is None and self.sensor_on is not None
-        flange = _elementary(_carrier(self.sensor_on) if rests else [base, *arm][-1].frame, list(_FLANGE.items()))
-        carrier = flange[-1].frame if part is None else _carrier(self.sensor_on)
+        flange = _elementary([base, *arm][-1].frame, list(_FLANGE.items()))
+        carrier = flange[-1].frame if self.sensor_on is None else _carrier(self.sensor_on)
         sensor = Joint("nominal sensor", carrier, parent_from_joint=self.carrier_from_sensor)
         tool = _elementary(sensor.frame, list(zip(TOOL, _XYZ, strict=True)))
         if part is not None:

@@ -309,8 +309,8 @@ class CalibrationRequest:
     designed
         Whether poses are chosen for the information that they give; else at random.
     robot_noise
-        Where random errors of the robot are expected: none, joints, or flange; this is what carries the sensor where
-        the arm rests.
+        Where random errors of the robot are expected: none, joints, or flange. Where the arm rests, these are errors of
+        the table's angle.
     wobble
         Whether to find the wobble of the table axis, too.
     pose_seed
@@ -507,8 +507,10 @@ class CalibrationScan:
     ) -> None:
         if not world.nominal.arm_rests:
             world.nominal.require_scanned()
-        elif request.is_pose_known is None:
-            request = replace(request, is_pose_known=True)
+        else:
+            is_known = request.is_pose_known is None or request.is_pose_known
+            noise: RobotNoise = "none" if request.robot_noise == "none" else "joints"
+            request = replace(request, is_pose_known=is_known, robot_noise=noise)
         _require_possible(request, world.nominal)
         self.pipeline, self.world = pipeline, world
         self.request, self._start = request, start

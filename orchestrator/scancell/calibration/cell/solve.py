@@ -421,7 +421,10 @@ def solve(problem: CalibrationProblem) -> CalibrationResult:
         was_kept, kept = kept, np.abs(residuals.gap) < limit
         inner = replace(problem, observations=problem.observations.chosen(kept))
         found, moments, basis = _linearised(inner, state)
-        last = estimate(moments.by_basis(basis))
+        try:
+            last = estimate(moments.by_basis(basis))
+        except np.linalg.LinAlgError:  # what the data allow for the errors of exposures explains all that they show
+            raise CalibrationError(f"the exposures hardly determine the unknowns. {_advice(problem)}") from None
         change = np.abs(last.log_variances - log_variances).max()
         log_variances = last.log_variances
         if change < _SETTLED and np.array_equal(was_kept, kept):
