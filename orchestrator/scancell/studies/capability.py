@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -211,6 +211,7 @@ def run_capability(
     as_built: Sequence[str],
     progress: Progress,
     source: str = "",
+    each: Callable[[Inspection], None] | None = None,
 ) -> Capability:
     """Measure the nominal part `draws` times in simulation, each with its own noise and drawn deviations of the cell.
 
@@ -222,6 +223,8 @@ def run_capability(
     ----------
     factors
         Study description (TOML) whose factors are drawn for each measurement; None: noise alone.
+    each
+        Receives the inspection of each measurement.
     """
     inputs, labels = _inputs(scanner, factors, draws, seed, as_built)
     plan: Plan | None = None
@@ -248,6 +251,8 @@ def run_capability(
                 inspect_part(part, points, description, profile=profile, effects={}, source=source, threads=threads)
             )
             seconds = float(cloud.time.max())
+            if each is not None:
+                each(found[-1])
         except DescriptionError:
             raise
         except ScancellError as error:
