@@ -415,6 +415,11 @@ class MeasurableSurface(Value):
         digest = hashlib.sha256("".join([self.digest, *(one.digest for one in others)]).encode()).hexdigest()
         return MeasurableSurface(self.samples, self.normals, measurable, self.area, digest)
 
+    def only(self, wanted: Flags) -> MeasurableSurface:
+        """The same surface, of whose samples only those that are `wanted` (n,) count as measurable."""
+        digest = hashlib.sha256(self.digest.encode() + np.packbits(wanted).tobytes()).hexdigest()
+        return MeasurableSurface(self.samples, self.normals, self.measurable & wanted, self.area, digest)
+
     def thinned(self, count: int) -> MeasurableSurface:
         """The same surface with at most `count` of the samples, evenly chosen."""
         if count >= len(self.samples):

@@ -288,6 +288,9 @@ FormatsOption = Annotated[
 ]
 OutOption = Annotated[Path, typer.Option(help="folder for the results")]
 TablePartOption = Annotated[Path | None, "mesh of the part; the table is empty without this option"]
+CharacteristicsOption = Annotated[
+    Path | None, "toleranced characteristics (TOML): views are chosen by coverage of their faces and datums"
+]
 NoGuardOption = Annotated[bool, "run without the collision guard"]
 
 
@@ -323,6 +326,16 @@ class PartOptions(Options):
     @property
     def _is_ideal(self) -> bool:
         return False
+
+
+def words_of_faces(characteristics: Path | None) -> list[str]:
+    """Settings by which views are chosen for the faces of a description of characteristics; none without one."""
+    if characteristics is None:
+        return []
+    from scancell.config.inspection import InspectionDescription  # noqa: PLC0415
+
+    faces = json.dumps(InspectionDescription.from_toml(characteristics).faces, ensure_ascii=False)
+    return ["scan.coverage.enabled=true", f"scan.coverage.faces={faces}"]
 
 
 @dataclass(frozen=True)

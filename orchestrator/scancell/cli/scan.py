@@ -13,6 +13,7 @@ import scancell
 from scancell.cli.common import (
     KEY_RANGE,
     CellOptions,
+    CharacteristicsOption,
     CloudOptions,
     Options,
     Outcome,
@@ -27,6 +28,7 @@ from scancell.cli.common import (
     ThreadsOption,
     command,
     show_progress,
+    words_of_faces,
 )
 from scancell.config.choices import ScanMode
 
@@ -49,10 +51,12 @@ def scan(
     path: PathOption = None,
     plan: Annotated[Path | None, "plan.json of `scancell plan --out` or a run, instead of a new plan"] = None,
     mode: Annotated[ScanMode | None, "scan mode; overrides the scan description"] = None,
+    characteristics: CharacteristicsOption = None,
     out: OutOption = Path("out/scan"),
 ) -> Outcome:
     """Scan a part with the simulated cell: cloud, deviation from the mesh, pictures."""
-    setup = options.setup(scan, path, [f'scan.mode="{mode}"'] if mode else [])
+    words = [f'scan.mode="{mode}"'] if mode else []
+    setup = options.setup(scan, path, [*words, *words_of_faces(characteristics)])
     with show_progress(options.as_json) as progress, scancell.Scanner(setup=setup, threads=options.threads) as scanner:
         return options.run_into(out, setup, progress, lambda given: scanner.scan(part, plan=plan, **given))
 
@@ -209,10 +213,12 @@ def plan(
     optimum: Annotated[bool, "compare motions along paths with the best possible ones; takes longer"] = False,
     picture: Annotated[Path | None, "PNG file for the configuration map of a path; further paths get a number"] = None,
     all_branches: Annotated[bool, "with --picture: also the maps of the other arm branches"] = False,
+    characteristics: CharacteristicsOption = None,
     out: Annotated[Path | None, "JSON file for the plan, for `scancell scan --plan`"] = None,
 ) -> Outcome:
     """Plan a scan: collision-free motions of arm and table within all limits, and the surface that they see."""
-    with scancell.Scanner(setup=options.setup(scan, path), threads=options.threads) as scanner:
+    setup = options.setup(scan, path, words_of_faces(characteristics))
+    with scancell.Scanner(setup=setup, threads=options.threads) as scanner:
         made = scanner.plan(part, unit=options.unit)
     lines = [
         f"{part.name}: {len(made.axes)} exposures in {len(made.program.segments)} segments,"

@@ -180,6 +180,14 @@ class InspectionDescription(Description):
         """
         return validate(cls, read_toml(Path(path)), str(path))
 
+    @property
+    def faces(self) -> tuple[int | str, ...]:
+        """Faces that the characteristics and their datums need, for ``scan.coverage.faces``."""
+        used = {name for one in self.characteristic for name in one.datums}
+        words = [word for one in self.characteristic for word in (*one.faces, *one.to)]
+        words += [word for datum in self.datum if datum.name in used for word in datum.faces]
+        return tuple(dict.fromkeys(words))
+
     @model_validator(mode="after")
     def _names_are_known_and_differ(self) -> Self:
         letters = [datum.name for datum in self.datum]

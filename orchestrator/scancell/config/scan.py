@@ -293,6 +293,9 @@ class CoverageDescription(Description):
     share: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
         default=0.99, description="share of the measurable surface to see, 0..1"
     )
+    faces: tuple[Annotated[int, Field(ge=0, le=10_000_000)] | Annotated[str, Field(min_length=1)], ...] = Field(
+        default=(), description="faces of a CAD part to see, by number from 0 or by label; all unless given"
+    )
     max_views: Annotated[int, Field(ge=1, le=1000)] = Field(default=100, description="largest number of views")
     max_time_s: Annotated[float, Field(ge=0.001, le=1e7)] = Field(
         default=600.0, description="largest estimated duration of all views, s"

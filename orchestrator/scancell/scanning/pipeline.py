@@ -29,10 +29,12 @@ from scancell.cell.session import CellSession
 from scancell.config.description import si_value
 from scancell.config.files import file_entries, plain_data
 from scancell.config.loading import Setup
+from scancell.config.scan import CoverageDescription
 from scancell.config.sensor import SensorDescription, exposure_span
-from scancell.errors import DescriptionError
+from scancell.errors import DescriptionError, MeshError
 from scancell.files import file_state
 from scancell.geometry import pose
+from scancell.geometry.cad import CadMesh, find_faces
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import PartSurface
 from scancell.nominal.cell import NominalCell, nominal_cell, with_unknown_obstacles
@@ -239,7 +241,7 @@ class ScanPipeline(Closing):
             )
         further = setup.cell.further_sensor
         beside = [(one.sensor or setup.sensor) if one.every == 1 else None for one in further]
-        find = partial(self._measurable, work)
+        find = partial(self._measurable, work, _faces_to_see(setup.scan.coverage, nominal.part))
         sight = Sight(nominal.with_axes_held(), setup.sensor, find, self.threads, work, beside=beside)
         # Only what this plan depends on: a study of other values plans once.
         described: list[Any] = [
@@ -303,8 +305,16 @@ class ScanPipeline(Closing):
         own, range_ = pair_clearances(setup.scan, nominal), SensorRange.of(world.sensor)
         return PlanningCell(nominal, range_, cycle, threads=self.threads, pair_clearance=own)
 
-    def _measurable(self, work: Work, nominal: NominalCell, sensor: SensorDescription) -> MeasurableSurface:
-        return measurable_surface(nominal, sensor, progress=work, cache=cache_folder(), threads=self.threads)
+    def _measurable(
+        self, work: Work, faces: Sequence[int], nominal: NominalCell, sensor: SensorDescription
+    ) -> MeasurableSurface:
+        """Measurable surface, of a CAD part only that of some faces (numbers from 0), all if there are none."""
+        found = measurable_surface(nominal, sensor, progress=work, cache=cache_folder(), threads=self.threads)
+        if not faces:
+            return found
+        assert isinstance(nominal.part, CadMesh)
+        triangle = PartSurface(nominal.part).distances(found.samples, self.threads)[1]
+        return found.only(np.isin(nominal.part.cad_face[triangle], faces))
 
     def drive(
         self,
@@ -362,6 +372,19 @@ def sensor_poses(nominal: NominalCell, measured: TriggerRecords) -> list[PosesAf
     """Poses of each sensor of a cell in the frame of the part, by measurements."""
     numbers = range(1, len(nominal.further_sensors) + 2)
     return [poses_by_axes(measured, partial(nominal.part_from_sensor, number=number)) for number in numbers]
+
+
+def _faces_to_see(coverage: CoverageDescription, part: Mesh) -> list[int]:
+    """Numbers of the faces that coverage asks for; none: all."""
+    if not coverage.faces:
+        return []
+    key = "scan.coverage.faces"
+    if not isinstance(part, CadMesh):
+        raise DescriptionError(key=key, value=coverage.faces, expected=f"none: {part.source} is no CAD file")
+    try:
+        return find_faces(part, coverage.faces)
+    except MeshError as error:
+        raise DescriptionError(str(error), key=key) from None
 
 
 def _require_fixed_parts(setup: Setup, nominal: NominalCell) -> None:
