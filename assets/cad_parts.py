@@ -1,7 +1,8 @@
 """Make the sample parts with exact faces, names of faces and tolerances: STEP files (AP242) beside the meshes.
 
 Run it without arguments, or with a folder. Needs Open CASCADE (``pip install "scancell[cad]"``); the files themselves
-are in the repository. Lengths are in millimetres; parts stand on z = 0. Each part takes one deviation of its form,
+are in the repository. Lengths are in millimetres; parts stand on z = 0, and datums are faces
+that a scan from above sees. Each part takes one deviation of its form,
 which is 0 in the files; `tests/bench/cad_variants.py` writes parts with deviations.
 """
 
@@ -81,11 +82,11 @@ def block(shift: float = 0.0) -> Part:
         "slot_right": (9, -10, 24),
         "slot_end": (2, 5, 24),
     }
-    part = Part("drilled_block", solid, faces, {"A": "bottom", "B": "left", "C": "front"})
+    part = Part("drilled_block", solid, faces, {"A": "top", "B": "left", "C": "front"})
     part.diameters = [("bore_a", 12, -0.05, 0.05), ("bore_b", 16, 0.0, 0.1), ("bore_c", 10, -0.03, 0.03)]
-    part.distances = [("bottom", "top", 28, -0.1, 0.1)]
+    part.distances = [("top", "slot_floor", 8, -0.1, 0.1)]
     part.tolerances = [("Position", "bore_a", 0.1, "ABC"), ("Position", "bore_b", 0.1, "ABC")]
-    part.tolerances += [("Flatness", "bottom", 0.05, ""), ("Parallelism", "top", 0.08, "A")]
+    part.tolerances += [("Flatness", "top", 0.05, ""), ("Parallelism", "slot_floor", 0.08, "A")]
     part.tolerances += [("Perpendicularity", "left", 0.08, "A"), ("ProfileOfSurface", "countersink", 0.2, "ABC")]
     return part
 
@@ -105,7 +106,7 @@ def turned(shift: float = 0.0) -> Part:
     part.diameters = [("journal_a_high", 40, -0.04, 0.0), ("journal_b", 26, -0.04, 0.0), ("flange", 60, -0.1, 0.1)]
     part.tolerances = [("CircularRunout", "journal_b", 0.08, "A"), ("TotalRunout", "journal_b", 0.1, "A")]
     part.tolerances += [("Cylindricity", "journal_a_high", 0.04, ""), ("Concentricity", "journal_b", 0.08, "A")]
-    part.tolerances += [("ProfileOfSurface", "cone", 0.1, ""), ("Perpendicularity", "flange_face", 0.05, "A")]
+    part.tolerances += [("ProfileOfSurface", "cone", 0.1, ""), ("Perpendicularity", "flange_top", 0.05, "A")]
     return part
 
 
@@ -121,10 +122,10 @@ def bracket(tilt: float = 0.0) -> Part:
     faces |= {"back": (0, 25, 5), "rear": (-40, 0, 5), "wall": (-28, 10, 20), "top": (-34, -20, 60)}
     faces |= {"slant": (-34, 25 - 20 * _cos(30), 48), "bore_foot_a": (27, -12, 5), "bore_foot_b": (11.5, 12, 5)}
     faces |= {"bore_wall": (-34, 0, 38)}
-    part = Part("bracket", solid, faces, {"A": "bottom", "B": "rear", "C": "front"})
+    part = Part("bracket", solid, faces, {"A": "foot", "B": "rear", "C": "front"})
     part.diameters = [("bore_foot_a", 10, -0.05, 0.05), ("bore_wall", 16, -0.05, 0.05)]
-    part.distances = [("bottom", "foot", 10, -0.05, 0.05)]
-    part.tolerances = [("Perpendicularity", "wall", 0.05, "A"), ("Parallelism", "foot", 0.05, "A")]
+    part.distances = [("front", "back", 50, -0.05, 0.05)]
+    part.tolerances = [("Perpendicularity", "wall", 0.05, "A"), ("Flatness", "foot", 0.05, "")]
     part.tolerances += [("Angularity", "slant", 0.1, "A"), ("Position", "bore_wall", 0.15, "ABC")]
     return part
 
@@ -145,9 +146,9 @@ def cover(swelling: float = 0.0) -> Part:
     top = _height(surface, 5.0, 5.0)
     faces: dict[str, Point] = {"bottom": (0, 0, 0), "left": (-42, 0, 5), "right": (42, 0, 5), "front": (0, -32, 5)}
     faces |= {"back": (0, 32, 5), "bore": (-14, 10, 8), "skin": (5, 5, top)}
-    part = Part("free_form_cover", solid, faces, {"A": "bottom", "B": "left", "C": "front"})
+    part = Part("free_form_cover", solid, faces, {"A": "bore", "B": "left"})
     part.diameters = [("bore", 12, -0.05, 0.05)]
-    part.tolerances = [("ProfileOfSurface", "skin", 0.1, "ABC"), ("ProfileOfSurface", "skin", 0.06, "")]
+    part.tolerances = [("ProfileOfSurface", "skin", 0.1, "AB"), ("ProfileOfSurface", "skin", 0.06, "")]
     return part
 
 
@@ -167,9 +168,9 @@ def ring(lobe: float = 0.0) -> Part:
         faces[f"lug_{name}_end"] = ((44 + width) * along[0], (44 + width) * along[1], 5)
         faces[f"lug_{name}_top"] = (49 * along[0], 49 * along[1], 10)
         faces[f"hole_{name}"] = (41 * along[0], 41 * along[1], 5)
-    part = Part("lobed_ring", solid, faces, {"A": "bottom", "B": "bore"})
+    part = Part("lobed_ring", solid, faces, {"A": "top", "B": "bore"})
     part.diameters = [("bore", 50, -0.03, 0.03), ("hole_a", 6, -0.1, 0.1)]
-    part.distances = [("bottom", "top", 18, -0.05, 0.05)]
+    part.distances = [("lug_a_top", "top", 8, -0.05, 0.05)]
     part.tolerances = [("CircularityOrRoundness", "bore", 0.02, ""), ("Cylindricity", "bore", 0.03, "")]
     part.tolerances += [("Perpendicularity", "bore", 0.05, "A"), ("Position", "hole_a", 0.2, "AB")]
     return part

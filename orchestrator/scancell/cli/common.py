@@ -62,6 +62,7 @@ _WITH_SUBCOMMANDS = {
     "study": "Vary inputs over many scans: run, sensitivity analysis, report.",
 }
 
+_SHARE_OF_FEATURES = 0.8
 KEY_VALUE, KEY_RANGE = "KEY=VALUE", "KEY=LOW:HIGH"  # metavars of options whose words set keys
 JsonOption = Annotated[bool, typer.Option("--json", help="print one JSON object as the last line")]
 
@@ -328,14 +329,19 @@ class PartOptions(Options):
         return False
 
 
-def words_of_faces(characteristics: Path | None) -> list[str]:
-    """Settings by which views are chosen for the faces of a description of characteristics; none without one."""
+def words_of_faces(characteristics: Path | None, given: Sequence[str] | None) -> list[str]:
+    """Settings by which views are chosen for the faces of a description of characteristics; none without one.
+
+    A feature needs no points everywhere: the share to see is lower than that of a whole part, unless it is `given`.
+    """
     if characteristics is None:
         return []
     from scancell.config.inspection import InspectionDescription  # noqa: PLC0415
 
     faces = json.dumps(InspectionDescription.from_toml(characteristics).faces, ensure_ascii=False)
-    return ["scan.coverage.enabled=true", f"scan.coverage.faces={faces}"]
+    has_share = any(word.partition("=")[0].strip() == "scan.coverage.share" for word in given or ())
+    share = [] if has_share else [f"scan.coverage.share={_SHARE_OF_FEATURES}"]
+    return ["scan.coverage.enabled=true", f"scan.coverage.faces={faces}", *share]
 
 
 @dataclass(frozen=True)
