@@ -791,18 +791,3 @@ def stated_axes(setup: Setup) -> tuple[list[Joint], Missing]:
         return columns
 
     return [*(axis.joint for axis in cell.further_axes), *belts], missing
-
-
-def joints_of_flange(cell: NominalCell, flange: Array) -> Array | None:
-    """Joints (n, joints), rad, at which the arm holds its flange at poses (n, 4, 4) of the base; None if it cannot.
-
-    The solution nearest to the joints before is chosen.
-    """
-    branches = cell.arm.ik(cell.arm.world_from_base @ flange, reference=cell.home)
-    found, at = np.empty((len(flange), len(cell.home))), cell.home
-    for row, choices in enumerate(branches):
-        travel = np.nan_to_num(np.abs(choices - at).max(1), nan=np.inf)
-        if not np.isfinite(travel.min()):
-            return None
-        at = found[row] = choices[travel.argmin()]
-    return found

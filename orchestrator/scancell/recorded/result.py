@@ -33,6 +33,7 @@ from scancell.evaluation.deviation import (
 )
 from scancell.files import arrow_table
 from scancell.geometry.mesh import Mesh
+from scancell.nominal.cell import NominalCell
 from scancell.nominal.parts import load_part
 from scancell.output.deviation_report import DeviationReport, deviation_picture
 from scancell.output.run_folder import (
@@ -57,7 +58,6 @@ from scancell.recorded.reconstruct import (
     ReconstructedData,
     ValueCovariance,
     belt_axes,
-    joints_of_flange,
     read_calibration,
     reconstruct_measurements,
     records_of,
@@ -287,7 +287,7 @@ class ReconstructionResult(Result):
         records = records_of(data.measured_cell, data.found, data.readings)
         axes, flange = records.axes, data.readings.flange
         if flange is not None:
-            reached = joints_of_flange(data.measured_cell.cell, flange)
+            reached = _joints_of_flange(data.measured_cell.cell, flange)
             if reached is None:
                 return None
             axes = np.hstack([reached, axes[:, reached.shape[1] :]])
@@ -472,3 +472,18 @@ def reconstruct(
     names = tuple(camera.name for camera in setup.sensor.camera)
     files = [*inputs, *found.files, *([] if file is None else [file])]
     return ReconstructionResult(made, setup, mesh, tuple(files), run, names, threads)
+
+
+def _joints_of_flange(cell: NominalCell, flange: Array) -> Array | None:
+    """Joints (n, joints), rad, at which the arm holds its flange at poses (n, 4, 4) of the base; None if it cannot.
+
+    The solution nearest to the joints before is chosen.
+    """
+    branches = cell.arm.ik(cell.arm.world_from_base @ flange, reference=cell.home)
+    found, at = np.empty((len(flange), len(cell.home))), cell.home
+    for row, choices in enumerate(branches):
+        travel = np.nan_to_num(np.abs(choices - at).max(1), nan=np.inf)
+        if not np.isfinite(travel.min()):
+            return None
+        at = found[row] = choices[travel.argmin()]
+    return found
