@@ -47,7 +47,7 @@ def test_a_bore_beside_its_place_does_not_conform(folder: Path) -> None:
     shifted = _verdicts(done)
     assert nominal["position bore_b"] == "conforms" and shifted["position bore_b"] == "does not conform"
     assert {key for key in nominal if nominal[key] != shifted[key]} == {"position bore_b"}
-    (row,) = (row for row in done.last_line["figures"]["characteristics"] if row["name"] == "position bore_b, bore_b")
+    (row,) = (row for row in done.last_line["figures"]["characteristics"] if row["name"] == "position bore_b")
     assert row["value_mm"] == pytest.approx(0.06, abs=0.002)
     written = json.loads((folder / "results" / "inspection.json").read_text())
     assert written["characteristics"] == done.last_line["figures"]["characteristics"]

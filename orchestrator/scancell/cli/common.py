@@ -62,7 +62,7 @@ _WITH_SUBCOMMANDS = {
     "study": "Vary inputs over many scans: run, sensitivity analysis, report.",
 }
 
-_SHARE_OF_FEATURES = 0.8
+_SHARE_OF_FEATURES = 0.9
 KEY_VALUE, KEY_RANGE = "KEY=VALUE", "KEY=LOW:HIGH"  # metavars of options whose words set keys
 JsonOption = Annotated[bool, typer.Option("--json", help="print one JSON object as the last line")]
 

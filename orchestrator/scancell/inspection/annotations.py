@@ -79,8 +79,8 @@ def _rows(part: CadMesh, one: Annotation, datums: Sequence[str]) -> Iterator[dic
         row["to"] = _words(part, row["to"])
     for group in groups:
         words = _words(part, group)
-        label = ", ".join(word for word in words if isinstance(word, str))
-        yield {**row, "faces": words, "name": f"{row['name']}, {label}" if label else row["name"]}
+        label, name = ", ".join(word for word in words if isinstance(word, str)), row["name"]
+        yield {**row, "faces": words, "name": name if label in name else f"{name}, {label}"}
 
 
 def _words(part: CadMesh, faces: Sequence[int]) -> tuple[int | str, ...]:

@@ -137,7 +137,7 @@ def _overview(inspection: Inspection) -> str:
             html.escape(one.description.kind.replace("_", " ")),
             f'<b style="color:{colour}">{one.verdict}</b>',
             html.escape(limits_text(one)),
-            html.escape(value_text(one)),
+            html.escape(value_text(one).replace(" um", " µm")),
             _bar(one),
         ]
         rows.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
@@ -148,7 +148,7 @@ def _overview(inspection: Inspection) -> str:
 def _section(number: int, one: Decision, picture: bytes, *, has_datums: bool) -> str:
     row = one.row()
     shown = [
-        (key.replace("_um", ", µm").replace("_mm", ", mm").replace("_deg", ", °").replace("_", " "), value)
+        (_title(key), f"{value:.5f}" if key.endswith(("_mm", "_deg")) else value)
         for key, value in row.items()
         if value is not None and value != "" and key not in ("name", "verdict")
     ]
@@ -158,6 +158,13 @@ def _section(number: int, one: Decision, picture: bytes, *, has_datums: bool) ->
         f'<section id="c{number}"><h2>{html.escape(name)}: <span style="color:{colour}">{one.verdict}</span></h2>'
         f'<div class="pair"><div>{_image(picture, name)}{note}</div>{table(("", ""), shown)}</div></section>'
     )
+
+
+def _title(key: str) -> str:
+    for suffix, unit in (("_um", "µm"), ("_mm", "mm"), ("_deg", "°")):
+        if key.endswith(suffix):
+            return f"{key.removesuffix(suffix).replace('_', ' ')}, {unit}"
+    return key.replace("_", " ")
 
 
 def _bar(one: Decision) -> str:

@@ -80,6 +80,8 @@ _ROOM = 5e-3  # m around a held part
 
 T = TypeVar("T")
 
+_SAMPLES_OF_FACE = 100  # by which a face is judged that is to be seen
+
 
 class FmuRunner(Closing):
     """Runs programs on one FMU instance, which is reset for each run."""
@@ -314,7 +316,12 @@ class ScanPipeline(Closing):
             return found
         assert isinstance(nominal.part, CadMesh)
         triangle = PartSurface(nominal.part).distances(found.samples, self.threads)[1]
-        return found.only(np.isin(nominal.part.cad_face[triangle], faces))
+        own = np.where(found.measurable, nominal.part.cad_face[triangle], -1)
+        wanted = np.zeros(len(own), bool)
+        for face in faces:  # a small face counts as much as a large one
+            rows = np.flatnonzero(own == face)
+            wanted[rows[:: max(1, len(rows) // _SAMPLES_OF_FACE)]] = True
+        return found.only(wanted)
 
     def drive(
         self,
