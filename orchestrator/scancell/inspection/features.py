@@ -33,6 +33,8 @@ UNFELT = 1e-6  # of a motion: effect on distances that does not count
 _NOISE = 1.4826  # standard deviations of a normal distribution, in median deviations
 _WINDOW = 401  # successive points whose mean change tells the noise there
 _MOST_CHANGE = 8.0  # of the median change, that counts
+_MOST_APART = 4.0  # standard deviations between means of successive profiles, that count
+_WIDER = 1.21  # (1 + 1.96²) / 4
 _LEAST_IN_PROFILE = 5  # points of a profile on a feature whose mean counts
 _DEPENDENT = 1e-4  # singular values of constraints that earlier datums imply already
 
@@ -223,8 +225,13 @@ class Feature(Value):
         many = count >= _LEAST_IN_PROFILE
         common = 0.0
         if many.sum() > 2:
-            between = (_NOISE * float(np.median(np.abs(np.diff(mean[many]))))) ** 2 / 2
-            common = float(np.sqrt(max(0.0, between - float(np.median(own[many])))))
+            apart = np.abs(np.diff(mean[many]))
+            # From one view to the next, means may jump.
+            apart = np.minimum(apart, _MOST_APART * _NOISE * float(np.median(apart)))
+            common = float(np.sqrt(max(0.0, float((apart**2).mean()) / 2 - float(own[many].mean()))))
+            # Few profiles tell it with few degrees of freedom: wider as Student's t is, to first order (JCGM 100 G.3);
+            # squared changes from one to the next tell two thirds of what independent values do.
+            common *= 1 + _WIDER / (2 / 3 * len(apart))
         return Noise(deviation, profile, common)
 
     @cached_property
