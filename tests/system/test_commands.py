@@ -268,7 +268,7 @@ def test_ssp_build(tmp_path) -> None:
 
 def test_shipped_descriptions_validate(tmp_path) -> None:
     report = succeeded(scancell_here("schema", "--out", "schemas", "--json", cwd=tmp_path), "schema")
-    kinds = {"cell", "robot", "sensor", "scan", "path", "artefact", "study", "batch", "format"}
+    kinds = {"cell", "robot", "sensor", "scan", "path", "artefact", "study", "batch", "format", "characteristics"}
     assert {f"schemas/{kind}.schema.json" for kind in kinds} == set(report["files"])
     for kind in kinds:
         schema = json.loads((tmp_path / "schemas" / f"{kind}.schema.json").read_text())
