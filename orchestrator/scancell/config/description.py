@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeVar
@@ -175,6 +176,13 @@ class PoseDescription(Description):
         if any(zyz) and (self.rx_deg or self.ry_deg or self.rz_deg):
             raise ValueError("give either rx_deg, ry_deg, rz_deg or yaw_deg, pitch_deg, roll_deg")
         return self
+
+
+def refuse_twins(names: Sequence[str], what: str) -> None:
+    """Raise ValueError for a duplicate name; `what`: the things that have these names, for the message."""
+    twice = [name for name, count in Counter(names).items() if count > 1]
+    if twice:
+        raise ValueError(f"'{twice[0]}' is given twice; names of {what} must differ")
 
 
 def checked(model: type[Model], data: dict[str, Any], source: str, origins: Sequence[Origin] = ()) -> Model:

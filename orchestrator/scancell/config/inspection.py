@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, Self, get_args
 
 from pydantic import Field, model_validator
 
-from scancell.config.description import Angle, Coordinate, Description, Length, validate
+from scancell.config.description import Angle, Coordinate, Description, Length, refuse_twins, validate
 from scancell.config.files import read_toml
 
 SizeKind = Literal["diameter", "radius", "distance", "angle"]
@@ -141,7 +140,7 @@ class TemperatureDescription(Description):
 
 
 class InspectionDescription(Description):
-    """What is inspected on a CAD part, and how it is decided.
+    """Characteristics and datums of a CAD part to inspect, and the rule of decision.
 
     Examples
     --------
@@ -192,14 +191,9 @@ class InspectionDescription(Description):
     def _names_are_known_and_differ(self) -> Self:
         letters = [datum.name for datum in self.datum]
         for names, what in ((letters, "datums"), ([one.name for one in self.characteristic], "characteristics")):
-            if twice := _twice(names):
-                raise ValueError(f"'{twice}' is given twice; names of {what} must differ")
+            refuse_twins(names, what)
         for one in self.characteristic:
             for name in one.datums:
                 if name not in letters:
                     raise ValueError(f"'{one.name}' names datum '{name}'; known: {', '.join(letters) or 'none'}")
         return self
-
-
-def _twice(names: Sequence[str]) -> str | None:
-    return next((name for name in names if names.count(name) > 1), None)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -11,7 +10,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from scancell.config.choices import CalibrationTarget, Engine
-from scancell.config.description import Coordinate, Description, Fraction, Number, Size, validate
+from scancell.config.description import Coordinate, Description, Fraction, Number, Size, refuse_twins, validate
 from scancell.config.loading import override, read_toml
 from scancell.errors import DescriptionError
 
@@ -25,6 +24,7 @@ _MODE: Any = Field(
     description="additive: nominal + x; relative: nominal * (1 + x); absolute: x replaces the nominal value",
 )
 
+_NAMED = "factors, blocks and spheres"
 # Designs whose number of points follows from the factors.
 _COUNTED = ("full_factorial", "one_at_a_time")
 CloudFormat = Literal["ply", "npz", "laz", "e57", "pcd", "xyz"]
@@ -207,17 +207,10 @@ class VaryingScansDescription(Description):
 
     @model_validator(mode="after")
     def _factors_suit_the_design(self) -> Self:
-        refuse_twins(self.labels)
+        refuse_twins(self.labels, _NAMED)
         if self.block and self.design.kind not in {"monte_carlo", "latin_hypercube"}:
             raise ValueError(f"design {self.design.kind} needs independent factors; a [[block]] is correlated")
         return self
-
-
-def refuse_twins(names: Sequence[str]) -> None:
-    """Raise ValueError for a duplicate name."""
-    twice = [name for name, count in Counter(names).items() if count > 1]
-    if twice:
-        raise ValueError(f"'{twice[0]}' is given twice; names of factors, blocks and spheres must differ")
 
 
 class FittedSphereDescription(Description):
@@ -288,7 +281,7 @@ class StudyDescription(VaryingScansDescription):
     def _consistent(self) -> Self:
         if not self.labels:
             raise ValueError("nothing varies: add at least one [[factor]] or [[block]]")
-        refuse_twins([*self.labels, *(sphere.name for sphere in self.sphere)])
+        refuse_twins([*self.labels, *(sphere.name for sphere in self.sphere)], _NAMED)
         if self.ray_traced_trials and self.engine == "ray-traced":
             raise ValueError('ray_traced_trials repeats trials of engine = "geometric"; here all trials are ray-traced')
         return self

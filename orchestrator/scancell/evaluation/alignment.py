@@ -287,7 +287,7 @@ class PartPlacement:
 
     @property
     def warnings(self) -> list[str]:
-        """What is doubtful about the pose."""
+        """Warnings about a poor or ambiguous fit."""
         found = []
         if not self.well_fitted:
             found.append(

@@ -356,7 +356,7 @@ def _class(entity: Any) -> str:
 
 
 def _exceptions(tolerance: Any) -> list[str]:
-    """What the kernel's objects do not tell of a tolerance: a displaced zone, or a value for a length or an area."""
+    """Modifiers that the kernel's objects leave out: a displaced zone, or a value for a length or an area."""
     stated = [("Displacement", "unequally_disposed"), ("UnitSize", "per_length")]
     found = [(word, _si(getattr(tolerance, name)())) for name, word in stated if hasattr(tolerance, name)]
     return [f"{word} {value:g}" for word, value in found if value is not None]

@@ -237,7 +237,7 @@ def _unit(vector: Array) -> Array:
 
 
 class Adjustable(Protocol):
-    """What fits adjust to points: an `Element`, or a nominal surface with some of its motions."""
+    """Protocol of the shapes that fits adjust to points: an `Element`, or a nominal surface with its motions."""
 
     def linearised(self, points: Array) -> tuple[Array, Array]:
         """Distances of points (n, 3), and their derivatives by the step."""

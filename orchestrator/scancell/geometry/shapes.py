@@ -431,12 +431,24 @@ class PartSurface:
 
         `threads` does not change the result; 0 uses all cores.
         """
+        signed, face = self._signed(points, threads)
+        return (signed if self.is_signed else np.abs(signed)), face
+
+    def _signed(self, points: Array, threads: int) -> tuple[Array, NDArray[np.uint32]]:
+        """The same, but without an inside the sign is that of the side of the nearest face."""
         signed, face = self._mesh.signed_distances(points, threads)
         if self._shapes is not None:
-            signed = self._shapes.nearest(points)[0]
-        elif isinstance(self._part, CadMesh):
+            return self._shapes.nearest(points)[0], face
+        if not self.is_signed:
+            signed = np.copysign(signed, self._heights(points, face))
+        if isinstance(self._part, CadMesh):  # whose exact faces have a side of their own
             signed = self._part.refined(points, signed, face)
-        return (signed if self.is_signed else np.abs(signed)), face
+        return signed, face
+
+    def _heights(self, points: Array, face: NDArray[np.uint32]) -> Array:
+        """Heights (n,) of points (n, 3) above the planes of triangles (n,), m."""
+        corner = self._part.vertices[self._part.faces[face, 0]]
+        return np.asarray(np.einsum("ni,ni->n", points - corner, self._part.normals[face]))
 
     def nearest(self, points: Array, threads: int = 0) -> tuple[Array, Array]:
         """Signed distance (n,), m, of points (n, 3) in the part frame, and its gradient (n, 3), a unit normal.
@@ -445,11 +457,9 @@ class PartSurface:
         """
         if self._shapes is not None:
             return self._shapes.nearest(points)[:2]
-        signed, face = self.distances(points, threads)
+        signed, face = self._signed(points, threads)
         corners, normal = self._part.vertices[self._part.faces[face]], self._part.normals[face]
-        height = np.einsum("ni,ni->n", points - corners[:, 0], normal)
-        if not self.is_signed:
-            signed = np.copysign(signed, height)
+        height = self._heights(points, face)
         # Where the nearest point is on an edge, the gradient leads away from it.
         rows = np.flatnonzero((np.abs(np.abs(height) - np.abs(signed)) > _ON_EDGE) & (np.abs(signed) > _ON_EDGE))
         away, gradient = _from_edges(points[rows], corners[rows]), normal.copy()

@@ -19,7 +19,7 @@ _UNTOLERANCED = ("theoretical", "auxiliary", "reference")
 
 
 def annotated(part: CadMesh) -> tuple[InspectionDescription | None, list[str]]:
-    """What the annotations of a part ask for, None if nothing; and what of them is not inspected, with reasons."""
+    """Description by the annotations of a part, None if they state none; and those not inspected, with reasons."""
     datums = {one.name: one for one in part.annotations if one.kind == "datum" and one.faces}
     rows: list[dict[str, Any]] = []
     left: list[str] = []

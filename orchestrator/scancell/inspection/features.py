@@ -82,13 +82,10 @@ class MeasuredPart(Value):
         if edge > 0 and not own.all() and len(rows):
             others = sensor_rt.MeshSurface(self.part.vertices, self.part.faces[~own])
             rows = rows[np.abs(others.signed_distances(self.points[rows], threads)[0]) > edge]
-        corners = self.part.vertices[np.unique(self.part.faces[own])]
-        outward = self.part.normals[np.flatnonzero(own)]
-        weight = self.part.areas[np.flatnonzero(own)]
         # The part of these faces alone: distances from it do not jump to a neighbour.
         alone = replace(self.part, faces=self.part.faces[own], cad_face=self.part.cad_face[own])
         points, profile = self.points[rows], self.profile[rows]
-        return Feature(name, tuple(faces), first, points, profile, self.face[rows], corners, outward, weight, alone)
+        return Feature(name, tuple(faces), first, points, profile, self.face[rows], alone)
 
 
 def is_one_surface(a: CadFace, b: CadFace) -> bool:
@@ -128,8 +125,6 @@ class Feature(Value):
         Its surface; None where the faces lie on several surfaces.
     points, profile, face
         (n, 3) measured points, and numbers (n,) of the profile and of the face of each.
-    corners, outward, areas
-        (k, 3) vertices of its triangles; (m, 3) outward normals and (m,) areas of the triangles.
     alone
         The part reduced to its faces.
     """
@@ -140,9 +135,6 @@ class Feature(Value):
     points: Array
     profile: NDArray[np.int64]
     face: NDArray[np.int64]
-    corners: Array
-    outward: Array
-    areas: Array
     alone: CadMesh
 
     @property
@@ -151,12 +143,17 @@ class Feature(Value):
         return self.nominal.kind if self.nominal is not None and self.nominal.is_exact else "surface"
 
     @cached_property
+    def corners(self) -> Array:
+        """(k, 3) vertices of its triangles, m."""
+        return self.alone.vertices[np.unique(self.alone.faces)]
+
+    @cached_property
     def frame(self) -> Array:
         """Nominal pose (4, 4): z is the outward normal of a plane, or the axis; the origin lies amid the feature."""
         if self.nominal is None:
             raise FitError(f"'{self.name}' lies on several surfaces")
         frame = self.nominal.part_from_face.copy()
-        if self.kind == "plane" and frame[:3, 2] @ (self.areas @ self.outward) < 0:
+        if self.kind == "plane" and frame[:3, 2] @ (self.alone.areas @ self.alone.normals) < 0:
             frame[:3, :3] = frame[:3, :3] @ np.diag([1.0, -1.0, -1.0])
         local = pose.transform_points(pose.inverse(frame), self.corners)
         middle = (local.min(0) + local.max(0)) / 2
@@ -181,14 +178,11 @@ class Feature(Value):
         if self.kind != "surface":
             assert self.nominal is not None
             return self.nominal.nearest(points)
-        unsigned, triangle = self._triangles.signed_distances(points)
-        normal = self.alone.normals[triangle]
-        side = np.einsum("ni,ni->n", points - self.alone.vertices[self.alone.faces[triangle, 0]], normal)
-        return self.alone.refined(points, np.copysign(unsigned, side), triangle), normal
+        return self._surface.nearest(points)
 
     @cached_property
-    def _triangles(self) -> sensor_rt.MeshSurface:
-        return sensor_rt.MeshSurface(self.alone.vertices, self.alone.faces)
+    def _surface(self) -> PartSurface:
+        return PartSurface(self.alone)
 
     @cached_property
     def fit(self) -> Fit:
@@ -342,7 +336,7 @@ class DatumSystem(Value):
         Parameters
         ----------
         parameters
-            Of the fit of each datum feature, (k,).
+            Those of the fit of each datum feature, (k,).
         """
         # Turns are counted in the displacements that they make at about the size of the part.
         size = max(float(np.linalg.norm(feature.corners, axis=1).max()) for feature in self.features)
@@ -366,12 +360,12 @@ class DatumSystem(Value):
 
     @cached_property
     def parameters(self) -> tuple[Array, ...]:
-        """Of the fit of each datum feature, (k,)."""
+        """Parameters (k,) of the fit of each datum feature."""
         return tuple(feature.fit.parameters for feature in self.features)
 
 
 def _constraints(feature: Feature, parameters: Array, moved: Array) -> tuple[Array, Array]:
-    """What a datum of moved parameters (k,) misses (c,), and its derivatives (c, 6) by a turn and shift.
+    """Residuals (c,) of a datum of moved parameters (k,), and their derivatives (c, 6) by a turn and shift.
 
     Directions count as displacements at the ends of the feature, so that all are lengths.
     """

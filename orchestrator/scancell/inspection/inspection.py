@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -147,8 +147,8 @@ class Inspection(SavedResult):
         The CAD part.
     part_from_cloud
         (4, 4) alignment of the cloud, by which its points were allotted to faces.
-    assigned
-        Number of points on each face.
+    align
+        How points found their faces.
     warnings
         What is doubtful.
     source
@@ -165,7 +165,7 @@ class Inspection(SavedResult):
     decisions: tuple[Decision, ...]
     part: CadMesh
     part_from_cloud: Array
-    assigned: NDArray[np.int64]
+    align: Align
     warnings: tuple[str, ...] = ()
     source: Mapping[str, Any] = field(default_factory=dict)
 
@@ -185,7 +185,7 @@ class Inspection(SavedResult):
             "cloud": dict(self.source),
             "rule": rule.decision,
             "probability": rule.probability,
-            "alignment": {"part_from_cloud_m": self.part_from_cloud.tolist(), "method": "best fit, to find the faces"},
+            "alignment": {"part_from_cloud_m": self.part_from_cloud.tolist(), "method": self.align},
             "filter_mm": rule.filter_mm,
             "reach_mm": rule.reach_mm,
             "edge_mm": rule.edge_mm,
@@ -300,14 +300,10 @@ def inspect_part(
     """
     found = _Faces(part, description, source)
     warnings = list(part.warnings)
-    moved, surface = np.eye(4), PartSurface(part)
+    moved = np.eye(4)
     if align == "best-fit":
-
-        def distances(at: Array) -> tuple[Array, Array]:
-            signed, face = surface.distances(at, threads)
-            return signed, part.normals[face]
-
-        moved, more = best_fit_of_starts(points, distances, part.bounds)
+        surface = PartSurface(part)
+        moved, more = best_fit_of_starts(points, lambda at: surface.nearest(at, threads), part.bounds)
         warnings += more
     elif align != "none":
         raise DescriptionError(
@@ -328,6 +324,7 @@ def inspect_part(
         )
     )
     features = _Features(found, measured, edge, threads)
+    larger = _Features(found, measured.scaled(1 + _SCALE), edge, threads)
     for one in description.characteristic:
         effect = (effects or {}).get(one.name, Effect())
         nesting = 1e-3 * (description.filter_mm if one.filter_mm is None else one.filter_mm)
@@ -338,14 +335,12 @@ def inspect_part(
             continue
         by_temperature = 0.0
         if scale > _LEAST_SCALE:
-            larger = _Features(found, measured.scaled(1 + _SCALE), edge, threads).measure(one, nesting)
-            by_temperature = abs(larger.raw - value.raw) / _SCALE * scale
+            by_temperature = abs(larger.measure(one, nesting).raw - value.raw) / _SCALE * scale
         decisions.append(_decided(one, value, effect, by_temperature, description))
     unknown = sorted((effects or {}).keys() - {one.name for one in description.characteristic})
     if unknown:
         warnings.append(f"effects of characteristics that are not inspected: {', '.join(unknown)}")
-    counts = np.bincount(measured.face[measured.face >= 0], minlength=len(part.cad_faces))
-    return Inspection(description, tuple(decisions), part, moved, counts, tuple(warnings))
+    return Inspection(description, tuple(decisions), part, moved, align, tuple(warnings))
 
 
 @dataclass(frozen=True)
@@ -434,8 +429,7 @@ def _decided(
         # Drawings state the angle of either side.
         given, other = np.radians(one.nominal_deg), np.pi - measured.nominal
         if abs(other - given) < abs(measured.nominal - given):
-            values = {"value": np.pi - measured.value, "raw": np.pi - measured.raw, "nominal": other}
-            measured = Measured(**{**vars(measured), **values})
+            measured = replace(measured, value=np.pi - measured.value, raw=np.pi - measured.raw, nominal=other)
     low, high = _limits(one, measured)
     plain = Decision(one, measured, low, high, effect, by_temperature)
     value, deviation = measured.value - effect.bias, plain.uncertainty
@@ -450,7 +444,7 @@ def _decided(
             verdict = "conforms"
         elif 1 - probability >= rule.probability:
             verdict = "does not conform"
-    return Decision(one, measured, low, high, effect, by_temperature, probability, verdict)
+    return replace(plain, probability=probability, verdict=verdict)
 
 
 def _probability(value: float, deviation: float, low: float, high: float) -> float:

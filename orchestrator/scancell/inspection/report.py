@@ -62,13 +62,13 @@ def _rgb(colour: str) -> list[int]:
     return list(bytes.fromhex(colour[1:]))
 
 
-def part_picture(inspection: Inspection) -> Sheet:
-    """The part from two sides, each face in the colour of the worst verdict on it."""
+def part_picture(inspection: Inspection, faces: _Faces | None = None) -> Sheet:
+    """The part from two sides, each face in the colour of the worst verdict on it; `faces` draws it."""
     colours: dict[int, str] = {}
     ordered = sorted(inspection.decisions, key=lambda one: _SEVERITY.index(one.verdict))
     for one in ordered:
         colours |= dict.fromkeys(inspection.faces(one)[0], VERDICT_COLOURS[one.verdict])
-    faces, sheet = _Faces(inspection), Sheet(_WIDTH, _HEIGHT)
+    faces, sheet = faces or _Faces(inspection), Sheet(_WIDTH, _HEIGHT)
     for number, view in enumerate(((-55.0, 35.0), (125.0, 35.0))):
         drawn = faces.draw(colours, view, (_WIDTH // 2 - 20, _HEIGHT - 60))
         sheet.image(drawn, 10 + number * (_WIDTH // 2), 10)
@@ -96,7 +96,7 @@ def write_report(inspection: Inspection, path: Path) -> None:
         TITLE=html.escape(f"{name}: inspection"),
         VERDICT=html.escape(f"{counts} of {len(inspection.decisions)} characteristics"),
         NOTES="".join(f'<p class="bad">{html.escape(note)}</p>' for note in inspection.warnings),
-        PICTURE=_image(inspection.picture(), "faces in the colours of their verdicts"),
+        PICTURE=_image(part_picture(inspection, faces).png(), "faces in the colours of their verdicts"),
         TABLE=_overview(inspection),
         SECTIONS="".join(sections),
         RULE=html.escape(_rule_text(inspection)),

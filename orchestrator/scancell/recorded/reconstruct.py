@@ -454,7 +454,7 @@ class MeasuredCell:
 
     @property
     def moving(self) -> str:
-        """What the frame of the cloud moves with on a belt, as an addition to its name; else empty."""
+        """Addition to the name of the cloud's frame that names the belt with which it moves; else empty."""
         return f" (moves with {self.cell.support})" if self.cell.support_kind == "belt" else ""
 
     @property

@@ -45,7 +45,7 @@ class BeltMotion:
 
 @dataclass(frozen=True)
 class BeltTracking:
-    """What plans motions relative to a belt.
+    """Planner of motions relative to a belt.
 
     Attributes
     ----------

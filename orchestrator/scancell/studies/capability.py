@@ -31,7 +31,7 @@ _LEAST_MEASURED = 0.5  # share of the measurements that must evaluate a characte
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CapabilityRow(Value):
-    """What simulated measurements say of a characteristic, in m or rad.
+    """Errors and uncertainties of a characteristic in simulated measurements, in m or rad.
 
     Attributes
     ----------
@@ -260,9 +260,7 @@ def run_capability(
         progress.advance(1)
     if not found:
         raise fault or DescriptionError(key="draws", value=draws, expected="at least 1")
-    rows = []
-    for decisions in zip(*(one.decisions for one in found), strict=True):
-        rows.append(_row(decisions))
+    rows = map(_row, zip(*(one.decisions for one in found), strict=True))
     return Capability(part.source, tuple(rows), len(found), tuple(labels), seconds)
 
 
