@@ -93,7 +93,7 @@ def block(shift: float = 0.0) -> Part:
 
 def turned(shift: float = 0.0) -> Part:
     """Turned part with journals, a cone, a groove and a flat; `shift` moves the axis of ``journal_b`` along x."""
-    solid = _fuse(_cylinder((0, 0, 0), 30, 12), _cylinder((0, 0, 11), 20, 29), _cone((0, 0, 40), 20, 13, 20))
+    solid = _fuse(_cylinder((0, 0, 0), 30, 12), _cylinder((0, 0, 11), 20, 29), _cone((0, 0, 40), 20, 12.3, 22))
     solid = _fuse(solid, _cylinder((shift, 0, 59), 13, 26))
     groove = BRepPrimAPI_MakeTorus(gp_Ax2(gp_Pnt(0, 0, 26), gp_Dir(0, 0, 1)), 21, 4).Shape()
     solid = _cut(solid, groove, _box((25, -40, -1), (40, 40, 13)), _cylinder((0, 18, 74), 3, 30))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.optimize import linprog, minimize
+from scipy.stats import binom
 
 from inspection_parts import Change, cad_part, cloud_of
 from scancell.arrays import Array
@@ -18,6 +19,7 @@ from scancell.geometry import pose
 from scancell.geometry.cad import Annotation
 from scancell.geometry.shapes import Box, PlacedShape, Ring, Sphere
 from scancell.inspection.annotations import annotated
+from scancell.inspection.features import Feature
 from scancell.inspection.inspection import Decision, Effect, inspect_part
 from scancell.studies.capability import Capability, CapabilityRow, read_effects
 
@@ -299,6 +301,28 @@ def test_stated_uncertainties_are_the_spread_of_repeated_measurements() -> None:
     # 99.9 % bounds of the spread of 30 values.
     assert ((spread > 0.6) & (spread < 1.45)).all(), spread
     assert np.mean(np.abs(scores) < 1.96) > 0.88
+
+
+@pytest.mark.parametrize("common", [0.0, 3e-6])
+def test_few_profiles_state_what_their_points_have_in_common(common: float) -> None:
+    """Intervals of the place of a bore keep their share where the fit follows much of the noise of few profiles."""
+    runs, profiles, each, inside = 160, 6, 25, 0
+    for seed in range(runs):
+        random = np.random.default_rng(seed)
+        angle = (random.uniform(0, 2 * np.pi, profiles)[:, None] + random.uniform(-0.4, 0.4, (profiles, each))).ravel()
+        profile = np.repeat(np.arange(profiles), each)
+        radius = (
+            _RADIUS + 1e-6 * random.standard_normal(len(angle)) + common * random.standard_normal(profiles)[profile]
+        )
+        local = [radius * np.cos(angle), radius * np.sin(angle), random.uniform(-0.4, 0.4, len(angle)) * _HEIGHT]
+        points = pose.transform_points(_PART.cad_faces[_BORE].part_from_face, np.stack(local, 1))
+        alone = replace(_PART, faces=_PART.faces[_PART.cad_face == _BORE], cad_face=np.full(2, _BORE))
+        face = np.full(len(points), _BORE)
+        bore = Feature("bore", (_BORE,), _PART.cad_faces[_BORE], points, profile, face, alone)
+        across = _PART.cad_faces[_BORE].part_from_face[:3, 0]
+        away = across @ (bore.fit.parameters[:3] - bore.frame[:3, 3])
+        inside += abs(away) < 1.96 * np.linalg.norm(across @ bore.spread[:3])
+    assert binom.cdf(inside, runs, 0.94) > 1e-3
 
 
 def test_noise_is_no_form() -> None:

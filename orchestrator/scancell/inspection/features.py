@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.ndimage import uniform_filter1d
+from scipy.special import ndtri, stdtrit
 
 from scancell import sensor as sensor_rt
 from scancell.arrays import Array
@@ -34,8 +35,9 @@ _NOISE = 1.4826  # standard deviations of a normal distribution, in median devia
 _WINDOW = 401  # successive points whose mean change tells the noise there
 _MOST_CHANGE = 8.0  # of the median change, that counts
 _MOST_APART = 4.0  # standard deviations between means of successive profiles, that count
-_WIDER = 1.21  # (1 + 1.96²) / 4
+_SURE = 0.975  # quantile by which noise that few profiles tell is widened
 _LEAST_IN_PROFILE = 5  # points of a profile on a feature whose mean counts
+_LEAST_PROFILES = 3  # that tell what their points have in common
 _DEPENDENT = 1e-4  # singular values of constraints that earlier datums imply already
 
 
@@ -208,31 +210,51 @@ class Feature(Value):
     @cached_property
     def noise(self) -> Noise:
         """Noise of the distances, by how they change from point to point and from profile to profile."""
-        distance = self.placed.linearised(self.points)[0]
+        distance, jacobian, inverse = self._linearised
         change = np.abs(np.diff(distance))
         # Between the ends of two profiles a change is no noise.
         change = np.minimum(np.append(change, change[-1:]), _MOST_CHANGE * float(np.median(change)))
         deviation = np.pi**0.5 / 2 * uniform_filter1d(change, _WINDOW, mode="nearest")
         _, profile, count = np.unique(self.profile, return_inverse=True, return_counts=True)
-        mean = np.bincount(profile, distance) / count
-        own = np.bincount(profile, deviation**2) / count**2
-        many = count >= _LEAST_IN_PROFILE
-        common = 0.0
-        if many.sum() > 2:
-            apart = np.abs(np.diff(mean[many]))
-            # From one view to the next, means may jump.
-            apart = np.minimum(apart, _MOST_APART * _NOISE * float(np.median(apart)))
-            common = float(np.sqrt(max(0.0, float((apart**2).mean()) / 2 - float(own[many].mean()))))
-            # Few profiles tell it with few degrees of freedom: wider as Student's t is, to first order (JCGM 100 G.3);
-            # squared changes from one to the next tell two thirds of what independent values do.
-            common *= 1 + _WIDER / (2 / 3 * len(apart))
-        return Noise(deviation, profile, common)
+        many = np.flatnonzero(count >= _LEAST_IN_PROFILE)
+        if len(many) < _LEAST_PROFILES:
+            return Noise(deviation, profile, 0.0)
+
+        def sums(columns: Array) -> Array:
+            """Sums (c, p) over the points of each profile of columns (c, n)."""
+            return np.stack([np.bincount(profile, one) for one in columns])
+
+        apart = np.abs(np.diff((sums(distance[None])[0] / count)[many]))
+        # From one view to the next, means may jump.
+        apart = np.minimum(apart, _MOST_APART * _NOISE * float(np.median(apart)))
+        # The fit follows part of the noise, much of it where few profiles determine it.
+        fitted = np.diff((sums(jacobian.T) / count)[:, many]).T
+
+        def expected(own: Array, with_fit: Array, of_fit: Array) -> float:
+            """Sum of squared changes by noise of means of variance (p,), of covariances (f, p), (f, f) with the fit."""
+            changes = own[many][1:] + own[many][:-1] - 2 * (fitted * np.diff(with_fit[:, many]).T).sum(1)
+            return float(changes.sum() + np.einsum("ni,ij,nj->", fitted, of_fit, fitted))
+
+        by_profile, by_point = sums(inverse), inverse * deviation**2
+        told = expected(np.ones(len(count)), by_profile, by_profile @ by_profile.T)
+        by_points = expected(sums(deviation[None] ** 2)[0] / count**2, sums(by_point) / count, by_point @ inverse.T)
+        # Few profiles tell it with few degrees of freedom, for which Student's t is wider (JCGM 100 G.3). Squared
+        # changes from one to the next, of twice the variance, tell two thirds of what independent values do.
+        freedom = max(told / 3, 1.0)
+        wider = float(stdtrit(freedom, _SURE) / ndtri(_SURE))
+        power = wider**2 * float((apart**2).sum()) - by_points
+        return Noise(deviation, profile, float(np.sqrt(max(0.0, power) / (3 * freedom))))
+
+    @cached_property
+    def _linearised(self) -> tuple[Array, Array, Array]:
+        """Distances (n,) from the least-squares place, their derivatives (n, f), and the inverse (f, n) of these."""
+        distance, jacobian = self.placed.linearised(self.points)
+        return distance, jacobian, np.asarray(np.linalg.pinv(jacobian))
 
     @cached_property
     def spread(self) -> Array:
         """(k, j) square root of the covariance of the parameters of the fit."""
-        jacobian = self.placed.linearised(self.points)[1]
-        inverse = np.linalg.pinv(jacobian)
+        inverse = self._linearised[2]
         by_point = inverse * self.noise.deviation
         by_profile = self.noise.common * np.stack([np.bincount(self.noise.profile, row) for row in inverse])
         values, vectors = np.linalg.eigh(by_point @ by_point.T + by_profile @ by_profile.T)
