@@ -16,7 +16,7 @@ from scancell.reconstruction.cloud_files import parse_formats
 PROJECT = tomllib.loads((Path(__file__).resolve().parents[2] / "pyproject.toml").read_text())["project"]
 MODULES = {
     "studies": ("distributed", "dask", "bokeh", "SALib", "jinja2", "matplotlib"),
-    "formats": ("laspy", "lazrs", "pye57", "h5py"),
+    "formats": ("laspy", "lazrs", "pye57", "h5py", "rosbags", "mcap"),
     "mesh": ("open3d",),
     "workspace": ("viser", "mcap_protobuf", "foxglove_schemas_protobuf"),
 }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import fnmatch
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -236,6 +236,8 @@ class ProfileTable:
         (m,) s and digital numbers; None where the format has none.
     has_travel
         Whether y is stated.
+    readings
+        Further columns (m,) by name: readings of the robot, and numbers of sensors, where the file holds them.
     """
 
     kind: str
@@ -246,6 +248,7 @@ class ProfileTable:
     time: Array | None
     intensity: Array | None
     has_travel: bool
+    readings: Mapping[str, Array] = field(default_factory=dict)
 
     @property
     def has_height(self) -> NDArray[np.bool_]:
@@ -263,7 +266,7 @@ class ProfileTable:
         )
 
     def columns(self, travel: str | None = None) -> dict[str, NDArray[np.generic]]:
-        """Columns of a table of the points that were measured, whose poses another table holds.
+        """Columns of a table of the points that were measured, with readings, or whose poses another table holds.
 
         Where y is stated, it is the column `travel`, the same for all points of a profile.
         """
@@ -275,7 +278,8 @@ class ProfileTable:
             found["intensity_dn"] = self.intensity
         if travel is not None and self.has_travel:
             found[travel] = self.points[:, 1]
-        found |= {"x_mm": self.points[:, 0], "z_mm": self.points[:, 2]}
+        # With readings, coordinates are those of the sensor frame, whose y is along the line.
+        found |= {"y_mm" if self.readings else "x_mm": self.points[:, 0], "z_mm": self.points[:, 2], **self.readings}
         return {name: values[kept] for name, values in found.items()}
 
 
@@ -284,6 +288,10 @@ def read_profiles(path: Path, form: FormatDescription) -> ProfileTable:
 
     Raises `DescriptionError` naming file, line, value and what was expected.
     """
+    if form.layout == "ros_bag":
+        from scancell.calibration.ros_bag import read_bag  # noqa: PLC0415  (which makes such a table)
+
+        return read_bag(path, form)
     files = [path] if not path.is_dir() else _files(path, form)
     parts, last = [], 0
     for file in files:
@@ -324,7 +332,7 @@ def _files(folder: Path, form: FormatDescription) -> list[Path]:
     return sorted(found, key=order)
 
 
-def _made(path: Path, form: FormatDescription, points: Sequence[Array], profile: Array, time: Array | None,
+def profile_table(path: Path, form: FormatDescription, points: Sequence[Array], profile: Array, time: Array | None,
           intensity: Array | None, has_travel: bool) -> ProfileTable:  # fmt: skip
     """Table of numbers (m) of the file: scaled, invalid ones as NaN."""
     x, y, z = points
@@ -368,7 +376,7 @@ def _of_grid(path: Path, form: FormatDescription, z: Array, x: Array | None, y: 
     def spread(values: Array) -> Array:
         return np.repeat(values, width)
 
-    return _made(
+    return profile_table(
         path, form,
         [np.broadcast_to(x, z.shape).reshape(-1), spread(np.zeros(count) if y is None else y), z.reshape(-1)],
         spread(np.arange(1.0, count + 1)), None if time is None else form.time_unit_s * spread(time),
@@ -504,7 +512,7 @@ def _points(path: Path, form: FormatDescription) -> ProfileTable:
         y = np.asarray(form.y.pitch_mm / form.y.scale_mm * steps)
     y = None if y is None or form.y is None else _scaled(form.y, y)
     time = table.one(form.time_column)
-    return _made(path, form, [x, np.zeros(len(z)) if y is None else y, z], profile,
+    return profile_table(path, form, [x, np.zeros(len(z)) if y is None else y, z], profile,
                  None if time is None else form.time_unit_s * time, table.one(form.intensity_column),
                  y is not None or len(np.unique(profile)) == 1)  # fmt: skip
 
@@ -529,7 +537,8 @@ def _sequence(path: Path, form: FormatDescription) -> ProfileTable:
     values = np.array([float(word.lower().replace(".nan", "nan").replace(".inf", "inf")) for word in words])
     values = np.where(np.isfinite(values), values, np.nan).reshape(-1, size)
     table = {axis: values[:, int(c) - 1] for axis, c in (("x", form.x.column), ("z", form.z.column)) if c is not None}
-    return _made(path, form, [table["x"], np.zeros(len(values)), table["z"]], np.ones(len(values)), None, None, True)
+    points = [table["x"], np.zeros(len(values)), table["z"]]
+    return profile_table(path, form, points, np.ones(len(values)), None, None, True)
 
 
 def _image(path: Path, form: FormatDescription) -> ProfileTable:

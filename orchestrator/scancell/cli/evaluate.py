@@ -318,6 +318,7 @@ def export(
     run_folder: _Run,
     out: Annotated[Path, "file for the recording (MCAP)"] = Path("out/scan.mcap"),
     points: Annotated[int, typer.Option(min=1, help="points of the cloud at most, evenly chosen")] = 1_000_000,
+    ros: Annotated[bool, "a ROS 2 bag with joints and profiles, which `reconstruct` reads again"] = False,
     threads: ThreadsOption = 0,
     as_json: bool = False,
 ) -> Outcome:
@@ -326,8 +327,14 @@ def export(
     Point clouds for other programs are written by `scan`, `rerun` and `batch` with --format: PLY, NPZ, LAZ, E57,
     PCD, XYZ.
     """
+    from scancell.recorded.runs import export_bag  # noqa: PLC0415
     from scancell.views.mcap_export import export_run  # noqa: PLC0415
 
+    if ros:
+        messages, count = export_bag(run_folder, out)
+        return Outcome(
+            [f"{out}: {messages} messages, {count:,} points"], {"messages": messages, "points": count}, [str(out)]
+        )
     opened, warnings = _opened(run_folder, points)
     with show_progress(as_json) as progress:
         messages = export_run(opened, out, threads, progress)

@@ -13,7 +13,7 @@ from scancell.config.files import assets_dir, read_toml
 from scancell.errors import DescriptionError
 
 Column = Annotated[int, Field(ge=1, le=100_000)] | str
-Layout = Literal["points", "profiles_in_rows", "profiles_in_columns", "sequence", "image"]
+Layout = Literal["points", "profiles_in_rows", "profiles_in_columns", "sequence", "image", "ros_bag"]
 _HEAD = 1 << 13
 
 
@@ -38,6 +38,28 @@ class AxisDescription(Description):
         return self
 
 
+class BagDescription(Description):
+    """What of a ROS 2 bag counts: profiles, and joints or poses of the flange at their time stamps."""
+
+    profiles: tuple[str, ...] = Field(
+        default=(),
+        description="topics of PointCloud2 or LaserScan, of sensor 1, 2, …; by default the only one of the bag",
+    )
+    joints: tuple[str, ...] = Field(
+        default=(),
+        description="names of the joints in JointState, from the base to the flange; by default those that end with"
+        " 1, 2, …",
+    )
+    axes: dict[Annotated[str, Field(pattern="_(deg|mm)$")], str] = Field(
+        default={},
+        description="names in JointState of the table and further axes, by the columns table_deg, NAME_mm, NAME_deg",
+    )
+    base_frame: str = Field(default="base_link", description="frame of the robot's base, with flange_frame")
+    flange_frame: str | None = Field(
+        default=None, description="frame of the flange, whose transforms count instead of joints"
+    )
+
+
 class FormatDescription(Description):
     """Format of files of profiles: x along the profile, y of the travel, z the height."""
 
@@ -45,7 +67,8 @@ class FormatDescription(Description):
     source: str = Field(default="", description="manual or file that states the format")
     layout: Layout = Field(
         description="points: a row per point; profiles_in_rows, profiles_in_columns: heights of one profile per row or"
-        " column; sequence: one list of numbers, as OpenCV writes it; image: 16-bit image whose rows are profiles"
+        " column; sequence: one list of numbers, as OpenCV writes it; image: 16-bit image whose rows are profiles;"
+        " ros_bag: messages of a ROS 2 bag"
     )
     content: str | None = Field(
         default=None, description="regular expression in the first 8 KiB of text by which files are recognised"
@@ -91,6 +114,7 @@ class FormatDescription(Description):
         default=None, description="travel from profile to profile: by steps, or by a column, such as encoder counts"
     )
     z: AxisDescription = Field(default=AxisDescription(), description="z of the points, the height")
+    bag: BagDescription = Field(default=BagDescription(), description="ros_bag: topics, joints and frames")
 
     @field_validator("content", "begin", "end", "list_name")
     @classmethod
@@ -103,7 +127,7 @@ class FormatDescription(Description):
 
     @model_validator(mode="after")
     def _columns_of_points(self) -> Self:
-        if self.layout in ("points", "sequence") and (self.x.column is None or self.z.column is None):
+        if self.layout in ("points", "sequence", "ros_bag") and (self.x.column is None or self.z.column is None):
             raise ValueError(f"x.column and z.column are needed with the layout {self.layout}")
         return self
 

@@ -16,8 +16,6 @@ from scipy.spatial import KDTree
 from scancell.arguments import Seed, Threads, checked_arguments
 from scancell.arrays import Array
 from scancell.calibration.cell.kinematics import AxisReadings
-from scancell.calibration.cell.scan import readings_of
-from scancell.cell.recording import integers, numbers, read_any_recording, read_table, refuse_value
 from scancell.config.loading import Setup, load_resolved
 from scancell.errors import DescriptionError, EmptyScanError
 from scancell.geometry import pose
@@ -28,8 +26,9 @@ from scancell.output.run_folder import RunFolder, SavedResult, manifest, write_j
 from scancell.output.sheet import COLOURS, SOFT, Axes, Sheet
 from scancell.progress import Progress, ProgressCallback, as_progress
 from scancell.reconstruction.reconstruct import ProfilePoints
-from scancell.recorded.measurements import Measurements, read_table_of
-from scancell.recorded.reconstruct import MeasuredCell, ReconstructedData, reconstruct_measurements, stated_axes
+from scancell.recorded.measurements import Measurements
+from scancell.recorded.reconstruct import MeasuredCell, ReconstructedData, reconstruct_measurements
+from scancell.recorded.runs import read_run
 from scancell.scanning.sense import expose
 from scancell.scanning.world import build_scene, make_sensor, still_exposures, visible_bodies
 
@@ -43,7 +42,6 @@ _FROM_EDGE = 1e-3 * np.array([0.0, 0.25, 0.5, 1.0, 2.0, 4.0])  # m
 _LEAST = 50  # points of a bin
 _NEIGHBOURS = 2  # columns between points whose difference is noise
 _SAME_POSITION, _SAME_TURN = 50e-6, np.radians(0.01)  # of poses that repeat
-_LARGEST_MM, _LARGEST_DN, _LARGEST_S = 1e9, 1e9, 1e6  # values of a table of profiles
 _PANEL = 470  # px, width of a plot of the picture
 _SERIES = {"real": COLOURS[1], "simulated": COLOURS[0]}
 _NORMAL = 1.4826  # standard deviation by the median of absolute values
@@ -388,15 +386,11 @@ def compare(
         )
     mesh = chosen.usable if isinstance(chosen, Mesh) else load_part(chosen, unit if part is not None else made["unit"])
     is_simulated, keep_all = "measured" not in made, bool(made.get("keep_all", False))
-    if is_simulated:
-        measurements, latency, source = _of_scan(folder, setup), None, folder / "profiles.parquet"
-    else:
-        source = folder / "points.parquet"
-        measurements = read_table_of(source, len(setup.cell.robot.joint), further=stated_axes(setup)[0])
-        latency = 1e-3 * float(made["latency_ms"])
+    measurements = read_run(folder, setup, is_simulated)
+    latency = None if is_simulated else 1e-3 * float(made["latency_ms"])
     measurements = measurements.of_main_sensor()
     if not len(measurements.profiles.frame):
-        raise EmptyScanError(f"the main sensor, '{setup.sensor.name}', measured nothing", file=source)
+        raise EmptyScanError(f"the main sensor, '{setup.sensor.name}', measured nothing", file=measurements.files[0])
     real = reconstruct_measurements(measurements, setup, mesh, latency, keep_all, threads)
     simulated = simulate(measurements, real.readings, real.measured_cell, setup, seed, threads, as_progress(progress))
     if not len(simulated.profiles.frame):
@@ -404,7 +398,7 @@ def compare(
     again = reconstruct_measurements(simulated, setup, mesh, 0.0, keep_all, threads)
     surface = PartSurface(mesh)
     estimated = {} if setup.cell.estimated is None else setup.cell.estimated.deviations()
-    files = [resolved, source, *([] if isinstance(chosen, Mesh) else [Path(chosen)])]
+    files = [resolved, measurements.files[0], *([] if isinstance(chosen, Mesh) else [Path(chosen)])]
     found = ComparisonResult(
         Residuals.of(real, mesh, surface, threads),
         Residuals.of(again, mesh, surface, threads),
@@ -418,59 +412,6 @@ def compare(
     if out is not None:
         found.save(out)
     return found
-
-
-def _of_scan(folder: Path, setup: Setup) -> Measurements:
-    """Measurements of a simulated scan."""
-    for name in ("recording.parquet", "profiles.parquet"):
-        if not (folder / name).is_file():
-            raise DescriptionError("no such file", file=folder / name, expected="the file of a run")
-    measured = read_any_recording(folder / "recording.parquet").measured
-    measured.require_joints(len(setup.cell.robot.joint))
-    file = folder / "profiles.parquet"
-    table = read_table(file)
-    whole = {name: integers(table, name, file) for name in ("profile", "camera", "column", "flags")}
-    points = 1e-3 * np.column_stack([numbers(table, f"{axis}_mm", file, _LARGEST_MM) for axis in "xyz"])
-    sigma = 1e-3 * numbers(table, "sigma_mm", file, _LARGEST_MM)
-    unknown = np.flatnonzero(~np.isin(whole["profile"], measured.index))
-    if len(unknown):
-        row = int(unknown[0])
-        refuse_value(file, "profile", row, int(whole["profile"][row]), "a trigger.index of recording.parquet")
-    sensor = integers(table, "sensor", file) if "sensor" in table.column_names else np.ones(len(points), np.int64)
-    beyond = np.flatnonzero((sensor < 1) | (sensor > len(setup.sensor_names)))
-    if len(beyond):
-        row = int(beyond[0])
-        refuse_value(file, "sensor", row, int(sensor[row]), f"1 to {len(setup.sensor_names)}, as the cell has")
-    cameras = len(setup.sensor.camera)
-    strange = np.flatnonzero((sensor == 1) & (whole["camera"] >= cameras))
-    if len(strange):
-        row = int(strange[0])
-        refuse_value(file, "camera", row, int(whole["camera"][row]), f"0 to {cameras - 1}, as the sensor has")
-    profiles = ProfilePoints(
-        points_in_sensor=points,
-        sigma=sigma,
-        intensity=numbers(table, "intensity_dn", file, _LARGEST_DN),
-        camera=whole["camera"].astype(np.int32),
-        column=whole["column"].astype(np.int32),
-        frame=np.searchsorted(measured.index, whole["profile"]).astype(np.int32),
-        flags=whole["flags"].astype(np.uint32),
-        time_offset=numbers(table, "time_offset_s", file, _LARGEST_S),
-        sensor=sensor.astype(np.uint8),
-    )
-    axes, _ = stated_axes(setup)
-    measured.require_axes([joint.axis for joint in axes])
-    readings = readings_of(measured, axes)
-    return Measurements(
-        names=tuple(f"exposure {number}" for number in measured.index),
-        index=measured.index,
-        time=measured.time,
-        readings=readings,
-        profiles=profiles,
-        covariance=sigma[:, None, None] ** 2 * np.diag([0.0, 0.0, 1.0]),
-        stated=None,
-        poses_file=folder / "recording.parquet",
-        files=(folder / "profiles.parquet",),
-    )
 
 
 def _from_edges(points: Array, part: Mesh, threads: int) -> Array:

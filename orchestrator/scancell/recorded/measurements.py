@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,20 +91,17 @@ class Measurements(Value):
         own = self.profiles.sensor == 1
         return self if own.all() else replace(self, profiles=self.profiles[own], covariance=self.covariance[own])
 
-    def write(self, path: Path) -> None:
-        """Write the table of points that `read_table` reads again: CSV or Parquet, by the suffix.
-
-        Raises `OutputError` if the file cannot be written.
-        """
+    def columns(self) -> dict[str, NDArray[np.generic]]:
+        """Columns (m,) of the table of points that `read_table_of` reads again."""
         readings, profiles = self.readings, self.profiles
         frame = np.asarray(profiles.frame, np.intp)
-        by_exposure: dict[str, NDArray[Any]] = {"exposure": self.index, "time_s": self.time}
+        by_exposure: dict[str, NDArray[np.generic]] = {"exposure": self.index, "time_s": self.time}
         if readings.flange is not None:
             by_exposure |= flange_columns(readings.flange)
         by_exposure |= readings.columns()
         direction = self.directions
         points = 1e3 * np.asarray(profiles.points_in_sensor, float)
-        columns = {
+        columns: dict[str, NDArray[np.generic]] = {
             **{name: values[frame] for name, values in by_exposure.items()},
             **{f"{axis}_mm": points[:, i] for i, axis in enumerate("xyz")},
             **{f"error_{axis}": direction[:, i] for i, axis in enumerate("xyz")},
@@ -120,7 +116,14 @@ class Measurements(Value):
             columns["sensor"] = profiles.sensor.astype(np.int64)
         if readings.flange is not None:
             del columns["time_offset_ms"]  # poses state no rates
-        write_measured_table(path, columns)
+        return columns
+
+    def write(self, path: Path) -> None:
+        """Write the table of points: CSV or Parquet, by the suffix.
+
+        Raises `OutputError` if the file cannot be written.
+        """
+        write_measured_table(path, self.columns())
 
 
 def read_measurements(

@@ -422,7 +422,7 @@ def reconstruct(
         form = recognised_format(data)
     further, missing = stated_axes(setup)
     needs_arm = "q1_deg" not in missing(np.zeros(0))
-    if is_cloud or (form is not None and flange is None and needs_arm):
+    if is_cloud or (form is not None and form.layout != "ros_bag" and flange is None and needs_arm):
         if setup.scan.belt is not None:
             raise DescriptionError(
                 "a cloud without poses states no travel of the belt", file=data, key="scan.belt",
