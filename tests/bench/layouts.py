@@ -1,8 +1,8 @@
 """Proposed layouts against random ones within the same bounds: time of the scan at equal coverage.
 
 ``python -m bench.layouts [--random 200] [--planned 10] [--cell CELL]… PART…`` screens random layouts for each part and
-cell, plans some of them in full, and prints medians; a layout that scans less than the proposed one counts as
-infinitely slow.
+cell, plans some of them in full, and prints medians, and how well the estimate ranks what is planned; a layout that
+scans less than the proposed one counts as infinitely slow.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from scipy.stats import spearmanr
 
 import scancell
 from scancell.planning.layout import WORTH, layout_bounds, ranking, sampled
@@ -64,14 +65,17 @@ class Case:
         for layout in found.ranked:
             self.say(f"{layout.name} {100 * layout.scanned:.1f} % in {layout.time:.1f} s")
         best = found.chosen[0]
-        scanned: list[float] = []
-        durations: list[float] = []
-        for at in self.random[: self.options.planned]:
-            layout = self.planner.planned("random", at)
-            scanned.append(layout.scanned)
-            durations.append(layout.time)
-            times = at_equal_coverage(scanned, durations, best.scanned)
-            self.say(f"planned: {medians(times)}; proposed is faster than {100 * (times > best.time).mean():.0f} %")
+        layouts = [self.planner.planned("random", at) for at in self.random[: self.options.planned]]
+        times = at_equal_coverage([one.scanned for one in layouts], [one.time for one in layouts], best.scanned)
+        planned = np.isfinite([one.time for one in layouts])
+        estimates = [self.planner.screen(at).time for at in self.random[: self.options.planned]]
+        rank = spearmanr(np.array(estimates)[planned], np.array([one.time for one in layouts])[planned]).statistic
+        self.say(
+            f"planned: {planned.sum()} of {len(layouts)} can be; {medians(times)}; proposed is faster than"
+            f" {100 * (times > best.time).mean():.0f} %; rank correlation of estimate and plan {rank:.2f}"
+        )
+        for estimate, one in zip(estimates, layouts, strict=True):
+            self.say(f"random: estimate {estimate:.1f} s, {100 * one.scanned:.1f} % in {one.time:.1f} s {one.problem}")
 
 
 def medians(times: np.ndarray) -> str:
@@ -90,7 +94,7 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=128)
     parser.add_argument("--plans", type=int, default=3)
     parser.add_argument("--random", type=int, default=200)
-    parser.add_argument("--planned", type=int, default=10)
+    parser.add_argument("--planned", type=int, default=20)
     options = parser.parse_args()
     cases = [(part, cell) for cell in options.cell or [None] for part in options.parts]
     for part, cell in cases:

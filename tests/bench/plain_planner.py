@@ -47,14 +47,15 @@ class Cell:
     ----------
     nominal
         Kinematics and bodies.
+    start
+        Poses (bodies, 4, 4) at which bodies that touch do so by construction; None: those at home.
     """
 
-    def __init__(self, nominal: NominalCell) -> None:
+    def __init__(self, nominal: NominalCell, start: Array | None = None) -> None:
         self.nominal = nominal
         self.names = [body.name for body in nominal.bodies]
         meshes = {body.name: body.mesh for body in nominal.bodies}
-        home = nominal.body_poses(nominal.home)
-        self._judge = Judge(meshes, self.names, home)
+        self._judge = Judge(meshes, self.names, nominal.body_poses(nominal.home) if start is None else start)
         self.corners = [
             body.mesh.bounds[np.indices((2, 2, 2)).reshape(3, 8), np.arange(3)[:, None]].T for body in nominal.bodies
         ]

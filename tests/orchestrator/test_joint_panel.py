@@ -54,7 +54,7 @@ class Operator:
     def __init__(self) -> None:
         self.submitted: list[Command] = []
         arm = SimpleNamespace(limits=np.radians([[-180.0] * 2, [180.0] * 2]))
-        self.nominal = SimpleNamespace(arm=arm, home=HOME, further_axes=())
+        self.nominal = SimpleNamespace(arm=arm, home=HOME, further_axes=(), table_turns=True)
         self.submit = self.submitted.append
 
     def add_inputs(self, _handles: list[Any], _condition: Any) -> None:

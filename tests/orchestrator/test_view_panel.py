@@ -11,7 +11,7 @@ import pytest
 
 from scancell.browser.panels.camera_panel import ViewPanel
 from scancell.browser.scene.scene import VIEW_NAMES, ViewName, Viewpoint, viewpoint
-from scancell.config.loading import load_setup
+from scancell.config.loading import assets_dir, load_setup
 from scancell.geometry import pose
 from scancell.geometry.mesh import box_mesh
 from scancell.nominal.cell import NominalCell, nominal_cell
@@ -47,7 +47,7 @@ def test_all_of_a_view_is_in_the_picture(
 ) -> None:
     """Every vertex of the robot, the table and the part in the view of the cell; docked panels cover none of it."""
     aspect = size[0] / size[1]
-    seen = viewpoint(view, cell.bodies, frames, aspect)
+    seen = viewpoint(view, cell, frames, aspect)
     for body in cell.bodies:
         if view == "cell" or body.moves_with == "part":
             points = pose.transform_points(frames[body.moves_with], body.mesh.vertices)
@@ -57,6 +57,16 @@ def test_all_of_a_view_is_in_the_picture(
         for b in cell.bodies
     ]
     assert max(widest) > 0.7  # not from far away
+
+
+def test_view_of_a_held_part_is_near_it_wherever_the_table_is() -> None:
+    held = nominal_cell(load_setup(assets_dir() / "cells/held_part.toml").cell, box_mesh((0.05, 0.04, 0.03)))
+    frames = {name: np.asarray(world) for name, world in held.frame_poses(held.home).items()}
+    seen = viewpoint("part", held, frames, 1.0)
+    part, table = (next(body for body in held.bodies if body.name == name) for name in ("part", "table"))
+    in_world = {body.name: pose.transform_points(frames[body.moves_with], body.mesh.vertices) for body in (part, table)}
+    assert np.abs(shown(seen, in_world["part"], 1.0)).max() < 1.0
+    assert not (np.abs(shown(seen, in_world["table"], 1.0)) < 1.0).all()
 
 
 class Rig:
@@ -69,7 +79,7 @@ class Rig:
         )
         scene: Any = SimpleNamespace(
             position=lambda _: self.sensor,
-            viewpoint=lambda view, aspect: viewpoint(view, cell.bodies, frames, aspect),
+            viewpoint=lambda view, aspect: viewpoint(view, cell, frames, aspect),
         )
         self.panel = ViewPanel(self, self.camera, SimpleNamespace(callback=lambda act: act), scene)  # type: ignore[arg-type]
 

@@ -116,6 +116,28 @@ def test_slider_of_the_axis_moves_it_and_what_it_carries_in_the_scene(
     assert cell.live.state.further_axes == pytest.approx([position], abs=1e-5)
 
 
+@pytest.mark.parametrize("name", ["fixed_table"])
+def test_table_that_does_not_turn_has_no_slider_and_no_jog(cell: SteppedCell, page: Page) -> None:
+    gui = Sliders()
+    panel = JointPanel(gui, page.operator, cell.live.state)
+    JogPanel(gui, page.operator, cell.live.state)
+    assert gui.named["table, deg"].visible is False
+    assert "table" not in gui.named["axis"].options
+    gui.named["joint 1, deg"].enter(gui.named["joint 1, deg"].value + 2.0)
+    before = cell.live.state
+    settled(panel, cell)
+    assert cell.live.state.joints[0] == pytest.approx(before.joints[0] + np.radians(2.0), abs=1e-3)
+    cell.live.submit(SetOperation(Operation.MANUAL))
+    cell.cycle(20)
+    before = cell.live.state
+    gui.named["axis"].value = "tool along z"  # what follows the table in the order of the axes
+    for _ in range(20):
+        gui.named["Hold to jog +"].enter()
+        cell.cycle(2)
+    cell.rests()
+    assert np.abs(cell.live.state.joints - before.joints).max() > 1e-3
+
+
 def test_held_button_jogs_the_axis_alone(cell: SteppedCell, page: Page) -> None:
     (axis,) = cell.session.nominal.further_axes
     gui = Sliders()

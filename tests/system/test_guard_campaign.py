@@ -28,7 +28,15 @@ OPTIONS = CampaignOptions(None, str(PARTS / "free_form.stl"))
 OF_TABLE = replace(OPTIONS, seed=4)  # whose first jog of the table soon collides
 # Errors that take few runs to find.
 TILT = replace(OPTIONS, cell=str(PARTS.parent / "cells/tilt_turn.toml"))
-QUICK = {"stale-answers": OPTIONS, "begun-is-permitted": OPTIONS, "no-table-rate": OF_TABLE, "no-axis-path": TILT}
+HELD = replace(OPTIONS, cell=str(PARTS.parent / "cells/held_part.toml"))
+QUICK = {
+    "stale-answers": OPTIONS,
+    "begun-is-permitted": OPTIONS,
+    "no-table-rate": OF_TABLE,
+    "no-axis-rate": TILT,
+    "no-axis-path": TILT,
+    "no-part": HELD,
+}
 
 
 @pytest.fixture(scope="module")

@@ -161,6 +161,17 @@ class _NoFurtherRate(Guard):
         return _at_rest(super()._hypotheses(), range(self._names.index("table") + 1, self._axes))
 
 
+def _overlooks(name: str) -> type[Guard]:
+    class Overlooks(Guard):
+        """A guard that does not know a body of the cell."""
+
+        def __init__(self, nominal: NominalCell, *others: Any) -> None:
+            bodies = tuple(body for body in nominal.bodies if body.name != name)
+            super().__init__(replace(nominal, bodies=bodies), *others)
+
+    return Overlooks
+
+
 def _at_rest(hypotheses: Sequence[Hypothesis], axes: Sequence[int]) -> list[Hypothesis]:
     """The hypotheses with some axes at rest."""
     found = []
@@ -286,6 +297,8 @@ MUTATIONS: dict[str, Mutation] = {
     "no-axis-rate": Mutation(_NoFurtherRate, alone="further", further=True),
     "no-axis-path": Mutation(_FurtherPathIgnored, strata=lambda one: one.kind in _OF_AXES, further=True),
     "nothing-carried": Mutation(_NothingCarried, strata=lambda one: one.kind in _OF_AXES, further=True),
+    "no-part": Mutation(_overlooks("part"), strata=lambda _: True),
+    "no-sensor": Mutation(_overlooks("sensor"), strata=lambda _: True),
     "slow-is-rest": Mutation(_SlowIsRest, strata=lambda stratum: _identified(stratum) and stratum.decade < 2),
     "begun-is-permitted": Mutation(_BegunIsPermitted, strata=_shown),
     "quarter-as-fast": Mutation(_QuarterAsFast, strata=_shown),

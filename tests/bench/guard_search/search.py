@@ -32,7 +32,8 @@ Array = NDArray[np.float64]
 
 _DURATION = 8.0  # s, of a run: jogs accelerate slowly
 _AFTER = 1.0  # s: a person who jogs at random collides later
-_DRAWS = 500  # persons
+_DRAWS = 5000  # starts of persons
+_SWEPT = 400  # poses on the way of an axis that is jogged alone
 _SLOWEST = 0.1  # share of the full speed
 _REPLAY_MS = 90.0  # after which answers are delivered again: younger than those that a controller waits for
 _HALVINGS = 4  # of the way between two states, to shift the start
@@ -136,13 +137,20 @@ class Search(Closing):
         rng = np.random.default_rng([self._seed, number, 0])
         for _ in range(_DRAWS):
             start, motions, time = self._far_start(rng), list[Motion](), 0.0
-            while time < _DURATION and not (self._alone and motions):
-                kind = Kind.TABLE_JOG if self._alone else Kind(rng.choice(_JOGGED))
-                speed = float(rng.choice([1.0, rng.uniform(_SLOWEST, 1.0)]))
-                along = self._draws.along(np.zeros(len(start)), rng)
+            if self._alone:
+                axis = self._tool.joints
                 if self._alone == "further":
-                    kind, number = Kind.AXIS_JOG, rng.integers(self._tool.joints + 1, len(start))
-                    along = np.where(np.arange(len(start)) == number, rng.choice([-1.0, 1.0]), 0.0)
+                    axis = int(rng.integers(axis + 1, len(start)))
+                along = np.where(np.arange(len(start)) == axis, rng.choice([-1.0, 1.0]), 0.0)
+                before = self._before_contact(start, along)
+                if before is None:
+                    continue
+                start = before
+            while time < _DURATION and not (self._alone and motions):
+                kind = Kind.AXIS_JOG if self._alone else Kind(rng.choice(_JOGGED))
+                speed = float(rng.choice([1.0, rng.uniform(_SLOWEST, 1.0)]))
+                if not self._alone:
+                    along = self._draws.along(np.zeros(len(start)), rng)
                 motion = self._draws.motion(kind, along, 1.0, speed, start, rng)
                 short = not self._alone and rng.random() < 0.5
                 motion = replace(motion, duration=rng.uniform(0.3, 1.5) if short else rng.uniform(1.5, _DURATION))
@@ -153,6 +161,23 @@ class Search(Closing):
             if contact is not None and contact[0] >= _AFTER:
                 return scenario, contact[1]
         raise RuntimeError(f"person {number}: none of {_DRAWS} scenarios ends in a contact")
+
+    def _before_contact(self, start: Array, along: Array) -> Array | None:
+        """Axes (axes,) on the way from `start` along one axis that are the last far from all bodies before a contact.
+
+        None, if that axis alone leads into none.
+        """
+        world, least = self._simulation.world, self._draws.least
+        number, far = int(np.argmax(np.abs(along))), 2 * np.pi  # of the table, which has no limits
+        if number > self._tool.joints:
+            axis = world.nominal.further_axes[number - self._tool.joints - 1]
+            far = abs((axis.max if along[number] > 0 else axis.min) - start[number])
+        axes = start + np.linspace(0.0, far, _SWEPT)[:, None] * along
+        near = world.scene.distances(world.nominal.body_poses(axes), least, 1)
+        touching = np.flatnonzero((near == 0.0).any(1))
+        if not len(touching):
+            return None
+        return np.asarray(axes[np.flatnonzero((near[: touching[0]] >= least - 1e-9).all(1))[-1]])
 
     def _far_start(self, rng: np.random.Generator) -> Array:
         """Axes (axes,), rad, far from all bodies."""

@@ -64,6 +64,7 @@ class JointPanel:
             gui.add_slider(name, low, high, 0.1, np.clip(value, low, high))
             for name, (low, high), value in zip(names, limits, shown, strict=True)
         ]
+        self._sliders[self._table].visible = nominal.table_turns
         self._turn = 0  # whole turns of the table in the middle of its slider
         self._last = [slider.value for slider in self._sliders]
         self.show(state)
@@ -131,7 +132,8 @@ class JogPanel:
         further = [axis.name for axis in operator.nominal.further_axes]
         self._axes = (*joints, "table", *further, *(f"tool {axis}" for axis in sensor_axes))
         self._first_sensor_axis = len(joints) + 1 + len(further)
-        self._axis = gui.add_dropdown("axis", self._axes)
+        offered = tuple(name for name in self._axes if name != "table" or operator.nominal.table_turns)
+        self._axis = gui.add_dropdown("axis", offered)
         self._tool = gui.add_dropdown("tool", tool_names(operator.nominal))
         self._frame = gui.add_dropdown("x, y, z of", (*_FRAMES, *frame_names(operator.nominal)))
         self._deflection = gui.add_slider("deflection, %", 1, 100, 1, 50)
@@ -139,7 +141,7 @@ class JogPanel:
         plus = gui.add_button("Hold to jog +", icon="plus", hint="or hold the key K")
         for button, sign in ((minus, -1), (plus, 1)):
             button.on_hold(operator.callback(partial(self._jog, sign)), callback_hz=_RATE)
-        for key, name in zip("123456789", self._axes, strict=False):
+        for key, name in zip("123456789", offered, strict=False):
             choose = operator.callback(partial(setattr, self._axis, "value", name))
             gui.add_command(f"Choose {name}", hotkey=key).on_trigger(choose)
         operator.add_inputs([self._axis, self._tool, self._frame, self._deflection])

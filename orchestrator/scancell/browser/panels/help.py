@@ -92,7 +92,8 @@ class HelpPanel:
     start
         State in which the tour begins.
     over_part
-        Position (3,) in the base at which a sensor that looks down measures the part, m.
+        Position (3,) in the base at which a sensor that looks down measures the part, m; None: the arm does not carry
+        the sensor, and the tour has no such step.
     """
 
     def __init__(
@@ -103,10 +104,9 @@ class HelpPanel:
         taught: TaughtFile,
         program: LiveProgram,
         start: LiveState,
-        over_part: Array,
+        over_part: Array | None,
     ) -> None:
         nominal = feed.as_built
-        x, y, z = np.round(1e3 * over_part) + 0.0
         self._moved = start.time  # s
         self._held_at: Array | None = None  # joints at which the guard held a jog
         self._steps = [
@@ -114,11 +114,7 @@ class HelpPanel:
                 "Move, Joints: move joint 1",
                 lambda state: _are_apart(state.joints, start.joints),
             ),
-            _Step(
-                f"Move, Pose: move back over the part, to {x:g}, {y:g}, {z:g} mm with the angles 180, 0, 0°, "
-                "until the cameras show a profile",
-                lambda state: self._done[0] and not state.moving and _is_at(feed.frame, over_part, self._moved),
-            ),
+            *([] if over_part is None else [self._step_back(feed, over_part)]),
             _Step(
                 "Move, Jog: jog the tool along z towards the table until the guard holds the robot",
                 lambda _: self._held_at is not None,
@@ -138,6 +134,14 @@ class HelpPanel:
             gui.add_html(small_html(f"<b>{escape(key)}</b>: {escape(text)}" for key, text in KEYS.items()))
             self._tour = gui.add_html("")
         self.show(start)
+
+    def _step_back(self, feed: CameraFeed, over_part: Array) -> _Step:
+        x, y, z = np.round(1e3 * over_part) + 0.0
+        return _Step(
+            f"Move, Pose: move back over the part, to {x:g}, {y:g}, {z:g} mm with the angles 180, 0, 0°, "
+            "until the cameras show a profile",
+            lambda state: self._done[0] and not state.moving and _is_at(feed.frame, over_part, self._moved),
+        )
 
     def show(self, state: LiveState) -> None:
         """Tick off what has been done."""

@@ -36,7 +36,6 @@ ViewName = Literal["cell", "part", "sensor"]
 VIEW_NAMES: tuple[ViewName, ...] = get_args(ViewName)
 
 _DIRECTIONS = {"cell": (-38.0, 24.0), "part": (-52.0, 38.0), "sensor": (-52.0, 20.0)}  # azimuth, elevation, deg
-_CARRIED_BY = {"part": ("table", "part"), "sensor": ("sensor", "part")}  # frames of the bodies in view
 _HEIGHT_PX = 800
 _SAMPLES = 200  # vertices of a body
 
@@ -64,19 +63,21 @@ class Viewpoint:
     fov: float
 
 
-def viewpoint(view: ViewName, bodies: Iterable[Body], frames: Mapping[str, Array], aspect: float) -> Viewpoint:
+def viewpoint(view: ViewName, cell: NominalCell, frames: Mapping[str, Array], aspect: float) -> Viewpoint:
     """The nearest viewpoint that has the bodies of a view in a picture with a rim around them.
 
     Parameters
     ----------
-    bodies, frames
-        Bodies and frames of the cell; poses ``world_from_frame`` (4, 4) by the names of the frames.
+    cell, frames
+        The cell, and poses ``world_from_frame`` (4, 4) by the names of its frames. The view ``part`` is of the part and
+        what carries it.
     aspect
         Width of the picture over its height.
     """
-    wanted = _CARRIED_BY.get(view)
-    bodies = tuple(bodies)
-    points = placed([body for body in bodies if wanted is None or body.moves_with in wanted] or bodies, frames)
+    carriers = {"part": ("part", cell.support), "sensor": ("part", "sensor")}.get(view)
+    points = placed(
+        [body for body in cell.bodies if not carriers or body.moves_with in carriers] or cell.bodies, frames
+    )
     camera = framing(points, *_DIRECTIONS[view], (round(aspect * _HEIGHT_PX), _HEIGHT_PX))
     middle = (points.min(0) + points.max(0)) / 2
     forward = camera.world_from_camera[:3, 2]
@@ -263,7 +264,7 @@ class CellScene:
     def viewpoint(self, view: ViewName, aspect: float) -> Viewpoint:
         """Viewpoint that has the bodies of a view in a picture of a width over height, see `viewpoint`."""
         with self._lock:
-            return viewpoint(view, self._cell.bodies, self._bodies.poses, aspect)
+            return viewpoint(view, self._cell, self._bodies.poses, aspect)
 
     def _show_laser(self, on: bool) -> None:
         for view in self._sensor_views:

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     import viser
 
 _RATE = 40.0  # Hz, of the scene at most
+_TURNS_DEG = (0.0, 90.0, 180.0, 270.0)  # of a part on the flange before the sensor, about the axis of the flange
 _PANELS_EVERY = 4  # updates of the scene from one update of the panels to the next
 
 
@@ -223,31 +224,50 @@ class Workspace:
             self._views.pop(client.client_id, None)
 
 
-def _over_part(cell: NominalCell, sensor: SensorDescription) -> NDArray[np.float64]:
-    """Position (3,) in the base from which a sensor that looks down has the part in the middle of its range, m.
-
-    Axes beyond the table are where they start.
-    """
-    cell = cell.with_axes_held()
-    corners = pose.transform_points(cell.world_from("part"), cell.part.vertices)
+def _above(cell: NominalCell, sensor: SensorDescription, frame_from_part: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Position (3,) in a frame from which a sensor that looks along -z has the part in the middle of its range, m."""
+    corners = pose.transform_points(frame_from_part, cell.part.vertices)
     middle = (corners.min(0) + corners.max(0)) / 2
     standoff = 0.5e-3 * (sensor.range.near_mm + sensor.range.far_mm)
-    above = np.array([middle[0], middle[1], corners[:, 2].max() + standoff])
+    return np.array([middle[0], middle[1], corners[:, 2].max() + standoff])
+
+
+def _over_part(cell: NominalCell, sensor: SensorDescription) -> NDArray[np.float64] | None:
+    """Position (3,) in the base from which a sensor that looks down has the part in the middle of its range, m.
+
+    Axes beyond the table are where they start. None where the flange does not carry the sensor.
+    """
+    if not cell.carries_sensor:
+        return None
+    cell = cell.with_axes_held()
+    above = _above(cell, sensor, cell.world_from("part"))
     return np.asarray(pose.transform_points(pose.inverse(cell.arm.world_from_base), above[None])[0])
 
 
-def _start_over_part(session: ScanSession, over_part: NDArray[np.float64]) -> None:
-    """Move the sensor over the part, so that the first frame has a stripe; the arm stays at home if it cannot."""
-    world, looks_down = session.world, np.diag([1.0, -1.0, -1.0])
-    base = session.nominal.with_axes_held().arm.world_from_base
-    world_from_sensor = base @ pose.from_rotation(looks_down, over_part)
-    with suppress(CommandError, PlanningError):
-        start = session.come_to_rest()
-        joints = session.joints_for(world_from_sensor, "sensor", start[: len(session.home)])
-        goal = np.append(joints, start[len(session.home)])
-        way = session.pipeline.approach(world, start, goal, "the part")
-        if way is not None:
-            session.run_program(way, session.exposure)
+def _start_over_part(session: ScanSession, over_part: NDArray[np.float64] | None) -> None:
+    """Bring sensor and part together, so that the first frame has a stripe; the arm stays at home if it cannot.
+
+    A sensor on the flange comes `over_part`; a part on the flange comes before the sensor, turned as it can be.
+    """
+    world, nominal, looks_down = session.world, session.nominal, np.diag([1.0, -1.0, -1.0])
+    if over_part is not None:
+        base = nominal.with_axes_held().arm.world_from_base
+        tool, targets = "sensor", (base @ pose.from_rotation(looks_down, over_part))[None]
+    elif nominal.holds_part:
+        view = pose.from_rotation(looks_down, _above(nominal, world.setup.sensor, nominal.support_from_part))
+        turns = pose.from_rotation(pose.rotation_about(2, np.radians(_TURNS_DEG)))
+        tool, targets = "flange", nominal.world_from_flange(turns @ view, nominal.start, nominal.support)
+    else:
+        return
+    start = session.come_to_rest()
+    for target in targets:
+        with suppress(CommandError, PlanningError):
+            joints = session.joints_for(target, tool, start[: len(session.home)])
+            goal = np.append(joints, start[len(session.home)])
+            way = session.pipeline.approach(world, start, goal, "the part")
+            if way is not None:
+                session.run_program(way, session.exposure)
+                return
 
 
 @contextmanager
