@@ -23,40 +23,40 @@ def offset_base() -> Manifold:
     return union([drum(92, 0, 16, chamfer=2), drum(66, 10, 78, chamfer=4), *bolts])
 
 
-def offset_link1() -> Manifold:
-    """Shoulder: turns about y, 160 mm above the base; the upper arm turns about z."""
-    column = drum(62, -84, -30, axis="y", chamfer=3)
+def offset_link1(height: float = 160.0) -> Manifold:
+    """Shoulder: turns about y, `height` above the base; the upper arm turns about z."""
+    column = drum(62, 76 - height, -30, axis="y", chamfer=3)
     housing = hull(drum(58, -60, 60, chamfer=8), drum(60, -60, -30, axis="y", chamfer=4))
     return union([column, housing])
 
 
-def offset_link2() -> Manifold:
-    """Upper arm from the shoulder at x = -400 to the elbow at the origin, in the plane z = 110."""
-    shoulder = (-400.0, 0.0, 0.0)
+def offset_link2(from_x: float = -400.0) -> Manifold:
+    """Upper arm from the shoulder at x = `from_x` to the elbow at the origin, in the plane z = 110."""
+    shoulder = (from_x, 0.0, 0.0)
     tube = hull(drum(44, 70, 150, at=shoulder, chamfer=12), drum(40, 70, 150, chamfer=12))
     return union([tube, drum(57, 58, 158, at=shoulder, chamfer=8), drum(48, 64, 158, chamfer=8)])
 
 
-def offset_link3() -> Manifold:
-    """Forearm from the elbow at x = -380 to the first wrist axis at the origin, in the plane z = 20."""
-    elbow = (-380.0, 0.0, 0.0)
+def offset_link3(from_x: float = -380.0) -> Manifold:
+    """Forearm from the elbow at x = `from_x` to the first wrist axis at the origin, in the plane z = 20."""
+    elbow = (from_x, 0.0, 0.0)
     tube = hull(drum(38, -16, 56, at=elbow, chamfer=12), drum(33, -14, 54, chamfer=12))
     return union([tube, drum(47, -24, 66, at=elbow, chamfer=7), drum(38, -22, 62, chamfer=6)])
 
 
-def offset_link4() -> Manifold:
-    """First wrist link: turns about y, 130 mm behind, carries the axis z."""
-    return union([drum(37, -70, 34, axis="y", chamfer=5), drum(36, -40, 46, chamfer=5)])
+def offset_link4(offset: float = 130.0) -> Manifold:
+    """First wrist link: turns about y, `offset` behind, carries the axis z."""
+    return union([drum(37, 60 - offset, 34, axis="y", chamfer=5), drum(36, -40, 46, chamfer=5)])
 
 
-def offset_link5() -> Manifold:
-    """Second wrist link: turns about y, carries the axis z."""
-    return union([drum(36, -38, 50, axis="y", chamfer=5), drum(35, -38, 44, chamfer=5)])
+def offset_link5(offset: float = 95.0) -> Manifold:
+    """Second wrist link: turns about y, `offset` after the first one, carries the axis z."""
+    return union([drum(36, -38, offset - 45, axis="y", chamfer=5), drum(35, -38, 44, chamfer=5)])
 
 
-def offset_link6() -> Manifold:
-    """Flange after ISO 9409-1-50: face at z = 0, four threads on a 50 mm circle."""
-    body = union([drum(33, -48, -12, chamfer=2), drum(31.5, -20, 0, chamfer=1)])
+def offset_link6(offset: float = 90.0) -> Manifold:
+    """Flange after ISO 9409-1-50: face at z = 0, `offset` after the wrist, four threads on a 50 mm circle."""
+    body = union([drum(33, 42 - offset, -12, chamfer=2), drum(31.5, -20, 0, chamfer=1)])
     return body - union(ring_of(drum(3, -10, 1, at=(25, 0, 0), chamfer=0, segments=20), 4, start_deg=45))
 
 

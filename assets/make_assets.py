@@ -7,6 +7,7 @@ the meshes themselves are in the repository.
 from __future__ import annotations
 
 import sys
+from functools import partial
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -29,6 +30,13 @@ MESHES = {
     "robots/six_axis/link6.stl": machines.link6,
     "robots/offset_wrist/base.stl": arms.offset_base,
     **{f"robots/offset_wrist/link{k}.stl": getattr(arms, f"offset_link{k}") for k in range(1, 7)},
+    "robots/ur5e/base.stl": arms.offset_base,
+    "robots/ur5e/link1.stl": partial(arms.offset_link1, 162.5),
+    "robots/ur5e/link2.stl": partial(arms.offset_link2, 425.0),
+    "robots/ur5e/link3.stl": partial(arms.offset_link3, 392.2),
+    "robots/ur5e/link4.stl": partial(arms.offset_link4, 133.3),
+    "robots/ur5e/link5.stl": partial(arms.offset_link5, 99.7),
+    "robots/ur5e/link6.stl": partial(arms.offset_link6, 99.6),
     f"{SEVEN}/meshes/link0.stl": arms.seven_base,
     **{f"{SEVEN}/meshes/link{k}.stl": getattr(arms, f"seven_link{k}") for k in range(1, 8)},
     "tables/rotary_table.stl": machines.platter,

@@ -34,7 +34,7 @@ KINDS = (
 _FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _LEFT_OUT = re.compile(r"<!-- not run: (.+?) -->\s*\Z")
 _FILE = re.compile(r"Save this file as `([^`]+)`:\s*\Z")
-_SERVES = re.compile(r"^(?=scancell (?:workspace|guard serve)\b[^&\n]*$)", re.MULTILINE)
+_SERVES = re.compile(r"^(?=scancell (?:workspace|guard serve|controller \w+)\b[^&\n]*$)", re.MULTILINE)
 _ENDED_BY_CTRL_C = 130  # also by Ctrl-C before the command handles it
 
 

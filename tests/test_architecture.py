@@ -45,6 +45,7 @@ TIERS = [
     {"live"},
     {"programs"},
     {"exercises"},
+    {"wire"},
     {"views"},
     {"browser"},
     {"cli"},

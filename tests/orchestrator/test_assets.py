@@ -86,6 +86,7 @@ def bodies_at(arm: str, angles_deg: Sequence[float]) -> list[trimesh.Trimesh]:
         ("six_axis", (0.0, -60.0, 200.0, 0.0, 60.0, 0.0)),
         ("six_axis", (35.0, -60.0, 185.0, 0.0, 55.0, 0.0)),
         ("offset_wrist", None),
+        ("ur5e", None),
         ("seven_axis", None),
     ],
 )

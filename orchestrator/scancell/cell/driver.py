@@ -180,6 +180,7 @@ _REFUSALS = {
     9: "{axis} is not where the segment starts",
     10: "the segment moves {axis} faster than its limits of speed and acceleration allow",
     11: GUARD_TOO_OLD,
+    15: "a guard is in force, which permits no streamed set-points: it does not know where they lead",
 }
 
 

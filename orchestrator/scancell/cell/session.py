@@ -310,10 +310,42 @@ class CellSession:
     @checked_arguments
     def start_move_line(self, world_from_tool: WorldFromTool, tool: Tool = "sensor", speed: Share = 1.0) -> None:
         """Start a motion with the arguments of `CellSession.move_line`."""
-        self._set_pose(self._tool, self.flange_from_tool(tool))
-        self._set_pose(self._line, np.asarray(world_from_tool, float))
+        self.start_line_of(self.flange_from_tool(tool), world_from_tool, speed)
+
+    @checked_arguments
+    def start_line_of(
+        self, flange_from_point: WorldFromTool, world_from_point: WorldFromTool, speed: Share = 1.0
+    ) -> None:
+        """Start a straight motion of any frame that is fixed to the flange.
+
+        Parameters
+        ----------
+        flange_from_point
+            Pose (4, 4) of the frame on the flange.
+        world_from_point
+            Pose (4, 4) of the frame at the end.
+        speed
+            That of `CellSession.move_line`.
+        """
+        self._set_pose(self._tool, np.asarray(flange_from_point, float))
+        self._set_pose(self._line, np.asarray(world_from_point, float))
         self._cell.set(self._targets, self.destination)
         self._start(Mode.LINE_MOVE, speed)
+
+    @checked_arguments
+    def start_servo(self, joints: JointAngles) -> None:
+        """Stream set-points: the joints follow `joints` (joints,), rad, one cycle later, within their limits.
+
+        To be repeated in every cycle; table and further axes rest. A guard permits no streamed set-points.
+        """
+        count = len(self.home)
+        if np.size(joints) != count:
+            raise CommandError(f"servo: joints = {joints!r}: expected {count} angles")
+        target = self.destination
+        target[:count] = joints
+        self._cell.set(self._targets, target)
+        self._cell.set_integer("command.mode", Mode.SERVO)
+        self.renew_heartbeat()
 
     @checked_arguments
     def start_jog_joints(self, deflections: Deflections) -> None:

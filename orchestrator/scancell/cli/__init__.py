@@ -13,6 +13,7 @@ import typer
 # Each module registers its commands.
 from scancell.cli import (  # noqa: F401
     calibrate,
+    controller,
     evaluate,
     fmu,
     guard,

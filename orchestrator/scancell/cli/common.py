@@ -48,7 +48,7 @@ GROUPS = {
         "acceptance",
     ),
     "Many scans": ("study", "batch"),
-    "Robot cell": ("workspace", "run", "guard", "fmu", "ssp", "robot"),
+    "Robot cell": ("workspace", "run", "controller", "guard", "fmu", "ssp", "robot"),
     "Recorded runs": ("picture", "animate", "page", "export"),
     "About": ("schema", "version"),
 }
@@ -57,6 +57,7 @@ _WITH_SUBCOMMANDS = {
     " or the same for a sensor.",
     "fmu": "Build and inspect FMUs of the robot cell.",
     "ssp": "Build packages of the robot cell and a controller of it.",
+    "controller": "Let programs for a maker's controller move the simulated robot.",
     "guard": "Protect a robot from collisions.",
     "robot": "Make descriptions of arms.",
     "study": "Vary inputs over many scans: run, sensitivity analysis, report.",

@@ -75,7 +75,7 @@ def serve_guard(
     """
     service = _Service(answerer)
     kind = socket.SOCK_DGRAM if protocol == "udp" else socket.SOCK_STREAM
-    with _bound(host, port, kind) as listener, _stop_signals() as stop, DefaultSelector() as selector:
+    with bound_socket(host, port, kind) as listener, stop_signals() as stop, DefaultSelector() as selector:
         selector.register(stop, EVENT_READ)
         started(*listener.getsockname()[:2])
         if protocol == "udp":
@@ -262,7 +262,8 @@ class _Connections:
             self._cell = None
 
 
-def _bound(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
+def bound_socket(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
+    """Socket at an address, which listens if it is of a stream; raises `LinkError` if there can be none."""
     try:
         family, address = resolved(host, port, kind)
         made = socket.socket(family, kind)
@@ -283,8 +284,8 @@ def _bound(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
 
 
 @contextlib.contextmanager
-def _stop_signals() -> Iterator[socket.socket]:
-    """A socket that SIGINT and SIGTERM make readable, instead of calling their earlier handlers."""
+def stop_signals() -> Iterator[socket.socket]:
+    """Context manager: a socket that SIGINT and SIGTERM make readable, instead of calling their earlier handlers."""
     stop, waker = socket.socketpair()
     with stop, waker:
         waker.setblocking(False)

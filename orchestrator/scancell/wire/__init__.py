@@ -1,0 +1,1 @@
+"""Controllers of robots over the interfaces of their makers."""

@@ -1,0 +1,1 @@
+"""Interfaces of Universal Robots: RTDE, scripts, dashboard."""
