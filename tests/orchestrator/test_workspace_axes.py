@@ -138,6 +138,14 @@ def test_table_that_does_not_turn_has_no_slider_and_no_jog(cell: SteppedCell, pa
     assert np.abs(cell.live.state.joints - before.joints).max() > 1e-3
 
 
+@pytest.mark.parametrize(("name", "lacks"), [("fixed_table", "table"), ("held_part", "scan line")])
+def test_steps_that_a_cell_cannot_make_are_not_taught(lacks: str, page: Page) -> None:
+    kinds = page.gui.named["kind"].options
+    assert {"joints", "line", "scan line", "table", "wait"} - {*kinds} == {lacks}
+    for kind in kinds:
+        assert page.add(kind) == ""
+
+
 def test_held_button_jogs_the_axis_alone(cell: SteppedCell, page: Page) -> None:
     (axis,) = cell.session.nominal.further_axes
     gui = Sliders()

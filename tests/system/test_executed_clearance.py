@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import scancell
+from bench.true_clearances import CASES, judged, run
 from scancell.cell.instance import CellInstance
 from scancell.config.loading import assets_dir, load_setup, with_path
 from scancell.config.scan import PathDescription, SpiralDescription
+from scancell.geometry import pose
 from scancell.planning.model import PlanningCell, SensorRange
 
 PART = assets_dir() / "parts" / "free_form.stl"
@@ -58,3 +61,21 @@ def test_executed_clearances_are_those_planned_within_a_fifth_of_a_millimetre(
     assert (smallest < BOUND).any()
     assert (smallest - met).max() < 2e-4
     assert (met >= 0.8 * cell.clearances(5e-3)).all()
+
+
+@pytest.mark.parametrize("name", ["tilt_turn, path along which table and tilt move", "held_part", "belt_post"])
+def test_true_bodies_of_a_whole_scan_keep_apart_by_python_fcl(name: str) -> None:
+    """Of the cell with deviations; the same poses with the sensor moved into the part are found."""
+    (case,) = (one for one in CASES if one.name == name)
+    found, nominal, poses = run(replace(case, settings=(*case.settings, "scan.max_profiles=60")), step_us=16_000)
+    assert found.contacts == ()
+    names = [body.name for body in nominal.bodies]
+    sensor, part = names.index("sensor"), names.index("part")
+    relative = pose.inverse(poses[:, part]) @ poses[:, sensor]
+    assert np.ptp(relative[:, :3, 3], axis=0).max() > 0.02  # they move past each other
+    nearest = int(np.argmin(np.linalg.norm(relative[:, :3, 3], axis=1)))
+    pushed = poses[nearest - 1 : nearest + 1].copy()
+    centre = pose.transform_points(pushed[1, part], nominal.bodies[part].mesh.bounds.mean(0)[None])[0]
+    pushed[1, sensor, :3, 3] = centre
+    assert {"sensor", "part"} in [set(pair.split(" - ")) for pair in judged(nominal, pushed).contacts]
+    assert 5e-3 < found.distance < 0.2

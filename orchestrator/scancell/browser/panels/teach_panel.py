@@ -67,10 +67,11 @@ class TeachPanel:
         tools = tool_names(operator.nominal)
         further = operator.nominal.further_axes
         self._kinds: dict[str, tuple[CommandName, str]] = {}  # command, and name of the axis that it moves
+        lacking = {"scan_line": "sensor" not in tools, "turn_table": not operator.nominal.table_turns}
         for kind, command in _KINDS.items():
             if COMMANDS[command].of_axis:
                 self._kinds |= {axis.name: (command, axis.name) for axis in further}
-            elif "gripper" in tools or "gripper" not in kind:
+            elif not lacking.get(command, "gripper" in kind and "gripper" not in tools):
                 self._kinds[kind] = command, ""
         self._list = gui.add_html("")
         self._step = gui.add_dropdown("step", (_NONE,))
