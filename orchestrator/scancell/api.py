@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypedDict, TypeVar, Unpack
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scancell.arguments import (
     Count,
@@ -55,6 +56,7 @@ from scancell.planning.plan import Plan
 from scancell.planning.setups import SetUps
 from scancell.progress import Progress, ProgressCallback, as_progress
 from scancell.reconstruction.cloud import Cloud
+from scancell.reconstruction.cloud_files.read import CloudFile
 from scancell.reconstruction.reconstruct import cloud_of, points_of
 from scancell.results import ScanResult, ShotResult
 from scancell.scanner import Scanner
@@ -412,6 +414,7 @@ def inspect(
     *,
     align: Align = "best-fit",
     capability: str | Path | SavedResult | None = None,
+    calibration: str | Path | None = None,
     out: str | Path | None = None,
     cloud_unit: LengthUnit | None = None,
     threads: Threads = 0,
@@ -432,8 +435,11 @@ def inspect(
     capability
         Result of `scancell.capability`, or its ``capability.json``: what the errors of the cell do to each
         characteristic. Without it, uncertainties are those by noise.
+    calibration
+        Results of `scancell calibrate` with a covariance: what their uncertainty does to each characteristic. The cloud
+        is then a run folder with the measured joints.
     out
-        Folder for ``inspection.json``, ``.csv`` and ``.html``.
+        Folder for ``inspection.json``, ``.csv``, ``.qif`` and ``.html``.
     cloud_unit, threads
         As of `evaluate`.
 
@@ -454,23 +460,46 @@ def inspect(
 
     nominal = cad_part(part)
     description, file, left = loaded_description(characteristics, nominal)
-    source = points_of(cloud, cloud_unit)
+    calibrated = None
+    if calibration is None:
+        source, profile = _with_profiles(cloud, cloud_unit)
+    else:
+        from scancell.recorded.calibrated_run import calibrated_run  # noqa: PLC0415
+
+        if not isinstance(cloud, str | Path):
+            raise DescriptionError(key="cloud", value=cloud, expected="with a calibration: a run folder")
+        run = calibrated_run(Path(cloud), Path(calibration), nominal, threads)
+        source, profile, calibrated = run.source, run.cloud.profile, run.displacements
     points = checked_value("cloud", source.points, Points)
     if not len(points):
         raise DescriptionError("cloud: holds no points; expected at least one")
-    profile = None
-    if not isinstance(cloud, np.ndarray):
-        with suppress(MeshError):  # clouds of other programs do not state it
-            own = cloud_of(cloud).profile
-            profile = own if len(own) == len(points) else None
     effects = None if capability is None else read_effects(capability)
     found = inspect_part(
-        nominal, points, description, profile=profile, align=align, effects=effects, source=file, threads=threads
+        nominal,
+        points,
+        description,
+        profile=profile,
+        align=align,
+        effects=effects,
+        calibrated=calibrated,
+        source=file,
+        threads=threads,
     )
     found = replace(found, source=source.figures, warnings=(*source.warnings, *left, *found.warnings))
     if out is not None:
         found.save(out)
     return found
+
+
+def _with_profiles(
+    cloud: str | Path | ScanResult | Cloud | Points, unit: LengthUnit | None
+) -> tuple[CloudFile, NDArray[Any] | None]:
+    """Points, and the number of the profile of each, which clouds of other programs do not state."""
+    if not isinstance(cloud, np.ndarray) and (unit is None or (isinstance(cloud, str | Path) and unit == "mm")):
+        with suppress(MeshError):
+            own = cloud_of(cloud)
+            return CloudFile(own.points_in_part, "cloud of scancell", len(own.points_in_part)), own.profile
+    return points_of(cloud, unit), None
 
 
 @checked_arguments
@@ -597,6 +626,8 @@ def capability(
     settings: Assignments = (),
     factors: str | Path | None = None,
     draws: Repeats = 20,
+    clampings: Repeats = 1,
+    repeats: Repeats = 1,
     engine: Engine = "geometric",
     as_built: Assignments = (),
     seed: Seed = 0,
@@ -614,7 +645,10 @@ def capability(
         Study description (TOML) whose factors are drawn for each measurement: what is uncertain about the cell after
         its calibration. Without it, noise alone counts.
     draws
-        Number of simulated measurements.
+        Number of draws, each a cell that was calibrated anew.
+    clampings, repeats
+        Of each draw: number of clampings, for which factors of the part's place are drawn anew; and of measurements of
+        each clamping. Two or more make the table of gauge repeatability and reproducibility.
     out
         Folder for ``capability.json``, which `inspect` takes, and ``capability.csv``.
 
@@ -641,6 +675,8 @@ def capability(
             description,
             factors=None if factors is None else Path(factors),
             draws=draws,
+            clampings=clampings,
+            repeats=repeats,
             seed=seed,
             engine=engine,
             as_built=assignments(as_built),

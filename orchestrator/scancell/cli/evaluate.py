@@ -125,6 +125,9 @@ def inspect(
     capability: Annotated[
         Path | None, "capability.json of this cell and part: uncertainty by errors of the cell"
     ] = None,
+    calibration: Annotated[
+        Path | None, "results of `scancell calibrate` with a covariance: uncertainty by them; needs a run folder"
+    ] = None,
     align: Annotated[Literal["best-fit", "none"], "how points find their faces"] = "best-fit",
     out: OutOption = Path("out/inspect"),
     cloud_unit: CloudUnitOption = None,
@@ -132,7 +135,7 @@ def inspect(
 ) -> Outcome:
     """Decide for each toleranced characteristic of a CAD part whether it conforms, with its uncertainty (ISO 14253-1).
 
-    Writes inspection.json, inspection.csv, and a report as one HTML page.
+    Writes inspection.json, inspection.csv, inspection.qif (QIF 3.0), and a report as one HTML page.
     """
     found = scancell.inspect(
         cloud,
@@ -140,11 +143,12 @@ def inspect(
         characteristics,
         align=align,
         capability=capability,
+        calibration=calibration,
         out=out,
         cloud_unit=cloud_unit,
         threads=threads,
     )
-    files = [str(out / f"inspection.{suffix}") for suffix in ("json", "csv", "html")]
+    files = [str(out / f"inspection.{suffix}") for suffix in ("json", "csv", "qif", "html")]
     return Outcome([found.summary(), f"  report     {files[-1]}"], found.figures, files, list(found.warnings))
 
 
@@ -154,7 +158,11 @@ class CapabilityOptions(Options):
 
     characteristics: _CharacteristicsOption = None
     factors: Annotated[Path | None, "study (TOML) whose factors are drawn for each measurement"] = None
-    draws: Annotated[int, typer.Option(min=1, max=10_000, help="simulated measurements")] = 20
+    draws: Annotated[int, typer.Option(min=1, max=10_000, help="simulated calibrations: draws of all factors")] = 20
+    clampings: Annotated[int, typer.Option(min=1, max=1000, help="of each: draws of the place of the part")] = 1
+    repeats: Annotated[
+        int, typer.Option(min=1, max=1000, help="of each: measurements; 2 or more make the table of the gauge (GRR)")
+    ] = 1
     cell: CellOption = None
     sensor: SensorOption = None
     scan: ScanOption = None

@@ -57,7 +57,7 @@ def _title(one: Annotation) -> str:
 def _rows(part: CadMesh, one: Annotation, datums: Sequence[str]) -> Iterator[dict[str, Any]]:
     """Characteristics of an annotation: one for each surface, where it states several features at once."""
     _refuse(one, datums)
-    kind, groups = _KINDS.get(one.kind, one.kind), _surfaces(part, one.faces)
+    kind, groups = _KINDS.get(one.kind, one.kind), surfaces_of(part, one.faces)
     if kind == "size":
         kinds = {part.cad_faces[group[0]].kind for group in groups}
         if not kinds <= {"cylinder", "sphere"} and not (len(groups) == 2 and kinds == {"plane"}):
@@ -116,7 +116,7 @@ def _limits(kind: str, one: Annotation) -> dict[str, Any]:
     return {f"{name}_{unit}": round(scale * value, 9) for name, value in values.items() if value is not None}
 
 
-def _surfaces(part: CadMesh, faces: Sequence[int]) -> list[list[int]]:
+def surfaces_of(part: CadMesh, faces: Sequence[int]) -> list[list[int]]:
     """Groups of faces, each of one surface."""
     groups: list[list[int]] = []
     for number in faces:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -31,6 +33,10 @@ _REFERENCE = 20.0  # °C (ISO 1)
 _EXPANDED = 0.95  # probability of the stated intervals
 _LEAST_SCALE = 1e-12
 _SCALE = 1e-5  # of a part: step of the derivative by its temperature
+_MOST_ON_FACE = 2000  # points by which errors of a calibration count
+
+Displacements = Callable[[NDArray[np.intp]], Array]
+"""Displacements (k, r, 3) of points, by their rows (r,), by k independent errors of one standard deviation each."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +66,8 @@ class Decision:
         Further effects on the value, which is corrected for their bias.
     temperature
         Standard uncertainty by the temperature of the part.
+    calibration
+        Standard uncertainty by a calibration; 0 without.
     probability
         Probability of conformance; NaN if not evaluated.
     verdict
@@ -72,6 +80,7 @@ class Decision:
     high: float
     effect: Effect = Effect()
     temperature: float = 0.0
+    calibration: float = 0.0
     probability: float = float("nan")
     verdict: Verdict = "not evaluated"
     reason: str = ""
@@ -88,7 +97,8 @@ class Decision:
         """Standard uncertainty, m or rad."""
         if self.measured is None:
             return float("nan")
-        return float(np.linalg.norm([self.measured.random, self.effect.deviation, self.temperature]))
+        systematic = (self.effect.deviation, self.calibration, self.temperature)
+        return float(np.linalg.norm([self.measured.random, *systematic]))
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -112,6 +122,7 @@ class Decision:
             f"uncertainty_{fine}": fine_scale * self.uncertainty,
             f"by_noise_{fine}": None if m is None else fine_scale * m.random,
             f"by_cell_{fine}": fine_scale * self.effect.deviation,
+            f"by_calibration_{fine}": fine_scale * self.calibration,
             f"by_temperature_{fine}": fine_scale * self.temperature,
             f"correction_{fine}": None if m is None else fine_scale * (m.value - self.effect.bias - m.raw),
             "probability": self.probability,
@@ -135,7 +146,7 @@ class Decision:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Inspection(SavedResult):
-    """Verdicts on the characteristics of a part; `save` writes ``inspection.json``, ``.csv`` and ``.html``.
+    """Verdicts on the characteristics of a part; `save` writes ``inspection.json``, ``.csv``, ``.qif`` and ``.html``.
 
     Attributes
     ----------
@@ -217,10 +228,12 @@ class Inspection(SavedResult):
         return part_picture(self).png()
 
     def _write(self, folder: RunFolder, command_line: list[str]) -> None:
+        from scancell.inspection.qif import write_qif  # noqa: PLC0415  (imports this module)
         from scancell.inspection.report import write_report  # noqa: PLC0415  (imports OpenCV)
 
         write_json(folder.path("inspection.json"), {**self.figures, "command_line": command_line})
         write_csv(folder.path("inspection.csv"), columns_of([one.row() for one in self.decisions]))
+        write_qif(self, folder.path("inspection.qif"))
         write_report(self, folder.path("inspection.html"))
 
 
@@ -279,6 +292,7 @@ def inspect_part(
     profile: NDArray[Any] | None = None,
     align: Align = "best-fit",
     effects: Mapping[str, Effect] | None = None,
+    calibrated: Displacements | None = None,
     source: str = "",
     threads: int = 0,
 ) -> Inspection:
@@ -295,6 +309,8 @@ def inspect_part(
         Values follow from the datums and not from this alignment.
     effects
         Further effects by name of the characteristic, see `scancell.capability`.
+    calibrated
+        Displacements of points by the independent errors of a calibration.
     source
         File of the description, for messages.
     """
@@ -314,8 +330,8 @@ def inspect_part(
     cold = pose.transform_points(moved, points) * shrink
     reach, edge = 1e-3 * description.reach_mm, 1e-3 * description.edge_mm
     measured = MeasuredPart.of(part, cold, profile, reach, threads)
-    if effects is None:
-        warnings.append("uncertainties are those by noise alone: errors of the cell need a capability")
+    if effects is None and calibrated is None:
+        warnings.append("uncertainties are those by noise alone: errors of the cell need a capability or calibration")
     decisions = []
     scale = float(
         np.hypot(
@@ -323,11 +339,16 @@ def inspect_part(
             1e-6 * temperature.expansion_uncertainty_ppm_k * (temperature.part_c - _REFERENCE),
         )
     )
+    by_calibration: dict[str, float] = {}
+    if calibrated is not None:
+        by_calibration = _by_calibration(
+            found, measured, edge, threads, lambda rows: shrink * calibrated(rows) @ moved[:3, :3].T
+        )
     features = _Features(found, measured, edge, threads)
     larger = _Features(found, measured.scaled(1 + _SCALE), edge, threads)
     for one in description.characteristic:
         effect = (effects or {}).get(one.name, Effect())
-        nesting = 1e-3 * (description.filter_mm if one.filter_mm is None else one.filter_mm)
+        nesting = _nesting(description, one)
         try:
             value = features.measure(one, nesting)
         except FitError as error:
@@ -336,7 +357,8 @@ def inspect_part(
         by_temperature = 0.0
         if scale > _LEAST_SCALE:
             by_temperature = abs(larger.measure(one, nesting).raw - value.raw) / _SCALE * scale
-        decisions.append(_decided(one, value, effect, by_temperature, description))
+        of_calibration = by_calibration.get(one.name, 0.0)
+        decisions.append(_decided(one, value, effect, by_temperature, of_calibration, description))
     unknown = sorted((effects or {}).keys() - {one.name for one in description.characteristic})
     if unknown:
         warnings.append(f"effects of characteristics that are not inspected: {', '.join(unknown)}")
@@ -396,6 +418,39 @@ class _Features:
         return self._made[key]
 
 
+def _nesting(description: InspectionDescription, one: CharacteristicDescription) -> float:
+    return 1e-3 * (description.filter_mm if one.filter_mm is None else one.filter_mm)
+
+
+def _by_calibration(
+    faces: _Faces, measured: MeasuredPart, edge: float, threads: int, displacements: Displacements
+) -> dict[str, float]:
+    """Standard uncertainty of each characteristic by independent errors that displace all points at once.
+
+    The points of each face are thinned: such errors vary slowly over a face. The characteristic is measured again with
+    each error of either sign. Where the value is linear in the error, the root mean square change is the derivative;
+    zones, whose widths change with either sign, have their root mean square error.
+    """
+    order = np.argsort(measured.face, kind="stable")
+    ends = np.searchsorted(measured.face[order], np.arange(len(measured.part.cad_faces) + 1))
+    kept = [order[a:b][:: max(1, -((a - b) // _MOST_ON_FACE))] for a, b in pairwise(ends)]
+    rows = np.sort(np.concatenate(kept))
+    part = replace(measured, points=measured.points[rows], profile=measured.profile[rows], face=measured.face[rows])
+    changed = [
+        _Features(faces, replace(part, points=part.points + sign * one), edge, threads)
+        for one in displacements(rows)
+        for sign in (1, -1)
+    ]
+    plain, found = _Features(faces, part, edge, threads), {}
+    for one in faces.description.characteristic:
+        nesting = _nesting(faces.description, one)
+        with suppress(FitError):  # the reason is that of the measurement with all points
+            value = plain.measure(one, nesting).raw
+            squares = [(each.measure(one, nesting).raw - value) ** 2 for each in changed]
+            found[one.name] = float(np.sqrt(sum(squares) / 2))
+    return found
+
+
 def _limits(one: CharacteristicDescription, measured: Measured | None) -> tuple[float, float]:
     """Limits, m or rad."""
     if not one.is_size:
@@ -422,6 +477,7 @@ def _decided(
     measured: Measured,
     effect: Effect,
     by_temperature: float,
+    by_calibration: float,
     rule: InspectionDescription,
 ) -> Decision:
     """Verdict by the probability of conformance of a normal distribution about the value (ISO 14253-1, JCGM 106)."""
@@ -431,7 +487,7 @@ def _decided(
         if abs(other - given) < abs(measured.nominal - given):
             measured = replace(measured, value=np.pi - measured.value, raw=np.pi - measured.raw, nominal=other)
     low, high = _limits(one, measured)
-    plain = Decision(one, measured, low, high, effect, by_temperature)
+    plain = Decision(one, measured, low, high, effect, by_temperature, by_calibration)
     value, deviation = measured.value - effect.bias, plain.uncertainty
     if rule.decision == "simple" or deviation == 0.0:
         inside = low <= value <= high

@@ -698,11 +698,11 @@ def _systematic(
         if uncertainty.of_sensor and number != 1:  # the keys are those of the main sensor
             continue
         of_sensor = (profiles[own], setup, measured, readings, made, number)
-        result[own] = propagated(uncertainty.covariance, _derivatives(uncertainty, *of_sensor), len(own))
+        result[own] = propagated(uncertainty.covariance, derivatives_of(uncertainty, *of_sensor), len(own))
     return result
 
 
-def _derivatives(
+def derivatives_of(
     uncertainty: ValueCovariance,
     profiles: ProfilePoints,
     setup: Setup,

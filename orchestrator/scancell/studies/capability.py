@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 
 from scancell.arrays import Array
 from scancell.config.inspection import InspectionDescription
+from scancell.config.loading import Setup
 from scancell.config.study import load_study
 from scancell.errors import DescriptionError, ScancellError
 from scancell.files import read_json, require_format_version
@@ -26,7 +28,53 @@ from scancell.values import Value
 
 FORMAT_VERSION = 1
 GOOD, USABLE = 0.1, 0.25  # expanded uncertainty over tolerance
+_STUDY = 6.0  # standard deviations of the gauge that count against the tolerance (AIAG MSA)
+_CATEGORIES = 2**0.5  # standard deviations of the gauge within which parts are of one category
+_CLAMPING = ("cell.part.", "as_built.grasp.")  # factors that are drawn at each clamping, the others at each calibration
 _LEAST_MEASURED = 0.5  # share of the measurements that must evaluate a characteristic
+
+
+@dataclass(frozen=True)
+class Gauge:
+    """Standard deviations of a characteristic by repeating, clamping and calibrating again, m or rad.
+
+    0 is one that the scatter within hides; NaN is one that was not repeated. `tolerance` is the width between limits.
+    """
+
+    repeat: float
+    clamp: float
+    calibrate: float
+    tolerance: float
+
+    @property
+    def total(self) -> float:
+        """Standard deviation of the gauge: of all that was repeated."""
+        return float(np.sqrt(np.nansum(np.square([self.repeat, self.clamp, self.calibrate]))))
+
+    @property
+    def share(self) -> float:
+        """Six standard deviations of the gauge over the tolerance (%GRR)."""
+        return _STUDY * self.total / self.tolerance
+
+    @property
+    def categories(self) -> float:
+        """Number of distinct categories of parts whose six standard deviations fill the tolerance."""
+        return float(np.floor(_CATEGORIES * self.tolerance / _STUDY / self.total)) if self.total > 0 else float("inf")
+
+
+def variance_components(values: Array) -> tuple[float, float, float]:
+    """Standard deviations by repeating, clamping and calibrating, of values (calibrations, clampings, repeats).
+
+    Analysis of variance of nested random effects; NaN where there is one clamping, or one calibration.
+    """
+    calibrations, clampings, repeats = values.shape
+    of_clamping, of_calibration = values.mean(2), values.mean((1, 2))
+    within = float(values.var(2, ddof=1).mean())
+    between = repeats * float(of_clamping.var(1, ddof=1).mean()) if clampings > 1 else within
+    among = clampings * repeats * float(of_calibration.var(ddof=1)) if calibrations > 1 else float("nan")
+    clamp = max(0.0, between - within) / repeats if clampings > 1 else float("nan")
+    calibrate = max(0.0, among - between) / (clampings * repeats) if calibrations > 1 else float("nan")
+    return float(np.sqrt(within)), float(np.sqrt(clamp)), float(np.sqrt(calibrate))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,6 +93,8 @@ class CapabilityRow(Value):
         Width between the limits, or of the zone; NaN with one limit alone.
     reason
         Why it was not evaluated, if so.
+    nested
+        Numbers of calibrations, of clampings in each, and of repeats in each of these: the order of the errors.
     """
 
     name: str
@@ -53,6 +103,14 @@ class CapabilityRow(Value):
     random: Array
     tolerance: float
     reason: str
+    nested: tuple[int, int, int] = (1, 1, 1)
+
+    @property
+    def gauge(self) -> Gauge | None:
+        """Gauge repeatability and reproducibility; None without repeats, or if a measurement did not evaluate it."""
+        if self.nested[2] < 2 or len(self.errors) != math.prod(self.nested) or not np.isfinite(self.errors).all():
+            return None
+        return Gauge(*variance_components(self.errors.reshape(self.nested)), self.tolerance)
 
     @property
     def effect(self) -> Effect:
@@ -99,6 +157,13 @@ class CapabilityRow(Value):
             f"expanded_{unit}": scale * self.expanded,
             "share_of_tolerance": self.share,
         }
+        if self.nested[2] > 1:
+            gauge = self.gauge
+            for name in ("repeat", "clamp", "calibrate", "total"):
+                found = float("nan") if gauge is None else getattr(gauge, name)
+                values[f"gauge_{name}_{unit}"] = scale * found
+            values["gauge_share"] = float("nan") if gauge is None else gauge.share
+            values["gauge_categories"] = float("nan") if gauge is None else gauge.categories
         plain = {key: value if np.isfinite(value) else None for key, value in values.items()}
         measured = int(np.isfinite(self.errors).sum())
         return {"name": self.name, "kind": self.kind, **plain, "measurements": measured, "answer": self.answer}
@@ -172,11 +237,28 @@ class Capability(SavedResult):
             )
             share = f"{100 * row.share:.0f} % of the tolerance" if np.isfinite(row.share) else ""
             lines.append(f"  {row.name:{width}}  {row.kind:17}  U = {size:10}  {share:22}  {row.answer}")
+        if self.rows[0].nested[2] > 1:
+            lines += [
+                "standard deviations by repeating, clamping and calibrating again; gauge over tolerance, categories"
+            ]
+            lines += [f"  {row.name:{width}}  {_gauge_text(row)}" for row in self.rows]
         return "\n".join(lines)
 
     def _write(self, folder: RunFolder, command_line: list[str]) -> None:
         write_json(folder.path("capability.json"), {**self.figures, "command_line": command_line})
         write_csv(folder.path("capability.csv"), columns_of([row.as_row() for row in self.rows]))
+
+
+def _gauge_text(row: CapabilityRow) -> str:
+    gauge = row.gauge
+    if gauge is None:
+        return "not evaluated in each measurement"
+    unit, scale = ("\N{DEGREE SIGN}", 180 / np.pi) if row.kind == "angle" else (" um", 1e6)
+    found = [gauge.repeat, gauge.clamp, gauge.calibrate]
+    texts = [f"{scale * one:.3g}{unit}" if np.isfinite(one) else "-" for one in found]
+    if np.isfinite(gauge.share):
+        texts += [f"{100 * gauge.share:.3g} %", f"{gauge.categories:.0f}"]
+    return "  ".join(f"{text:>10}" for text in texts)
 
 
 def read_effects(capability: str | Path | SavedResult) -> dict[str, Effect]:
@@ -206,6 +288,8 @@ def run_capability(
     *,
     factors: Path | None,
     draws: int,
+    clampings: int = 1,
+    repeats: int = 1,
     seed: int,
     engine: Any,
     as_built: Sequence[str],
@@ -213,24 +297,28 @@ def run_capability(
     source: str = "",
     each: Callable[[Inspection], None] | None = None,
 ) -> Capability:
-    """Measure the nominal part `draws` times in simulation, each with its own noise and drawn deviations of the cell.
+    """Measure the nominal part in simulation, each time with its own noise and drawn deviations of the cell.
 
-    All measurements follow the plan of the nominal cell.
+    All measurements follow the plan of their nominal cell.
 
     Raises `ScancellError` if the part cannot be scanned, or no measurement succeeds.
 
     Parameters
     ----------
     factors
-        Study description (TOML) whose factors are drawn for each measurement; None: noise alone.
+        Study description (TOML) whose factors are drawn; None: noise alone.
+    draws, clampings, repeats
+        Number of draws of all factors; of draws of the place of the part (factors ``cell.part``, ``as_built.grasp``) in
+        each; and of measurements in each of these.
     each
         Receives the inspection of each measurement.
     """
-    inputs, labels = _inputs(scanner, factors, draws, seed, as_built)
+    inputs, labels = _inputs(scanner, factors, draws, clampings, repeats, seed, as_built)
     plan: Plan | None = None
+    planned: Setup | None = None
     found: list[Inspection] = []
     fault: ScancellError | None = None
-    progress.stage("measuring", draws, "measurements")
+    progress.stage("measuring", len(inputs), "measurements")
     for number, own in enumerate(inputs):
         try:
             result = scanner.scan(
@@ -239,11 +327,11 @@ def run_capability(
                 as_built=own.as_built,
                 seed=trial_seed(seed, number),
                 setup=None if own.setup is scanner.setup else own.setup,
-                plan=plan if own.setup is scanner.setup else None,
+                plan=plan if own.setup is planned else None,
                 normals=False,
                 samples=False,
             )
-            plan = result.plan if own.setup is scanner.setup else plan
+            plan, planned = result.plan, own.setup
             cloud = result.cloud
             threads = scanner.pipeline.threads
             points, profile = cloud.points_in_part, cloud.profile
@@ -260,11 +348,12 @@ def run_capability(
         progress.advance(1)
     if not found:
         raise fault or DescriptionError(key="draws", value=draws, expected="at least 1")
-    rows = map(_row, zip(*(one.decisions for one in found), strict=True))
+    nested = (draws, clampings, repeats)
+    rows = [_row(decisions, nested) for decisions in zip(*(one.decisions for one in found), strict=True)]
     return Capability(part.source, tuple(rows), len(found), tuple(labels), seconds)
 
 
-def _row(decisions: Sequence[Decision]) -> CapabilityRow:
+def _row(decisions: Sequence[Decision], nested: tuple[int, int, int]) -> CapabilityRow:
     """Row of one characteristic by its decisions in all measurements."""
     one = decisions[0].description
     measured = [decision.measured for decision in decisions]
@@ -275,16 +364,30 @@ def _row(decisions: Sequence[Decision]) -> CapabilityRow:
     if known:
         tolerance = known[0].high - (known[0].low if one.is_size else 0.0)
     reason = next((decision.reason for decision in decisions if decision.measured is None), "")
-    return CapabilityRow(one.name, one.kind, errors, random, tolerance if np.isfinite(tolerance) else np.nan, reason)
+    tolerance = tolerance if np.isfinite(tolerance) else np.nan
+    return CapabilityRow(one.name, one.kind, errors, random, tolerance, reason, nested)
 
 
 def _inputs(
-    scanner: Scanner, factors: Path | None, draws: int, seed: int, as_built: Sequence[str]
+    scanner: Scanner,
+    factors: Path | None,
+    draws: int,
+    clampings: int,
+    repeats: int,
+    seed: int,
+    as_built: Sequence[str],
 ) -> tuple[list[Inputs], Sequence[str]]:
-    """Inputs of each measurement, and the labels of the factors."""
+    """Inputs of each measurement, calibrations first, and the labels of the factors."""
     if factors is None:
-        return [Inputs(scanner.setup, tuple(as_built))] * draws, ()
-    design: Mapping[str, Any] = {"kind": "latin_hypercube", "trials": draws}
+        return [Inputs(scanner.setup, tuple(as_built))] * (draws * clampings * repeats), ()
+    design: Mapping[str, Any] = {"kind": "latin_hypercube", "trials": draws * clampings}
     study = load_study(factors).replace({"design": design, "as_built": list(as_built), "seed": seed})
     drawn = Factors(study, scanner.setup, str(factors))
-    return [drawn.inputs(values) for values in drawn.draw()], study.labels
+    found: list[Inputs] = []
+    paths = [*(factor.path for factor in study.factor), *(path for block in study.block for path in block.paths)]
+    values = drawn.draw()
+    for number, own in enumerate(values):
+        calibrated = values[number - number % clampings]
+        chosen = [a if path.startswith(_CLAMPING) else b for path, a, b in zip(paths, own, calibrated, strict=True)]
+        found += [drawn.inputs(chosen)] * repeats
+    return found, study.labels
