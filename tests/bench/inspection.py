@@ -39,8 +39,12 @@ RISK = 0.05  # of a wrong verdict at the limit
 GUARD = float(ndtri(1 - RISK))  # standard uncertainties of the guard band
 TOOL = ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")
 DEVIATION = {"mm": 0.002, "deg": 0.001}  # standard deviations of the tool of the cell
-VIEWS = {"enabled": True, "faces": (0, 1, 2, 3, 4, 6, 7, 9, 10), "share": 0.7}
-SETTINGS = {"scan.max_profiles": 120, **{f"scan.coverage.{key}": value for key, value in VIEWS.items()}}
+FACES = (0, 1, 2, 3, 4, 6, 7, 9, 10)
+SETTINGS = {
+    "scan.max_profiles": 120,
+    "scan.coverage.enabled": True,
+    "scan.coverage.feature": [{"faces": FACES, "share": 0.7}],
+}
 FACTOR = """
 [[factor]]
 path = "as_built.tool.{}"

@@ -503,7 +503,9 @@ def test_capability_is_read_from_its_file(tmp_path: Path) -> None:
     capability.save(tmp_path)
     effect = read_effects(tmp_path / "capability.json")["bore"]
     assert effect == capability.effects["bore"]
-    assert effect.bias == pytest.approx(2e-6) and effect.deviation == pytest.approx(np.sqrt(1 - 0.25) * 1e-6)
+    assert effect.bias == pytest.approx(2e-6)
+    of_three = 4.3027 / 1.96 * np.sqrt(4 / 3)  # Student's t, and the uncertainty of the mean
+    assert effect.deviation == pytest.approx(of_three * np.sqrt(1 - 0.25) * 1e-6, rel=1e-4)
     assert row.share == pytest.approx(0.1) and row.answer == "can be decided"
     (tmp_path / "other.json").write_text('{"characteristics": [{"name": "bore"}], "format_version": 1}')
     with pytest.raises(DescriptionError, match=r"other.json.*capability"):

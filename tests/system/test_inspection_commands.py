@@ -77,16 +77,24 @@ def test_capability_of_a_misaligned_cell_widens_uncertainties(folder: Path) -> N
             assert new["uncertainty_um"] > old["uncertainty_um"]
 
 
-def test_views_of_few_faces_take_less_time_than_those_of_the_whole_part(folder: Path) -> None:
-    slot = scancell.InspectionDescription(
-        characteristic=(
-            scancell.CharacteristicDescription(name="floor", kind="flatness", faces=("slot_floor",), tolerance_mm=0.05),
+def test_views_for_tolerances_take_less_time_than_those_of_the_whole_part() -> None:
+    whole = scancell.plan(BLOCK, settings={"scan.coverage.enabled": True, "scan.coverage.share": 0.8})
+    times = []
+    for tolerance in (0.1, 0.002):
+        bore = scancell.CharacteristicDescription(
+            name="bore", kind="position", faces=("bore_a",), datums=("A",), tolerance_mm=tolerance
         )
-    )
-    coverage = {"scan.coverage.enabled": True, "scan.coverage.share": 0.8}
-    whole = scancell.plan(BLOCK, settings=coverage)
-    few = scancell.plan(BLOCK, settings={**coverage, "scan.coverage.faces": slot.faces})
-    assert few.program.duration < 0.5 * whole.program.duration
+        datum = scancell.DatumDescription(name="A", faces=("top",))
+        goals = scancell.InspectionDescription(characteristic=(bore,), datum=(datum,)).feature_goals()
+        settings = {"scan.coverage.enabled": True, "scan.coverage.feature": [goal.model_dump() for goal in goals]}
+        made = scancell.plan(BLOCK, settings=settings)
+        assert made.report is not None
+        times.append(made.report.time)
+        met = [one.predicted <= one.wanted for one in made.report.features]
+        assert all(met) if tolerance == 0.1 else not all(met)
+        assert any("noise" in warning for warning in made.warnings) == (tolerance != 0.1)
+    assert whole.report is not None
+    assert times[0] < times[1] and times[0] < 0.5 * whole.report.time
 
 
 @pytest.mark.parametrize(
@@ -96,7 +104,7 @@ def test_views_of_few_faces_take_less_time_than_those_of_the_whole_part(folder: 
         (("inspect", "nominal", BLOCK, "--characteristics", "missing.toml"), "missing.toml"),
         (("inspect", "nominal", BLOCK, "--capability", "stated.toml"), "stated.toml"),
         (("characteristics", PARTS / "free_form.stl"), "has no CAD faces"),
-        (("plan", PARTS / "free_form.stl", "--characteristics", "stated.toml"), "scan.coverage.faces"),
+        (("plan", PARTS / "free_form.stl", "--characteristics", "stated.toml"), "scan.coverage.feature[1].faces"),
     ],
 )
 def test_wrong_inputs_are_named(folder: Path, words: tuple[str | Path, ...], message: str) -> None:

@@ -63,7 +63,6 @@ _WITH_SUBCOMMANDS = {
     "study": "Vary inputs over many scans: run, sensitivity analysis, report.",
 }
 
-_SHARE_OF_FEATURES = 0.9
 KEY_VALUE, KEY_RANGE = "KEY=VALUE", "KEY=LOW:HIGH"  # metavars of options whose words set keys
 JsonOption = Annotated[bool, typer.Option("--json", help="print one JSON object as the last line")]
 
@@ -291,7 +290,7 @@ FormatsOption = Annotated[
 OutOption = Annotated[Path, typer.Option(help="folder for the results")]
 TablePartOption = Annotated[Path | None, "mesh of the part; the table is empty without this option"]
 CharacteristicsOption = Annotated[
-    Path | None, "toleranced characteristics (TOML): views are chosen by coverage of their faces and datums"
+    Path | None, "toleranced characteristics (TOML): views are chosen so that each can be decided"
 ]
 NoGuardOption = Annotated[bool, "run without the collision guard"]
 
@@ -330,19 +329,18 @@ class PartOptions(Options):
         return False
 
 
-def words_of_faces(characteristics: Path | None, given: Sequence[str] | None) -> list[str]:
-    """Settings by which views are chosen for the faces of a description of characteristics; none without one.
-
-    A feature needs no points everywhere: the share to see is lower than that of a whole part, unless it is `given`.
-    """
+def words_of_features(characteristics: Path | None) -> list[str]:
+    """Settings by which views are chosen for a description of characteristics; none without one."""
     if characteristics is None:
         return []
     from scancell.config.inspection import InspectionDescription  # noqa: PLC0415
 
-    faces = json.dumps(InspectionDescription.from_toml(characteristics).faces, ensure_ascii=False)
-    has_share = any(word.partition("=")[0].strip() == "scan.coverage.share" for word in given or ())
-    share = [] if has_share else [f"scan.coverage.share={_SHARE_OF_FEATURES}"]
-    return ["scan.coverage.enabled=true", f"scan.coverage.faces={faces}", *share]
+    goals = []
+    for one in InspectionDescription.from_toml(characteristics).feature_goals():
+        faces = json.dumps(one.faces, ensure_ascii=False)
+        deviation = f", deviation_um = {one.deviation_um!r}" if one.deviation_um else ""
+        goals.append(f'{{ faces = {faces}, of = "{one.of}", share = {one.share!r}{deviation} }}')
+    return ["scan.coverage.enabled=true", f"scan.coverage.feature=[{', '.join(goals)}]"]
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from scancell.cli.common import (
     UnitOption,
     command,
     show_progress,
+    words_of_features,
 )
 from scancell.config.choices import Align, Reconstruction
 
@@ -180,8 +181,10 @@ def capability(
     out: OutOption = Path("out/capability"),
 ) -> Outcome:
     """Find which characteristics of a CAD part a cell can decide, by simulated measurements before any real one."""
+    given = options.given
+    given["settings"] = [*words_of_features(options.characteristics), *given.get("settings", ())]
     with show_progress(options.as_json) as progress:
-        found = scancell.capability(part, **options.given, out=out, progress=progress)
+        found = scancell.capability(part, **given, out=out, progress=progress)
     files = [str(out / f"capability.{suffix}") for suffix in ("json", "csv")]
     return Outcome([found.summary(), f"  results    {out}"], found.figures, files)
 

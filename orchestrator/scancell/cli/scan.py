@@ -28,7 +28,7 @@ from scancell.cli.common import (
     ThreadsOption,
     command,
     show_progress,
-    words_of_faces,
+    words_of_features,
 )
 from scancell.config.choices import ScanMode
 
@@ -56,7 +56,7 @@ def scan(
 ) -> Outcome:
     """Scan a part with the simulated cell: cloud, deviation from the mesh, pictures."""
     words = [f'scan.mode="{mode}"'] if mode else []
-    setup = options.setup(scan, path, [*words, *words_of_faces(characteristics, options.settings)])
+    setup = options.setup(scan, path, [*words, *words_of_features(characteristics)])
     with show_progress(options.as_json) as progress, scancell.Scanner(setup=setup, threads=options.threads) as scanner:
         return options.run_into(out, setup, progress, lambda given: scanner.scan(part, plan=plan, **given))
 
@@ -217,7 +217,7 @@ def plan(
     out: Annotated[Path | None, "JSON file for the plan, for `scancell scan --plan`"] = None,
 ) -> Outcome:
     """Plan a scan: collision-free motions of arm and table within all limits, and the surface that they see."""
-    setup = options.setup(scan, path, words_of_faces(characteristics, options.settings))
+    setup = options.setup(scan, path, words_of_features(characteristics))
     with scancell.Scanner(setup=setup, threads=options.threads) as scanner:
         made = scanner.plan(part, unit=options.unit)
     lines = [

@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from scancell.config.description import Angle, Coordinate, Description, Length, refuse_twins, validate
 from scancell.config.files import read_toml
+from scancell.config.scan import FeatureGoalDescription
 
 SizeKind = Literal["diameter", "radius", "distance", "angle"]
 FormKind = Literal["straightness", "flatness", "roundness", "cylindricity"]
@@ -18,6 +19,7 @@ RunOutKind = Literal["circular_run_out", "total_run_out"]
 CharacteristicKind = Literal[SizeKind, FormKind, OrientationKind, LocationKind, RunOutKind, "surface_profile"]
 Criterion = Literal["least squares", "minimum zone", "minimum circumscribed", "maximum inscribed"]
 
+_SHARE_OF_ZONE = 0.9  # of the faces of a zone, which views should see
 _NEEDS_DATUM = (*get_args(OrientationKind), *get_args(LocationKind), *get_args(RunOutKind))
 _FaceName = Annotated[int, Field(ge=0, le=10_000_000)] | Annotated[str, Field(min_length=1)]
 _Faces = Annotated[tuple[_FaceName, ...], Field(min_length=1)]
@@ -179,13 +181,53 @@ class InspectionDescription(Description):
         """
         return validate(cls, read_toml(Path(path)), str(path))
 
-    @property
-    def faces(self) -> tuple[int | str, ...]:
-        """Faces that the characteristics and their datums need, for ``scan.coverage.faces``."""
-        used = {name for one in self.characteristic for name in one.datums}
-        words = [word for one in self.characteristic for word in (*one.faces, *one.to)]
-        words += [word for datum in self.datum if datum.name in used for word in datum.faces]
-        return tuple(dict.fromkeys(words))
+    def feature_goals(self, share: float = 0.1) -> tuple[FeatureGoalDescription, ...]:
+        """What views must tell, for ``scan.coverage.feature``.
+
+        Sizes, places and datums: the predicted expanded uncertainty by noise (coverage factor 2) is at most `share` of
+        the tolerance. Forms, profiles, orientations and run-outs, whose zones need points everywhere, angles, and
+        characteristics with one limit: 90 % of their faces are seen.
+
+        Examples
+        --------
+        >>> bore = scancell.CharacteristicDescription(
+        ...     name="bore", kind="diameter", faces=("bore",), upper_mm=0.05, lower_mm=-0.05
+        ... )
+        >>> scancell.InspectionDescription(characteristic=(bore,)).feature_goals()[0].deviation_um
+        2.5
+        """
+        datums = {datum.name: datum.faces for datum in self.datum}
+        found: dict[tuple[tuple[int | str, ...], str], FeatureGoalDescription] = {}
+
+        def want(
+            faces: tuple[int | str, ...],
+            deviation: float | None,
+            least: float = 0.0,
+            of: Literal["place", "size"] = "place",
+        ) -> None:
+            """Keep the narrower goal."""
+            known = found.get((faces, of), FeatureGoalDescription(faces=faces, of=of))
+            narrow = min((one for one in (deviation, known.deviation_um) if one is not None), default=None)
+            found[faces, of] = known.replace({"deviation_um": narrow, "share": max(least, known.share)})
+
+        for one in self.characteristic:
+            tolerance = one.tolerance_mm
+            if one.upper_mm is not None and one.lower_mm is not None:
+                tolerance = one.upper_mm - one.lower_mm
+            features = [one.faces, *([one.to] if one.to else []), *(datums[name] for name in one.datums)]
+            if tolerance is None:
+                for faces in features:
+                    want(faces, None, _SHARE_OF_ZONE)
+                continue
+            # Uncertainties of the features add up by squares; sizes across a feature count twice.
+            across = 2.0 if one.kind in ("diameter", *get_args(LocationKind)) else 1.0
+            each = 1e3 * share * tolerance / 2 / across / len(features) ** 0.5
+            is_element = one.kind in (*get_args(SizeKind), *get_args(LocationKind))
+            for faces in features:
+                own = faces in (one.faces, one.to) and not is_element
+                of: Literal["place", "size"] = "size" if one.kind in ("diameter", "radius") else "place"
+                want(faces, None if own else each, _SHARE_OF_ZONE if own else 0.0, of)
+        return tuple(found.values())
 
     @model_validator(mode="after")
     def _names_are_known_and_differ(self) -> Self:

@@ -282,6 +282,27 @@ class PairClearanceDescription(Description):
     clearance_mm: Length = Field(description="minimum distance between the two bodies, mm")
 
 
+_FaceName = Annotated[int, Field(ge=0, le=10_000_000)] | Annotated[str, Field(min_length=1)]
+
+
+class FeatureGoalDescription(Description):
+    """What views must tell of a feature of a CAD part: how well its place or size, how much of its faces, or both."""
+
+    faces: Annotated[
+        tuple[Annotated[int, Field(ge=0, le=10_000_000)] | Annotated[str, Field(min_length=1)], ...],
+        Field(min_length=1),
+    ] = Field(description="faces of the feature by number, from 0, or by label")
+    deviation_um: Annotated[float, Field(gt=0.0, le=1e6)] | None = Field(
+        default=None, description="largest predicted standard deviation of its least-squares surface, um"
+    )
+    of: Literal["place", "size"] = Field(
+        default="place", description="what deviates: the place of the surface anywhere on the feature, or its radius"
+    )
+    share: Annotated[float, Field(ge=0.0, le=1.0)] = Field(
+        default=0.0, description="share of the measurable surface of its faces to see, 0..1"
+    )
+
+
 class CoverageDescription(Description):
     """Choice of views by coverage of the measurable surface, instead of the fixed sweeps and passes.
 
@@ -293,8 +314,8 @@ class CoverageDescription(Description):
     share: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
         default=0.99, description="share of the measurable surface to see, 0..1"
     )
-    faces: tuple[Annotated[int, Field(ge=0, le=10_000_000)] | Annotated[str, Field(min_length=1)], ...] = Field(
-        default=(), description="faces of a CAD part to see, by number from 0 or by label; all unless given"
+    feature: tuple[FeatureGoalDescription, ...] = Field(
+        default=(), description="features of a CAD part and what to tell of them; they take the place of share"
     )
     max_views: Annotated[int, Field(ge=1, le=1000)] = Field(default=100, description="largest number of views")
     max_time_s: Annotated[float, Field(ge=0.001, le=1e7)] = Field(

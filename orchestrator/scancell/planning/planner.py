@@ -154,6 +154,7 @@ def plan(
                 f"views were chosen until {100 * CHOICE_SHARE:.0f} % of scan.max_planning_work ="
                 f" {cell.work.limit:g} was used: they see {100 * report.share:.1f} % of the measurable surface"
             )
+        warnings += [f"goal not met: {one.limit}" for one in report.features if one.limit]
         seen = seen_by([placed.view for placed, _ in views], cell.range, part)
     else:
         cell.work.doing = "placing sweeps and passes"

@@ -20,6 +20,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from scancell import sensor as sensor_rt
 from scancell.cell.driver import Driver
 from scancell.cell.fmu_file import ReusableCell
 from scancell.cell.instance import CellInstance
@@ -30,8 +31,8 @@ from scancell.config.description import si_value
 from scancell.config.files import file_entries, plain_data
 from scancell.config.loading import Setup
 from scancell.config.scan import CoverageDescription
-from scancell.config.sensor import SensorDescription, exposure_span
-from scancell.errors import DescriptionError, MeshError
+from scancell.config.sensor import SensorDescription, exposure_span, exposure_windows
+from scancell.errors import DescriptionError, MeshError, SensorError
 from scancell.files import file_state
 from scancell.geometry import pose
 from scancell.geometry.cad import CadMesh, find_faces
@@ -47,6 +48,7 @@ from scancell.planning.plan import Plan
 from scancell.planning.planner import plan
 from scancell.planning.space_map import with_occupied_space
 from scancell.planning.views.coverage import Sight
+from scancell.planning.views.features import PointNoise
 from scancell.planning.views.placement import with_passing_part
 from scancell.progress import Progress
 from scancell.proximity.judge import check_cell
@@ -61,7 +63,8 @@ from scancell.reconstruction.reconstruct import (
     reconstruct_sensors,
     with_normals,
 )
-from scancell.scanning.world import World, scenes_of
+from scancell.scanning.sense import expose
+from scancell.scanning.world import Encoder, World, encoder_sigma, native_material, scenes_of
 from scancell.values import Closing
 from scancell.visibility import MeasurableSurface, cache_folder, measurable_surface
 
@@ -80,6 +83,7 @@ _ROOM = 5e-3  # m around a held part
 
 T = TypeVar("T")
 
+_LEAST_ON_PLANE = 10  # points that tell the noise of a sensor
 _SAMPLES_OF_FACE = 100  # by which a face is judged that is to be seen
 
 
@@ -244,7 +248,8 @@ class ScanPipeline(Closing):
         further = setup.cell.further_sensor
         beside = [(one.sensor or setup.sensor) if one.every == 1 else None for one in further]
         find = partial(self._measurable, work, _faces_to_see(setup.scan.coverage, nominal.part))
-        sight = Sight(nominal.with_axes_held(), setup.sensor, find, self.threads, work, beside=beside)
+        noise = point_noise(world) if setup.scan.coverage.feature else None
+        sight = Sight(nominal.with_axes_held(), setup.sensor, find, self.threads, work, beside=beside, noise=noise)
         # Only what this plan depends on: a study of other values plans once.
         described: list[Any] = [
             setup.scan.model_dump_json(),
@@ -383,15 +388,40 @@ def sensor_poses(nominal: NominalCell, measured: TriggerRecords) -> list[PosesAf
 
 def _faces_to_see(coverage: CoverageDescription, part: Mesh) -> list[int]:
     """Numbers of the faces that coverage asks for; none: all."""
-    if not coverage.faces:
-        return []
-    key = "scan.coverage.faces"
-    if not isinstance(part, CadMesh):
-        raise DescriptionError(key=key, value=coverage.faces, expected=f"none: {part.source} is no CAD file")
-    try:
-        return find_faces(part, coverage.faces)
-    except MeshError as error:
-        raise DescriptionError(str(error), key=key) from None
+    found: dict[int, None] = {}
+    for number, goal in enumerate(coverage.feature, 1):
+        key = f"scan.coverage.feature[{number}].faces"
+        if not isinstance(part, CadMesh):
+            raise DescriptionError(key=key, value=goal.faces, expected=f"none: {part.source} is no CAD file")
+        try:
+            found |= dict.fromkeys(find_faces(part, goal.faces))
+        except MeshError as error:
+            raise DescriptionError(str(error), key=key) from None
+    return list(found)
+
+
+def point_noise(world: World) -> PointNoise:
+    """Noise of points by encoders, and by the sensor on a plane of the part's material in the middle of its range.
+
+    Raises `SensorError` if the sensor sees no such plane.
+    """
+    setup, nominal, sensor = world.setup, world.nominal, world.sensor
+    middle = 0.5e-3 * (setup.sensor.range.near_mm + setup.sensor.range.far_mm)
+    scene, still = sensor_rt.Scene(), np.eye(4)[None, None]
+    material = next(body.material for body in nominal.bodies if body.name == "part")
+    scene.add_plane("plane", pose.translation([0.0, 0.0, middle]), [1.0, 1.0], native_material(material))
+    exposures = sensor_rt.Exposures(still, still[:, None], exposure_windows(setup.sensor)[:1, 1], np.arange(1))
+    found = expose(scene, sensor, sensor, exposures, np.arange(1), "ray-traced", threads=1).points
+    if len(found.sigma) < _LEAST_ON_PLANE:
+        raise SensorError(f"sensor '{setup.sensor.name}' measures no plane of the part's material amid its range")
+    encoders: list[Encoder] = [*setup.cell.robot.joint, setup.cell.table]
+    tree, start = nominal.with_axes_held().tree, [*nominal.home, 0.0]
+    part_from_sensor, jacobian = tree.relative("sensor", "part", start[: len(tree.axes)])
+    moved = jacobian[:3] + np.cross(jacobian[3:].T, part_from_sensor[:3, 2] * middle).T
+    sigmas = [encoder_sigma(one) for one in encoders][: len(tree.axes)]
+    common = np.linalg.norm(moved * sigmas) / 3**0.5  # in any one direction
+    pitch = float(np.ptp(found.points_in_sensor[:, 1])) / len(found.sigma) * len(sensor.cameras)
+    return PointNoise(float(np.median(found.sigma)), float(common), pitch)
 
 
 def _require_fixed_parts(setup: Setup, nominal: NominalCell) -> None:

@@ -19,13 +19,10 @@ from scancell.cell.session import CellSession
 from scancell.config.cell import (
     CellDescription,
     PrismaticAxisDescription,
-    RevoluteAxisDescription,
-    TableDescription,
 )
 from scancell.config.choices import Engine
 from scancell.config.description import si_value
 from scancell.config.loading import load_setup
-from scancell.config.robot import JointDescription
 from scancell.config.scan import ScanDescription
 from scancell.config.sensor import exposure_span
 from scancell.errors import CommandError
@@ -45,7 +42,7 @@ from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.pipeline import ScanPipeline, measured_motion
 from scancell.scanning.sense import ExposureImages, SensedProfiles
 from scancell.scanning.tracking import BeltMotion, BeltTracking
-from scancell.scanning.world import ExposureControl, World
+from scancell.scanning.world import Encoder, ExposureControl, World, encoder_sigma
 from scancell.values import Value
 
 _ANSWER_TIME = 0.003  # s of simulated time that the guard needs for an answer
@@ -60,8 +57,6 @@ _EVEN, _LEAST_BELT_SPEED = 1e-3, 0.01  # share of the belt's speed that may chan
 _LEAST_NOISE = np.radians(0.005)
 _LEAST_NOISE_M = 1e-5  # of prismatic axes: that of a rack whose position repeats within 0.05 mm
 _SIGMAS = 5.0  # of the largest error of a position
-
-_Encoder = JointDescription | TableDescription | RevoluteAxisDescription | PrismaticAxisDescription
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -448,9 +443,9 @@ def settings_of(cell: CellDescription) -> GuardSettings:
     A gear is twisted by at most the torque of its motor over its stiffness, and turns in its backlash; the encoder on
     the motor sees neither.
     """
-    encoders: list[_Encoder] = [*cell.robot.joint, cell.table, *cell.axis]
+    encoders: list[Encoder] = [*cell.robot.joint, cell.table, *cell.axis]
     slides = np.array([isinstance(one, PrismaticAxisDescription) for one in encoders])
-    sigma = np.array([_encoder_sigma(one) for one in encoders])
+    sigma = np.array([encoder_sigma(one) for one in encoders])
     noise = max(_LEAST_NOISE, float(sigma[~slides].max()))
     of_axes = np.where(slides, np.maximum(sigma, _LEAST_NOISE_M), noise)
     twist = np.zeros(len(encoders))
@@ -465,13 +460,6 @@ def settings_of(cell: CellDescription) -> GuardSettings:
         angle_error=tuple(float(error) for error in _SIGMAS * of_axes + twist),
         latency=1e-3 * max(one.encoder_latency_ms for one in encoders),
     )
-
-
-def _encoder_sigma(one: _Encoder) -> float:
-    """Standard deviation of a measured position, rad, or m of a prismatic axis."""
-    if isinstance(one, PrismaticAxisDescription):
-        return 1e-3 * float(np.hypot(one.encoder_noise_mm, one.encoder_resolution_mm / np.sqrt(12)))
-    return float(np.radians(np.hypot(one.encoder_noise_deg, one.encoder_resolution_deg / np.sqrt(12))))
 
 
 @checked_arguments

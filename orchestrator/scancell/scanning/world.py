@@ -18,11 +18,17 @@ from scancell import sensor as sensor_rt
 from scancell.arrays import Array
 from scancell.cell.fmu_file import cell_json
 from scancell.cell.recording import ExposureTruth, Recording
-from scancell.config.cell import sensor_frame
+from scancell.config.cell import (
+    PrismaticAxisDescription,
+    RevoluteAxisDescription,
+    TableDescription,
+    sensor_frame,
+)
 from scancell.config.choices import Engine
 from scancell.config.description import si_value, split_unit
 from scancell.config.loading import Setup, as_built_delay, as_built_sensor, require_sensors
 from scancell.config.material import Material
+from scancell.config.robot import JointDescription
 from scancell.config.sensor import SensorDescription, exposure_windows, read_out, sensor_json
 from scancell.errors import DescriptionError, SensorError
 from scancell.geometry.cad import CadMesh
@@ -41,6 +47,8 @@ _NEAR_ENOUGH = 0.05  # relative change that is not worth it
 # Exposures per call: enough to use all cores, few enough for responsive interrupts and progress.
 _FIRST_TRIGGER = 1
 _BATCH = 64
+
+Encoder = JointDescription | TableDescription | RevoluteAxisDescription | PrismaticAxisDescription
 
 
 def visible_bodies(cell: NominalCell, number: int = 1) -> tuple[Body | Lamp, ...]:
@@ -269,6 +277,13 @@ class AutomaticExposure:
             return _IN_THE_DARK
         wanted = float(self._target * self._range / np.percentile(lit, self._percentile))
         return 1.0 if abs(wanted - 1) < _NEAR_ENOUGH else float(np.clip(wanted, 1 / _LARGEST_STEP, _LARGEST_STEP))
+
+
+def encoder_sigma(one: Encoder) -> float:
+    """Standard deviation of a measured position, rad, or m of a prismatic axis."""
+    if isinstance(one, PrismaticAxisDescription):
+        return 1e-3 * float(np.hypot(one.encoder_noise_mm, one.encoder_resolution_mm / np.sqrt(12)))
+    return float(np.radians(np.hypot(one.encoder_noise_deg, one.encoder_resolution_deg / np.sqrt(12))))
 
 
 def make_sensor(description: SensorDescription, seed: int) -> sensor_rt.Sensor:

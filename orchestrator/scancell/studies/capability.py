@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.special import ndtri, stdtrit
 
 from scancell.arrays import Array
 from scancell.config.inspection import InspectionDescription
@@ -31,6 +32,7 @@ GOOD, USABLE = 0.1, 0.25  # expanded uncertainty over tolerance
 _STUDY = 6.0  # standard deviations of the gauge that count against the tolerance (AIAG MSA)
 _CATEGORIES = 2**0.5  # standard deviations of the gauge within which parts are of one category
 _CLAMPING = ("cell.part.", "as_built.grasp.")  # factors that are drawn at each clamping, the others at each calibration
+_SURE = 0.975  # quantile by which the spread of few measurements is widened
 _LEAST_MEASURED = 0.5  # share of the measurements that must evaluate a characteristic
 
 
@@ -118,8 +120,10 @@ class CapabilityRow(Value):
         found = self.errors[np.isfinite(self.errors)]
         if len(found) < 2:
             return Effect()
-        noise = float(np.nanmean(self.random**2))
-        return Effect(float(found.mean()), float(np.sqrt(max(0.0, found.var(ddof=1) - noise))))
+        noise, count = float(np.nanmean(self.random**2)), len(found)
+        # Few measurements tell the spread with few degrees of freedom, and its mean is uncertain, too (JCGM 100 G.3).
+        wider = float(stdtrit(count - 1, _SURE) / ndtri(_SURE)) * (1 + 1 / count) ** 0.5
+        return Effect(float(found.mean()), wider * float(np.sqrt(max(0.0, found.var(ddof=1) - noise))))
 
     @property
     def expanded(self) -> float:

@@ -28,12 +28,14 @@ from scancell.config.description import si_value
 from scancell.config.sensor import SensorDescription
 from scancell.errors import PlanningError
 from scancell.geometry import pose
+from scancell.geometry.cad import CadMesh
 from scancell.geometry.tree import WORLD
 from scancell.nominal.cell import NominalCell
 from scancell.planning.model import SIGHT, PlanningCell, Work, WorkLimitError
 from scancell.planning.motion import trajectory
 from scancell.planning.motion.connection import Stand, Stands
 from scancell.planning.options import ScanOptions
+from scancell.planning.views.features import FeatureGoals, FeatureOutlook, Goal, PointNoise, SeenShare
 from scancell.planning.views.paths import sweeps, sweeps_beside_axis
 from scancell.planning.views.placement import PATH_ACCELERATION, Infeasible, Placed, sweep_run
 from scancell.planning.views.views import Pass, Shift, Surface, Sweep, Turn, View, exposure_counts
@@ -69,7 +71,6 @@ _ELEVATIONS = tuple(np.radians((0.0, 15.0, 30.0, 45.0, 60.0, 75.0)))
 _TARGETS, _LEGS_EACH = 60, 8
 _ROUNDS = 12  # of legs for what is not seen
 _FRUITLESS = 3  # rounds without a gain after which the rest counts as invisible
-_LEAST_GAIN = 2  # samples that a view must add
 _MOST_REFUSED = 60  # infeasible candidates in a row after which the others of a round are not tried
 TRANSIT = 0.8  # s, about the time from one view to the next
 _SEED = 0
@@ -100,6 +101,8 @@ class Sight:
         The cell with these axes at other positions. What is measurable at any of them counts.
     beside
         The further sensors of the cell; None for one that does not expose at all triggers.
+    noise
+        Noise of points, for views that are chosen by deviations of features.
     """
 
     def __init__(
@@ -112,7 +115,9 @@ class Sight:
         most_samples: int = _MOST_SAMPLES,
         elsewhere: Sequence[NominalCell] = (),
         beside: Sequence[SensorDescription | None] = (),
+        noise: PointNoise | None = None,
     ) -> None:
+        self.noise = noise
         self._most_samples, self._elsewhere, self._beside = most_samples, elsewhere, beside
         self._nominal, self._description, self._measurable = nominal, sensor, measurable
         self._threads, self._work = threads, work or Work()
@@ -134,7 +139,8 @@ class Sight:
     def with_axes_at(self, elsewhere: Sequence[NominalCell]) -> Sight:
         """The same with further axes at other positions, too."""
         cell, sensor, find = self._nominal, self._description, self._measurable
-        return Sight(cell, sensor, find, self._threads, self._work, self._most_samples, elsewhere, self._beside)
+        limits = (self._threads, self._work, self._most_samples)
+        return Sight(cell, sensor, find, *limits, elsewhere, self._beside, self.noise)
 
     def poses_of(self, judged: Indices, each: int) -> Array:
         """Poses (k, 4, 4) that measure some of the judged samples (n,), at most `each` of each, see `SurfaceSearch`.
@@ -363,6 +369,8 @@ class CoverageReport(Value):
         Bound of the chosen views' time over the least time (Wolsey).
     unseen
         Share of the measurable surface that is not seen, by the reason.
+    features
+        Predictions for the features that the scan names.
     """
 
     share: float
@@ -373,6 +381,7 @@ class CoverageReport(Value):
     least_time: float
     greedy_factor: float
     unseen: dict[str, float]
+    features: tuple[FeatureOutlook, ...] = ()
 
 
 @dataclass
@@ -395,10 +404,10 @@ class _Pool:
         """Whether there is any pass."""
         return any(isinstance(view, Pass) for view in self.views)
 
-    def gains(self, covered: Flags) -> Indices:
-        """(c,) samples that each feasible candidate would add."""
-        possible = np.array([not reason for reason in self.obstacle], bool)
-        return np.asarray((np.array(self.seen) & ~covered).sum(1) * possible)
+    @property
+    def feasible(self) -> Indices:
+        """Numbers of the candidates that are not known to be infeasible."""
+        return np.flatnonzero([not reason for reason in self.obstacle])
 
 
 class CoveragePlanner:
@@ -426,6 +435,12 @@ class CoveragePlanner:
         self._chosen: dict[int, Placed] = {}  # by the number of the candidate
         self._branch: int | None = None  # that of the first view, which others prefer
         self.covered = np.zeros(len(sight.points), bool)
+        self._goal: Goal = SeenShare(self._wish.share, len(sight.points))
+        if self._wish.feature:
+            part, rows, search = self._cell.nominal.part, sight.rows, sight.search
+            assert isinstance(part, CadMesh) and sight.noise is not None  # as the pipeline checks
+            own = (search.samples[rows], search.normals[rows], sight.points)
+            self._goal = FeatureGoals(part, *own, self._wish.feature, sight.noise)
 
     def choose(self, part: Surface, max_profiles: int) -> tuple[list[tuple[Placed, int]], CoverageReport]:
         """Placed views with their numbers of exposures, at most `max_profiles` in total; see `select`.
@@ -455,14 +470,14 @@ class CoveragePlanner:
         fruitless, rng = 0, np.random.default_rng(_SEED)
         for _ in range(_ROUNDS if self._raster.enabled else 1):
             # Greedy choice is better from candidates that together see enough.
-            is_enough = self._possible().mean() >= self._wish.share
+            is_enough = self._is_possible()
             wanted = ~self.covered if is_enough or not self._pool.has_legs else ~self._possible()
             before = int(self._possible().sum() + self.covered.sum())
             self._cell.work.doing = self._reached("judging passes")
             if self._raster.enabled and wanted.any():
                 for leg in legs(self._sight, np.flatnonzero(wanted), _TARGETS, _LEGS_EACH, rng):
                     self._add(leg.view, leg.judged)
-            if self._possible().mean() >= self._wish.share:
+            if self._is_possible():
                 self._extend()
             fruitless = fruitless + 1 if self._possible().sum() + self.covered.sum() == before else 0
             if self._is_done() or fruitless == _FRUITLESS:
@@ -505,26 +520,25 @@ class CoveragePlanner:
         feasible = [seen for seen, reason in zip(self._pool.seen, self._pool.obstacle, strict=True) if not reason]
         return np.asarray(np.any(feasible, axis=0)) if feasible else np.zeros(len(self.covered), bool)
 
+    def _is_possible(self) -> bool:
+        """Whether all candidates that are not known to be infeasible meet the goal together."""
+        return self._goal.shortfall(self._pool.feasible) == 0
+
     def _drop_redundant(self) -> None:
-        """Drop views without which the share is seen as well, those that take longest first."""
-        seen = np.array([self._pool.seen[i] for i in self._chosen])
-        goal = min(int(np.ceil(self._wish.share * len(self.covered))), int(self.covered.sum()))
-        while True:
-            own = (seen & (seen.sum(0) == 1)).sum(1)
-            kept = int(seen.any(0).sum()) - own
-            dropped = np.flatnonzero(kept >= goal)
-            if len(seen) == 1 or not len(dropped):
-                break
-            least = dropped[np.argmax([self._pool.time[list(self._chosen)[i]] for i in dropped])]
-            del self._chosen[list(self._chosen)[least]]
-            seen = np.delete(seen, least, 0)
-        self.covered = np.asarray(seen.any(0))
+        """Drop views without which the goal is met as well, those that take longest first."""
+        before, chosen = self._goal.shortfall(self._chosen), list(self._chosen)
+        for number in sorted(chosen, key=lambda i: -self._pool.time[i]):
+            rest = [i for i in self._chosen if i != number]
+            if rest and self._goal.shortfall(rest) <= before:
+                del self._chosen[number]
+        self.covered = np.any([self._pool.seen[i] for i in self._chosen], axis=0)
 
     def _add(self, view: Sweep | Pass, judged: Judgements) -> None:
         judged = np.maximum(judged, self._sight.judge_beside(view))
         self._best = np.maximum(self._best, judged)
         if (judged == SEEN).any():
             self._pool.add(view, judged, self._time(view))
+            self._goal.add(view, judged == SEEN, self._count(view))
 
     def _time(self, view: Sweep | Pass) -> float:
         count = self._count(view)
@@ -542,7 +556,7 @@ class CoveragePlanner:
         # The rest of the work is for the motions between views.
         is_work_spent = self._cell.work.spent > CHOICE_SHARE * self._cell.work.limit
         return bool(
-            self.covered.mean() >= self._wish.share
+            self._goal.shortfall(self._chosen) == 0
             or len(self._chosen) >= self._wish.max_views
             or self._spent() >= self._wish.max_time_s
             or (self._chosen and is_work_spent)
@@ -552,15 +566,15 @@ class CoveragePlanner:
         return float(sum(self._pool.time[i] for i in self._chosen))
 
     def _extend(self) -> None:
-        """Choose candidates until the share is seen, the budget is used, or none adds anything."""
+        """Choose candidates until the goal is met, the budget is used, or none adds anything."""
         time, refused = np.array(self._pool.time), 0
         while self._pool.views and not self._is_done() and refused < _MOST_REFUSED:
-            gain = self._pool.gains(self.covered)
+            gain = self._goal.gains(self._chosen)
+            gain[[bool(reason) for reason in self._pool.obstacle]] = 0
+            gain[list(self._chosen)] = 0
             gain[time > self._wish.max_time_s - self._spent()] = 0
-            # More than what is missing has no value.
-            missing = int(np.ceil(self._wish.share * len(self.covered) - self.covered.sum()))
-            best = int(np.argmax(np.minimum(gain, missing) / time))
-            if gain[best] < min(_LEAST_GAIN, missing):
+            best = int(np.argmax(gain / time))
+            if gain[best] < min(self._goal.least_gain, self._goal.shortfall(self._chosen)):
                 return
             view = self._pool.views[best]
             self._cell.work.doing = self._reached(f"trying {view.name}")
@@ -647,7 +661,13 @@ class CoveragePlanner:
             least_time=least,
             greedy_factor=float(1 + np.log(goal / max(goal - before, 1))),
             unseen=unseen,
+            features=self._outlooks(),
         )
+
+    def _outlooks(self) -> tuple[FeatureOutlook, ...]:
+        if not isinstance(self._goal, FeatureGoals):
+            return ()
+        return self._goal.outlooks(self._chosen, self._pool.feasible)
 
 
 def greedy_cover(seen: Flags, time: Array, goal: int) -> list[int]:
