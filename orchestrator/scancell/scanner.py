@@ -24,7 +24,7 @@ from scancell.config.cell import CellDescription, EstimatedDescription
 from scancell.config.choices import CalibrationTarget, Engine, FlangeConvention, SensorTarget
 from scancell.config.files import Assignments, assets_dir, assignments
 from scancell.config.loading import Setup, load_setup, require_sensor_words
-from scancell.config.scan import ScanDescription
+from scancell.config.scan import BeltDescription, ScanDescription
 from scancell.config.sensor import SensorDescription
 from scancell.errors import DescriptionError, ScancellError
 from scancell.geometry.mesh import Mesh
@@ -511,6 +511,9 @@ class Scanner(Closing):
                 table_format=table_format, progress=progress,
             )  # fmt: skip
             return replace(report, exchanged=exchanged)
+        if wanted.what == "belt" and described.scan.belt is None:
+            described = replace(described, scan=described.scan.model_copy(update={"belt": BeltDescription()}))
+            setup = described
         part = assets_dir() / wanted.artefact_in(described.cell) if artefact is None else artefact
         world = self._world(part, unit, as_built, seed, setup)
         scan = self._calibration_scan(self._world(part, unit, setup=setup), wanted)

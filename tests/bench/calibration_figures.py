@@ -17,6 +17,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 
+from belt_profiles import BELT, calibrated
 from benchmarks.sphere_cell import (
     LARGE,
     REALISTIC,
@@ -39,8 +40,9 @@ from scancell.calibration.cell.kinematics import (
     axis_deviations,
     written_unit,
 )
-from scancell.calibration.cell.scan import design_poses, kinematics_of
+from scancell.calibration.cell.scan import kinematics_of
 from scancell.calibration.cell.solve import solve
+from scancell.calibration.cell.views import design_poses
 from scancell.config.loading import assets_dir, load_setup
 from scancell.nominal.cell import NominalCell, nominal_cell
 
@@ -174,6 +176,28 @@ def post_rows(seeds: int, workers: int) -> Iterator[str]:
     yield f"| all, {inside.size} values | | {inside.mean():.1%} |"
 
 
+def of_belt(seed: int) -> Trial:
+    """Direction and encoder scale of a belt, which are off by up to 1 deg and 1 %, by a part that it carries."""
+    rng = np.random.default_rng([seed, 7])
+    sizes = rng.uniform(0.1, 1.0, 3) * rng.choice([-1.0, 1.0], 3) * [np.radians(1.0), np.radians(1.0), 0.01]
+    result = calibrated(dict(zip(BELT, sizes.tolist(), strict=True)), seed)
+    return Trial(result.values - sizes, result.half_widths(), result.contains(sizes))
+
+
+def belt_rows(seeds: int, workers: int) -> Iterator[str]:
+    """Medians and coverage of deviations of a belt, as lines of a table."""
+    trials = run_all(partial(of_belt), seeds, workers)
+    errors, half = (np.array([getattr(one, key) for one in trials]) for key in ("errors", "half_widths"))
+    inside = np.abs(errors) <= half
+    yield "| deviation | median error | in its 95 % interval |"
+    yield "|---|---|---|"
+    for number, name in enumerate(BELT):
+        unit, scale = written_unit(name)
+        yield f"| {name} | {np.median(np.abs(errors[:, number])) / scale:.5f} {unit} | {inside[:, number].mean():.1%} |"
+    regions = np.mean([one.is_inside for one in trials])
+    yield f"| all, {inside.size} values | regions: {regions:.1%} | {inside.mean():.1%} |"
+
+
 def run_all(work: partial[Trial], seeds: int, workers: int) -> list[Trial]:
     """Trials of all seeds."""
     with ProcessPoolExecutor(workers) as pool:
@@ -275,7 +299,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=1000, help="of the coverage; the medians use 50 at most")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--only", choices=("accuracy", "coverage", "large", "poses", "axes", "post"))
+    parser.add_argument("--only", choices=("accuracy", "coverage", "large", "poses", "axes", "post", "belt"))
     chosen = parser.parse_args()
     few = min(chosen.seeds, 50)
     tables = {
@@ -285,6 +309,7 @@ def main() -> None:
         "poses": lambda: poses_rows(min(few, 20), chosen.workers),
         "axes": lambda: axis_rows(-(-chosen.seeds // 4), chosen.workers),
         "post": lambda: post_rows(few, chosen.workers),
+        "belt": lambda: belt_rows(chosen.seeds, chosen.workers),
     }
     for name, rows in tables.items():
         if chosen.only in (None, name):

@@ -24,8 +24,9 @@ from benchmarks.sphere_cell import (
 )
 from scancell.calibration.cell.kinematics import LATENCY, PLATTER, TABLE, TOOL, WOBBLE, AxisReadings, written_unit
 from scancell.calibration.cell.problem import Artefact, CalibrationProblem, Observations
-from scancell.calibration.cell.scan import design_poses, readings_of
+from scancell.calibration.cell.scan import readings_of
 from scancell.calibration.cell.solve import circles_of, solve, sphere_start
+from scancell.calibration.cell.views import design_poses
 from scancell.cell.recording import TriggerRecords
 from scancell.config.cell import EstimatedDescription
 from scancell.config.loading import load_setup

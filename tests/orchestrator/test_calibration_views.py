@@ -7,7 +7,7 @@ import pytest
 from cells import planning_cell
 from numpy.typing import NDArray
 
-from scancell.calibration.cell.scan import candidates
+from scancell.calibration.cell.views import candidates
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 

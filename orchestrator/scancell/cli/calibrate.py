@@ -145,6 +145,12 @@ def calibrate_table(options: TableCalibrationOptions) -> Outcome:
     return options.calibrate("table", wobble=options.wobble)
 
 
+@command("calibrate belt", CellCalibrationOptions)
+def calibrate_belt(options: CellCalibrationOptions) -> Outcome:
+    """Find direction and encoder scale of a belt from a part that passes the sensor, and write a calibrated cell."""
+    return options.calibrate("belt")
+
+
 @command("calibrate latency", CellCalibrationOptions)
 def calibrate_latency(options: CellCalibrationOptions) -> Outcome:
     """Find the delay of the exposures from scans of an artefact, and write a calibrated cell."""

@@ -132,6 +132,16 @@ class EstimatedAxisDescription(_EstimatedPoseDescription):
     """Deviation of the frame that a further axis carries, at its position 0: translation, then rotation XYZ'."""
 
 
+class EstimatedConveyorDescription(Description):
+    """Deviation of the direction of a belt from x of its frame, and the scale error of its encoder."""
+
+    ry_deg: Angle = _Angle
+    rz_deg: Angle = _Angle
+    encoder_scale: Annotated[float, Field(ge=-0.5, le=0.5)] = Field(
+        default=0.0, description="estimated relative scale error: the encoder reads the travel times 1 + encoder_scale"
+    )
+
+
 class EstimatedPlatterDescription(Description):
     """Eccentricity: position of the platter's centre from the axis, in the rotating frame."""
 
@@ -189,6 +199,9 @@ class EstimatedDescription(Description):
     axis: dict[str, EstimatedAxisDescription] = Field(
         default={}, description="poses of the further axes by their names; default: as described"
     )
+    conveyor: tuple[EstimatedConveyorDescription, ...] = Field(
+        default=(), description="directions and encoders of the belts, a row per belt; default: as described"
+    )
 
     @classmethod
     def of(cls, deviations: Mapping[str, float], joints: int) -> Self:
@@ -202,7 +215,7 @@ class EstimatedDescription(Description):
                 taken[key] = round(left.pop(f"{prefix}.{name}", 0.0) / scale, _DIGITS)
             return taken
 
-        apart = ("dh", "further_sensor", "axis")
+        apart = ("dh", "further_sensor", "axis", "conveyor")
         models = {name: field.annotation for name, field in cls.model_fields.items() if name not in apart}
         groups: dict[str, Any] = {name: group(model, name) for name, model in models.items()}
         rows = [group(EstimatedJointDescription, f"dh[{number}]") for number in range(1, joints + 1)]
@@ -212,6 +225,9 @@ class EstimatedDescription(Description):
         while rows and not any(rows[-1].values()):
             rows.pop()
         groups["further_sensor"] = rows or None
+        belts = [int(key[9 : key.index("]")]) for key in left if re.fullmatch(r"conveyor\[[1-9][0-9]?\]\.\w+", key)]
+        rows = [group(EstimatedConveyorDescription, f"conveyor[{i}]") for i in range(1, max(belts, default=0) + 1)]
+        groups["conveyor"] = rows
         axes = dict.fromkeys(key.split(".")[1] for key in left if re.fullmatch(r"axis\.\w+\.\w+", key))
         groups["axis"] = {axis: group(EstimatedAxisDescription, f"axis.{axis}") for axis in axes}
         if left:
@@ -223,8 +239,9 @@ class EstimatedDescription(Description):
         plain = self.model_dump()
         axes = {name: to_si(values) for name, values in plain.pop("axis").items()}  # a name may end like a unit
         plain = to_si(plain)
-        rows, sensors = plain.pop("dh"), plain.pop("further_sensor") or ()
+        rows, sensors, belts = plain.pop("dh"), plain.pop("further_sensor") or (), plain.pop("conveyor")
         groups = {**plain, **{f"dh[{number}]": row for number, row in enumerate(rows, 1)}}
+        groups |= {f"conveyor[{number}]": row for number, row in enumerate(belts, 1)}
         groups |= {f"sensor[{number}]": row for number, row in enumerate(sensors, 2)}
         groups |= {f"axis.{name}": values for name, values in axes.items()}
         return {f"{group}.{key}": value for group, values in groups.items() for key, value in values.items()}
@@ -744,6 +761,9 @@ class CellDescription(FileDescription):
                 f"estimated.further_sensor has {rows} rows: expected at most {len(self.further_sensor)}, one for each"
                 " sensor"
             )
+        rows = 0 if self.estimated is None else len(self.estimated.conveyor)
+        if rows > len(self.conveyor):
+            raise ValueError(f"estimated.conveyor has {rows} rows: expected at most {len(self.conveyor)}, one per belt")
         links = {f"link[{i}]" for i in range(1, joints + 1)}
         for key, frame in frames.items():
             if frame.startswith("link") and frame not in links:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 Engine = Literal["ray-traced", "geometric"]
-CalibrationTarget = Literal["tool", "grasp", "table", "latency", "all"]
+CalibrationTarget = Literal["tool", "grasp", "table", "belt", "latency", "all"]
 FlangeConvention = Literal[
     "matrix", "wxyz", "xyzw", "xyz", "zyz", "xyzwpr", "zyx", "rotvec",
     "xyx", "xzx", "xzy", "yxy", "yxz", "yzx", "yzy", "zxy", "zxz",

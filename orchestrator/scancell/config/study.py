@@ -227,7 +227,7 @@ class CalibrateDescription(Description):
     """Calibration of every trial's cell before its scan; the scan is reconstructed with the result."""
 
     what: CalibrationTarget = Field(
-        default="all", description="what is calibrated: tool, grasp, table, latency, or all"
+        default="all", description="what is calibrated: tool, grasp, table, belt, latency, or all"
     )
     artefact: str | None = Field(
         default=None, description="file of the artefact (TOML) or of the mesh of any part; default: a shipped one"

@@ -19,7 +19,7 @@ WORLD = "world"  # the frame that carries the first joints
 class Joint:
     """A joint that turns about its z, or slides along it, and the frame that it carries.
 
-    ``parent_from_frame = parent_from_joint @ motion(position + zero) @ joint_from_frame``
+    ``parent_from_frame = parent_from_joint @ motion(gain * position + zero) @ joint_from_frame``
 
     Attributes
     ----------
@@ -35,6 +35,8 @@ class Joint:
         Constant poses (4, 4) before and behind the motion.
     wobble
         Tilts (rx_cos, rx_sin, ry_cos, ry_sin), rad, of the axis of a revolute joint, which repeat with every turn.
+    gain
+        Motion per unit of the axis' position: not 1 where its encoder has an error of scale.
     """
 
     frame: str
@@ -45,6 +47,7 @@ class Joint:
     parent_from_joint: Array = field(default_factory=lambda: np.eye(4))
     joint_from_frame: Array = field(default_factory=lambda: np.eye(4))
     wobble: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
+    gain: float = 1.0
 
     @property
     def frame_at_zero(self) -> Array:
@@ -102,7 +105,7 @@ class Tree:
         self._moving = [i for i, joint in enumerate(self.joints) if joint.axis]
         self._columns = [self.axes.index(joint.axis) for joint in moving]
         self._slides = np.array([joint.kind == "prismatic" for joint in moving], bool)
-        self._zero = np.array([joint.zero for joint in moving])
+        self._zero, self._gain = (np.array([getattr(joint, name) for joint in moving]) for name in ("zero", "gain"))
         self._moved_behind = np.reshape([joint.joint_from_frame for joint in moving], (-1, 4, 4))
 
     def __getitem__(self, frame: str) -> Joint:
@@ -145,7 +148,7 @@ class Tree:
             along = np.broadcast_to(along, linear.shape)  # axes on the world are the same at all positions
             columns = np.concatenate([np.where(slides, along, linear), np.where(slides, 0.0, along)], -1)
             for k, number in enumerate(moving):
-                result[..., part._columns[number]] += columns[..., k, :]
+                result[..., part._columns[number]] += part._gain[number] * columns[..., k, :]
         if other == WORLD:
             return at, result
         turn = np.swapaxes(base[..., :3, :3], -1, -2)
@@ -183,7 +186,7 @@ class Tree:
         stated = np.array(self._columns, int) < q.shape[-1]
         positions = np.zeros((*q.shape[:-1], len(stated)))
         positions[..., stated] = q[..., np.array(self._columns, int)[stated]]
-        positions += self._zero
+        positions = self._gain * positions + self._zero
         motion = np.zeros((*positions.shape, 4, 4))
         motion[..., range(4), range(4)] = 1.0
         motion[..., ~self._slides, :3, :3] = pose.rotation_about(2, positions[..., ~self._slides])

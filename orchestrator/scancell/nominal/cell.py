@@ -195,6 +195,8 @@ class NominalCell(Value):
         On which the part arrives; None: it does not.
     world_from_conveyors
         Poses (4, 4) of the belts at travel 0.
+    belt_scales
+        Relative scale errors of the encoders of the belts, which read the travel times 1 + scale, in an estimated cell.
     support
         Frame that carries the part in the scan: ``table``, ``conveyor[1]`` … of its belt, or the last link.
     arm_on, table_on
@@ -240,6 +242,7 @@ class NominalCell(Value):
     trigger_latency: float = 0.0
     belt: Belt | None = None
     world_from_conveyors: tuple[Array, ...] = ()
+    belt_scales: tuple[float, ...] = ()
     support: str = "table"
     arm_on: str = WORLD
     table_on: str = WORLD
@@ -336,10 +339,12 @@ class NominalCell(Value):
                 wobble=self.wobble,
             )
         )
-        for number, world_from_belt in enumerate(self.world_from_conveyors, 1):
+        scales = self.belt_scales or [0.0] * len(self.world_from_conveyors)
+        for number, (world_from_belt, scale) in enumerate(zip(self.world_from_conveyors, scales, strict=True), 1):
             name = f"conveyor[{number}]"
             along = z_along(0)  # a belt moves along its x
-            joints.append(Joint(name, WORLD, "prismatic", name, 0.0, world_from_belt @ along, along.T))
+            poses = world_from_belt @ along, along.T
+            joints.append(Joint(name, WORLD, "prismatic", name, 0.0, *poses, gain=1.0 / (1.0 + scale)))
         joints.append(Joint("part", self.support, parent_from_joint=self.support_from_part))
         for number, further in enumerate(self.further_parts, 2):
             placed = further.description
@@ -631,6 +636,8 @@ def estimated_cell(nominal: NominalCell, deviations: Mapping[str, float]) -> Nom
         at_0 = joint.parent_from_joint @ joint.joint_from_frame @ delta(f"axis.{axis.name}")
         return replace(axis, joint=replace(joint, parent_from_joint=at_0 @ pose.inverse(joint.joint_from_frame)))
 
+    belts = [f"conveyor[{number}]" for number in range(1, len(nominal.world_from_conveyors) + 1)]
+    turned = tuple(at @ delta(belt) for at, belt in zip(nominal.world_from_conveyors, belts, strict=True))
     joints = [
         replace(joint, **{key: getattr(joint, key) + deviations.get(f"dh[{number}].{key}", 0.0) for key in _DH})
         for number, joint in enumerate(nominal.arm.joints, 1)
@@ -642,6 +649,9 @@ def estimated_cell(nominal: NominalCell, deviations: Mapping[str, float]) -> Nom
         table_from_part=nominal.table_from_part @ delta("grasp") if grasp else nominal.table_from_part,
         world_from_table=nominal.world_from_table @ delta("table"),
         further_axes=tuple(displaced(axis) for axis in nominal.further_axes),
+        world_from_conveyors=turned,
+        belt_scales=tuple(values(belt, "encoder_scale")[0] for belt in belts),
+        belt=None if nominal.belt is None else replace(nominal.belt, world_from_belt=turned[nominal.belt.conveyor - 1]),
         eccentricity=(*values("platter", "x", "y"),),
         wobble=(*values("table", *(f"wobble_{key}" for key in WOBBLE)),),
         trigger_latency=deviations.get("trigger.latency", 0.0),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scancell.arrays import Array
 from scancell.calibration.board.views import pose_table
 from scancell.calibration.cell.kinematics import AxisReadings, axis_column
-from scancell.calibration.cell.points import read_axes, read_points
+from scancell.calibration.cell.points import Missing, read_axes, read_points
 from scancell.calibration.measured_table import MeasuredTable, read_profiles, write_measured_table
 from scancell.calibration.pose_files import flange_columns, has_flange, read_flange
 from scancell.config.cell import MAX_FURTHER_SENSORS
@@ -34,8 +34,6 @@ from scancell.values import Value
 
 _MOST_RAD = 2.0 * np.pi + 1e-6  # of an angle; degrees exceed it
 _MOST_NUMBER = 2**31 - 1
-Missing = Callable[[Array], Mapping[str, Array]]
-"""Columns (n,) by name, of exposures by their numbers (n,), that replace those which a table lacks."""
 
 _LEAST_GAP = 0.2  # of the range of all heights, between them and the value of missing points
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.arrays import Array
-from scancell.calibration.cell.kinematics import LATENCY, AxisReadings, axis_column
+from scancell.calibration.cell.kinematics import LATENCY, AxisReadings
+from scancell.calibration.cell.points import belt_axes, described_cell
 from scancell.calibration.cell.problem import Artefact, CalibrationProblem, Observations, surface_of
 from scancell.calibration.cell.report import start_of
 from scancell.calibration.cell.scan import kinematics_of, on_artefact
@@ -31,8 +32,7 @@ from scancell.files import read_json
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh, box_mesh
 from scancell.geometry.shapes import PartSurface
-from scancell.geometry.tree import Joint
-from scancell.nominal.cell import NominalCell, estimated_cell, nominal_cell
+from scancell.nominal.cell import NominalCell, estimated_cell
 from scancell.nominal.parts import lay_down
 from scancell.reconstruction.foreign import neighbours_of
 from scancell.reconstruction.reconstruct import (
@@ -45,7 +45,7 @@ from scancell.reconstruction.reconstruct import (
     table_warnings,
     why_empty,
 )
-from scancell.recorded.measurements import Measurements, Missing
+from scancell.recorded.measurements import Measurements
 from scancell.scanning.pipeline import envelope_of
 
 _STEP = 1e-5  # m, rad, s: half the interval of difference quotients by deviations of the cell
@@ -755,39 +755,3 @@ def _latency(found: Measurements, setup: Setup, measured: MeasuredCell, wanted: 
 def nominal_cell_of(measured: MeasuredCell, setup: Setup) -> NominalCell:
     """The described cell, without what was estimated, with the part of a measured one."""
     return described_cell(setup, measured.cell.part if measured.has_part else None)
-
-
-def described_cell(setup: Setup, part: Mesh | None) -> NominalCell:
-    """The described cell, in which the belt carries the part where the scan is one on a belt."""
-    nominal = nominal_cell(setup.cell, part)
-    return nominal if setup.scan.belt is None else nominal.on_belt()
-
-
-def belt_axes(cell: NominalCell) -> tuple[str, ...]:
-    """Names of the axes of the belts up to that which carries the part, ``conveyor[1]`` …; none without one."""
-    count = cell.required_belt().conveyor if cell.support_kind == "belt" else 0
-    return tuple(f"conveyor[{number}]" for number in range(1, count + 1))
-
-
-def stated_axes(setup: Setup) -> tuple[list[Joint], Missing]:
-    """Axes beside joints and table that measurements state, and what replaces those that they lack.
-
-    On a belt, exposures without its travel are a pitch of the scan apart, so that exposure n is at n pitches, at its
-    speed. Joints and table are at their start where no sensor moves with them.
-    """
-    cell = described_cell(setup, None)
-    belts, fixed = [cell.tree[name] for name in belt_axes(cell)], dict[str, float]()
-    arm = {"table", *cell.arm.tree.axes}
-    sensors = [sensor_frame(number) for number in range(1, len(cell.further_sensors) + 2)]
-    if not any(arm.intersection(cell.tree.axes_of(frame)) for frame in (*sensors, "part")):
-        fixed = {f"q{i}_deg": angle for i, angle in enumerate(setup.cell.robot.home_deg, 1)} | {"table_deg": 0.0}
-    fixed |= {axis_column(belt): 0.0 for belt in belts[:-1]}
-
-    def missing(numbers: Array) -> dict[str, Array]:
-        columns = {name: np.full(len(numbers), value) for name, value in fixed.items()}
-        if belts and (belt := setup.scan.belt) is not None:
-            columns[axis_column(belts[-1])] = np.copysign(belt.pitch_mm, belt.speed_mm_s) * numbers
-            columns[axis_column(belts[-1], "_rate", "_s")] = np.full(len(numbers), belt.speed_mm_s)
-        return columns
-
-    return [*(axis.joint for axis in cell.further_axes), *belts], missing

@@ -13,6 +13,7 @@ import numpy as np
 from scancell.arguments import LatencyMs, QuarterTurns, Threads, checked_arguments
 from scancell.arrays import Array
 from scancell.calibration.board.views import TABLES
+from scancell.calibration.cell.points import belt_axes, stated_axes
 from scancell.cell.recording import Recording, RecordLayout, write_recording
 from scancell.config.cell import CellDescription
 from scancell.config.choices import FlangeConvention, LatencyWord, LengthUnit
@@ -57,11 +58,9 @@ from scancell.recorded.reconstruct import (
     MeasuredCell,
     ReconstructedData,
     ValueCovariance,
-    belt_axes,
     read_calibration,
     reconstruct_measurements,
     records_of,
-    stated_axes,
     with_part_at,
     with_sensor_at,
 )

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from scancell.calibration.cell.points import stated_axes
 from scancell.calibration.cell.scan import readings_of
 from scancell.calibration.ros_bag import write_bag
 from scancell.cell.recording import integers, numbers, read_any_recording, read_table, refuse_value
@@ -13,7 +14,6 @@ from scancell.config.loading import Setup, load_resolved
 from scancell.errors import DescriptionError
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.recorded.measurements import Measurements, read_table_of
-from scancell.recorded.reconstruct import stated_axes
 
 _LARGEST_MM, _LARGEST_DN, _LARGEST_S = 1e9, 1e9, 1e6  # values of a table of profiles
 

@@ -1,11 +1,13 @@
 """Kinematics from the sensor to the platter with deviations from nominal, and their derivatives as screws.
 
-Where the arm holds the artefact before a sensor on a post, the flange takes the place of the platter.
+Where the arm holds the artefact before a sensor on a post, the flange takes the place of the platter, and the belt
+where one carries it past the sensor.
 
 A deviation is named like the ``as_built`` parameter of the FMU, without the prefix: ``tool.x``, ``dh[3].theta``,
-``grasp.z``, ``table.rx``, ``platter.y``, ``axis.track.rz``, ``trigger.latency``; SI units. The wobble of the table axis
-is a rotation vector in the table's nominal x-y plane, ``rx = rx_cos cos t + rx_sin sin t`` at table angle t, and `ry`
-likewise: to first order the general tilt of an axis that repeats with every revolution.
+``grasp.z``, ``table.rx``, ``platter.y``, ``axis.track.rz``, ``trigger.latency``; SI units. Those of a belt,
+``conveyor[1].rz``, turn its direction; ``conveyor[1].encoder_scale`` is a relative error of its readings. The wobble of
+the table axis is a rotation vector in the table's nominal x-y plane, ``rx = rx_cos cos t + rx_sin sin t`` at table
+angle t, and `ry` likewise: to first order the general tilt of an axis that repeats with every revolution.
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ TOOL = tuple(f"tool.{name}" for name in _POSE)
 GRASP = tuple(f"grasp.{name}" for name in _POSE)
 TABLE = tuple(f"table.{name}" for name in ("x", "y", "rx", "ry"))
 PLATTER = ("platter.x", "platter.y")
+_SCALE = "encoder_scale"  # of a belt: the encoder reads the travel times 1 + scale
 UNIT = 1e-3  # of unknowns in normal equations and of directions: mm, mrad, ms
 
 # Coordinate axes along which and about which a frame is moved.
@@ -41,7 +44,9 @@ LATENCY = "trigger.latency"
 
 
 def axis_deviations(name: str) -> tuple[str, ...]:
-    """Names of the deviations of a further axis, such as ``axis.track.x``."""
+    """Names of the deviations of a further axis, such as ``axis.track.x``, or of a belt: ``conveyor[1].rz``."""
+    if name.startswith("conveyor["):
+        return tuple(f"{name}.{key}" for key in ("ry", "rz", _SCALE))
     return tuple(f"axis.{name}.{key}" for key in _POSE)
 
 
@@ -140,8 +145,8 @@ class SensorPoses:
 
     A screw (n, 6) is a velocity (m per unit) of the point at the platter's origin and an angular velocity (rad per
     unit), both in the platter frame: a point p moves by ``v + w × p``. `deviations` holds those of named deviations,
-    `joints` (n, 6, joints) those of the joint angles, `table` (n, 6) that of the table angle, `flange` (n, 6, 6) those
-    of translations along and rotations about the flange's axes.
+    `joints` (n, 6, joints) those of the joint angles, `table` (n, 6) that of the table angle, or of the travel of the
+    belt that carries the artefact, `flange` (n, 6, 6) those of translations along and rotations about its axes.
     """
 
     platter_from_sensor: Array
@@ -156,7 +161,8 @@ class CellKinematics:
     """Nominal geometry of arm, tool, table, and of further axes which carry them; poses (4, 4), m.
 
     The sensor is on the flange, or on `sensor_on`: in the world or on a further axis. There it sees an artefact that
-    the arm holds, at `flange_from_part`, or that the table turns.
+    the arm holds, at `flange_from_part`, or that the table turns. With `belt`, the name of one of the `further` axes,
+    this belt carries the artefact past the sensor.
     """
 
     arm: Chain
@@ -167,15 +173,20 @@ class CellKinematics:
     arm_on: str = WORLD
     table_on: str = WORLD
     sensor_on: str | None = None
+    belt: str | None = None
+
+    @property
+    def has_table(self) -> bool:
+        """Whether the table carries the artefact."""
+        return self.flange_from_part is None and self.belt is None
 
     @property
     def names(self) -> tuple[str, ...]:
         """All deviations."""
         joints = joint_names(len(self.arm.joints), *_DH)
         of_axes = [name for joint in self.further for name in axis_deviations(joint.axis)]
-        if self.flange_from_part is not None:
-            return (*TOOL, *GRASP, *joints, *of_axes, LATENCY)
-        return (*TOOL, *TABLE, *PLATTER, *WOBBLE, *joints, *of_axes, LATENCY)
+        of_part = (*TABLE, *PLATTER, *WOBBLE) if self.has_table else GRASP if self.belt is None else ()
+        return (*TOOL, *of_part, *joints, *of_axes, LATENCY)
 
     def poses(self, readings: AxisReadings, deviations: Mapping[str, float]) -> SensorPoses:
         """Poses of the sensor on the platter, when light falls on it.
@@ -195,14 +206,15 @@ class CellKinematics:
         angle = axes[:, readings.joints]
         cosine, sine = np.cos(angle), np.sin(angle)
         position: dict[str, Array | float] = {**value, "table": angle}
-        tilts = () if self.flange_from_part is not None else _TILTS
+        tilts = _TILTS if self.has_table else ()
         for name in tilts:
             along, across = value[f"table.wobble_{name}_cos"], value[f"table.wobble_{name}_sin"]
             position[f"wobble.{name}"] = along * cosine + across * sine
         thetas = joint_names(readings.q.shape[1], "theta")
         position |= {name: axes[:, i] + value[name] for i, name in enumerate(thetas)}
         further = {f"axis.{joint.axis}": i for i, joint in enumerate(readings.further, len(thetas) + 1)}
-        position |= {name: axes[:, i] for name, i in further.items()}
+        gains = {f"axis.{joint.axis}": 1.0 / (1.0 + value.get(f"{joint.axis}.{_SCALE}", 0.0)) for joint in self.further}
+        position |= {name: gains[name] * axes[:, i] for name, i in further.items()}
 
         tree = self._tree if readings.flange is None else self._tree_behind(readings.flange)
         positions = np.stack([np.broadcast_to(position.get(axis, 0.0), len(readings)) for axis in tree.axes], -1)
@@ -210,6 +222,7 @@ class CellKinematics:
         # From the velocity of the sensor's origin to that of the point at the platter's.
         screws[:, :3] += np.cross(platter_from_sensor[:, :3, 3:], screws[:, 3:], axis=1)
         named = dict(zip(tree.axes, np.moveaxis(screws, -1, 0), strict=True))
+        moved = {name: gain * named.pop(name) for name, gain in gains.items()}
         turn = named.pop("table", np.zeros((len(readings), 6)))
         for name in tilts:
             tilt = named.pop(f"wobble.{name}")
@@ -221,8 +234,12 @@ class CellKinematics:
         count = readings.joints
         latency_screw = np.einsum("nij,nj->ni", joints, rates[:, :count]) + turn * rates[:, count : count + 1]
         for name, i in further.items():
-            latency_screw = latency_screw + named.pop(name) * rates[:, i : i + 1]
+            latency_screw = latency_screw + moved[name] * rates[:, i : i + 1]
         named[LATENCY] = latency_screw
+        if self.belt is not None:
+            name = f"axis.{self.belt}"
+            turn = moved[name]
+            named[f"{self.belt}.{_SCALE}"] = -gains[name] * turn * axes[:, further[name], None]
         flange = np.stack([named.pop(name) for name in _FLANGE], -1)
         return SensorPoses(platter_from_sensor, named, joints, turn, flange)
 
@@ -243,7 +260,9 @@ class CellKinematics:
             # A deviation is that of the frame which the axis carries, at position 0.
             at_0 = Joint(f"{joint.axis} at 0", _carrier(joint.parent))
             at_0 = replace(at_0, parent_from_joint=joint.parent_from_joint @ joint.joint_from_frame)
-            deviating = _elementary(at_0.frame, list(zip(axis_deviations(joint.axis), _XYZ, strict=True)))
+            of_axis = {name: name.rsplit(".", 1)[1] for name in axis_deviations(joint.axis)}
+            steps = [(name, _POSE.index(key)) for name, key in of_axis.items() if key in _POSE]
+            deviating = _elementary(at_0.frame, steps)
             moved = Joint(
                 *(_carrier(joint.frame), deviating[-1].frame, joint.kind, f"axis.{joint.axis}", joint.zero),
                 parent_from_joint=pose.inverse(joint.joint_from_frame),
@@ -264,6 +283,9 @@ class CellKinematics:
                 Joint("platter", grasp[-1].frame, parent_from_joint=pose.inverse(part)),
             ]
             return Tree([*carriers, base, *arm, *flange, sensor, *tool, held, *grasp, *ends])
+        if self.belt is not None:
+            ends = [Joint("sensor", tool[-1].frame), Joint("platter", _carrier(self.belt))]
+            return Tree([*carriers, base, *arm, *flange, sensor, *tool, *ends])
         table = Joint("nominal table", _carrier(self.table_on), parent_from_joint=self.world_from_table)
         of_table = [
             *zip(TABLE, (_X, _Y, _RX, _RY), strict=True),
@@ -293,7 +315,9 @@ def _elementary(parent: str, steps: Sequence[tuple[str, int]], zeros: Sequence[f
 
 
 def written_unit(name: str) -> tuple[str, float]:
-    """Unit of a deviation in descriptions, and its factor to SI: ``mm``, ``deg`` or ``ms``."""
+    """Unit of a deviation in descriptions, and its factor to SI: ``mm``, ``deg``, ``ms``; ``ppm`` of scales."""
     if name == LATENCY:
         return "ms", 1e-3
+    if name.endswith(_SCALE):
+        return "ppm", 1e-6
     return ("mm", 1e-3) if name.rsplit(".", 1)[1] in {"x", "y", "z", "a", "d"} else ("deg", np.pi / 180)

@@ -29,18 +29,22 @@ from scancell.calibration.pose_files import (
     refuse_misread,
     refuse_wrong,
 )
-from scancell.config.cell import PartDescription
+from scancell.config.cell import PartDescription, sensor_frame
+from scancell.config.loading import Setup
 from scancell.errors import CalibrationError, DescriptionError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.orientation import StatedPoses
 from scancell.geometry.shapes import ShapeMesh, Sphere
 from scancell.geometry.tree import Joint
-from scancell.nominal.cell import NominalCell
+from scancell.nominal.cell import NominalCell, nominal_cell
 
 _DEFAULT_SIGMA_UM = 10.0
 _SAME = 1e-9  # deg: readings of one exposure must agree
 _MOST_NAMED = 3
+
+Missing = Callable[[Array], Mapping[str, Array]]
+"""Columns (n,) by name, of exposures by their numbers (n,), that replace those which a table lacks."""
 
 AGREED = 1e-3  # m: rms distance of a sphere's centres up to which they agree
 _MOST_NAMED_POSES = 5
@@ -59,7 +63,7 @@ _LEAST_SIZE_ERROR = 1e-6  # m
 _SHIFTED = 0.05e-3  # m: more than the chord error of the artefact's mesh
 _MIRRORED = np.radians(30.0)  # of half a turn about the sensor's z
 # Deviations from which a warning is given: several times the errors of an assembly.
-_IMPLAUSIBLE = {"mm": 10.0, "deg": 5.0, "ms": 50.0}
+_IMPLAUSIBLE = {"mm": 10.0, "deg": 5.0, "ms": 50.0, "ppm": 1e5}
 
 
 def write_points(data: Observations, path: Path) -> None:
@@ -112,7 +116,7 @@ def read_points(
     convention: str | None = None,
     table: MeasuredTable | None = None,
     further: Sequence[Joint] = (),
-    missing: Callable[[Array], Mapping[str, Array]] | None = None,
+    missing: Missing | None = None,
 ) -> MeasuredPoints:
     """Observations from CSV, Parquet or YAML; rows without ``z_mm`` are left out.
 
@@ -132,7 +136,7 @@ def read_points(
     further
         Axes of the cell beside joints and table.
     missing
-        Columns (n,) by name, of exposures by their numbers (n,), that replace those which the table lacks.
+        What replaces columns that the table lacks, see `stated_axes`.
     """
     if table is None:
         table = MeasuredTable(path)
@@ -175,6 +179,42 @@ def read_points(
         1e-3 * time_offset,
     )
     return MeasuredPoints(path, observations, numbers, stated, flange_path or path, kind)
+
+
+def described_cell(setup: Setup, part: Mesh | None) -> NominalCell:
+    """The described cell, in which the belt carries the part where the scan is one on a belt."""
+    nominal = nominal_cell(setup.cell, part)
+    return nominal if setup.scan.belt is None else nominal.on_belt()
+
+
+def belt_axes(cell: NominalCell) -> tuple[str, ...]:
+    """Names of the axes of the belts up to that which carries the part, ``conveyor[1]`` …; none without one."""
+    count = cell.required_belt().conveyor if cell.support_kind == "belt" else 0
+    return tuple(f"conveyor[{number}]" for number in range(1, count + 1))
+
+
+def stated_axes(setup: Setup) -> tuple[list[Joint], Missing]:
+    """Axes beside joints and table that measurements state, and what replaces those that they lack.
+
+    On a belt, exposures without its travel are a pitch of the scan apart, so that exposure n is at n pitches, at its
+    speed. Joints and table are at their start where no sensor moves with them.
+    """
+    cell = described_cell(setup, None)
+    belts, fixed = [cell.tree[name] for name in belt_axes(cell)], dict[str, float]()
+    arm = {"table", *cell.arm.tree.axes}
+    sensors = [sensor_frame(number) for number in range(1, len(cell.further_sensors) + 2)]
+    if not any(arm.intersection(cell.tree.axes_of(frame)) for frame in (*sensors, "part")):
+        fixed = {f"q{i}_deg": angle for i, angle in enumerate(setup.cell.robot.home_deg, 1)} | {"table_deg": 0.0}
+    fixed |= {axis_column(belt): 0.0 for belt in belts[:-1]}
+
+    def missing(numbers: Array) -> dict[str, Array]:
+        columns = {name: np.full(len(numbers), value) for name, value in fixed.items()}
+        if belts and (belt := setup.scan.belt) is not None:
+            columns[axis_column(belts[-1])] = np.copysign(belt.pitch_mm, belt.speed_mm_s) * numbers
+            columns[axis_column(belts[-1], "_rate", "_s")] = np.full(len(numbers), belt.speed_mm_s)
+        return columns
+
+    return [*(axis.joint for axis in cell.further_axes), *belts], missing
 
 
 def _coordinates(table: MeasuredTable, without_joints: bool) -> Array:

@@ -28,7 +28,7 @@ REACH = 5e-3  # m: points farther from the nominal surface are not the artefact'
 _EDGE = 0.7e-3  # m: points nearer to two shapes than this belong to neither
 _COARSE = 1e-4  # m: chord error of surfaces from which targets are sampled
 
-_EFFECT = {"mm": 1.0, "deg": 0.1, "ms": 0.05}  # mm, of 1 mm, 1 mrad at 100 mm, 1 ms at 50 mm/s
+_EFFECT = {"mm": 1.0, "deg": 0.1, "ms": 0.05, "ppm": 0.1}  # mm, of 1 mm, 1 mrad or 0.001 at 100 mm, 1 ms at 50 mm/s
 _MAIN = 0.3  # share of the largest effect in a direction from which an unknown is named
 
 
@@ -95,7 +95,7 @@ class Artefact:
     surface
         Its exact geometry.
     platter_from_artefact
-        (4, 4) nominal pose.
+        (4, 4) nominal pose, on the flange or on the belt where these carry it.
     is_pose_known
         Whether this pose is exact; else it is found with the calibration, and cannot be distinguished from the
         eccentricity of the platter.

@@ -12,7 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.calibration.cell.kinematics import GRASP, TOOL, written_unit
-from scancell.calibration.cell.points import implausible, read_points, shift_text, write_points, wrong_sizes
+from scancell.calibration.cell.points import (
+    implausible,
+    read_points,
+    shift_text,
+    stated_axes,
+    write_points,
+    wrong_sizes,
+)
 from scancell.calibration.cell.problem import CalibrationResult
 from scancell.calibration.cell.scan import (
     Calibration,
@@ -300,7 +307,7 @@ class CalibrationReport(SavedCalibration):
         if self._is_found_alone:
             lines.insert(1, f"  centre of the sphere in the robot's base: {_mm(self._base_from_centre)}")
         else:
-            place = "flange" if self._is_held else "table"
+            place = "flange" if self._is_held else "belt" if self.calibration.problem.kinematics.belt else "table"
             at = self.flange_from_part if self._is_held else result.platter_from_artefact
             lines.insert(1, f"  origin of the artefact's coordinates on the {place}: {_mm(at)}")
         outside = np.abs(result.left_out.displacement) > result.left_out.half_widths(self.probability)
@@ -432,7 +439,8 @@ def calibrate_in_cell(
     """
     made = scan.run(world, engine, progress)
     units = scan.pipeline.runner.units(world)
-    return _report(made, world, request, true_deviations(parse_as_built(world.as_built, units)))
+    true = true_deviations(parse_as_built(world.as_built, units), len(world.setup.cell.conveyor))
+    return _report(made, world, request, true)
 
 
 def calibrate_from_points(
@@ -452,7 +460,8 @@ def calibrate_from_points(
     profiles = None if form is None else read_profiles(points, form)
     table = None if profiles is None else MeasuredTable(points, profiles.columns())
     kinematics = kinematics_of(world.nominal)
-    measured = read_points(points, len(kinematics.arm.joints), flange, convention, table, kinematics.further)
+    joints, missing = len(kinematics.arm.joints), stated_axes(world.setup)[1]
+    measured = read_points(points, joints, flange, convention, table, kinematics.further, missing)
     report = _report(scan.solve_measured(measured), world, request, None)
     files = (points,) if profiles is None else profiles.files
     return replace(report, inputs=(*report.inputs, *files, *([] if flange is None else [flange])))
@@ -478,9 +487,11 @@ def start_of(setup: Setup) -> dict[str, float]:
     return {} if estimated is None else {name: value for name, value in estimated.deviations().items() if value}
 
 
-def true_deviations(as_built: dict[str, float]) -> dict[str, float]:
+def true_deviations(as_built: dict[str, float], belts: int = 0) -> dict[str, float]:
     """As-built parameters of the FMU (SI) by the names of calibration: without prefix, the wobble by its components."""
     found = {name.removeprefix("as_built."): value for name, value in as_built.items()}
+    scale = found.pop("belt.encoder_scale", 0.0)  # of all belts
+    found |= {f"conveyor[{number}].encoder_scale": scale for number in range(1, belts + 1)}
     amplitude, phase, direction = (found.pop(f"table.wobble_{key}", 0.0) for key in ("amplitude", "phase", "direction"))
     if amplitude:
         for axis, share in (("rx", np.cos(direction)), ("ry", np.sin(direction))):

@@ -22,7 +22,6 @@ from scancell.calibration.cell.kinematics import (
     PLATTER,
     TABLE,
     TOOL,
-    UNIT,
     WOBBLE,
     AxisReadings,
     CellKinematics,
@@ -32,6 +31,7 @@ from scancell.calibration.cell.points import (
     ABOVE_TABLE,
     AGREED,
     MeasuredPoints,
+    belt_axes,
     check_flange,
     mirrored,
     opposite_table,
@@ -47,29 +47,24 @@ from scancell.calibration.cell.problem import (
     CalibrationResult,
     Observations,
     RobotNoise,
-    measured_meshes,
     points_on_platter,
     surface_of,
 )
-from scancell.calibration.cell.solve import circles_of, moments_of, require_known, solve, sphere_start
-from scancell.calibration.variance_components import informations
+from scancell.calibration.cell.solve import circles_of, require_known, solve, sphere_start
+from scancell.calibration.cell.views import candidates, design_poses, passes, plan_views, turned_tables
 from scancell.cell.recording import TriggerRecords, slopes
 from scancell.config.cell import CellDescription
 from scancell.config.choices import CalibrationTarget, Engine
-from scancell.config.description import si_value
 from scancell.config.study import CalibrateDescription
 from scancell.errors import CalibrationError, PlanningError
 from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.geometry.shapes import ShapeMesh, Sphere
 from scancell.geometry.tree import Joint
-from scancell.nominal.cell import NominalCell, with_table
+from scancell.nominal.cell import NominalCell
 from scancell.planning.model import PlanningCell, SensorRange, Work
-from scancell.planning.motion.assembly import Assembly, check_part, verified
-from scancell.planning.options import ScanOptions, scan_options
+from scancell.planning.options import scan_options
 from scancell.planning.plan import Plan
-from scancell.planning.views.placement import PlacedPass, PlacedPose, Placer
-from scancell.planning.views.views import Pass
 from scancell.progress import Progress
 from scancell.reconstruction.reconstruct import ProfilePoints
 from scancell.scanning.pipeline import ScanPipeline
@@ -77,16 +72,6 @@ from scancell.scanning.scan import Scan
 from scancell.scanning.world import World
 
 _LEAST_SIGMA = 1e-7  # m: standard deviation of points of a sensor without noise, whose weights are finite, too
-_TILT = np.radians(50.0)  # largest angle between the sensor's z and the normal of the surface that it looks at
-_RANGE_MARGIN = 0.15  # share of the measuring range that is left free at both ends
-_LINE_SHARE = 0.5  # of the half laser line, within which the target lies
-_ATTEMPTS = 20  # samples per candidate
-_BLOCK = 512
-_PASS_LENGTH = 0.02  # m
-_PASS_TRIES = 12
-
-_PRIOR = 1e-4  # information per unit² (10 mm, 100 ms ...): the first poses alone determine nothing
-
 _POSES, _PASSES = 24, 8  # unless stated
 _PER_POSE = 20  # candidates per wanted pose
 _LEAST_CANDIDATES = 400
@@ -99,190 +84,6 @@ _SEED_STEP = 7919  # between the seeds of the simulated cell at different positi
 _EXPECTED = np.log([1.0, 20e-6**2, np.radians(0.003) ** 2])
 
 
-def candidates(cell: PlanningCell, count: int, rng: np.random.Generator, clearance: float, turn_table: bool) -> Array:
-    """Random positions (n, axes), rad, at which the sensor views the measured surfaces of an artefact with clearance.
-
-    Raises `CalibrationError` if the arm reaches none.
-    """
-    found: list[Array] = []
-    total = 0
-    for _ in range(_ATTEMPTS * count // _BLOCK + 1):
-        part_from_sensor = _random_views(cell, _BLOCK, rng)
-        table = rng.uniform(-np.pi, np.pi, _BLOCK) if turn_table else np.zeros(_BLOCK)
-        at_home = with_table(cell.nominal.home, table)
-        solutions = cell.nominal.arm.ik(cell.nominal.world_from_flange(part_from_sensor, at_home))
-        # A random one of the configurations that reach the view.
-        score = np.where(np.isnan(solutions).any(2), -1.0, rng.uniform(size=solutions.shape[:2]))
-        chosen = with_table(solutions[np.arange(_BLOCK), score.argmax(1)], table)
-        reached = chosen[score.max(1) >= 0.0]
-        near = [clash.index for clash in cell.clearance_violations(reached, clearance)]
-        found.append(np.delete(reached, near, 0))
-        total += len(found[-1])
-        if total >= count:
-            break
-    if not total:
-        raise CalibrationError(
-            f"the arm reaches no view of it with a clearance of {1e3 * clearance:g} mm to all bodies:"
-            " place it elsewhere (cell.part.x_mm, cell.part.y_mm)",
-            file=cell.nominal.part.source,
-        )
-    return np.concatenate(found)[:count]
-
-
-def turned_tables(cell: PlanningCell, count: int, rng: np.random.Generator, clearance: float) -> Iterator[Array]:
-    """Positions (n, axes), rad, at random angles of the table with clearance, while the arm rests.
-
-    It rests at home, then, as it may hide the artefact there, with its first joint turned.
-    """
-    nominal, home = cell.nominal, cell.nominal.home
-    first = nominal.arm.joints[0]
-    turns = home[0] + np.pi / 4 * np.array([0, 1, -1, 2, -2, 3, -3])
-    angles = rng.uniform(-np.pi, np.pi, count)
-    for turn in turns[(turns >= first.min) & (turns <= first.max)]:
-        turned = with_table([turn, *home[1:]], angles)
-        yield np.delete(turned, [clash.index for clash in cell.clearance_violations(turned, clearance)], 0)
-
-
-def _random_views(cell: PlanningCell, count: int, rng: np.random.Generator) -> Array:
-    """``part_from_sensor`` (n, 4, 4) that look at random points of the measured surfaces, at most `_TILT` obliquely."""
-    points, normals = _surface_points(cell.nominal.part, count, rng)
-    tilt, around = _TILT * np.sqrt(rng.uniform(size=count)), rng.uniform(-np.pi, np.pi, count)
-    axis = -_tilted(normals, tilt, around)
-    side = np.cross(axis, rng.normal(size=(count, 3)))
-    side /= np.linalg.norm(side, axis=1, keepdims=True)
-    rotation = np.stack([side, np.cross(axis, side), axis], -1)
-    span = cell.range.far - cell.range.near
-    z = rng.uniform(cell.range.near + _RANGE_MARGIN * span, cell.range.far - _RANGE_MARGIN * span, count)
-    y = rng.uniform(-_LINE_SHARE, _LINE_SHARE, count) * cell.range.half_line(z)
-    offset = np.einsum("nij,nj->ni", rotation, np.column_stack([np.zeros(count), y, z]))
-    return pose.from_rotation(rotation, points - offset)
-
-
-def _surface_points(part: Mesh, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Random points (n, 3) on the measured surfaces, each as likely as the others, and normals (n, 3)."""
-    points, normals = np.empty((count, 3)), np.empty((count, 3))
-    surfaces = measured_meshes(part)
-    which = rng.integers(len(surfaces), size=count)
-    for number, mesh in enumerate(surfaces):
-        rows = np.flatnonzero(which == number)
-        face = rng.choice(len(mesh.faces), len(rows), p=mesh.areas / mesh.areas.sum())
-        weights = rng.dirichlet((1.0, 1.0, 1.0), len(rows))
-        points[rows] = np.einsum("nk,nki->ni", weights, mesh.vertices[mesh.faces[face]])
-        normals[rows] = mesh.normals[face]
-    return points, normals
-
-
-def _tilted(directions: Array, tilt: Array, around: Array) -> Array:
-    """Unit vectors (n, 3) turned by angles `tilt` towards directions at angles `around`, rad."""
-    helper = np.where(np.abs(directions[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
-    u = np.cross(directions, helper)
-    u /= np.linalg.norm(u, axis=1, keepdims=True)
-    v = np.cross(directions, u)
-    sideways = np.cos(around)[:, None] * u + np.sin(around)[:, None] * v
-    return np.asarray(np.cos(tilt)[:, None] * directions + np.sin(tilt)[:, None] * sideways)
-
-
-def passes(cell: PlanningCell, count: int, rng: np.random.Generator, options: ScanOptions) -> list[PlacedPass]:
-    """Passes of the sensor over the artefact along its x, each followed by the same one backwards.
-
-    Raises `CalibrationError` if fewer are feasible.
-    """
-    speed, pitch = si_value(options.scan.raster, "speed_mm_s"), options.spacing.pitch
-    placer = Placer(cell, options.azimuth, options.clearance)
-    placed: list[PlacedPass] = []
-    for _ in range(_PASS_TRIES):
-        there = [_pass(view, len(placed) // 2) for view in _random_views(cell, count, rng)]
-        there = [Pass(one.name, *(cell.nominal.table_from_part @ end for end in (one.start, one.end))) for one in there]
-        back = [Pass(f"{one.name}, back", one.end, one.start) for one in there]
-        views = [view for pair in zip(there, back, strict=True) for view in pair]
-        exposures = [max(2, round(_PASS_LENGTH / pitch)) + 1] * len(views)
-        found = placer.passes(views, exposures, speed, None)
-        for one, other in zip(found[::2], found[1::2], strict=True):
-            if isinstance(one, PlacedPass) and isinstance(other, PlacedPass) and len(placed) < count:
-                placed += [one, other]
-        if len(placed) >= count:
-            return placed
-    raise CalibrationError(
-        f"{len(placed)} passes over it are feasible", file=cell.nominal.part.source, expected=str(count)
-    )
-
-
-def _pass(part_from_sensor: Array, number: int) -> Pass:
-    along = part_from_sensor[:3, 0] * _PASS_LENGTH / 2
-    start, end = part_from_sensor.copy(), part_from_sensor.copy()
-    start[:3, 3] -= along
-    end[:3, 3] += along
-    return Pass(f"calibration pass {number + 1}", start, end)
-
-
-def plan_views(cell: PlanningCell, options: ScanOptions, still: Array, moving: Sequence[PlacedPass]) -> Plan:
-    """Collision-free program: an exposure at rest at each of `still` (n, axes), rad, the nearest next; then the passes.
-
-    Raises `PlanningError` if no collision-free path is found.
-    """
-    check_part(cell)
-    options = replace(options, scan=options.scan.model_copy(update={"mode": "dynamic"}))
-    assembly = Assembly(cell, options)
-    left = [PlacedPose(f"pose {number}", axes) for number, axes in enumerate(still, 1)]
-    skipped: list[str] = []
-    while left:
-        nearest = int(np.argmin([assembly.time_to(one.axes) for one in left]))
-        one = left.pop(nearest)
-        try:
-            assembly.add_pose(one)
-        except PlanningError as error:
-            skipped.append(f"{one.name} is left out: {error}")
-    for view in moving:
-        assembly.add_motion(view)
-    return verified(cell, options, Plan(*assembly.finish(), None, tuple(skipped)))
-
-
-@dataclass(frozen=True)
-class PoseDesign:
-    """Chosen candidates.
-
-    Attributes
-    ----------
-    rows
-        (c,) rows of the candidates, best first.
-    expected
-        (c, p) standard deviations of the free deviations to be expected after each choice, SI.
-    """
-
-    rows: NDArray[np.intp]
-    expected: Array
-
-
-def design_poses(candidates: CalibrationProblem, log_variances: Array, count: int) -> PoseDesign:
-    """Choose `count` exposures of a problem greedily: each reduces the mean variance most (A-optimal).
-
-    Parameters
-    ----------
-    candidates
-        Problem whose observations are those to be expected: exact points, with standard deviations.
-    log_variances
-        Logarithms of the variances of points, relative to their stated one, and of pose errors, SI.
-
-    Notes
-    -----
-    Variances are added in units of 1 mm, 1 mrad and 1 ms. A candidate is chosen once at most.
-    """
-    each = informations(moments_of(candidates), log_variances)
-    free = len(candidates.free)
-    total = _PRIOR * np.eye(each.shape[-1])
-    left = np.ones(len(each), bool)
-    rows, expected = [], []
-    for _ in range(min(count, len(each))):
-        covariance = np.linalg.inv(total + each)
-        cost = np.where(left, np.trace(covariance[:, :free, :free], axis1=1, axis2=2), np.inf)
-        best = int(cost.argmin())
-        left[best] = False
-        total = total + each[best]
-        rows.append(best)
-        expected.append(np.sqrt(np.diag(covariance[best])[:free]) * UNIT)
-    return PoseDesign(np.array(rows, np.intp), np.array(expected))
-
-
 @checked_fields
 @dataclass(frozen=True)
 class CalibrationRequest:
@@ -293,8 +94,9 @@ class CalibrationRequest:
     what
         tool: pose of the sensor on the flange or on its post, with the table at rest; where the arm moves neither
         sensor nor artefact, the table turns. grasp: pose of a part on the flange before a sensor on a post, by the
-        tool as it is. table: its axis, and the eccentricity of the
-        platter if the artefact's pose is known, by the tool as it is. latency: of the trigger. all: these together.
+        tool as it is. table: its axis, and the eccentricity of the platter if the artefact's pose is known, by the tool
+        as it is. belt: direction of the belt and scale of its encoder, by a scan of a part that it carries past the
+        sensor. latency: of the trigger. all: tool, table and latency together.
     also
         Further deviations to find, such as ``dh[3].theta``, by the names of as-built parameters; ``axis.NAME`` means
         all six of a further axis.
@@ -351,6 +153,8 @@ class CalibrationRequest:
         So do the pose of a held part, and that of a sensor past which the table alone moves the artefact.
         """
         arm_rests = cell.tool.moves_with != "flange" and cell.part.moves_with == "table"
+        if self.what == "belt":
+            return "parts/free_form.stl"  # slopes in all directions, and it lies still on the belt
         needs_several = self.turns_table or self.what == "grasp" or arm_rests
         return "artefacts/ball_plate.toml" if needs_several else "artefacts/sphere.toml"
 
@@ -372,9 +176,10 @@ class CalibrationRequest:
         """
         return self.turns_table or self.what == "grasp" if self.is_pose_known is None else self.is_pose_known
 
-    @property
-    def free(self) -> tuple[str, ...]:
-        """Deviations to find, see `scancell.calibration.cell.kinematics`."""
+    def free(self, belt: str | None = None) -> tuple[str, ...]:
+        """Deviations to find, see `scancell.calibration.cell.kinematics`; `belt` names that which carries the part."""
+        if self.what == "belt" and belt is not None:
+            return tuple(dict.fromkeys((*axis_deviations(belt), *self.also)))
         table = TABLE + (PLATTER if self.trusts_pose else ()) + (WOBBLE if self.wobble else ())
         free = {"tool": TOOL, "grasp": GRASP, "table": table, "latency": (LATENCY,), "all": (*TOOL, *table, LATENCY)}[
             self.what
@@ -421,7 +226,9 @@ def kinematics_of(nominal: NominalCell) -> CellKinematics:
     further = tuple(axis.joint for axis in nominal.further_axes)
     carriers = nominal.arm_on, nominal.table_on, None if nominal.carries_sensor else nominal.sensor.parent
     sensor = nominal.sensor.parent_from_joint
-    return CellKinematics(nominal.arm, sensor, nominal.world_from_table, part, further, *carriers)
+    belt = nominal.support if nominal.support_kind == "belt" else None
+    further += tuple(nominal.tree[name] for name in belt_axes(nominal))
+    return CellKinematics(nominal.arm, sensor, nominal.world_from_table, part, further, *carriers, belt)
 
 
 def _require_possible(request: CalibrationRequest, nominal: NominalCell) -> None:
@@ -430,6 +237,8 @@ def _require_possible(request: CalibrationRequest, nominal: NominalCell) -> None
     holds = "the part is not on the flange"
     if nominal.holds_part:
         possible, holds = ("tool", "grasp", "latency"), "the arm holds the part"
+    elif nominal.support_kind == "belt":
+        possible, holds = ("belt",), "a belt carries the part"
     elif nominal.arm_rests:
         possible, holds = ("tool",), "the arm moves neither sensor nor part"
     if request.what not in possible:
@@ -481,7 +290,7 @@ def artefact_of(nominal: NominalCell, request: CalibrationRequest) -> Artefact:
         if not isinstance(part, ShapeMesh):
             raise CalibrationError("a mesh has no unknown size", file=part.source, expected="an artefact description")
         sizes = tuple(number for number, one in enumerate(part.shapes.shapes) if one.role == "measured")
-    return Artefact(surface_of(part), nominal.table_from_part, request.trusts_pose, sizes)
+    return Artefact(surface_of(part), nominal.support_from_part, request.trusts_pose, sizes)
 
 
 class CalibrationScan:
@@ -505,13 +314,14 @@ class CalibrationScan:
         request: CalibrationRequest,
         start: Mapping[str, float],
     ) -> None:
-        if not world.nominal.arm_rests:
-            world.nominal.require_scanned()
-        else:
-            is_known = request.is_pose_known is None or request.is_pose_known
-            noise: RobotNoise = "none" if request.robot_noise == "none" else "joints"
-            request = replace(request, is_pose_known=is_known, robot_noise=noise)
-        _require_possible(request, world.nominal)
+        nominal = world.nominal
+        if not nominal.arm_rests:
+            nominal.require_scanned()
+        elif request.is_pose_known is None:
+            request = replace(request, is_pose_known=True)
+        if not (nominal.carries_sensor or nominal.holds_part or request.robot_noise == "none"):
+            request = replace(request, robot_noise="joints")
+        _require_possible(request, nominal)
         self.pipeline, self.world = pipeline, world
         self.request, self._start = request, start
         self._part, self._scan = world.nominal.part, scan_options(world.setup.scan, world.setup.sensor)
@@ -521,11 +331,13 @@ class CalibrationScan:
 
     @cached_property
     def plan(self) -> Plan:
-        """Collision-free program of the poses and passes.
+        """Collision-free program of the poses and passes, or of the scan on the belt.
 
         Raises `CalibrationError` if too few views of the artefact are feasible; `PlanningError` if no collision-free
         path is found.
         """
+        if self.request.what == "belt":
+            return self.pipeline.plan(self.world)
         rng, count = np.random.default_rng(self.request.pose_seed), self.request.pass_count
         still = self._still(rng)
         moving = passes(self._cell, count, rng, self._scan) if count else []
@@ -561,7 +373,8 @@ class CalibrationScan:
         """
         progress.stage("planning", 1, "plan")
         self._cell = replace(self._cell, work=Work(self.world.setup.scan.max_planning_work, progress))
-        require_known(self.request.free, kinematics_of(self.world.nominal))
+        kinematics = kinematics_of(self.world.nominal)
+        require_known(self.request.free(kinematics.belt), kinematics)
         nominal, request = self.world.nominal, self.request
         start = nominal.start[len(nominal.home) + 1 :]
         wanted = request.axis_positions if request.moves_axes and len(start) else 1
@@ -658,11 +471,12 @@ class CalibrationScan:
 
     def _problem(self, observed: Observations) -> CalibrationProblem:
         nominal, request = self.world.nominal, self.request
+        kinematics = kinematics_of(nominal)
         return CalibrationProblem(
-            kinematics=kinematics_of(nominal),
+            kinematics=kinematics,
             observations=observed,
             artefact=artefact_of(nominal, request),
-            free=request.free,
+            free=request.free(kinematics.belt),
             start=self._start,
             robot_noise=request.robot_noise,
         )
