@@ -9,16 +9,21 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
 import scancell
+from scancell.live.state import ContactWatch
 from scancell.wire.robot import VirtualRobot
 from scancell.wire.serve import ControllerServer
 from scancell.wire.ur.controller import UrController
 from scancell.wire.ur.packets import Kind, outputs_request, packed, version_request
 from scancell.wire.ur.ports import DashboardServer, ScriptServer
 from scancell.wire.ur.rtde import RtdeServer
+from scancell.wire.ur.variables import reading, written
+from scancell.wire.ur.watch import UrWatch
+from scancell.wire.watch import POLL, Order
 
 RTDE, SCRIPT, DASHBOARD = 0, -1, -2
 CELL = scancell.assets_dir() / "cells" / "ur5e.toml"
@@ -108,3 +113,72 @@ def mutated(packet: bytes, rng: np.random.Generator) -> bytes:
         else:
             changed += changed[at:]
     return bytes(changed)
+
+
+@dataclass
+class WatchedRun:
+    """A program beside a watch, or without one.
+
+    Attributes
+    ----------
+    contacts
+        Pairs of bodies that touched.
+    stop
+        Reason of the watch, or of the robot's watchdog; empty: neither stopped it.
+    age
+        Largest age of an order that the robot had, s.
+    slowed
+        Share of the states in which the robot was slowed down.
+    """
+
+    contacts: list[str]
+    stop: str
+    age: float
+    slowed: float
+
+
+def watched_run(
+    controller: UrController,
+    script: str,
+    watch: UrWatch | None,
+    delay: float = 0.0,
+    loss: float = 0.0,
+    rng: np.random.Generator | None = None,
+    longest: float = 60.0,
+) -> WatchedRun:
+    """Run a program in simulated time, after a second in which the robot rests.
+
+    Orders arrive `delay` (s) after their states, or never with the probability `loss`.
+    """
+    robot = controller.robot
+    session = robot._session
+    contacts = ContactWatch(session.cell, [body.name for body in session.true.bodies])
+    rng = rng or np.random.default_rng(0)
+    pending: list[tuple[float, Order, tuple[float, ...]]] = []
+    lines: list[str] = []
+    controller._show = lines.append
+    stop, age, states, slowed, cycle = "", 0.0, 0, 0, 0
+    every, start = round(POLL / robot.cycle), robot.time + 1.0
+    while robot.time < start + longest and not contacts.pairs:
+        cycle += 1
+        if not lines and robot.time >= start:
+            controller.run_script(script)
+        elif robot.time > start and not controller.is_running and not robot.is_moving:
+            break
+        controller.step()
+        if watch is not None and cycle % every == 0 and rng.random() >= loss:
+            package = {key: tuple(np.atleast_1d(reading(controller, key)).tolist()) for key in watch.outputs}
+            order, values = watch.take(package)
+            age, states, slowed = max(age, watch.age), states + 1, slowed + (order.share < 1.0)
+            pending.append((robot.time + delay, order, values))
+        while watch is not None and pending and pending[0][0] <= robot.time + 1e-9:
+            _, order, values = pending.pop(0)
+            written(controller, {key: (value,) for key, value in zip(watch.inputs, values, strict=True)})
+            if order.stop and controller.is_running:
+                stop = order.text
+                controller.stop_program()
+    contacts.end()
+    stop = stop or next((line for line in lines if "watchdog" in line), "")
+    controller.stop_program()
+    controller.set_speed_slider(1.0)
+    return WatchedRun(contacts.pairs, stop, age, slowed / max(1, states))

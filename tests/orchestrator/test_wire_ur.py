@@ -129,6 +129,8 @@ def test_line_is_straight_at_its_speed_for_another_tcp(controller: UrController)
         "movej([7, 0, 0, 0, 0, 0])",
         "set_digital_out(8, True)",
         "write_output_float_register(48, 1)",
+        "rtde_set_watchdog('actual_q', 10)",
+        "rtde_set_watchdog('input_int_register_0', 10, 'explode')",
     ],
 )
 def test_refused_statement_ends_the_program_at_rest(controller: UrController, line: str) -> None:
@@ -247,16 +249,17 @@ def test_jacobian_of_the_tcp_is_that_of_differences(controller: UrController) ->
             assert turned / (2 * step) == pytest.approx(whole[3:, axis], abs=1e-6)
 
 
-def test_watchdog_ends_a_program_that_is_not_fed(controller: UrController) -> None:
-    controller.run_script("sleep(10)")
-    controller.set_watchdog("input_int_register_0", 10.0)
+@pytest.mark.parametrize(("action", "state"), [("stop", 1), ("pause", 4), ("ignore", 2)])
+def test_watchdog_acts_on_a_program_that_is_not_fed(controller: UrController, action: str, state: int) -> None:
+    lines = [f'rtde_set_watchdog("input_int_register_0", 10, "{action}")', "sleep(10)"]
+    controller.run_script("def f():\n" + "\n".join(lines) + "\nend")
     for _ in range(200):
         controller.write_register("input_int_register_0", 1)
         controller.step()
-    assert controller.is_running
+    assert controller.runtime_state == 2
     for _ in range(60):
         controller.step()
-    assert not controller.is_running
+    assert controller.runtime_state == state
 
 
 def test_guard_holds_a_move_into_the_table() -> None:

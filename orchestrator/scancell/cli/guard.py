@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import select
 import sys
 from ipaddress import ip_address
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -42,6 +43,50 @@ def guard_serve(
     counts = scancell.serve_guard(guard, host, port, transport, started)
     lines = [f"  {number:>10} packets {outcome}" for outcome, number in sorted(counts.items())]
     return Outcome(lines or ["  no packets"], {"packets": dict(counts)})
+
+
+@command("guard watch")
+def guard_watch(
+    maker: Annotated[Literal["ur"], typer.Argument(help="maker of the robot")],
+    cell: Annotated[Path, "cell description (TOML) of the robot and what is around it"],
+    host: Annotated[str, typer.Option(help="address of the robot")],
+    part: TablePartOption = None,
+    unit: UnitOption = "mm",
+    scan: ScanOption = None,
+    max_age: Annotated[
+        float,
+        typer.Option(min=0.05, max=2.0, help="time from a state of the robot to the effect of a stop, at most, s"),
+    ] = 0.2,
+    register: Annotated[
+        int, typer.Option(min=0, max=47, help="integer input register of the robot that is written with every order")
+    ] = 24,
+    slow: Annotated[
+        bool, typer.Option("--slow/--no-slow", help="move the speed slider, or warn and stop alone")
+    ] = True,
+    as_json: bool = False,
+) -> Outcome:
+    """Warn of contacts of a real robot, slow it down and stop it, until Ctrl-C; no safety function (docs/wire.md)."""
+    from scancell.guard.server import stop_signals  # noqa: PLC0415
+    from scancell.nominal.cell import nominal_cell  # noqa: PLC0415
+    from scancell.wire.ur.watch import UrWatch, watch_ur  # noqa: PLC0415
+    from scancell.wire.watch import Watch  # noqa: PLC0415
+
+    stream = sys.stderr if as_json else sys.stdout
+
+    def show(text: str, beep: bool) -> None:
+        print(f"{text}{chr(7) if beep and stream.isatty() else ''}", file=stream, flush=True)
+
+    guard = scancell.guard_of(cell, part, scan, unit=unit, max_age=max_age)
+    start = nominal_cell(scancell.load_setup(cell).cell, None).start
+    watch = UrWatch(Watch(guard, start), max_age, register, slow)
+    print(f"guard: watches {maker} {host}", file=stream, flush=True)
+    with stop_signals() as stop:
+        counts = watch_ur(watch, host, show=show, ended=lambda: bool(select.select([stop], [], [], 0.0)[0]))
+    lines = [
+        f"  {counts.states} states, slowed down in {counts.slowed}, {counts.stops} stops",
+        f"  largest age of an order {counts.longest_age:.3f} s, permitted {max_age:g} s",
+    ]
+    return Outcome(lines, vars(counts))
 
 
 @command("guard check")

@@ -292,6 +292,9 @@ class Decision:
         For the pendant.
     pair
         Bodies that are the reason of a stop, a lower speed or a warning; empty: there are none.
+    free_until
+        Time for which a motion by hand without a shown path, if it continues, is free of contact, s; inf: as far as it
+        is predicted.
     """
 
     stop: bool = False
@@ -299,6 +302,7 @@ class Decision:
     text: str = ""
     beep: bool = False
     pair: tuple[str, ...] = ()
+    free_until: float = np.inf
 
 
 class Guard:
@@ -589,4 +593,4 @@ def _warning(contact: Contact) -> Decision:
     found = contact.approach
     pair = found.body_a, found.body_b
     text = f"{' - '.join(pair)}: {found.distance * 1e3:.0f} mm, contact in {contact.free_until:.2f} s"
-    return Decision(text=text, beep=contact.free_until < _BEEP, pair=pair)
+    return Decision(text=text, beep=contact.free_until < _BEEP, pair=pair, free_until=contact.free_until)

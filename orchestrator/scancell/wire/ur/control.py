@@ -85,7 +85,7 @@ class ControlProgram:
             29: self._set_tcp,
             30: self._inverse_kinematics,
             31: self._robot.stop,
-            35: lambda: self._controller.set_watchdog(f"input_int_register_{script.first_int}", self._float(0)),
+            35: self._set_watchdog,
             36: lambda: self._write_int(1, self._reaches(self._pose(0))),
             37: lambda: self._write_int(1, self._is_within_limits(self._floats(0))),
             39: lambda: self._write_pose(self._pose(0) @ self._pose(6)),
@@ -225,6 +225,9 @@ class ControlProgram:
         self._at_velocity(lambda: turned, self._float(7))
 
     # Answers
+
+    def _set_watchdog(self) -> None:
+        self._controller.set_watchdog(f"input_int_register_{self._script.first_int}", self._float(0), "stop")
 
     def _set_tcp(self) -> None:
         self._robot.flange_from_tcp = self._pose(0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,11 +14,21 @@ from scancell.wire.ur import program as programs
 from scancell.wire.ur.control import ControlProgram, ControlScript
 from scancell.wire.ur.program import Task
 from scancell.wire.ur.script import is_secondary, statements
-from scancell.wire.ur.variables import REGISTERS
+from scancell.wire.ur.variables import INPUTS, REGISTERS
 
 _STOPPED, _PLAYING, _PAUSED = 1, 2, 4  # runtime_state
 _JOINTS = 6
+_ACTIONS = ("pause", "stop", "ignore")  # of a watchdog
 _LOGGED = 3  # lines of one kind of refusals that are shown
+
+
+@dataclass(frozen=True)
+class _Watchdog:
+    """A register that must be written within `longest`, s, or else the action is taken."""
+
+    register: str
+    longest: float
+    action: str
 
 
 class UrController:
@@ -57,7 +68,7 @@ class UrController:
         self._program: Task | None = None
         self._is_paused = False
         self._reserved: dict[object, set[str]] = {}
-        self._watchdog: tuple[str, float] | None = None  # register, and seconds in which it must be written
+        self._watchdog: _Watchdog | None = None
         self._written: dict[str, float] = {}  # times of the last writing
 
     @property
@@ -102,9 +113,22 @@ class UrController:
         self.speed_slider = float(np.clip(share, 0.0, 1.0))
         self._apply_speed()
 
-    def set_watchdog(self, register: str, frequency: float) -> None:
-        """Stop the program if a register is written less often than at `frequency`, Hz; 0: never."""
-        self._watchdog = (register, 1.0 / frequency) if frequency > 0.0 else None
+    def set_watchdog(self, register: str, frequency: float, action: str) -> None:
+        """Stop or pause the program if an input register is written less often than at `frequency`, Hz; 0: never.
+
+        Raises
+        ------
+        ProgramError
+            If there is no such register or action.
+        """
+        if register not in INPUTS or register not in REGISTERS:
+            raise ProgramError(f"rtde_set_watchdog: {register[:40]!r}: expected an input register of RTDE")
+        if action not in _ACTIONS:
+            raise ProgramError(f"rtde_set_watchdog: {action[:40]!r}: expected one of {', '.join(_ACTIONS)}")
+        if frequency <= 0.0 or action == "ignore":
+            self._watchdog = None
+            return
+        self._watchdog = _Watchdog(register, 1.0 / frequency, action)
         self._written[register] = self.robot.time
 
     # Programs
@@ -201,12 +225,15 @@ class UrController:
             raise ProgramError("a secondary program takes no time: no motion, no sleep")
 
     def _check_watchdog(self) -> None:
-        if self._watchdog is None:
+        watchdog = self._watchdog
+        if watchdog is None or self._is_paused:
             return
-        register, longest = self._watchdog
-        if self.robot.time - self._written[register] > longest + self.robot.cycle:
-            self.log(f"watchdog: {register} was not written for {longest:g} s")
-            self.stop_program()
+        if self.robot.time - self._written[watchdog.register] > watchdog.longest + self.robot.cycle:
+            self.log(f"watchdog: {watchdog.register} was not written for {watchdog.longest:g} s")
+            if watchdog.action == "pause":
+                self.pause()
+            else:
+                self.stop_program()
 
     def _apply_speed(self) -> None:
         self.robot.speed_fraction = 0.0 if self._is_paused else self.speed_slider

@@ -110,6 +110,9 @@ def _perform(controller: UrController, statement: Statement) -> Task:
     elif name == "set_tcp":
         assert isinstance(arguments["pose"], PoseLiteral)
         controller.robot.flange_from_tcp = pose_of(arguments["pose"].values)
+    elif name == "rtde_set_watchdog":
+        register, action = str(arguments["variable_name"]), str(arguments["action"])
+        controller.set_watchdog(register, statement.number("min_frequency"), action)
     elif name.endswith("digital_out"):
         _set_output(controller, statement)
     elif name.startswith("write_output"):

@@ -63,6 +63,11 @@ STATEMENTS: dict[str, dict[str, Parameter]] = {
     "write_output_integer_register": {"address": _NUMBER, "value": _NUMBER},
     "write_output_float_register": {"address": _NUMBER, "value": _NUMBER},
     "write_output_boolean_register": {"address": _NUMBER, "value": Parameter((bool,))},
+    "rtde_set_watchdog": {
+        "variable_name": Parameter((str,)),
+        "min_frequency": _NUMBER,
+        "action": Parameter((str,), "pause"),
+    },
     "signal_async_progress": {"value": _NUMBER},
 }
 
