@@ -286,6 +286,29 @@ def test_guard_holds_a_move_into_the_table() -> None:
         assert "guard" in robot.fault
 
 
+@pytest.mark.parametrize(
+    ("cell", "part", "settings"),
+    [("track", None, {"cell.axis[1].start_mm": 200.0}), ("held_part", "step_block.stl", {})],
+)
+def test_other_cells(cell: str, part: str | None, settings: dict[str, float]) -> None:
+    """An arm on a track that does not rest at 0, and one that carries no sensor: poses are those in its base."""
+    assets = scancell.assets_dir()
+    with (
+        scancell.Scanner(assets / "cells" / f"{cell}.toml", settings=settings) as scanner,
+        scanner.session(None if part is None else assets / "parts" / part) as session,
+    ):
+        controller = UrController(VirtualRobot(session))
+        robot = controller.robot
+        goal = robot.base_from_tcp(robot.home)
+        goal[:3, 3] += 0.01, 0.01, 0.03
+        vector = pose_vector(goal).tolist()
+        run(controller, f"def f():\n  movej({(robot.home + 0.05).tolist()}, v=0.5)\n  movel(p{vector}, v=0.1)\nend")
+        assert controller.refusals.total() == 0
+        frames = session.nominal.tree.place(session.destination, ["base", session.nominal.arm.flange])
+        flange = np.linalg.inv(frames["base"]) @ frames[session.nominal.arm.flange]
+        assert flange @ robot.flange_from_tcp == pytest.approx(goal, abs=1e-6)
+
+
 def test_other_numbers_of_joints_are_refused() -> None:
     cell = scancell.assets_dir() / "cells" / "seven_axis.toml"
     with (

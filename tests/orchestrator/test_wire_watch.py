@@ -103,6 +103,20 @@ def test_share_follows_the_time_to_contact_and_rises_again(guard: scancell.Guard
     assert last == pytest.approx(min(1.0, low + 0.5 * 0.032 * 15), abs=1e-6)
 
 
+@pytest.mark.parametrize("states", [10, 1_100])
+def test_age_grows_while_no_order_comes_back(states: int) -> None:
+    watch = UrWatch(Planned(Order(False, 1.0, "", False)), 0.2)
+    for number in range(states):
+        package = {"timestamp": (0.032 * number,), "actual_q": (0.0,) * 6, "actual_qd": (0.0,) * 6}
+        order, _ = watch.take(package | {"speed_scaling": (1.0,), "input_int_register_24": (500,)})
+    assert watch.age == pytest.approx(0.032 * (states - 1))
+    assert order.share == 0.0
+    assert not order.stop
+    package = {"timestamp": (0.032 * states,), "actual_q": (0.0,) * 6, "actual_qd": (0.1,) * 6}
+    order, _ = watch.take(package | {"speed_scaling": (1.0,), "input_int_register_24": (500,)})
+    assert order.stop
+
+
 class Planned:
     """Orders as planned, whatever the robot does."""
 

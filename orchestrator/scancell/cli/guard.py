@@ -68,6 +68,7 @@ def guard_watch(
     """Warn of contacts of a real robot, slow it down and stop it, until Ctrl-C; no safety function (docs/wire.md)."""
     from scancell.guard.server import stop_signals  # noqa: PLC0415
     from scancell.nominal.cell import nominal_cell  # noqa: PLC0415
+    from scancell.wire.ur.variables import check_joints  # noqa: PLC0415
     from scancell.wire.ur.watch import UrWatch, watch_ur  # noqa: PLC0415
     from scancell.wire.watch import Watch  # noqa: PLC0415
 
@@ -77,8 +78,9 @@ def guard_watch(
         print(f"{text}{chr(7) if beep and stream.isatty() else ''}", file=stream, flush=True)
 
     guard = scancell.guard_of(cell, part, scan, unit=unit, max_age=max_age)
-    start = nominal_cell(scancell.load_setup(cell).cell, None).start
-    watch = UrWatch(Watch(guard, start), max_age, register, slow)
+    nominal = nominal_cell(scancell.load_setup(cell).cell, None)
+    check_joints(len(nominal.home))
+    watch = UrWatch(Watch(guard, nominal.start), max_age, register, slow)
     print(f"guard: watches {maker} {host}", file=stream, flush=True)
     with stop_signals() as stop:
         counts = watch_ur(watch, host, show=show, ended=lambda: bool(select.select([stop], [], [], 0.0)[0]))

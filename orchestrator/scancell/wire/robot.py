@@ -1,7 +1,7 @@
 """A robot of the running cell as its controller knows it: what every maker's interface reads and commands.
 
 Lengths are in metres, angles in radians, times in simulated seconds; poses (4, 4) are ``base_from_tcp``, where the TCP
-is the sensor until `VirtualRobot.flange_from_tcp` is set.
+is the first tool of the cell, the sensor that the arm carries, until `VirtualRobot.flange_from_tcp` is set.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from scancell.arrays import Array
 from scancell.cell.driver import Operation, refusal
 from scancell.errors import CommandError
 from scancell.geometry import pose
+from scancell.nominal.cell import flange_from_tool
 from scancell.scanning.session import ScanSession
 
 _LATCHED = 3  # controller.state of a stop that stays in force until a reset
@@ -56,7 +57,7 @@ class VirtualRobot:
         self._presence = [name for name in self._cell.names if name.startswith("presence[") and "detected" in name]
         motion = session.world.setup.cell.robot.motion
         self._line_speed, self._turn_speed = motion.line_speed_mm_s * 1e-3, float(np.radians(motion.turn_speed_deg_s))
-        self.flange_from_tcp = session.flange_from_tool("sensor")
+        self.flange_from_tcp = flange_from_tool(session.nominal)
         self.outputs = 0
         self._further_inputs = 0
         self._stream: _RateStream | None = None

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from scancell.wire.ur.controller import UrController
 
 _READY, _DONE = 1, 2
+_STREAMS = frozenset({9, 10, 11, 24})  # speeds and set-points, which end an asynchronous motion
 _STOP = 255
 
 _MARK = re.compile(r"^\s*def rtde_control\(\):")
@@ -119,13 +120,14 @@ class ControlProgram:
         ProgramError
             If a command is not emulated, or a motion is refused.
         """
-        self._end_background()
+        self._write_progress(0)
         self._write_int(0, _READY)
         is_done = False
         while True:
             command = self._int(0)
             if command in self._immediate:
-                self._end_background()
+                if command in _STREAMS:
+                    self._end_background()
                 self._immediate[command]()
                 self._write_int(0, _READY)
             elif command == 0:
@@ -181,8 +183,9 @@ class ControlProgram:
             self._end_background()
 
     def _end_background(self) -> None:
-        self._background = None
-        self._write_progress(0)
+        if self._background is not None:
+            self._background = None
+            self._write_progress(0)
 
     def _write_progress(self, running: int) -> None:
         self._changes = (self._changes + 1) % (_MOST + 1)

@@ -8,16 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scancell.errors import DescriptionError, ProgramError
+from scancell.errors import ProgramError
 from scancell.wire.robot import VirtualRobot
 from scancell.wire.ur import program as programs
 from scancell.wire.ur.control import ControlProgram, ControlScript
 from scancell.wire.ur.program import Task
 from scancell.wire.ur.script import is_secondary, statements
-from scancell.wire.ur.variables import INPUTS, REGISTERS
+from scancell.wire.ur.variables import INPUTS, REGISTERS, check_joints
 
 _STOPPED, _PLAYING, _PAUSED = 1, 2, 4  # runtime_state
-_JOINTS = 6
 _ACTIONS = ("pause", "stop", "ignore")  # of a watchdog
 _LOGGED = 3  # lines of one kind of refusals that are shown
 
@@ -59,8 +58,7 @@ class UrController:
     speed_slider: float
 
     def __init__(self, robot: VirtualRobot, show: Callable[[str], None] = lambda _: None) -> None:
-        if len(robot.home) != _JOINTS:
-            raise DescriptionError(key="cell.robot.joint", value=len(robot.home), expected=f"{_JOINTS} joints")
+        check_joints(len(robot.home))
         self.robot, self._show = robot, show
         self.registers: dict[str, float] = {}
         self.refusals: Counter[str] = Counter()

@@ -83,14 +83,19 @@ class PacketBuffer:
             At a size that no packet has: nothing after it can be read.
         """
         self._bytes += received
-        while len(self._bytes) >= HEADER.size:
-            size, kind = HEADER.unpack_from(self._bytes)
-            if size < HEADER.size:
-                raise MessageError(key="size", value=size, expected=f"at least {HEADER.size} bytes")
-            if len(self._bytes) < size:
-                return
-            payload, self._bytes = self._bytes[HEADER.size : size], self._bytes[size:]
-            yield Packet(kind, payload)
+        start = 0
+        try:
+            while len(self._bytes) - start >= HEADER.size:
+                size, kind = HEADER.unpack_from(self._bytes, start)
+                if size < HEADER.size:
+                    raise MessageError(key="size", value=size, expected=f"at least {HEADER.size} bytes")
+                if len(self._bytes) - start < size:
+                    return
+                payload = self._bytes[start + HEADER.size : start + size]
+                start += size
+                yield Packet(kind, payload)
+        finally:
+            self._bytes = self._bytes[start:]
 
 
 def packed(kind: int, payload: bytes = b"") -> bytes:

@@ -78,7 +78,7 @@ class DashboardServer:
             "running": lambda: f"Program running: {str(controller.is_running and not controller.is_paused).lower()}",
             "programstate": lambda: f"{self._state} scancell",
             "get loaded program": lambda: "No program loaded",
-            "stop": lambda: "Stopped" if controller.stop_program() else "Failed to execute: stop",
+            "stop": self._stop,
             "pause": lambda: "Pausing program" if controller.pause() else "Failed to execute: pause",
             "play": lambda: "Starting program" if controller.play() else "Failed to execute: play",
             "unlock protective stop": lambda: (
@@ -122,6 +122,10 @@ class DashboardServer:
             self._controller.refuse("dashboard", f"{line[:80]!r}")
             return f"could not understand: {line[:80]!r}"
         return command()
+
+    def _stop(self) -> str:
+        self._controller.stop_program()
+        return "Stopped"
 
     @property
     def _safety(self) -> str:

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from scancell.wire.ur.controller import UrController
 
 _MAX_RECIPES = 255  # of inputs, of one client
+_MAX_TEXTS = 100  # of one client that are shown
 _ACCEPTED, _REFUSED = b"\1", b"\0"
 
 
@@ -51,6 +52,7 @@ class RtdeServer:
         self._frequency = 0.0
         self._inputs: dict[int, Recipe] = {}
         self._phase = 0.0  # packages due since the start; the fraction is what is left of the last cycles
+        self._texts = 0
         self.is_open, self.is_started = True, False
 
     def receive(self, received: bytes) -> bytes:
@@ -106,7 +108,9 @@ class RtdeServer:
             return b""
         if kind == Kind.TEXT:
             text, source, _ = text_message_from(payload)
-            self._controller.log(f"text of {source!r}: {text!r}")
+            self._texts += 1
+            if self._texts <= _MAX_TEXTS:
+                self._controller.log(f"text of {source!r}: {text!r}")
             return b""
         return packed(kind, self._start_or_pause(is_start=kind == Kind.START))
 

@@ -108,7 +108,7 @@ class ScriptBuffer:
             raise ProgramError(f"the program has more than {MAX_PROGRAM} characters")
         for raw in lines:
             line = raw.decode(errors="replace").rstrip("\r")
-            if not self._lines and not line.strip():
+            if not self._lines and (not line.strip() or line.lstrip().startswith("#")):
                 continue
             self._lines.append(line)
             self._depth += bool(_OPENS.match(line)) - bool(_CLOSES.match(line))

@@ -15,7 +15,6 @@ from scancell.wire.watch import POLL, Order, Watch, moves
 _SLIDER = ("speed_slider_mask", "speed_slider_fraction")
 _MOST_NUMBER = 2**31 - 2
 _AGAIN = 0.5  # s between lines about the same bodies
-_KEPT = 1_000  # times of states
 _SILENCE = 1.0  # s without data after which the connection counts as lost
 
 Package = Mapping[str, tuple[float, ...]]
@@ -87,15 +86,19 @@ class UrWatch:
         (stamp,), (share,), (answered,) = (package[key] for key in ("timestamp", "speed_scaling", self._register))
         joints, rates = np.array(package["actual_q"]), np.array(package["actual_qd"])
         order = self._watch.order(stamp, joints, rates, float(np.clip(share, 0.0, 1.0)))
-        self._times.setdefault(int(answered), stamp)  # of the orders of others: since it was seen
+        if not self._times:  # the number that an earlier watch left is none of ours
+            self._number = int(answered)
+        self._times.setdefault(int(answered), stamp)
         self.age = stamp - self._times[int(answered)]
         if self.age > self._max_age:
             text = f"the robot has an order of {self.age:.3f} s ago, {self._max_age:.3f} s are permitted"
             order = Order(moves(rates), 0.0, f"stop: {text}" if moves(rates) else f"held: {text}", True)
         self._number = self._number % _MOST_NUMBER + 1
         self._times[self._number] = stamp
-        while len(self._times) > _KEPT:
-            del self._times[next(iter(self._times))]
+        for number in list(self._times):  # connections keep the order: no earlier one will come back
+            if number == int(answered):
+                break
+            del self._times[number]
         return order, (self._number, *((1, order.share) if self._slows else ()))
 
 
