@@ -64,7 +64,10 @@ class VirtualRobot:
         self._set_point: Array | None = None  # of a stream
         self._moves = False
         self._fault = ""
+        # Of the present cycle; None: not asked for yet.
         self._targets: Array | None = None
+        self._jacobian: Array | None = None
+        self._poses: Array | None = None
         self._target_rates = np.zeros(self._joints)
 
     # State
@@ -107,11 +110,11 @@ class VirtualRobot:
         return self._target_rates
 
     def base_from_flange(self, joints: ArrayLike) -> Array:
-        """Pose (4, 4) of the flange at joint angles (joints,), by the nominal geometry."""
+        """Pose (..., 4, 4) of the flange at joint angles (..., joints), by the nominal geometry."""
         return np.asarray(self._base_from_carrier @ self._arm.fk(joints))
 
     def base_from_tcp(self, joints: ArrayLike) -> Array:
-        """Pose (4, 4) of the TCP at joint angles (joints,), by the nominal geometry."""
+        """Pose (..., 4, 4) of the TCP at joint angles (..., joints), by the nominal geometry."""
         return np.asarray(self.base_from_flange(joints) @ self.flange_from_tcp)
 
     def tcp_jacobian(self, joints: ArrayLike) -> Array:
@@ -121,6 +124,20 @@ class VirtualRobot:
         linear, angular = rotation @ whole[:3], rotation @ whole[3:]
         arm = self.base_from_flange(joints)[:3, :3] @ self.flange_from_tcp[:3, 3]
         return np.vstack([linear + np.cross(angular.T, arm).T, angular])
+
+    @property
+    def tcp_poses(self) -> Array:
+        """Poses (2, 4, 4) of the TCP: at the measured joints, and at the set-points."""
+        if self._poses is None:
+            self._poses = self.base_from_tcp(np.stack([self.joints, self.targets]))
+        return self._poses
+
+    @property
+    def measured_jacobian(self) -> Array:
+        """Jacobian (6, joints) of the TCP at the measured joints, see `tcp_jacobian`; set-points differ by little."""
+        if self._jacobian is None:
+            self._jacobian = self.tcp_jacobian(self.joints)
+        return self._jacobian
 
     def joints_for(self, base_from_tcp: Array, near: ArrayLike | None = None) -> Array:
         """Joint angles (joints,) at a pose of the TCP, of all solutions nearest to `near`, by default the set-points.
@@ -276,7 +293,7 @@ class VirtualRobot:
         if self._set_point is not None:
             self._session.start_servo(self._set_point)
         self._session.step()
-        self._targets = None
+        self._targets = self._jacobian = self._poses = None
         self._target_rates = (self.targets - before) / self.cycle
         if self._moves or self._set_point is not None:
             self._look()
