@@ -146,7 +146,8 @@ def test_orders_reach_the_robot_by_slider_register_and_dashboard(controller: UrC
     assert controller.speed_slider == 0.0
     assert controller.registers["input_int_register_24"] >= 5
     assert counts.stops == 1
-    assert lines == [("sensor - table: 30 mm", True), ("stop: sensor - table (dashboard: Stopped)", True)]
+    stopped = "stop: sensor - table (dashboard: Stopped)"
+    assert lines == [(f"guard: watches {own_address()}", False), ("sensor - table: 30 mm", True), (stopped, True)]
 
 
 def test_inputs_of_another_client_are_no_watch(controller: UrController) -> None:

@@ -31,7 +31,7 @@ def test_robot_is_stopped_in_front_of_the_table() -> None:
     ):
         try:
             assert watch.stdout is not None
-            assert watch.stdout.readline() == f"guard: watches ur {own_address()}\n"
+            assert watch.stdout.readline() == f"guard: watches {own_address()}\n"
             client.set_outputs(["actual_TCP_pose", "runtime_state", "input_int_register_24"], 125.0)
             client.start()
             heights, has_run, end = [], False, time.monotonic() + 60.0
@@ -51,5 +51,5 @@ def test_robot_is_stopped_in_front_of_the_table() -> None:
         told = watch.stdout.read()
     assert has_run
     assert not is_running
-    assert 0.1 < min(heights) < max(heights) - 0.005
+    assert min(heights) > 0.1
     assert "stops" in told

@@ -35,9 +35,9 @@ def controller_ur(
 
     stream = sys.stderr if as_json else sys.stdout
 
-    def started(ports: object) -> None:
-        print(f"controller: ur {host}", file=stream, flush=True)
-        if not ip_address(host).is_loopback:
+    def started(address: str) -> None:
+        print(f"controller: ur {address}", file=stream, flush=True)
+        if not ip_address(address).is_loopback:
             print(
                 "warning: other machines can reach the controller, and requests are not authenticated", file=sys.stderr
             )

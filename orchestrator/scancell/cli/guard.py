@@ -81,14 +81,13 @@ def guard_watch(
     nominal = nominal_cell(scancell.load_setup(cell).cell, None)
     check_joints(len(nominal.home))
     watch = UrWatch(Watch(guard, nominal.start), max_age, register, slow)
-    print(f"guard: watches {maker} {host}", file=stream, flush=True)
     with stop_signals() as stop:
         counts = watch_ur(watch, host, show=show, ended=lambda: bool(select.select([stop], [], [], 0.0)[0]))
     lines = [
         f"  {counts.states} states, slowed down in {counts.slowed}, {counts.stops} stops",
         f"  largest age of an order {counts.longest_age:.3f} s, permitted {max_age:g} s",
     ]
-    return Outcome(lines, vars(counts))
+    return Outcome(lines, {"maker": maker, **vars(counts)})
 
 
 @command("guard check")

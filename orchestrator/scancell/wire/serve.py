@@ -84,7 +84,7 @@ def serve_controller(
     ports: Mapping[int, Callable[[], Peer]],
     host: str = LOOPBACK,
     realtime: bool = True,
-    started: Callable[[Mapping[int, int]], None] = lambda _: None,
+    started: Callable[[str], None] = lambda _: None,
 ) -> Timing:
     """Serve clients until SIGINT or SIGTERM; to be called in the main thread.
 
@@ -102,7 +102,7 @@ def serve_controller(
     realtime
         Whether it runs in real time.
     started
-        Called with the ports when the servers listen, each by the one that was asked for.
+        Called with the address when the servers listen.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def serve_controller(
     """
     with ControllerServer(controller, ports, host, realtime) as server, stop_signals() as stop:
         server.selector.register(stop, EVENT_READ)
-        started(server.ports)
+        started(server.address)
         server.run(lambda: bool(server.readable(stop)))
         return server.timing
 
@@ -125,8 +125,8 @@ class ControllerServer:
     ----------
     selector
         Watches the sockets; others may be registered.
-    ports
-        Ports that listen, each by the one that was asked for.
+    address, ports
+        Address that listens, and its ports, each by the one that was asked for.
     timing
         Counts of cycles.
     """
@@ -137,7 +137,7 @@ class ControllerServer:
         self._controller, self._realtime = controller, realtime
         self.selector = DefaultSelector()
         self.timing = Timing()
-        self.ports: dict[int, int] = {}
+        self.address, self.ports = host, dict[int, int]()
         self._listeners: dict[socket.socket, Callable[[], Peer]] = {}
         self._clients: dict[socket.socket, _Client] = {}
         self._ready: set[object] = set()
@@ -146,7 +146,7 @@ class ControllerServer:
                 listener = bound_socket(host, port, socket.SOCK_STREAM)
                 self._listeners[listener] = make
                 self.selector.register(listener, EVENT_READ)
-                self.ports[port] = listener.getsockname()[1]
+                self.address, self.ports[port] = listener.getsockname()[:2]
         except BaseException:
             self.close()
             raise

@@ -134,6 +134,7 @@ def watch_ur(
         rtde.set_outputs(watch.outputs, 1.0 / POLL)
         recipe = rtde.set_inputs(watch.inputs)
         rtde.start()
+        show(f"guard: watches {host}", False)
         is_stopped, shown, again = False, "", 0.0
         while not ended():
             packages = rtde.receive(_SILENCE)
