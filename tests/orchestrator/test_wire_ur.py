@@ -309,6 +309,22 @@ def test_other_cells(cell: str, part: str | None, settings: dict[str, float]) ->
         assert flange @ robot.flange_from_tcp == pytest.approx(goal, abs=1e-6)
 
 
+def test_presence_sensors_are_digital_inputs() -> None:
+    assets = scancell.assets_dir()
+    with (
+        scancell.Scanner(assets / "cells" / "pick_and_place.toml") as scanner,
+        scanner.session(assets / "parts" / "step_block.stl") as session,
+    ):
+        robot, before = VirtualRobot(session), []
+        session.run_conveyor(1, 0.15)
+        while not robot.inputs and robot.time < 5.0:
+            before.append(session.presence(1))
+            robot.step()
+        assert robot.inputs == 1
+        assert session.presence(1)
+        assert not any(before)
+
+
 def test_other_numbers_of_joints_are_refused() -> None:
     cell = scancell.assets_dir() / "cells" / "seven_axis.toml"
     with (

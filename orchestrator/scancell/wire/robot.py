@@ -42,8 +42,8 @@ class VirtualRobot:
     ----------
     flange_from_tcp
         Pose (4, 4) of the TCP on the flange.
-    outputs, inputs
-        States of the digital outputs and inputs, bit by bit. The first eight inputs are the presence sensors.
+    outputs
+        States of the digital outputs, bit by bit.
     """
 
     def __init__(self, session: ScanSession) -> None:
@@ -59,7 +59,6 @@ class VirtualRobot:
         self._line_speed, self._turn_speed = motion.line_speed_mm_s * 1e-3, float(np.radians(motion.turn_speed_deg_s))
         self.flange_from_tcp = flange_from_tool(session.nominal)
         self.outputs = 0
-        self._further_inputs = 0
         self._stream: _RateStream | None = None
         self._set_point: Array | None = None  # of a stream
         self._moves = False
@@ -206,13 +205,8 @@ class VirtualRobot:
 
     @property
     def inputs(self) -> int:
-        """Digital inputs, bit by bit; the presence sensors first."""
-        bits = sum(self._cell.get_boolean(name) << i for i, name in enumerate(self._presence[:8]))
-        return bits | self._further_inputs
-
-    @inputs.setter
-    def inputs(self, bits: int) -> None:
-        self._further_inputs = bits
+        """Digital inputs, bit by bit: the presence sensors in their order."""
+        return sum(self._cell.get_boolean(name) << i for i, name in enumerate(self._presence))
 
     # Commands; they take effect in the next cycle
 

@@ -88,7 +88,7 @@ class ControlProgram:
             31: self._robot.stop,
             35: self._set_watchdog,
             36: lambda: self._write_int(1, self._reaches(self._pose(0))),
-            37: lambda: self._write_int(1, self._is_within_limits(self._floats(0))),
+            37: lambda: self._write_int(1, self._robot.is_within_limits(self._floats(0))),
             39: lambda: self._write_pose(self._pose(0) @ self._pose(6)),
             40: lambda: self._write_pose(self._robot.flange_from_tcp),
             41: self._start_jog,
@@ -251,9 +251,6 @@ class ControlProgram:
         except CommandError:
             return False
         return True
-
-    def _is_within_limits(self, joints: Array) -> bool:
-        return self._robot.is_within_limits(joints)
 
     # Registers
 
