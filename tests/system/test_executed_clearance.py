@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import scancell
-from bench.true_clearances import CASES, judged, run
+from bench.true_clearances import CASES, Case, judged, run
 from scancell.cell.instance import CellInstance
 from scancell.config.loading import assets_dir, load_setup, with_path
 from scancell.config.scan import PathDescription, SpiralDescription
@@ -63,10 +63,9 @@ def test_executed_clearances_are_those_planned_within_a_fifth_of_a_millimetre(
     assert (met >= 0.8 * cell.clearances(5e-3)).all()
 
 
-@pytest.mark.parametrize("name", ["tilt_turn, path along which table and tilt move", "held_part", "belt_post"])
-def test_true_bodies_of_a_whole_scan_keep_apart_by_python_fcl(name: str) -> None:
+@pytest.mark.parametrize("case", CASES, ids=[f"{case.cell}{number}" for number, case in enumerate(CASES)])
+def test_true_bodies_of_a_whole_scan_keep_apart_by_python_fcl(case: Case) -> None:
     """Of the cell with deviations; the same poses with the sensor moved into the part are found."""
-    (case,) = (one for one in CASES if one.name == name)
     found, nominal, poses = run(replace(case, settings=(*case.settings, "scan.max_profiles=60")), step_us=16_000)
     assert found.contacts == ()
     names = [body.name for body in nominal.bodies]
