@@ -25,6 +25,7 @@ from .api import survey as survey
 # The cell, and what is kept between calls
 from .scanner import Scanner as Scanner
 from .scanning.session import ScanSession as ScanSession
+from .programs.export import export_program as export_program
 from .programs.program import run_program as run_program
 from .programs.robot import Robot as Robot
 from .programs.robot import deg as deg

@@ -45,7 +45,7 @@ TRIGGER_MODES: dict[TriggerKind, int] = {
     "request": 4,
     "belt_travel": 5,
 }
-_TRIGGER_INPUTS: dict[TriggerKind, str] = {
+TRIGGER_INTERVALS: dict[TriggerKind, str] = {
     "time": "command.trigger.period",
     "table_angle": "command.trigger.angle",
     "path_distance": "command.trigger.distance",
@@ -286,9 +286,9 @@ class Driver:
 
     def _arm_trigger(self, segment: Segment) -> None:
         kind = segment.trigger.kind
-        if kind not in _TRIGGER_INPUTS:
+        if kind not in TRIGGER_INTERVALS:
             return self._disarm_trigger()
-        inputs = self._cell.real_group([_TRIGGER_INPUTS[kind], *self._gate])
+        inputs = self._cell.real_group([TRIGGER_INTERVALS[kind], *self._gate])
         self._cell.set(inputs, np.array([segment.trigger.interval, segment.trigger_from, segment.trigger_to]))
         self._cell.set_integer("command.trigger.mode", TRIGGER_MODES[kind])
         return None

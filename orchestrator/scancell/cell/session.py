@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from scancell.arguments import Count, Duration, Length, Share, checked_arguments, checked_value
 from scancell.arrays import Array
 from scancell.cell.driver import (
+    TRIGGER_INTERVALS,
     TRIGGER_MODES,
     BeltSpeed,
     Deflections,
@@ -45,7 +46,7 @@ from scancell.cell.driver import (
     state_in_words,
 )
 from scancell.cell.instance import CellInstance, RealGroup, RecordBatches, RecordCollector, snapshot
-from scancell.cell.program import Program
+from scancell.cell.program import Program, TriggerRule
 from scancell.cell.recording import Recording
 from scancell.errors import CommandError, DescriptionError
 from scancell.geometry import pose
@@ -536,12 +537,46 @@ class CellSession:
         DescriptionError
             If the pose or the speed is invalid, or `spacing` or `exposure` is not a positive number.
         """
+        return self._record(
+            lambda: self.move_line(world_from_sensor, speed=speed, timeout=timeout),
+            TriggerRule("path_distance", spacing),
+            exposure,
+            batches,
+        )
+
+    @checked_arguments
+    def record_table(
+        self,
+        table_angle: TableAngle,
+        spacing: Length,
+        exposure: Length,
+        *,
+        speed: Share = 1.0,
+        timeout: float = 60.0,
+        batches: RecordBatches | None = None,
+    ) -> Recording:
+        """Turn the table as in `turn_table`, with exposures on the way; the first one begins at the start.
+
+        `spacing` is the turn from one exposure to the next, rad; the other parameters and errors are those of
+        `record_line`.
+        """
+        return self._record(
+            lambda: self.turn_table(table_angle, speed=speed, timeout=timeout),
+            TriggerRule("table_angle", spacing),
+            exposure,
+            batches,
+        )
+
+    def _record(
+        self, move: Callable[[], None], rule: TriggerRule, exposure: float, batches: RecordBatches | None
+    ) -> Recording:
+        """Exposures by a rule during a motion."""
         collector = RecordCollector(self._cell, self._cycle_us, exposure, batches)
-        self._set_real("command.trigger.distance", spacing)
-        self._cell.set_integer("command.trigger.mode", TRIGGER_MODES["path_distance"])
+        self._set_real(TRIGGER_INTERVALS[rule.kind], rule.interval)
+        self._cell.set_integer("command.trigger.mode", TRIGGER_MODES[rule.kind])
         self._step_to = collector.step_to
         try:
-            self.move_line(world_from_sensor, speed=speed, timeout=timeout)
+            move()
         finally:
             self._step_to = self._cell.step_to
             self._cell.set_integer("command.trigger.mode", TRIGGER_MODES["off"])

@@ -48,7 +48,7 @@ GROUPS = {
         "acceptance",
     ),
     "Many scans": ("study", "batch"),
-    "Robot cell": ("workspace", "run", "controller", "guard", "fmu", "ssp", "robot"),
+    "Robot cell": ("workspace", "run", "program", "controller", "guard", "fmu", "ssp", "robot"),
     "Recorded runs": ("picture", "animate", "page", "export"),
     "About": ("schema", "version"),
 }
@@ -59,6 +59,7 @@ _WITH_SUBCOMMANDS = {
     "ssp": "Build packages of the robot cell and a controller of it.",
     "controller": "Let programs for a maker's controller move the simulated robot.",
     "guard": "Protect a robot from collisions.",
+    "program": "Programs of robot controllers: export of planned scans.",
     "robot": "Make descriptions of arms.",
     "study": "Vary inputs over many scans: run, sensitivity analysis, report.",
 }

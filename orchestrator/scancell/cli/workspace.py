@@ -1,4 +1,4 @@
-"""`scancell workspace` and `run`: the running cell in a browser, and robot programs."""
+"""`scancell workspace`, `run` and `program export`: the running cell in a browser, and robot programs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,16 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 import scancell
-from scancell.cli.common import CellOptions, NoGuardOption, Outcome, PathOption, ScanOption, TablePartOption, command
+from scancell.cli.common import (
+    CellOptions,
+    NoGuardOption,
+    Outcome,
+    PartOptions,
+    PathOption,
+    ScanOption,
+    TablePartOption,
+    command,
+)
 from scancell.cli.interrupts import INTERRUPTS, leaves_when_interrupted
 from scancell.config.choices import LOOPBACK
 from scancell.errors import DescriptionError, ProgramError
@@ -21,6 +30,7 @@ if TYPE_CHECKING:
     from scancell.programs.robot import Step
     from scancell.scanning.session import ScanSession
 
+_Language = Literal["urscript", "v2"]
 _Colour = Literal["deviation", "intensity"]
 
 _LEAVES = 1.8  # s after an interrupt
@@ -104,7 +114,7 @@ def _exercise(selected: str, target: Path | None, options: CellOptions) -> Exerc
 
 @command("run", CellOptions)
 def run_program(
-    program: Annotated[Path, "Python file with a function main(robot)"],
+    program: Annotated[Path, "Python file with a function main(robot), or program in V+ (.v2) or URScript (.script)"],
     options: CellOptions,
     part: TablePartOption = None,
     no_guard: NoGuardOption = False,
@@ -134,6 +144,37 @@ def run_program(
     lines = [f"{program.name}: {len(done.steps)} commands, {done.duration:.2f} s of simulated time"]
     warnings = [f"contact: {pair}" for pair in done.contacts]
     return Outcome(lines, figures, [str(file) for file in done.files], warnings)
+
+
+@command("program export", PartOptions)
+def export(
+    plan: Annotated[Path, "plan of `scancell plan --out`, or run folder of a scan, which states cell and part"],
+    options: PartOptions,
+    to: Annotated[_Language, typer.Option(help="URScript (Universal Robots) or V+ (Adept)")],
+    out: Annotated[Path, typer.Option(help="file for the program")],
+    part: Annotated[Path | None, "part of the plan; not for a run folder"] = None,
+    scan: ScanOption = None,
+) -> Outcome:
+    """Write a planned scan as a program of a robot controller (docs/programs.md)."""
+    from scancell.config.loading import load_resolved  # noqa: PLC0415
+    from scancell.files import atomic_write  # noqa: PLC0415
+
+    unit, setup = options.unit, None
+    if plan.is_dir():
+        given = {"part": part, "cell": options.cell, "sensor": options.sensor, "scan": scan, "set": options.settings}
+        for key, value in given.items():
+            if value is not None:
+                raise DescriptionError(key=key, value=str(value), expected="none: the run folder states it")
+        setup, made = load_resolved(plan / "resolved.toml")
+        part, unit, plan = Path(made["part"]), made["unit"], plan / "plan.json"
+    elif part is None:
+        raise DescriptionError(key="part", expected="the part of the plan, or a run folder in its place")
+    setup = setup or options.setup(scan)
+    with scancell.Scanner(setup=setup, threads=options.threads) as scanner:
+        text = scancell.export_program(plan, scanner, part, to, unit=unit)
+    with atomic_write(out) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return Outcome([f"{out}: {len(text.splitlines())} lines"], {"lines": len(text.splitlines())}, [str(out)])
 
 
 def _show(line: int, step: Step) -> None:

@@ -159,6 +159,19 @@ def rotation_from_euler_zyz(angles: ArrayLike) -> Array:
     return rotation_about(2, a[..., 0]) @ rotation_about(1, a[..., 1]) @ rotation_about(2, a[..., 2])
 
 
+def euler_zyz_from_rotation(rotation: ArrayLike) -> Array:
+    """Intrinsic Z, Y', Z'' angles (..., 3), rad, of `rotation` (..., 3, 3), the middle one in [0, pi].
+
+    The last angle is 0 where the middle one is 0 or 180 deg.
+    """
+    r = np.asarray(rotation, float)
+    sine = np.hypot(r[..., 0, 2], r[..., 1, 2])
+    lost = sine < 1e-9
+    first = np.where(lost, np.arctan2(-r[..., 0, 1], r[..., 1, 1]), np.arctan2(r[..., 1, 2], r[..., 0, 2]))
+    last = np.where(lost, 0.0, np.arctan2(r[..., 2, 1], -r[..., 2, 0]))
+    return np.stack([first, np.arctan2(sine, r[..., 2, 2]), last], -1)
+
+
 def from_euler_xyz(position: ArrayLike, angles: ArrayLike) -> Array:
     """Pose (..., 4, 4) from `position` (..., 3), m, and intrinsic X, Y', Z'' `angles` (..., 3), rad."""
     return from_rotation(rotation_from_euler_xyz(angles), position)

@@ -1,4 +1,4 @@
-"""Robot programs: Python files with a function `main` that receives the robot."""
+"""Robot programs: Python files with a function `main` that receives the robot, and files in V+ and URScript."""
 
 from __future__ import annotations
 
@@ -32,6 +32,9 @@ from scancell.live.scan import LiveChunk
 from scancell.live.state import ContactWatch, JobStopped
 from scancell.output.run_folder import RunFolder, command_words, manifest, resolved_toml, write_json
 from scancell.programs.robot import Robot, Step
+from scancell.programs.script import Script
+from scancell.programs.urscript import UrScript
+from scancell.programs.vplus import VPlus
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import write_cloud
 from scancell.scanning.session import ScanSession
@@ -39,6 +42,7 @@ from scancell.scanning.session import ScanSession
 _INTERVAL_US = 30_000  # between poses: an acceleration of 5 m/s² departs from their straight connection by 0.6 mm
 CLOUD = "cloud.ply"
 
+LANGUAGES: dict[str, type[Script]] = {".v2": VPlus, ".pg": VPlus, ".script": UrScript, ".urscript": UrScript}
 _MODULE = "scancell_robot_program"
 
 Stage = Literal["waiting", "running", "paused", "done", "stopped", "failed"]
@@ -140,12 +144,13 @@ def run_program(
     recorded: bool = False,
     before: Callable[[int, str], None] = lambda _line, _command: None,
 ) -> ProgramRun:
-    """Run the program of a file; it runs in this process, with all rights of its user.
+    """Run the program of a file; one in Python runs in this process, with all rights of its user.
 
     Parameters
     ----------
     program
-        Python file with a function ``main`` that receives a `Robot`.
+        Python file with a function ``main`` that receives a `Robot`, or a program in V+ (``.v2``) or URScript
+        (``.script``).
     session
         A running cell, guarded or not.
     engine
@@ -192,7 +197,11 @@ def run_program(
     file, run, begin = str(program), ProgramRun(), session.time
     written: list[Path] = []
 
+    script = read_script(program)
+
     def line() -> int:
+        if script is not None:
+            return script.line
         return next((line for frame, line in traceback.walk_stack(None) if frame.f_code.co_filename == file), 0)
 
     def on_step(step: Step) -> None:
@@ -203,12 +212,17 @@ def run_program(
     recorder = ProgramRecorder(session) if recorded else None
     robot = Robot(session, engine, folder, on_step, lambda command: before(line(), command))
     try:
-        with _loaded(program, printed) as module:
-            _require_main(module, program)
-            module.main(robot)
+        if script is not None:
+            script.run(robot, printed or print)
+        else:
+            with _loaded(program, printed) as module:
+                _require_main(module, program)
+                module.main(robot)
     except ProgramError:
         raise
     except JobStopped as stop:
+        if script is not None:
+            raise
         raise JobStopped(f"{_place(stop, file)}: {stop}") from stop
     except (Exception, SystemExit) as error:
         raise ProgramError(_message(error, file)) from error
@@ -220,6 +234,15 @@ def run_program(
             written = recorder.save(target, program, engine, with_cloud=target / CLOUD not in robot.files)
     run.duration, run.contacts, run.files = session.time - begin, list(watch.pairs), [*robot.files, *written]
     return run
+
+
+def read_script(file: Path) -> Script | None:
+    """The program of a file in a language of a controller, by its ending; None for one in Python.
+
+    Raises `ProgramError` with the line of what is not in the subset.
+    """
+    language = LANGUAGES.get(file.suffix.lower())
+    return None if language is None else language(file)
 
 
 def _require_main(module: ModuleType, program: Path) -> None:

@@ -30,8 +30,10 @@ from scancell.arguments import Length, Share, checked_arguments
 from scancell.arrays import Array
 from scancell.cell.driver import Tool, WorldFromTool
 from scancell.config.choices import Engine
+from scancell.config.description import si_value
 from scancell.errors import CommandError
 from scancell.geometry import pose
+from scancell.nominal.cell import flange_from_tool, tool_names
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import write_cloud
 from scancell.scanning.session import Profile, ScanSession
@@ -156,9 +158,24 @@ class Robot:
         """Measured positions (k,) of the axes beyond joints and table, rad or m."""
         return self._now.further_axes
 
+    @property
+    def axis_speeds(self) -> Array:
+        """Full speeds (axes,) of joints, table and further axes, rad/s or m/s."""
+        return self._session.nominal.axis_max_speed.copy()
+
+    @property
+    def line_speed(self) -> float:
+        """Full speed of the tool in straight lines, m/s."""
+        return si_value(self._session.world.setup.cell.robot.motion, "line_speed_mm_s")
+
     def world_from_tool(self, tool: Tool | None = None) -> Array:
         """Pose (4, 4) of `tool`, by default that of `set_tool`, by the measured joints and the nominal geometry."""
         return self._now.world_from_tool(tool or self._tool)
+
+    def flange_from_tools(self) -> dict[str, Array]:
+        """Poses (4, 4) on the flange of all tools of the cell, by their names."""
+        nominal = self._session.nominal
+        return {name: flange_from_tool(nominal, name) for name in tool_names(nominal)}
 
     def world_from_frame(self, frame: str) -> Array:
         """Pose (4, 4) of ``base``, ``table`` at the measured table angle, or a user frame of the description.
@@ -180,6 +197,10 @@ class Robot:
         """Set the speed of the following motions to `share`, above 0 to 1, of the full speed."""
         self._speed = share
 
+    def set_monitor_speed(self, share: float) -> None:
+        """Scale the speed of all motions by `share`, 0 to 1; a guard limits it to what it allows."""
+        self._session.set_monitor_speed(share)
+
     def set_tool(self, tool: Tool) -> None:
         """Set the `tool` of the following poses: ``sensor``, as at the start, ``gripper``, or a described tool."""
         self._session.flange_from_tool(tool)
@@ -190,48 +211,48 @@ class Robot:
     def move_home(self) -> None:
         """Move all joints to the home position of the description; the table does not turn."""
         with self._step("move_home"):
-            self._session.move_joints(self._session.home, speed=self._speed)
+            self._session.move_joints(self._session.home, **self._pace)
 
     def move_joints(self, joints: ArrayLike, table_angle: float | None = None) -> None:
         """Move all joints to `joints` (joints,), rad, and the table to `table_angle`, rad, where given, together."""
         with self._step("move_joints", f"({_numbers(np.asarray(joints, float) / deg)}) deg"):
-            self._session.move_joints(joints, table_angle, speed=self._speed)
+            self._session.move_joints(joints, table_angle, **self._pace)
 
     @checked_arguments
     def move_tool(self, world_from_tool: WorldFromTool) -> None:
         """Move the tool to the pose `world_from_tool` (4, 4), all joints together: not on a straight line."""
         with self._step("move_tool", _position(world_from_tool)):
-            self._session.move_tool(world_from_tool, self._tool, speed=self._speed)
+            self._session.move_tool(world_from_tool, self._tool, **self._pace)
 
     @checked_arguments
     def move_line(self, world_from_tool: WorldFromTool) -> None:
         """Move the tool to the pose `world_from_tool` (4, 4) on a straight line."""
         with self._step("move_line", _position(world_from_tool)):
-            self._session.move_line(world_from_tool, self._tool, speed=self._speed)
+            self._session.move_line(world_from_tool, self._tool, **self._pace)
 
     @checked_arguments
     def approach(self, world_from_tool: WorldFromTool, distance: float) -> None:
         """Move as `move_tool` to `distance` (m) in front of `world_from_tool` (4, 4), against the tool's z."""
         with self._step("approach", f"{_position(world_from_tool)}, {distance / mm:.1f} mm in front"):
             before = np.asarray(world_from_tool, float) @ pose.translation((0.0, 0.0, -distance))
-            self._session.move_tool(before, self._tool, speed=self._speed)
+            self._session.move_tool(before, self._tool, **self._pace)
 
     def depart(self, distance: float) -> None:
         """Move straight back by `distance`, m, against the tool's z."""
         with self._step("depart", f"{distance / mm:.1f} mm"):
             back = self.world_from_tool() @ pose.translation((0.0, 0.0, -distance))
-            self._session.move_line(back, self._tool, speed=self._speed)
+            self._session.move_line(back, self._tool, **self._pace)
 
     def turn_table(self, table_angle: float) -> None:
         """Turn the table to `table_angle` (not wrapped), rad."""
         with self._step("turn_table", f"{table_angle / deg:.2f} deg"):
-            self._session.turn_table(table_angle, speed=self._speed)
+            self._session.turn_table(table_angle, **self._pace)
 
     def move_axis(self, name: str, position: float) -> None:
         """Move the axis `name` beyond joints and table, such as a track, to `position`, rad or m."""
         about = next((axis.in_words(position) for axis in self._session.nominal.further_axes if axis.name == name), "")
         with self._step("move_axis", f"{name}: {about}"):
-            self._session.move_axis(name, position, speed=self._speed)
+            self._session.move_axis(name, position, **self._pace)
 
     # Gripper and conveyors
 
@@ -349,6 +370,15 @@ class Robot:
         with self._step("scan_line", f"{_position(world_from_sensor)}, every {spacing / mm:g} mm"):
             return self._session.scan_line(world_from_sensor, spacing, speed=self._speed, engine=self._engine)
 
+    @checked_arguments
+    def scan_table(self, table_angle: float, spacing: Length) -> Cloud:
+        """Turn the table to `table_angle` (not wrapped), rad, and measure a profile every `spacing` (rad) of its turn.
+
+        The cloud is in the frame of the part, m.
+        """
+        with self._step("scan_table", f"{table_angle / deg:.2f} deg, every {spacing / deg:g} deg"):
+            return self._session.scan_table(table_angle, spacing, speed=self._speed, engine=self._engine)
+
     def save(self, cloud: Cloud, name: str) -> None:
         """Write `cloud`, in mm, to the file `name` in the folder of results; its ending gives the format.
 
@@ -360,6 +390,11 @@ class Robot:
         with self._step("save", f"{name}: {len(cloud)} points"):
             write_cloud(self._folder / name, cloud)
             self.files.append(self._folder / name)
+
+    @property
+    def _pace(self) -> dict[str, float]:
+        """Speed of a motion and its longest duration, s."""
+        return {"speed": self._speed, "timeout": _TIMEOUT / self._speed}
 
     @contextmanager
     def _step(self, command: str, about: str = "") -> Iterator[None]:

@@ -52,6 +52,7 @@ from scancell.planning.views.features import PointNoise
 from scancell.planning.views.placement import with_passing_part
 from scancell.progress import Progress
 from scancell.proximity.judge import check_cell
+from scancell.proximity.motion_check import MotionCheck
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.foreign import footprint_of, neighbours_of
 from scancell.reconstruction.reconstruct import (
@@ -301,6 +302,12 @@ class ScanPipeline(Closing):
         if not np.ptp(axes[:, joints_and_table:], axis=0).any():  # what no axis moves may touch
             cell, axes = cell.held(), axes[:, :joints_and_table]
         return cell.least_distance(axes, bound)
+
+    def motion_check(self, world: World) -> MotionCheck:
+        """Proof that motions of joints and table keep the clearances of plans; other axes rest where they start."""
+        setup = world.setup
+        cell = self._planning_cell(world).held()
+        return cell.motion_check(scan_options(setup.scan, setup.sensor).clearance)
 
     def _planning_cell(self, world: World) -> PlanningCell:
         setup = world.setup

@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from scancell.arguments import Count, Duration, Share, checked_arguments
+from scancell.arguments import Count, Duration, Length, Share, checked_arguments
 from scancell.arrays import Array
 from scancell.cell.driver import Operation, Tool, WorldFromTool
 from scancell.cell.instance import CellInstance, RecordBatches
@@ -46,6 +45,7 @@ from scancell.scanning.world import Encoder, ExposureControl, World, encoder_sig
 from scancell.values import Value
 
 _ANSWER_TIME = 0.003  # s of simulated time that the guard needs for an answer
+_TIMEOUT = 60.0  # s, of a scan at full speed
 _BATCH = 16  # profiles of a line that are sensed together
 _PATIENCE = 0.02  # s, period at which a wait for them checks whether it has to end
 SEEN = 0.1  # s, in which a guard surely gets a state and answers it
@@ -355,8 +355,9 @@ class ScanSession(CellSession):
             end()
         return True
 
+    @checked_arguments
     def scan_line(
-        self, world_from_sensor: ArrayLike, spacing: float, *, speed: float = 1.0, engine: Engine = "ray-traced"
+        self, world_from_sensor: WorldFromTool, spacing: Length, *, speed: Share = 1.0, engine: Engine = "ray-traced"
     ) -> Cloud:
         """Move the sensor straight to a pose, and measure profiles on the way.
 
@@ -384,6 +385,30 @@ class ScanSession(CellSession):
         SensorError
             If the sensor library reports an error.
         """
+        return self._scan(
+            lambda batches: self.record_line(
+                world_from_sensor, spacing, self.exposure, speed=speed, timeout=_TIMEOUT / speed, batches=batches
+            ),
+            engine,
+        )
+
+    @checked_arguments
+    def scan_table(
+        self, table_angle: float, spacing: Length, *, speed: Share = 1.0, engine: Engine = "ray-traced"
+    ) -> Cloud:
+        """Turn the table to `table_angle` (not wrapped), rad, and measure a profile every `spacing`, rad, on the way.
+
+        `speed` is the share of the full speed of the table; `engine`, result and errors are those of `scan_line`.
+        """
+        return self._scan(
+            lambda batches: self.record_table(
+                table_angle, spacing, self.exposure, speed=speed, timeout=_TIMEOUT / speed, batches=batches
+            ),
+            engine,
+        )
+
+    def _scan(self, record: Callable[[RecordBatches], Recording], engine: Engine) -> Cloud:
+        """Sense the exposures of a motion while it runs."""
         world = self.world
         controls, taken, sensing = world.controls(), [], ThreadPoolExecutor(1, "sense")
 
@@ -391,8 +416,7 @@ class ScanSession(CellSession):
             taken.append((len(batch), sensing.submit(self._sense, batch, engine, controls)))
 
         try:
-            batches = RecordBatches(_BATCH, take)
-            recording = self.record_line(world_from_sensor, spacing, self.exposure, speed=speed, batches=batches)
+            recording = record(RecordBatches(_BATCH, take))
             self.progress.stage("sensing", len(recording), "profiles")
             sensed = SensedProfiles.joined(self._sensed(count, batch) for count, batch in taken)
         finally:
