@@ -50,7 +50,7 @@ from scancell.cell.program import Program, TriggerRule
 from scancell.cell.recording import Recording
 from scancell.errors import CommandError, DescriptionError
 from scancell.geometry import pose
-from scancell.nominal.cell import NominalCell, flange_from_tool, world_from_frame
+from scancell.nominal.cell import NominalCell, flange_from_tool, tool_names, world_from_frame
 
 _AT_START = 1e-6  # rad
 _MOST_STOPPING = 5.0  # s; the slowest axis of any sensible cell brakes faster
@@ -145,6 +145,11 @@ class CellSession:
     def further_axes(self) -> Array:
         """Measured positions (k,) of the axes beside joints and table, rad or m."""
         return self._cell.get(self._position)[len(self.home) + 1 :].copy()
+
+    @property
+    def axis_speeds(self) -> Array:
+        """Full speeds (axes,) of joints, table and further axes, rad/s or m/s."""
+        return self._nominal.axis_max_speed.copy()
 
     @property
     def commanded(self) -> Array:
@@ -275,6 +280,10 @@ class CellSession:
             If the cell has no such tool.
         """
         return flange_from_tool(self._nominal, tool)
+
+    def flange_from_tools(self) -> dict[str, Array]:
+        """Poses (4, 4) on the flange of all tools of the cell, by their names."""
+        return {name: self.flange_from_tool(name) for name in tool_names(self._nominal)}
 
     # Commands that take effect in the next cycles: nothing here steps the cell
 

@@ -30,10 +30,8 @@ from scancell.arguments import Length, Share, checked_arguments
 from scancell.arrays import Array
 from scancell.cell.driver import Tool, WorldFromTool
 from scancell.config.choices import Engine
-from scancell.config.description import si_value
 from scancell.errors import CommandError
 from scancell.geometry import pose
-from scancell.nominal.cell import flange_from_tool, tool_names
 from scancell.reconstruction.cloud import Cloud
 from scancell.reconstruction.cloud_files import write_cloud
 from scancell.scanning.session import Profile, ScanSession
@@ -161,12 +159,12 @@ class Robot:
     @property
     def axis_speeds(self) -> Array:
         """Full speeds (axes,) of joints, table and further axes, rad/s or m/s."""
-        return self._session.nominal.axis_max_speed.copy()
+        return self._session.axis_speeds
 
     @property
     def line_speed(self) -> float:
         """Full speed of the tool in straight lines, m/s."""
-        return si_value(self._session.world.setup.cell.robot.motion, "line_speed_mm_s")
+        return self._session.line_speed
 
     def world_from_tool(self, tool: Tool | None = None) -> Array:
         """Pose (4, 4) of `tool`, by default that of `set_tool`, by the measured joints and the nominal geometry."""
@@ -174,8 +172,7 @@ class Robot:
 
     def flange_from_tools(self) -> dict[str, Array]:
         """Poses (4, 4) on the flange of all tools of the cell, by their names."""
-        nominal = self._session.nominal
-        return {name: flange_from_tool(nominal, name) for name in tool_names(nominal)}
+        return self._session.flange_from_tools()
 
     def world_from_frame(self, frame: str) -> Array:
         """Pose (4, 4) of ``base``, ``table`` at the measured table angle, or a user frame of the description.

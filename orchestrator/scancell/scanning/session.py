@@ -220,6 +220,11 @@ class ScanSession(CellSession):
         return self.world.true
 
     @property
+    def line_speed(self) -> float:
+        """Full speed of the tool in straight lines, m/s."""
+        return si_value(self.world.setup.cell.robot.motion, "line_speed_mm_s")
+
+    @property
     def monitor_speed(self) -> float:
         """Monitor speed of the operator, 0 to 1; a guard may allow less."""
         return self.value("command.monitor_speed") if self._guarded is None else self._guarded.monitor_speed
