@@ -547,6 +547,13 @@ def test_crash_of_the_kernel_is_a_message(folder: Folder, monkeypatch: pytest.Mo
         scancell.load_part(folder / "block.step")
 
 
+def test_kernel_that_hangs_is_stopped(folder: Folder, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cad, "_COMMAND", [sys.executable, "-c", "import time; time.sleep(60)"])
+    monkeypatch.setattr(cad, "_TIME_LIMIT", 0.5)
+    with pytest.raises(MeshError, match=r"block\.step.*did not finish within"):
+        scancell.load_part(folder / "block.step")
+
+
 def test_missing_extra_is_named(folder: Folder, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cad, "find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match=r"scancell\[cad\]"):

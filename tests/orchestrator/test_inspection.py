@@ -14,9 +14,9 @@ from scipy.stats import binom
 from inspection_parts import Change, cad_part, cloud_of
 from scancell.arrays import Array
 from scancell.config.inspection import InspectionDescription
-from scancell.errors import DescriptionError
+from scancell.errors import DescriptionError, OutputError
 from scancell.geometry import pose
-from scancell.geometry.cad import Annotation
+from scancell.geometry.cad import Annotation, CadFace
 from scancell.geometry.shapes import Box, PlacedShape, Ring, Sphere
 from scancell.inspection.annotations import annotated
 from scancell.inspection.features import Feature
@@ -410,7 +410,14 @@ def test_what_cannot_be_evaluated_is_listed_with_its_reason() -> None:
         ({"kind": "flatness", "faces": [1], "datums": ["A"]}, "flatness has no datums"),
         ({"kind": "flatness", "faces": [1], "upper_mm": 1.0}, "flatness has no upper_mm"),
         ({"kind": "position", "faces": [1]}, "position needs datums"),
-        ({"kind": "position", "faces": [1], "datums": ["Z"]}, "names datum 'Z'; known: A, B, C, D"),
+        (
+            {"kind": "position", "faces": [1], "datums": ["Z"]},
+            r"characteristic\[1\].datums = 'Z': expected one of the datums: A, B, C, D",
+        ),
+        (
+            {"kind": "distance", "faces": [1], "to": [1], "upper_mm": 1.0},
+            r"characteristic\[1\].to = 1: .*another feature",
+        ),
         ({"kind": "position", "faces": [1], "datums": ["A", "A"]}, "each once"),
         ({"kind": "distance", "faces": [1]}, "needs the faces of a second feature"),
         ({"kind": "diameter", "faces": [6], "tolerance_mm": 1.0}, "diameter has no tolerance_mm"),
@@ -510,6 +517,38 @@ def test_capability_is_read_from_its_file(tmp_path: Path) -> None:
     (tmp_path / "other.json").write_text('{"characteristics": [{"name": "bore"}], "format_version": 1}')
     with pytest.raises(DescriptionError, match=r"other.json.*capability"):
         read_effects(tmp_path / "other.json")
+    (tmp_path / "run.json").write_text('{"format_version": 1}')
+    with pytest.raises(DescriptionError, match=r"run.json.*capability"):
+        read_effects(tmp_path / "run.json")
     (tmp_path / "newer.json").write_text('{"characteristics": [], "format_version": 99}')
     with pytest.raises(DescriptionError, match="99"):
         read_effects(tmp_path / "newer.json")
+
+
+def test_capability_of_other_characteristics_is_said() -> None:
+    described = _described({"kind": "flatness", "faces": [_TOP]}, {"kind": "flatness", "faces": [_X]})
+    effects = {described.characteristic[0].name: Effect(), "other": Effect()}
+    found = inspect_part(_PART, cloud_of(_PART, 2000, 1), described, align="none", effects=effects)
+    assert "not inspected: other" in found.warnings[0]
+    assert found.warnings[1].endswith(f"no capability: {described.characteristic[1].name}")
+
+
+def test_report_that_fails_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fault(*_: Any, **__: Any) -> None:
+        raise OutputError("No space left on device")
+
+    found = inspect_part(_PART, cloud_of(_PART, 2000, 1), _described({"kind": "flatness", "faces": [_TOP]}))
+    monkeypatch.setattr("scancell.inspection.report.write_filled", fault)
+    with pytest.raises(OutputError, match="No space"):
+        found.save(tmp_path / "results")
+    assert not list(tmp_path.iterdir())
+
+
+def test_datum_and_feature_without_area_are_not_evaluated() -> None:
+    """Faces of zero area, as the kernel reads them, have no triangles and no points."""
+    empty = len(_PART.cad_faces)
+    part = replace(_PART, cad_faces=(*_PART.cad_faces, CadFace("empty", np.eye(4))))
+    described = _described({"kind": "surface_profile", "faces": [empty]}, {"kind": "flatness", "faces": [_TOP]})
+    found = inspect_part(part, cloud_of(_PART, 2000, 1), described, align="none")
+    assert [one.verdict for one in found.decisions] == ["not evaluated", "conforms"]
+    assert "0 points" in found.decisions[0].reason

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -95,6 +97,23 @@ def test_views_for_tolerances_take_less_time_than_those_of_the_whole_part() -> N
         assert any("noise" in warning for warning in made.warnings) == (tolerance != 0.1)
     assert whole.report is not None
     assert times[0] < times[1] and times[0] < 0.5 * whole.report.time
+
+
+def test_scans_of_meshes_import_neither_kernel_nor_inspection(folder: Path) -> None:
+    words = ["scancell", "scan", str(PARTS / "step_block.stl"), "--engine", "geometric", "--out", "mesh"]
+    script = f"""
+import sys
+from scancell.cli import main
+sys.argv = {[*words, "--set", "scan.max_profiles=20"]}
+try:
+    main()
+except SystemExit as ended:
+    assert not ended.code
+loaded = [name for name in sys.modules if name.startswith(("OCP", "scancell.inspection"))]
+assert not loaded, loaded
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, cwd=folder)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize(

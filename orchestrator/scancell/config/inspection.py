@@ -234,8 +234,9 @@ class InspectionDescription(Description):
         letters = [datum.name for datum in self.datum]
         for names, what in ((letters, "datums"), ([one.name for one in self.characteristic], "characteristics")):
             refuse_twins(names, what)
-        for one in self.characteristic:
+        for number, one in enumerate(self.characteristic, 1):
             for name in one.datums:
                 if name not in letters:
-                    raise ValueError(f"'{one.name}' names datum '{name}'; known: {', '.join(letters) or 'none'}")
+                    known = f"one of the datums: {', '.join(letters)}" if letters else "a [[datum]] of this name"
+                    raise ValueError(f"characteristic[{number}].datums = '{name}': expected {known}")
         return self

@@ -33,7 +33,7 @@ _REFERENCE = 20.0  # °C (ISO 1)
 _EXPANDED = 0.95  # probability of the stated intervals
 _LEAST_SCALE = 1e-12
 _SCALE = 1e-5  # of a part: step of the derivative by its temperature
-_MOST_ON_FACE = 2000  # points by which errors of a calibration count
+_MOST_ON_FACE = 50_000  # points by which errors of a calibration count; fewer lose the extremes of zones
 
 Displacements = Callable[[NDArray[np.intp]], Array]
 """Displacements (k, r, 3) of points, by their rows (r,), by k independent errors of one standard deviation each."""
@@ -359,9 +359,13 @@ def inspect_part(
             by_temperature = abs(larger.measure(one, nesting).raw - value.raw) / _SCALE * scale
         of_calibration = by_calibration.get(one.name, 0.0)
         decisions.append(_decided(one, value, effect, by_temperature, of_calibration, description))
-    unknown = sorted((effects or {}).keys() - {one.name for one in description.characteristic})
-    if unknown:
+    names = [one.name for one in description.characteristic]
+    if unknown := sorted((effects or {}).keys() - {*names}):
         warnings.append(f"effects of characteristics that are not inspected: {', '.join(unknown)}")
+    if effects and (missing := [name for name in names if name not in effects]):
+        warnings.append(
+            f"uncertainty without errors of the cell, of which there is no capability: {', '.join(missing)}"
+        )
     return Inspection(description, tuple(decisions), part, moved, align, tuple(warnings))
 
 
@@ -378,8 +382,11 @@ class _Faces:
         for number, datum in enumerate(self.description.datum, 1):
             self.numbers(datum.faces, f"datum[{number}].faces")
         for number, one in enumerate(self.description.characteristic, 1):
-            self.numbers(one.faces, f"characteristic[{number}].faces")
-            self.numbers(one.to, f"characteristic[{number}].to")
+            own = self.numbers(one.faces, f"characteristic[{number}].faces")
+            key = f"characteristic[{number}].to"
+            if common := sorted({*own} & {*self.numbers(one.to, key)}):
+                where = {"file": self.source or None, "key": key}
+                raise DescriptionError(value=common[0], expected="another feature than that of faces", **where)
 
     def numbers(self, words: Sequence[int | str], key: str = "faces") -> list[int]:
         """Numbers of faces, from 0."""

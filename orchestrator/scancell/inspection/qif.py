@@ -13,6 +13,7 @@ import numpy as np
 
 import scancell
 from scancell.arrays import Array
+from scancell.files import atomic_write
 from scancell.geometry import pose
 from scancell.geometry.cad import CadMesh
 from scancell.inspection.annotations import surfaces_of
@@ -60,11 +61,12 @@ def write_qif(inspection: Inspection, path: Path) -> None:
     Lengths are in mm, angles in degrees. ``combinedUncertainty`` is the combined standard uncertainty. The identifier
     of the document follows from its content, which holds no time: the same inspection makes the same bytes.
 
-    Raises `OSError` if the file cannot be written.
+    Raises `OutputError` if the file cannot be written.
     """
     root = _Document(inspection).root
     ElementTree.indent(root)
-    ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+    with atomic_write(path) as temporary:
+        ElementTree.ElementTree(root).write(temporary, encoding="utf-8", xml_declaration=True)
 
 
 class _Document:
@@ -228,7 +230,7 @@ class _Document:
         inspection = self._inspection
         results = self._new(_add(_add(self.root, "Results"), "MeasurementResultsSet", n="1"), "MeasurementResults")
         rule = inspection.description
-        about = {"decision rule": rule.decision, "cloud": str(inspection.source.get("file", ""))}
+        about = {"decision rule": rule.decision, "cloud": str(inspection.source.get("format", ""))}
         if rule.decision != "simple":
             about["probability of a verdict"] = f"{rule.probability:g}"
         _attributes(results, about)

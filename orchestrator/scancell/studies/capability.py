@@ -276,9 +276,11 @@ def read_effects(capability: str | Path | SavedResult) -> dict[str, Effect]:
         raise DescriptionError(key="capability", value=capability, expected="a result of scancell.capability")
     content = read_json(capability)
     rows = content.get("characteristics") if isinstance(content, dict) else None
-    require_format_version(content.get("format_version") if rows is not None else None, FORMAT_VERSION, capability)
+    if not isinstance(rows, list):
+        raise DescriptionError("is no capability", file=capability, expected="a file of `scancell capability`")
+    require_format_version(content.get("format_version"), FORMAT_VERSION, capability)
     try:
-        return {str(row["name"]): Effect(float(row["bias_si"]), float(row["deviation_si"])) for row in rows or ()}
+        return {str(row["name"]): Effect(float(row["bias_si"]), float(row["deviation_si"])) for row in rows}
     except (KeyError, TypeError, ValueError):
         raise DescriptionError(
             "is no capability", file=capability, expected="a file of `scancell capability`"
