@@ -385,8 +385,9 @@ class _Faces:
             own = self.numbers(one.faces, f"characteristic[{number}].faces")
             key = f"characteristic[{number}].to"
             if common := sorted({*own} & {*self.numbers(one.to, key)}):
-                where = {"file": self.source or None, "key": key}
-                raise DescriptionError(value=common[0], expected="another feature than that of faces", **where)
+                raise DescriptionError(
+                    file=self.source or None, key=key, value=common[0], expected="another feature than that of faces"
+                )
 
     def numbers(self, words: Sequence[int | str], key: str = "faces") -> list[int]:
         """Numbers of faces, from 0."""
