@@ -68,7 +68,7 @@ class Scanner(Closing):
     settings
         Changes of the nominal descriptions, ``{"cell.part.x_mm": 20}`` or ``["cell.part.x_mm=20"]``.
     ideal
-        Switch off all noise of sensor and encoders.
+        Switch off all noise of images and encoders; speckle is light, and stays.
     threads
         Threads of the ray tracer and the evaluation; 0 uses all cores.
     setup

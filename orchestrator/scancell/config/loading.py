@@ -124,7 +124,7 @@ def load_setup(
         Changes, ``{"cell.part.x_mm": 20}`` or ``["sensor.camera[1].tilt_deg=29.4"]``. Paths are relative to the
         current folder.
     ideal
-        Switch off all noise of sensor and encoders.
+        Switch off all noise of images and encoders; speckle is light, and stays.
 
     Raises
     ------
