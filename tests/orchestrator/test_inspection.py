@@ -358,6 +358,7 @@ def test_noise_hides_little_of_a_form() -> None:
         (5.5e-6, Effect(deviation=2e-6), "cannot be decided"),
         (4.5e-6, Effect(bias=9e-6, deviation=1e-9), "conforms"),
         (0.0, Effect(deviation=50e-6), "cannot be decided"),
+        (0.0, Effect(deviation=500e-6), "cannot be decided"),
     ],
 )
 def test_verdicts_keep_a_guard_band(grown: float, effect: Effect, verdict: str) -> None:

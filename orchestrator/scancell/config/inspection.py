@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from scancell.config.description import Angle, Coordinate, Description, Length, refuse_twins, validate
 from scancell.config.files import read_toml
-from scancell.config.scan import FeatureGoalDescription
+from scancell.config.scan import FaceName, FeatureGoalDescription
 
 SizeKind = Literal["diameter", "radius", "distance", "angle"]
 FormKind = Literal["straightness", "flatness", "roundness", "cylindricity"]
@@ -21,8 +21,7 @@ Criterion = Literal["least squares", "minimum zone", "minimum circumscribed", "m
 
 _SHARE_OF_ZONE = 0.9  # of the faces of a zone, which views should see
 _NEEDS_DATUM = (*get_args(OrientationKind), *get_args(LocationKind), *get_args(RunOutKind))
-_FaceName = Annotated[int, Field(ge=0, le=10_000_000)] | Annotated[str, Field(min_length=1)]
-_Faces = Annotated[tuple[_FaceName, ...], Field(min_length=1)]
+_Faces = Annotated[tuple[FaceName, ...], Field(min_length=1)]
 
 
 class DatumDescription(Description):
@@ -53,7 +52,7 @@ class CharacteristicDescription(Description):
     name: Annotated[str, Field(min_length=1)] = Field(description="name in the report")
     kind: CharacteristicKind = Field(description="kind of characteristic (ISO 14405, ISO 1101)")
     faces: _Faces = Field(description="faces of the feature by number, from 0, or by label")
-    to: tuple[_FaceName, ...] = Field(
+    to: tuple[FaceName, ...] = Field(
         default=(), description="faces of the second feature, of a distance, an angle or a symmetry"
     )
     datums: tuple[str, ...] = Field(default=(), description="names of datums in order of precedence, three at most")

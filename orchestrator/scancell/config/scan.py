@@ -282,16 +282,15 @@ class PairClearanceDescription(Description):
     clearance_mm: Length = Field(description="minimum distance between the two bodies, mm")
 
 
-_FaceName = Annotated[int, Field(ge=0, le=10_000_000)] | Annotated[str, Field(min_length=1)]
+FaceName = Annotated[int, Field(ge=0, le=10_000_000)] | Annotated[str, Field(min_length=1)]
 
 
 class FeatureGoalDescription(Description):
     """What views must tell of a feature of a CAD part: how well its place or size, how much of its faces, or both."""
 
-    faces: Annotated[
-        tuple[Annotated[int, Field(ge=0, le=10_000_000)] | Annotated[str, Field(min_length=1)], ...],
-        Field(min_length=1),
-    ] = Field(description="faces of the feature by number, from 0, or by label")
+    faces: Annotated[tuple[FaceName, ...], Field(min_length=1)] = Field(
+        description="faces of the feature by number, from 0, or by label"
+    )
     deviation_um: Annotated[float, Field(gt=0.0, le=1e6)] | None = Field(
         default=None, description="largest predicted standard deviation of its least-squares surface, um"
     )

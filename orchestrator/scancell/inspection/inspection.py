@@ -488,7 +488,10 @@ def _decided(
     by_calibration: float,
     rule: InspectionDescription,
 ) -> Decision:
-    """Verdict by the probability of conformance of a normal distribution about the value (ISO 14253-1, JCGM 106)."""
+    """Verdict by probabilities of a normal distribution about the value (ISO 14253-1, JCGM 106).
+
+    Nonconformance is that beyond one of the limits: a value much less certain than the tolerance proves none.
+    """
     if one.kind == "angle" and one.nominal_deg is not None:
         # Drawings state the angle of either side.
         given, other = np.radians(one.nominal_deg), np.pi - measured.nominal
@@ -506,7 +509,7 @@ def _decided(
         verdict = "cannot be decided"
         if probability >= rule.probability:
             verdict = "conforms"
-        elif 1 - probability >= rule.probability:
+        elif max(ndtr((low - value) / deviation), ndtr((value - high) / deviation)) >= rule.probability:
             verdict = "does not conform"
     return replace(plain, probability=probability, verdict=verdict)
 
