@@ -372,6 +372,16 @@ def test_verdicts_keep_a_guard_band(grown: float, effect: Effect, verdict: str) 
     assert simple.verdict == ("conforms" if 2 * grown - effect.bias < 10e-6 else "does not conform")
 
 
+@pytest.mark.parametrize("effect", [Effect(bias=60e-6, deviation=1e-6), Effect(deviation=60e-6)])
+def test_mean_error_of_a_zone_hides_no_deviation(effect: Effect) -> None:
+    """A wall of 20 µm out of square, in a cell whose errors widen the zone of a perfect one to 60 µm."""
+    wall = {"kind": "perpendicularity", "faces": [_X], "datums": ["A"], "tolerance_mm": 0.01, "name": "w"}
+    points, description = cloud_of(_PART, 9000, 8, 0.2e-6, {_X: _turn(1e-3, 1e-3)}), _described(wall)
+    decided = inspect_part(_PART, points, description, align="none", effects={"w": effect}).decisions[0]
+    assert decided.verdict == "cannot be decided"
+    assert decided.interval[1] > 20e-6 and decided.value > 15e-6
+
+
 def test_sizes_are_those_at_the_reference_temperature() -> None:
     points = cloud_of(_PART, 9000, 9) * (1 + 11.5e-6 * 10)
     warm = {"part_c": 30.0, "part_uncertainty_k": 0.5}

@@ -566,8 +566,14 @@ class CellSession:
     ) -> Recording:
         """Turn the table as in `turn_table`, with exposures on the way; the first one begins at the start.
 
-        `spacing` is the turn from one exposure to the next, rad; the other parameters and errors are those of
-        `record_line`.
+        Errors are those of `record_line`, and so are `exposure` and `batches`.
+
+        Parameters
+        ----------
+        table_angle, speed, timeout
+            As in `turn_table`.
+        spacing
+            Turn from one exposure to the next, rad.
         """
         return self._record(
             lambda: self.turn_table(table_angle, speed=speed, timeout=timeout),

@@ -49,6 +49,14 @@ class Effect:
     bias: float = 0.0
     deviation: float = 0.0
 
+    @property
+    def of_zone(self) -> Effect:
+        """On a zone, whose mean error on a perfect part tells how far errors reach, and not what to subtract.
+
+        The same errors hide a deviation of the part in one measurement and add to it in another.
+        """
+        return Effect(0.0, float(np.hypot(self.bias, self.deviation)))
+
 
 @dataclass(frozen=True)
 class Decision:
@@ -104,8 +112,7 @@ class Decision:
     def interval(self) -> tuple[float, float]:
         """95 % interval of the value, m or rad; it begins at 0 at least."""
         half = float(ndtri(0.5 + _EXPANDED / 2)) * self.uncertainty
-        measured = float("nan") if self.measured is None else self.measured.value - self.effect.bias
-        return max(measured - half, 0.0), max(measured + half, 0.0)
+        return max(self.value - half, 0.0), self.value + half
 
     def row(self) -> dict[str, Any]:
         """Plain data: lengths in mm with uncertainties in µm, angles in degrees; None for what is unknown."""
@@ -498,8 +505,9 @@ def _decided(
         if abs(other - given) < abs(measured.nominal - given):
             measured = replace(measured, value=np.pi - measured.value, raw=np.pi - measured.raw, nominal=other)
     low, high = _limits(one, measured)
+    effect = effect if one.is_size else effect.of_zone
     plain = Decision(one, measured, low, high, effect, by_temperature, by_calibration)
-    value, deviation = measured.value - effect.bias, plain.uncertainty
+    value, deviation = plain.value, plain.uncertainty
     if rule.decision == "simple" or deviation == 0.0:
         inside = low <= value <= high
         probability = float(inside) if deviation == 0.0 else _probability(value, deviation, low, high)

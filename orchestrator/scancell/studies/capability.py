@@ -6,13 +6,13 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from scancell.arrays import Array
-from scancell.config.inspection import InspectionDescription
+from scancell.config.inspection import InspectionDescription, SizeKind
 from scancell.config.loading import Setup
 from scancell.config.study import load_study
 from scancell.errors import DescriptionError, ScancellError
@@ -116,20 +116,28 @@ class CapabilityRow(Value):
 
     @property
     def effect(self) -> Effect:
-        """Mean error, and the spread that the noise of the points does not explain."""
+        """Mean error of a size, and the spread that noise of the points does not explain; of a zone both together."""
         found = self.errors[np.isfinite(self.errors)]
         if len(found) < 2:
             return Effect()
         noise, count = float(np.nanmean(self.random**2)), len(found)
         # Few measurements tell the spread with few degrees of freedom, and its mean is uncertain, too (JCGM 100 G.3).
         wider = float(stdtrit(count - 1, _SURE) / ndtri(_SURE)) * (1 + 1 / count) ** 0.5
-        return Effect(float(found.mean()), wider * float(np.sqrt(max(0.0, found.var(ddof=1) - noise))))
+        made = Effect(float(found.mean()), wider * float(np.sqrt(max(0.0, found.var(ddof=1) - noise))))
+        return made if self._is_size else made.of_zone
 
     @property
     def expanded(self) -> float:
-        """Expanded uncertainty (coverage factor 2) of a value that is corrected for the mean error."""
+        """Expanded uncertainty (coverage factor 2) of a size that is corrected for the mean error, or of a zone."""
         found = self.errors[np.isfinite(self.errors)]
-        return 2 * float(found.std(ddof=1)) if len(found) > 1 else float("nan")
+        if len(found) < 2:
+            return float("nan")
+        deviation = float(found.std(ddof=1))
+        return 2 * (deviation if self._is_size else float(np.hypot(deviation, found.mean())))
+
+    @property
+    def _is_size(self) -> bool:
+        return self.kind in get_args(SizeKind)
 
     @property
     def share(self) -> float:
