@@ -279,7 +279,7 @@ AsBuiltOption = Annotated[
     ),
 ]
 EngineOption = Annotated[Engine, "rendered camera images, or ideal ray intersection"]
-IdealOption = Annotated[bool, "switch off all noise"]
+IdealOption = Annotated[bool, "switch off all noise but speckle"]
 SeedOption = Annotated[int, typer.Option(min=0, max=2**31 - 1, help="random seed")]
 UnitOption = Annotated[str, "unit of the mesh file: mm, m or inch"]
 CloudUnitOption = Annotated[LengthUnit | None, "unit of the cloud file; by default what the file states, or else mm"]

@@ -198,7 +198,7 @@ def batch(
     scan: ScanOption = None,
     settings: SetOption = None,
     as_built: AsBuiltOption = None,
-    ideal: Annotated[bool | None, typer.Option("--ideal/--noisy", help="switch off all noise")] = None,
+    ideal: Annotated[bool | None, typer.Option("--ideal/--noisy", help="switch off all noise but speckle")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="random seed")] = None,
     unit: Annotated[str | None, "unit of the mesh files: mm, m or inch"] = None,
 ) -> Outcome:

@@ -194,7 +194,7 @@ class VaryingScansDescription(Description):
     as_built: tuple[str, ...] = Field(
         default=(), description="deviations of the true cell in all scans, as for --as-built"
     )
-    ideal: bool = Field(default=False, description="switch off all noise")
+    ideal: bool = Field(default=False, description="switch off all noise but speckle")
     seed: Annotated[int, Field(ge=0, le=2**31 - 1)] = Field(default=0, description="random seed")
     design: DesignDescription = Field(description="design of experiments")
     factor: tuple[FactorDescription, ...] = Field(default=(), description="independent factors")
