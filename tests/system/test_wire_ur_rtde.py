@@ -146,5 +146,5 @@ def reads(reading: Callable[[], list[float]], expected: object, most: float) -> 
 def wait_for(condition: Callable[[], bool], longest: float = 20.0) -> None:
     end = time.monotonic() + longest
     while not condition():
-        assert time.monotonic() < end, "in vain"
+        assert time.monotonic() < end, "the condition did not come true in time"
         time.sleep(0.01)

@@ -55,7 +55,7 @@ class _Series:
 
 @dataclass
 class _Content:
-    """What a bag holds: times (ns) of the profiles, their points, and series by names of joints and frames."""
+    """Content of a bag: times (ns) and points of the profiles, and series of samples by names of joints and frames."""
 
     time: list[int] = field(default_factory=list)
     sensor: list[int] = field(default_factory=list)
@@ -326,7 +326,7 @@ def _rate_column(column: str) -> str:
 
 
 def _between(at: Array, time: Array) -> NDArray[np.bool_]:
-    """Which times (n,) are those of readings (m,), or between two that are near to each other."""
+    """Flags (n,) of the times that are those of readings (m,), or lie between two readings near to each other."""
     after = np.clip(np.searchsorted(at, time), 1, len(at) - 1)
     gap = at[after] - at[after - 1]
     is_near = (gap <= _LONGEST_GAP) & (time >= at[0]) & (time <= at[-1])

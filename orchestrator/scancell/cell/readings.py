@@ -1,4 +1,4 @@
-"""What scripts read of a running cell: sensors, encoders and the controller; true values are not among it."""
+"""Readings of a running cell for scripts: sensors, encoders and controller, but no true values."""
 
 from __future__ import annotations
 

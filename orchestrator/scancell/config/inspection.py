@@ -181,7 +181,7 @@ class InspectionDescription(Description):
         return validate(cls, read_toml(Path(path)), str(path))
 
     def feature_goals(self, share: float = 0.1) -> tuple[FeatureGoalDescription, ...]:
-        """What views must tell, for ``scan.coverage.feature``.
+        """Goals of the views for each feature, for ``scan.coverage.feature``.
 
         Sizes, places and datums: the predicted expanded uncertainty by noise (coverage factor 2) is at most `share` of
         the tolerance. Forms, profiles, orientations and run-outs, whose zones need points everywhere, angles, and

@@ -286,7 +286,7 @@ FaceName = Annotated[int, Field(ge=0, le=10_000_000)] | Annotated[str, Field(min
 
 
 class FeatureGoalDescription(Description):
-    """What views must tell of a feature of a CAD part: how well its place or size, how much of its faces, or both."""
+    """Goal of the views for a feature of a CAD part: uncertainty of its place or size, share of its faces, or both."""
 
     faces: Annotated[tuple[FaceName, ...], Field(min_length=1)] = Field(
         description="faces of the feature by number, from 0, or by label"

@@ -39,7 +39,7 @@ class AxisDescription(Description):
 
 
 class BagDescription(Description):
-    """What of a ROS 2 bag counts: profiles, and joints or poses of the flange at their time stamps."""
+    """Topics, joints and frames of a ROS 2 bag that give profiles and the readings at their time stamps."""
 
     profiles: tuple[str, ...] = Field(
         default=(),

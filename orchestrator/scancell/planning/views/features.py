@@ -1,4 +1,4 @@
-"""What views tell of features of a CAD part: the predicted standard deviation of a feature's least-squares surface.
+"""Predicted standard deviations of the least-squares surfaces of features of a CAD part, by the views of a scan.
 
 Each sample of a face that a view sees adds information on the motions of the face's surface, and on its size, by the
 noise of points and by what the points of a profile have in common. The deviation of a feature is that of its radius, or
@@ -50,7 +50,7 @@ class PointNoise:
 
 
 class Goal(Protocol):
-    """What views are chosen for."""
+    """Goal of the choice of views, with the gain of each candidate towards it."""
 
     least_gain: float  # that a view must add
 

@@ -6,10 +6,9 @@ import contextlib
 import socket
 import time
 from collections.abc import Sequence
-from types import TracebackType
-from typing import Self
 
 from scancell.errors import LinkError
+from scancell.values import Closing
 from scancell.wire.ur.packets import (
     Kind,
     Numbers,
@@ -27,7 +26,7 @@ _RECEIVE = 65_536
 _LINE = 10_000  # bytes of an answer of the dashboard
 
 
-class _Connection:
+class _Connection(Closing):
     """A TCP connection with a limit of waiting, s."""
 
     def __init__(self, host: str, port: int, timeout: float) -> None:
@@ -37,14 +36,6 @@ class _Connection:
         except OSError as error:
             raise LinkError(f"{self._name}: {error}", expected="a controller that listens there") from None
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close the connection."""
