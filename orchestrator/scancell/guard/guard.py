@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Collection, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -415,6 +416,22 @@ class Guard:
         self._speeds: deque[tuple[float, float]] = deque()
         self._stopping = False
         self.decision = Decision()
+
+    def renewed(self) -> Guard:
+        """A guard of the same cell that knows nothing of the past, without the time that a first one takes.
+
+        Examples
+        --------
+        >>> setup = scancell.load_setup()
+        >>> nominal = scancell.nominal_cell(setup.cell, scancell.load_part("part.stl"))
+        >>> scancell.Guard(nominal, setup.cell.robot).renewed().decision.stop
+        False
+        """
+        guard = copy(self)
+        guard._near = None
+        guard._place(())
+        guard.reset()
+        return guard
 
     def check(self, points: ArrayLike) -> MotionClash | None:
         """None if a motion is proved free of contact, else a point of it where it is not.

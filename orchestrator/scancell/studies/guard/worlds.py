@@ -134,7 +134,11 @@ class World:
     grips: bool = False
 
     def guard(self) -> Guard:
-        """A guard of this cell, as `guard_of` makes it."""
+        """A new guard of this cell, as `guard_of` makes it."""
+        return self._first_guard.renewed()
+
+    @cached_property
+    def _first_guard(self) -> Guard:
         described = self.described
         known = with_finger_travel(self.nominal, described)
         return Guard(known, described.robot, self.settings, touching(known, described), movable_parts(described))
