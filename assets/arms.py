@@ -1,4 +1,5 @@
-"""Two further arms in millimetres: links with offsets instead of a spherical wrist, and seven links as a URDF file.
+"""Further arms in millimetres: links with offsets instead of a spherical wrist, seven links as a URDF file, and links
+that Denavit-Hartenberg rows of an arm with a spherical wrist determine.
 
 The offset arm is drawn in its Denavit-Hartenberg frames: upper arm and forearm lie in planes beside each other, so that
 the elbow folds past. The seven-axis arm is drawn in the frames of its URDF file: frames of even links have y upwards
@@ -7,6 +8,7 @@ with the arm stretched up, the others z.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -187,3 +189,40 @@ def _link(number: int, mesh: trimesh.Trimesh) -> list[str]:
         "    </visual>",
         "  </link>",
     ]
+
+
+Row = tuple[float, float, float]  # a (mm), d (mm), alpha (deg)
+
+
+def ball_wrist_base(rows: Sequence[Row]) -> Manifold:
+    """Foot and column in the base frame, on the side of z where joint 2 is."""
+    height = abs(rows[0][1])
+    column = union([drum(92, 0, 16, chamfer=2), drum(74, 10, 0.45 * height, chamfer=4)])
+    return column if rows[0][1] > 0 else column.mirror((0, 0, 1))
+
+
+def ball_wrist_link(number: int, rows: Sequence[Row]) -> Manifold:
+    """Link of an arm with a spherical wrist, in its frame, between its two axes by the Denavit-Hartenberg rows."""
+    a, d, alpha = rows[number - 1]
+    turn = np.radians(alpha)
+    axis = np.array([0.0, np.sin(turn), np.cos(turn)])  # of the link's joint
+    near, start, end = np.array([-a, 0.0, 0.0]), np.array([-a, 0.0, 0.0]) - d * axis, np.zeros(3)
+    if number == 1:
+        return union([_capsule(70, start + 0.6 * d * axis, near), _capsule(66, near, end)])
+    if number == 2:
+        return _capsule(56, near, end)
+    if number == 3:
+        root = np.array([0.0, 0.0, np.copysign(90.0, rows[3][1])])
+        return union([_capsule(52, near, end), _capsule(44, end, root)])
+    if number == 4:
+        return _capsule(34, start + np.copysign(125.0, d) * axis, end)
+    if number == 5:
+        seat = np.array([0.0, 0.0, rows[5][1] - np.copysign(52.0, rows[5][1])])
+        return union([_capsule(36, end, end), _capsule(25, end, seat)])
+    body = union([drum(27, -30, -10, chamfer=2), drum(25, -14, 0, chamfer=1)])
+    return body - union(ring_of(drum(3, -10, 1, at=(20, 0, 0), chamfer=0, segments=20), 4, start_deg=45))
+
+
+def _capsule(radius: float, start: np.ndarray, end: np.ndarray) -> Manifold:
+    ball = Manifold.sphere(radius, 48)
+    return hull(ball.translate(tuple(start.tolist())), ball.translate(tuple(end.tolist())))

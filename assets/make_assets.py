@@ -20,6 +20,12 @@ from shapes import write_stl  # noqa: E402
 
 SEVEN = "robots/seven_axis_urdf"
 
+# Denavit-Hartenberg rows of arms with a spherical wrist, as in their files: a (mm), d (mm), alpha (deg).
+BALL_WRISTS: dict[str, tuple[arms.Row, ...]] = {
+    "irb1200": ((0, 399.1, -90), (-448, 0, 0), (-42, 0, 90), (0, 451, -90), (0, 0, 90), (0, 82, 0)),
+    "kr6_r900": ((25, -400, 90), (455, 0, 0), (-35, 0, -90), (0, -420, 90), (0, 0, -90), (0, -80, 180)),
+}
+
 MESHES = {
     "robots/six_axis/base.stl": machines.base,
     "robots/six_axis/link1.stl": machines.link1,
@@ -37,6 +43,12 @@ MESHES = {
     "robots/ur5e/link4.stl": partial(arms.offset_link4, 133.3),
     "robots/ur5e/link5.stl": partial(arms.offset_link5, 99.7),
     "robots/ur5e/link6.stl": partial(arms.offset_link6, 99.6),
+    **{f"robots/{name}/base.stl": partial(arms.ball_wrist_base, rows) for name, rows in BALL_WRISTS.items()},
+    **{
+        f"robots/{name}/link{k}.stl": partial(arms.ball_wrist_link, k, rows)
+        for name, rows in BALL_WRISTS.items()
+        for k in range(1, 7)
+    },
     f"{SEVEN}/meshes/link0.stl": arms.seven_base,
     **{f"{SEVEN}/meshes/link{k}.stl": getattr(arms, f"seven_link{k}") for k in range(1, 8)},
     "tables/rotary_table.stl": machines.platter,

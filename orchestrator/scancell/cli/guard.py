@@ -68,7 +68,7 @@ def guard_watch(
     """Warn of contacts of a real robot, slow it down and stop it, until Ctrl-C; no safety function (docs/wire.md)."""
     from scancell.guard.server import stop_signals  # noqa: PLC0415
     from scancell.nominal.cell import nominal_cell  # noqa: PLC0415
-    from scancell.wire.ur.variables import check_joints  # noqa: PLC0415
+    from scancell.wire.robot import check_joints  # noqa: PLC0415
     from scancell.wire.ur.watch import UrWatch, watch_ur  # noqa: PLC0415
     from scancell.wire.watch import Watch  # noqa: PLC0415
 

@@ -6,6 +6,7 @@ is the first tool of the cell, the sensor that the arm carries, until `VirtualRo
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from scancell.arrays import Array
 from scancell.cell.driver import Operation, refusal
-from scancell.errors import CommandError
+from scancell.errors import CommandError, DescriptionError
 from scancell.geometry import pose
 from scancell.nominal.cell import flange_from_tool
 from scancell.scanning.session import ScanSession
@@ -23,6 +24,8 @@ from scancell.scanning.session import ScanSession
 _LATCHED = 3  # controller.state of a stop that stays in force until a reset
 _DAMPING = 1e-3  # of the inverse Jacobian: singular positions make no infinite speeds
 _NO_LENGTH = 1e-6  # m: a line shorter than this is a turn
+_JOINTS = 6  # of the robots whose controllers are emulated
+_LOGGED = 3  # lines of one kind of refusals that are shown
 
 Rates = Callable[[], Array]
 
@@ -85,6 +88,11 @@ class VirtualRobot:
     def home(self) -> Array:
         """Joint angles (joints,) of the home position."""
         return self._session.home
+
+    @property
+    def max_acceleration(self) -> Array:
+        """Limits (joints,) of the accelerations of the joints, rad/s²."""
+        return self._arm.max_acceleration
 
     @property
     def joints(self) -> Array:
@@ -160,6 +168,11 @@ class VirtualRobot:
 
     def joints_nearby(self, base_from_tcp: Array) -> Array | None:
         """Joint angles (joints,) at a pose near the present one, in less time than `joints_for`; None if it fails."""
+        if self._arm.has_closed_form:
+            try:
+                return self.joints_for(base_from_tcp)
+            except CommandError:
+                return None
         near = self.targets[None]
         found = self._arm.near(self._carrier_from_flange(base_from_tcp)[None], near, near)[0]
         return np.asarray(found) if np.isfinite(found).all() else None
@@ -345,6 +358,57 @@ class _RateStream:
         self.rate = self.rate + change * min(1.0, self.acceleration * cycle / max(most, 1e-12))
         self.position = np.clip(self.position + self.rate * cycle, *limits)
         return self.position
+
+
+class RobotController:
+    """What the emulated controllers of all makers have: a robot, and a log of what they refuse.
+
+    Parameters
+    ----------
+    robot
+        The robot that it moves, of six joints.
+    show
+        Receives lines of the log.
+
+    Raises
+    ------
+    DescriptionError
+        If the robot has another number of joints.
+
+    Attributes
+    ----------
+    refusals
+        Number of refused requests by the interface that they came to.
+    """
+
+    robot: VirtualRobot
+
+    def __init__(self, robot: VirtualRobot, show: Callable[[str], None] = lambda _: None) -> None:
+        check_joints(len(robot.home))
+        self.robot, self._show = robot, show
+        self.refusals: Counter[str] = Counter()
+
+    @property
+    def cycle(self) -> float:
+        """Cycle, s."""
+        return self.robot.cycle
+
+    def log(self, line: str) -> None:
+        """Show a line."""
+        self._show(f"{self.robot.time:10.3f} s  {line}")
+
+    def refuse(self, interface: str, reason: str) -> None:
+        """Count a refusal, and show the first ones of each interface."""
+        self.refusals[interface] += 1
+        if self.refusals[interface] <= _LOGGED:
+            last = ": further ones are counted" if self.refusals[interface] == _LOGGED else ""
+            self.log(f"refused by {interface}: {reason}{last}")
+
+
+def check_joints(count: int) -> None:
+    """Raise `DescriptionError` if an arm has not the number of joints of the robots whose controllers are emulated."""
+    if count != _JOINTS:
+        raise DescriptionError(key="cell.robot.joint", value=count, expected=f"{_JOINTS} joints")
 
 
 def _share(speed: float, full: float) -> float:

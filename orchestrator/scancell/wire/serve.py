@@ -1,8 +1,9 @@
-"""TCP servers around a simulated controller, in real or in simulated time."""
+"""Sockets around a simulated controller, in real or in simulated time: TCP servers, and clients of UDP."""
 
 from __future__ import annotations
 
 import contextlib
+import math
 import socket
 import time
 from collections.abc import Callable, Mapping
@@ -11,7 +12,9 @@ from selectors import EVENT_READ, EVENT_WRITE, DefaultSelector
 from typing import Protocol
 
 from scancell.config.choices import LOOPBACK
+from scancell.errors import LinkError
 from scancell.guard.server import bound_socket, stop_signals
+from scancell.guard.transport import resolved
 
 _MAX_CLIENTS = 64
 _RECEIVE = 65_536  # bytes at a time
@@ -22,7 +25,7 @@ _IDLE = 0.2  # s between looks at a cell in which nothing happens
 
 
 class Peer(Protocol):
-    """One client's connection: bytes in, bytes out."""
+    """One client's connection, or a sensor to which the controller sends datagrams: bytes in, bytes out."""
 
     @property
     def is_open(self) -> bool:
@@ -30,13 +33,13 @@ class Peer(Protocol):
 
     @property
     def is_started(self) -> bool:
-        """Whether the client receives data in every cycle, or at its own rate."""
+        """Whether the client receives data in every cycle, or at its own rate; of a sensor, whether it answered."""
 
     def receive(self, received: bytes) -> bytes:
         """Answers to what the client sent."""
 
     def cycle(self) -> bytes:
-        """What is to be sent at the end of a cycle."""
+        """What is to be sent at the end of a cycle; to a sensor that does not answer in simulated time again."""
 
     def close(self) -> None:
         """The connection has ended."""
@@ -85,11 +88,13 @@ def serve_controller(
     host: str = LOOPBACK,
     realtime: bool = True,
     started: Callable[[str], None] = lambda _: None,
+    sensors: Mapping[tuple[str, int], Peer] | None = None,
 ) -> Timing:
     """Serve clients until SIGINT or SIGTERM; to be called in the main thread.
 
     In real time a cycle of the controller begins when it is due by the clock. In simulated time cycles follow each
-    other as fast as all clients read them, and none passes while no client receives data and no program runs.
+    other as fast as all clients read them, and none passes while no client receives data and no program runs, or before
+    a sensor has answered.
 
     Parameters
     ----------
@@ -103,15 +108,17 @@ def serve_controller(
         Whether it runs in real time.
     started
         Called with the address when the servers listen.
+    sensors
+        What answers by datagrams of UDP, by address and port: the controller sends there in every cycle.
 
     Raises
     ------
     LinkError
-        If an address cannot be listened on.
+        If an address cannot be listened on, or sent to.
     CellError
         If the FMU reports an error.
     """
-    with ControllerServer(controller, ports, host, realtime) as server, stop_signals() as stop:
+    with ControllerServer(controller, ports, host, realtime, sensors) as server, stop_signals() as stop:
         server.selector.register(stop, EVENT_READ)
         started(server.address)
         server.run(lambda: bool(server.readable(stop)))
@@ -132,7 +139,12 @@ class ControllerServer:
     """
 
     def __init__(
-        self, controller: Controller, ports: Mapping[int, Callable[[], Peer]], host: str, realtime: bool
+        self,
+        controller: Controller,
+        ports: Mapping[int, Callable[[], Peer]],
+        host: str,
+        realtime: bool,
+        sensors: Mapping[tuple[str, int], Peer] | None = None,
     ) -> None:
         self._controller, self._realtime = controller, realtime
         self.selector = DefaultSelector()
@@ -140,6 +152,8 @@ class ControllerServer:
         self.address, self.ports = host, dict[int, int]()
         self._listeners: dict[socket.socket, Callable[[], Peer]] = {}
         self._clients: dict[socket.socket, _Client] = {}
+        self._sensors: dict[socket.socket, Peer] = {}
+        self._sent_at = -math.inf  # to sensors
         self._ready: set[object] = set()
         try:
             for port, make in ports.items():
@@ -147,6 +161,10 @@ class ControllerServer:
                 self._listeners[listener] = make
                 self.selector.register(listener, EVENT_READ)
                 self.address, self.ports[port] = listener.getsockname()[:2]
+            for address, sensor in (sensors or {}).items():
+                connection = _datagrams(*address)
+                self._sensors[connection] = sensor
+                self.selector.register(connection, EVENT_READ)
         except BaseException:
             self.close()
             raise
@@ -161,8 +179,8 @@ class ControllerServer:
         """Close all connections."""
         for client in list(self._clients.values()):
             self._drop(client)
-        for listener in self._listeners:
-            listener.close()
+        for source in (*self._listeners, *self._sensors):
+            source.close()
         self.selector.close()
 
     def readable(self, source: object) -> bool:
@@ -184,6 +202,8 @@ class ControllerServer:
             else:
                 self._look(0.0 if self._may_step else _IDLE)
                 if not self._may_step:
+                    if time.monotonic() - self._sent_at >= _IDLE:
+                        self._send_to_sensors()
                     continue
             self._step()
 
@@ -191,14 +211,23 @@ class ControllerServer:
     def _may_step(self) -> bool:
         """Whether a cycle may pass in simulated time."""
         clients = self._clients.values()
-        is_wanted = self._controller.is_running or any(client.peer.is_started for client in clients)
-        return is_wanted and not any(client.unsent for client in clients)
+        if not all(sensor.is_started for sensor in self._sensors.values()) or any(client.unsent for client in clients):
+            return False
+        is_started = bool(self._sensors) or any(client.peer.is_started for client in clients)
+        return is_started or self._controller.is_running
 
     def _step(self) -> None:
         self._controller.step()
         self.timing.cycles += 1
         for client in list(self._clients.values()):
             self._send(client, client.peer.cycle())
+        self._send_to_sensors()
+
+    def _send_to_sensors(self) -> None:
+        self._sent_at = time.monotonic()
+        for connection, sensor in self._sensors.items():
+            with contextlib.suppress(OSError):  # a full buffer, or nobody listens yet: the next cycle sends again
+                connection.send(sensor.cycle())
 
     def _look(self, timeout: float) -> None:
         """Take what has come, and send what waits, for at most `timeout`, s."""
@@ -209,6 +238,9 @@ class ControllerServer:
             assert isinstance(source, socket.socket)
             if source in self._listeners:
                 self._accept(source)
+            elif (sensor := self._sensors.get(source)) is not None:
+                with contextlib.suppress(OSError):  # nobody listens at the address
+                    sensor.receive(source.recv(_RECEIVE))
             elif (client := self._clients.get(source)) is not None:
                 if mask & EVENT_WRITE:
                     self._send(client, b"")
@@ -278,3 +310,19 @@ class ControllerServer:
             self.selector.unregister(client.connection)
         client.connection.close()
         client.peer.close()
+
+
+def _datagrams(host: str, port: int) -> socket.socket:
+    """Socket that sends to an address, and receives from there alone."""
+    try:
+        family, address = resolved(host, port, socket.SOCK_DGRAM)
+        made = socket.socket(family, socket.SOCK_DGRAM)
+        try:
+            made.connect(address)
+        except BaseException:
+            made.close()
+            raise
+    except OSError as error:
+        raise LinkError(f"{host}:{port}: {error}", expected="the address of a sensor") from None
+    made.setblocking(False)
+    return made

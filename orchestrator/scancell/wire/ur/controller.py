@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from scancell.errors import ProgramError
-from scancell.wire.robot import VirtualRobot
+from scancell.wire.robot import RobotController, VirtualRobot
 from scancell.wire.ur import program as programs
 from scancell.wire.ur.control import ControlProgram, ControlScript
 from scancell.wire.ur.program import Task
 from scancell.wire.ur.script import is_secondary, statements
-from scancell.wire.ur.variables import INPUTS, REGISTERS, check_joints
+from scancell.wire.ur.variables import INPUTS, REGISTERS
 
 _STOPPED, _PLAYING, _PAUSED = 1, 2, 4  # runtime_state
 _ACTIONS = ("pause", "stop", "ignore")  # of a watchdog
-_LOGGED = 3  # lines of one kind of refusals that are shown
 
 
 @dataclass(frozen=True)
@@ -30,62 +28,27 @@ class _Watchdog:
     action: str
 
 
-class UrController:
-    """Runs one program at a time, and steps the robot.
-
-    Parameters
-    ----------
-    robot
-        The robot that it moves, of six joints.
-    show
-        Receives lines of the log.
-
-    Raises
-    ------
-    DescriptionError
-        If the robot has another number of joints.
+class UrController(RobotController):
+    """Runs one program at a time, and steps the robot; parameters and errors are those of `RobotController`.
 
     Attributes
     ----------
     registers
         Values of registers by their RTDE names; those that are missing are 0.
-    refusals
-        Number of refused requests by the port that they came to.
     """
 
     version = (5, 12, 0, 0)  # of PolyScope, whose interfaces are emulated
-    robot: VirtualRobot
     speed_slider: float
 
     def __init__(self, robot: VirtualRobot, show: Callable[[str], None] = lambda _: None) -> None:
-        check_joints(len(robot.home))
-        self.robot, self._show = robot, show
+        super().__init__(robot, show)
         self.registers: dict[str, float] = {}
-        self.refusals: Counter[str] = Counter()
         self.speed_slider = 1.0
         self._program: Task | None = None
         self._is_paused = False
         self._reserved: dict[object, set[str]] = {}
         self._watchdog: _Watchdog | None = None
         self._written: dict[str, float] = {}  # times of the last writing
-
-    @property
-    def cycle(self) -> float:
-        """Cycle, s."""
-        return self.robot.cycle
-
-    # Log
-
-    def log(self, line: str) -> None:
-        """Show a line."""
-        self._show(f"{self.robot.time:10.3f} s  {line}")
-
-    def refuse(self, port: str, reason: str) -> None:
-        """Count a refusal, and show the first ones of each port."""
-        self.refusals[port] += 1
-        if self.refusals[port] <= _LOGGED:
-            last = ": further ones are counted" if self.refusals[port] == _LOGGED else ""
-            self.log(f"refused by {port}: {reason}{last}")
 
     # Inputs
 

@@ -7,14 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from scancell.errors import DescriptionError
 from scancell.geometry import pose
 
 if TYPE_CHECKING:
     from scancell.arrays import Array
     from scancell.wire.ur.controller import UrController
 
-JOINTS = 6
 _INT_REGISTERS = range(48)
 _BITS = range(64, 128)
 
@@ -26,12 +24,6 @@ _NORMAL_BIT, _PROTECTIVE_STOP_BIT, _STOPPED_BIT = 1 << 0, 1 << 2, 1 << 10
 _RUNNING = 7  # robot_mode, and joint_mode 253
 _JOINT_RUNNING = 253
 _POWER_ON_BIT, _PROGRAM_RUNNING_BIT = 1 << 0, 1 << 1
-
-
-def check_joints(count: int) -> None:
-    """Raise `DescriptionError` if an arm has another number of joints than the robots of the maker."""
-    if count != JOINTS:
-        raise DescriptionError(key="cell.robot.joint", value=count, expected=f"{JOINTS} joints")
 
 
 def pose_vector(base_from_tcp: Array) -> Array:
