@@ -16,10 +16,14 @@ import numpy as np
 import scancell
 from scancell.config.choices import LOOPBACK
 from scancell.wire.abb.controller import EgmController
+from scancell.wire.kuka.controller import RsiController
 from scancell.wire.robot import VirtualRobot
 from scancell.wire.serve import ControllerServer, Peer
 
-CELLS = {maker: scancell.assets_dir() / "cells" / f"{name}.toml" for maker, name in (("abb", "irb1200"),)}
+CELLS = {
+    maker: scancell.assets_dir() / "cells" / f"{name}.toml"
+    for maker, name in (("abb", "irb1200"), ("kuka", "kr6_r900"))
+}
 RESOLUTION = np.radians(0.0002)  # of the encoders
 _WAIT = 20.0  # s
 
@@ -34,6 +38,12 @@ def robot_of(maker: str, **settings: object) -> Iterator[VirtualRobot]:
 def abb_controller(**settings: object) -> Iterator[EgmController]:
     with robot_of("abb", **settings) as robot:
         yield EgmController(robot)
+
+
+@contextlib.contextmanager
+def kuka_controller(is_absolute: bool = False, **settings: object) -> Iterator[RsiController]:
+    with robot_of("kuka", **settings) as robot:
+        yield RsiController(robot, is_absolute=is_absolute)
 
 
 class SensorSocket:

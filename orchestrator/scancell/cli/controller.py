@@ -16,8 +16,10 @@ from scancell.cli.common import Outcome, SetOption, TablePartOption, UnitOption,
 from scancell.config.choices import LOOPBACK
 
 if TYPE_CHECKING:
+    from scancell.wire.abb.controller import EgmController
+    from scancell.wire.kuka.controller import RsiController
     from scancell.wire.robot import RobotController, VirtualRobot
-    from scancell.wire.serve import Timing
+    from scancell.wire.serve import Peer, Timing
 
 CellArgument = Annotated[Path, "cell description (TOML) with an arm of six joints, such as assets/cells/ur5e.toml"]
 SimulatedOption = Annotated[
@@ -70,20 +72,53 @@ def controller_abb(
 ) -> Outcome:
     """Send states by EGM of ABB to a program, which guides the robot, until Ctrl-C (docs/wire.md)."""
     from scancell.wire.abb.controller import EgmController, EgmServer  # noqa: PLC0415
-    from scancell.wire.serve import serve_controller  # noqa: PLC0415
 
     show = _show(as_json)
     with _robot(cell, settings, part, unit) as robot:
         controller = EgmController(robot, show)
-        sensors = {(host, port): EgmServer(controller)}
-        timing = serve_controller(
-            controller,
-            {},
-            realtime=not simulated,
-            sensors=sensors,
-            started=lambda _: show(f"controller: abb {host} {port}"),
-        )
-        return _outcome(controller, timing)
+        return _guided("abb", controller, EgmServer(controller), (host, port), simulated, show)
+
+
+@command("controller kuka")
+def controller_kuka(
+    cell: CellArgument,
+    part: TablePartOption = None,
+    unit: UnitOption = "mm",
+    settings: SetOption = None,
+    host: ProgramOption = LOOPBACK,
+    port: PortOption = 49152,
+    absolute: Annotated[
+        bool,
+        typer.Option("--absolute/--relative", help="corrections count from the start, or from the cycle before"),
+    ] = False,
+    simulated: SimulatedOption = False,
+    as_json: bool = False,
+) -> Outcome:
+    """Send states by RSI of KUKA to a program, which corrects the robot, until Ctrl-C (docs/wire.md)."""
+    from scancell.wire.kuka.controller import RsiController, RsiServer  # noqa: PLC0415
+
+    show = _show(as_json)
+    with _robot(cell, settings, part, unit) as robot:
+        controller = RsiController(robot, show, absolute)
+        return _guided("kuka", controller, RsiServer(controller), (host, port), simulated, show)
+
+
+def _guided(
+    maker: str,
+    controller: EgmController | RsiController,
+    sensor: Peer,
+    address: tuple[str, int],
+    simulated: bool,
+    show: Callable[[str], None],
+) -> Outcome:
+    """Serve a controller that sends to a sensor."""
+    from scancell.wire.serve import serve_controller  # noqa: PLC0415
+
+    def started(_: str) -> None:
+        show(f"controller: {maker} {address[0]} {address[1]}")
+
+    sensors = {address: sensor}
+    return _outcome(controller, serve_controller(controller, {}, LOOPBACK, not simulated, started, sensors))
 
 
 def _show(as_json: bool) -> Callable[[str], None]:

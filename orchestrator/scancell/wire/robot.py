@@ -116,6 +116,11 @@ class VirtualRobot:
         """Rates (joints,) of the set-points over the last cycle, rad/s."""
         return self._target_rates
 
+    @cached_property
+    def carrier_from_base(self) -> Array:
+        """Pose (4, 4) of the base on what carries it, the world or an axis, which rests."""
+        return np.asarray(self._arm.world_from_base)
+
     def base_from_flange(self, joints: ArrayLike) -> Array:
         """Pose (..., 4, 4) of the flange at joint angles (..., joints), by the nominal geometry."""
         return np.asarray(self._base_from_carrier @ self._arm.fk(joints))
@@ -247,7 +252,7 @@ class VirtualRobot:
         """
         self._begin(is_move=True)
         nominal, axes = self._session.nominal, self._session.destination
-        world_from_tcp = nominal.world_from(nominal.arm_on, axes) @ self._carrier_from_base @ base_from_tcp
+        world_from_tcp = nominal.world_from(nominal.arm_on, axes) @ self.carrier_from_base @ base_from_tcp
         # The controller of the cell has one share for both speeds: that which the slower one needs.
         way = pose.inverse(self.base_from_tcp(self.targets)) @ base_from_tcp
         length, turn = np.linalg.norm(way[:3, 3]), np.linalg.norm(pose.log_rotation(way[:3, :3]))
@@ -255,10 +260,14 @@ class VirtualRobot:
         share = max(_share(speed, self._line_speed), _share(float(turning), self._turn_speed))
         self._session.start_line_of(self.flange_from_tcp, world_from_tcp, share)
 
-    def servo(self, joints: ArrayLike) -> None:
-        """Stream a set-point (joints,), which stays in force until the next one; a jump is made within the limits."""
+    def servo(self, joints: ArrayLike) -> Array:
+        """Stream a set-point (joints,), which stays in force until the next one; a jump is made within the limits.
+
+        Returns the set-point (joints,), clipped to the limits of the joints.
+        """
         self._begin(is_move=False)
         self._set_point = np.clip(np.asarray(joints, float), *self._arm.limits)
+        return self._set_point
 
     def move_at_rates(self, rates: Rates, acceleration: float) -> None:
         """Move at the joint rates (joints,), rad/s, that a function states in every cycle, by `speed_in_force`.
@@ -328,16 +337,11 @@ class VirtualRobot:
         self._moves, self._stream, self._set_point = False, None, None
 
     @cached_property
-    def _carrier_from_base(self) -> Array:
-        """Pose (4, 4) of the base on what carries it, which rests."""
-        return np.asarray(self._arm.world_from_base)
-
-    @cached_property
     def _base_from_carrier(self) -> Array:
-        return pose.inverse(self._carrier_from_base)
+        return pose.inverse(self.carrier_from_base)
 
     def _carrier_from_flange(self, base_from_tcp: Array) -> Array:
-        return np.asarray(self._carrier_from_base @ base_from_tcp @ pose.inverse(self.flange_from_tcp))
+        return np.asarray(self.carrier_from_base @ base_from_tcp @ pose.inverse(self.flange_from_tcp))
 
 
 @dataclass

@@ -22,7 +22,6 @@ from scancell.wire.abb.packets import (
 )
 from scancell.wire.robot import RobotController, VirtualRobot
 
-SENSOR_PORT = 6510
 COMM_TIMEOUT = 1.0  # s without a correction after which guidance ends: \CommTimeout of EGMSetupUC by default
 
 _EGM = "EGM"
@@ -107,8 +106,8 @@ class EgmController(RobotController):
     def step(self) -> None:
         """Let a cycle of the controller pass."""
         if self.is_guided:
-            if self.robot.is_stopped or self.robot.fault:
-                self.log(f"guidance ends: {self.robot.fault or self.robot.text}")
+            if self.robot.fault:
+                self.log(f"guidance ends: {self.robot.fault}")
                 self._end()
                 self._has_failed = True
             elif self.robot.time - self._last > COMM_TIMEOUT:
@@ -142,8 +141,7 @@ class EgmController(RobotController):
 
     def _end(self) -> None:
         self.is_guided, self._pose, self._target = False, None, None
-        if not self.robot.is_stopped:
-            self.robot.hold()
+        self.robot.hold()
 
     def _all_joints(self, numbers: list[float]) -> list[float]:
         if len(numbers) != len(self.robot.home):
