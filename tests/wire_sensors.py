@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import select
 import signal
 import socket
 import subprocess
@@ -63,6 +64,11 @@ class SensorSocket:
     def receive(self) -> bytes:
         received, self._controller = self._socket.recvfrom(65_536)
         return received
+
+    def waiting(self) -> Iterator[bytes]:
+        """What has come."""
+        while select.select([self._socket], [], [], 0.0)[0]:
+            yield self.receive()
 
     def answer(self, payload: bytes) -> None:
         self._socket.sendto(payload, self._controller)

@@ -273,5 +273,5 @@ def test_arm_of_seven_joints_and_wrong_addresses_are_refused() -> None:
 
 
 def test_address_that_does_not_exist_is_an_error(controller: EgmController) -> None:
-    with pytest.raises(LinkError, match="address of a sensor"):
+    with pytest.raises(LinkError, match="address to send to"):
         ControllerServer(controller, {}, "127.0.0.1", False, {("no host", 6510): EgmServer(controller)})

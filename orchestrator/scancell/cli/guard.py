@@ -47,7 +47,7 @@ def guard_serve(
 
 @command("guard watch")
 def guard_watch(
-    maker: Annotated[Literal["ur"], typer.Argument(help="maker of the robot")],
+    maker: Annotated[Literal["ur", "abb", "kuka"], typer.Argument(help="maker of the robot")],
     cell: Annotated[Path, "cell description (TOML) of the robot and what is around it"],
     host: Annotated[str, typer.Option(help="address of the robot")],
     part: TablePartOption = None,
@@ -58,20 +58,40 @@ def guard_watch(
         typer.Option(min=0.05, max=2.0, help="time from a state of the robot to the effect of a stop, at most, s"),
     ] = 0.2,
     register: Annotated[
-        int, typer.Option(min=0, max=47, help="integer input register of the robot that is written with every order")
-    ] = 24,
+        int | None,
+        typer.Option(min=0, max=47, help="ur: integer input register that is written with every order; default: 24"),
+    ] = None,
     slow: Annotated[
-        bool, typer.Option("--slow/--no-slow", help="move the speed slider, or warn and stop alone")
+        bool, typer.Option("--slow/--no-slow", help="ur: move the speed slider, or warn and stop alone")
     ] = True,
+    port: Annotated[
+        int | None,
+        typer.Option(min=1, max=65535, help="abb, kuka: port to which the robot sends; default: 6510, 49152"),
+    ] = None,
+    program_port: Annotated[
+        int | None,
+        typer.Option(
+            min=1, max=65535, help="abb, kuka: port of this machine at which the program listens; default: one more"
+        ),
+    ] = None,
+    absolute: Annotated[bool, typer.Option("--absolute", help="kuka: corrections count from the start")] = False,
     as_json: bool = False,
 ) -> Outcome:
     """Warn of contacts of a real robot, slow it down and stop it, until Ctrl-C; no safety function (docs/wire.md)."""
     from scancell.guard.server import stop_signals  # noqa: PLC0415
     from scancell.nominal.cell import nominal_cell  # noqa: PLC0415
+    from scancell.wire.abb.watch import EgmInterface  # noqa: PLC0415
+    from scancell.wire.kuka.watch import RsiInterface  # noqa: PLC0415
+    from scancell.wire.relay import GuardedLink, watch_link  # noqa: PLC0415
     from scancell.wire.robot import check_joints  # noqa: PLC0415
     from scancell.wire.ur.watch import UrWatch, watch_ur  # noqa: PLC0415
     from scancell.wire.watch import Watch  # noqa: PLC0415
 
+    if maker == "ur":
+        _refuse_options(maker, {"--port": port, "--program-port": program_port, "--absolute": absolute})
+    else:
+        relative_only = absolute and maker != "kuka"
+        _refuse_options(maker, {"--register": register, "--no-slow": not slow, "--absolute": relative_only})
     stream = sys.stderr if as_json else sys.stdout
 
     def show(text: str, beep: bool) -> None:
@@ -80,14 +100,31 @@ def guard_watch(
     guard = scancell.guard_of(cell, part, scan, unit=unit, max_age=max_age)
     nominal = nominal_cell(scancell.load_setup(cell).cell, None)
     check_joints(len(nominal.home))
-    watch = UrWatch(Watch(guard, nominal.start), max_age, register, slow)
+    watch = Watch(guard, nominal.start)
     with stop_signals() as stop:
-        counts = watch_ur(watch, host, show=show, ended=lambda: bool(select.select([stop], [], [], 0.0)[0]))
+
+        def ended() -> bool:
+            return bool(select.select([stop], [], [], 0.0)[0])
+
+        if maker == "ur":
+            register = 24 if register is None else register
+            counts = watch_ur(UrWatch(watch, max_age, register, slow), host, show=show, ended=ended)
+        else:
+            interface = EgmInterface() if maker == "abb" else RsiInterface(absolute)
+            own = port or interface.port
+            link = GuardedLink(watch, interface, max_age)
+            counts = watch_link(link, host, (own, program_port or own + 1), show, ended)
     lines = [
         f"  {counts.states} states, slowed down in {counts.slowed}, {counts.stops} stops",
         f"  largest age of an order {counts.longest_age:.3f} s, permitted {max_age:g} s",
     ]
     return Outcome(lines, {"maker": maker, **vars(counts)})
+
+
+def _refuse_options(maker: str, options: dict[str, int | bool | None]) -> None:
+    for option, value in options.items():
+        if value is not None and value is not False:
+            raise typer.BadParameter(f"{option} has no meaning for {maker}")
 
 
 @command("guard check")

@@ -162,7 +162,7 @@ class ControllerServer:
                 self.selector.register(listener, EVENT_READ)
                 self.address, self.ports[port] = listener.getsockname()[:2]
             for address, sensor in (sensors or {}).items():
-                connection = _datagrams(*address)
+                connection = datagram_socket(*address)
                 self._sensors[connection] = sensor
                 self.selector.register(connection, EVENT_READ)
         except BaseException:
@@ -312,8 +312,8 @@ class ControllerServer:
         client.peer.close()
 
 
-def _datagrams(host: str, port: int) -> socket.socket:
-    """Socket that sends to an address, and receives from there alone."""
+def datagram_socket(host: str, port: int) -> socket.socket:
+    """Socket of UDP that sends to an address, and receives from there alone; raises `LinkError` if there is none."""
     try:
         family, address = resolved(host, port, socket.SOCK_DGRAM)
         made = socket.socket(family, socket.SOCK_DGRAM)
@@ -323,6 +323,6 @@ def _datagrams(host: str, port: int) -> socket.socket:
             made.close()
             raise
     except OSError as error:
-        raise LinkError(f"{host}:{port}: {error}", expected="the address of a sensor") from None
+        raise LinkError(f"{host}:{port}: {error}", expected="an address to send to") from None
     made.setblocking(False)
     return made

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +18,7 @@ POLL = 0.032  # s between states
 LEAST_SHARE = 0.05  # of the speed: a robot at rest would not show where it leads
 _RISE = 0.5  # per s, of the share when the way is clear
 _AT_REST = 2e-3  # rad/s
+_AGAIN = 0.5  # s between lines about the same bodies
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,50 @@ class Order:
     share: float
     text: str
     beep: bool
+
+
+@dataclass
+class Counts:
+    """What a watch did.
+
+    Attributes
+    ----------
+    states
+        Decisions.
+    slowed, stops
+        Decisions to slow down, and stops that were made.
+    longest_age
+        Largest age of the state that the last order of the robot answered, by the robot's clock, s.
+    reasons
+        Of the stops.
+    """
+
+    states: int = 0
+    slowed: int = 0
+    stops: int = 0
+    longest_age: float = 0.0
+    reasons: list[str] = field(default_factory=list)
+
+
+class Announcer:
+    """Shows texts of orders, and the same one again after a time only.
+
+    Parameters
+    ----------
+    show
+        Receives lines, and whether to beep.
+    """
+
+    def __init__(self, show: Callable[[str, bool], None]) -> None:
+        self._show, self._shown, self._again = show, "", 0.0
+
+    def announce(self, order: Order) -> None:
+        """Show the text of an order."""
+        subject = order.text.split(":")[0]
+        if order.text and (subject != self._shown or time.monotonic() >= self._again):
+            self._show(order.text, order.beep)
+            self._again = time.monotonic() + _AGAIN
+        self._shown = subject
 
 
 class Watch:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from xml.etree import ElementTree
+from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 
@@ -42,6 +44,8 @@ class Answer:
         Message of the sensor.
     unknown
         Names of elements that have no meaning here.
+    sensor
+        Name of the sensor, ``Type``.
     """
 
     ipoc: int
@@ -49,6 +53,7 @@ class Answer:
     outputs: int | None = None
     text: str = ""
     unknown: tuple[str, ...] = ()
+    sensor: str = "ImFree"
 
 
 def state_packet(elements: Mapping[str, Mapping[str, float] | int], ipoc: int) -> bytes:
@@ -67,27 +72,29 @@ def state_packet(elements: Mapping[str, Mapping[str, float] | int], ipoc: int) -
 
 
 def state_from(packet: bytes) -> tuple[int, dict[str, dict[str, float]]]:
-    """IPOC and elements with attributes of a packet of the robot.
+    """IPOC, and elements of which all attributes are numbers, of a packet of the robot.
 
     Raises
     ------
     MessageError
         If it is no packet.
     """
-    root = _root(packet, "Rob")
-    elements = {element.tag: _numbers(element) for element in root if element.attrib}
+    root, elements = _root(packet, "Rob"), {}
+    for element in root:
+        with contextlib.suppress(MessageError):
+            elements[element.tag] = _numbers(element)
     return _ipoc(root), elements
 
 
-def answer_packet(answer: Answer, sensor: str = "ImFree") -> bytes:
-    """Packet of a sensor with the name `sensor`."""
-    parts = [f"<{TEXT}>{answer.text}</{TEXT}>"]
+def answer_packet(answer: Answer) -> bytes:
+    """Packet of a sensor."""
+    parts = [f"<{TEXT}>{escape(answer.text)}</{TEXT}>"]
     for name, numbers in answer.corrections.items():
         attributes = " ".join(f'{key}="{x:.6f}"' for key, x in zip(_CORRECTIONS[name], numbers, strict=True))
         parts.append(f"<{name} {attributes}/>")
     if answer.outputs is not None:
         parts.append(f"<{OUTPUTS}>{answer.outputs}</{OUTPUTS}>")
-    return f'<Sen Type="{sensor}">{"".join(parts)}<{_IPOC}>{answer.ipoc}</{_IPOC}></Sen>'.encode()
+    return f"<Sen Type={quoteattr(answer.sensor)}>{''.join(parts)}<{_IPOC}>{answer.ipoc}</{_IPOC}></Sen>".encode()
 
 
 def answer_from(packet: bytes) -> Answer:
@@ -114,7 +121,7 @@ def answer_from(packet: bytes) -> Answer:
             text = (element.text or "").strip()
         elif element.tag != _IPOC and not _WITHOUT_EFFECT.fullmatch(element.tag):
             unknown.append(element.tag)
-    return Answer(_ipoc(root), corrections, outputs, text, tuple(unknown))
+    return Answer(_ipoc(root), corrections, outputs, text, tuple(unknown), root.get("Type", ""))
 
 
 def frame_of(place: Array) -> Array:

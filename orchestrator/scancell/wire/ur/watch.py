@@ -2,45 +2,20 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import replace
 
 import numpy as np
 
 from scancell.errors import LinkError
 from scancell.wire.ur.client import DashboardClient, RtdeClient
-from scancell.wire.watch import POLL, Order, Watch, moves
+from scancell.wire.watch import POLL, Announcer, Counts, Order, Watch, moves
 
 _SLIDER = ("speed_slider_mask", "speed_slider_fraction")
 _MOST_NUMBER = 2**31 - 2
-_AGAIN = 0.5  # s between lines about the same bodies
 _SILENCE = 1.0  # s without data after which the connection counts as lost
 
 Package = Mapping[str, tuple[float, ...]]
-
-
-@dataclass
-class Counts:
-    """What a watch did.
-
-    Attributes
-    ----------
-    states
-        Decisions.
-    slowed, stops
-        Decisions to slow down, and stops that were made.
-    longest_age
-        Largest age of the state that the last order of the robot answered, by the robot's clock, s.
-    reasons
-        Of the stops.
-    """
-
-    states: int = 0
-    slowed: int = 0
-    stops: int = 0
-    longest_age: float = 0.0
-    reasons: list[str] = field(default_factory=list)
 
 
 class UrWatch:
@@ -127,7 +102,7 @@ def watch_ur(
     LinkError
         If the robot cannot be reached, refuses the inputs, or ends the connection.
     """
-    counts = Counts()
+    counts, announcer = Counts(), Announcer(show)
     with RtdeClient(host, ports[0]) as rtde, DashboardClient(host, ports[1]) as dashboard:
         if "true" not in dashboard.request("is in remote control").lower():
             show("warning: the robot is not in remote control, and may refuse to be stopped by the dashboard", True)
@@ -135,7 +110,7 @@ def watch_ur(
         recipe = rtde.set_inputs(watch.inputs)
         rtde.start()
         show(f"guard: watches {host}", False)
-        is_stopped, shown, again = False, "", 0.0
+        is_stopped = False
         while not ended():
             packages = rtde.receive(_SILENCE)
             if not packages:
@@ -149,9 +124,8 @@ def watch_ur(
                 answer = dashboard.request("stop")
                 counts.stops += 1
                 counts.reasons.append(order.text)
-                show(f"{order.text} (dashboard: {answer})", True)
-            elif order.text and (order.text.split(":")[0] != shown or time.monotonic() >= again):
-                show(order.text, order.beep)
-                again = time.monotonic() + _AGAIN
-            is_stopped, shown = order.stop, order.text.split(":")[0]
+                announcer.announce(replace(order, text=f"{order.text} (dashboard: {answer})"))
+            else:
+                announcer.announce(order)
+            is_stopped = order.stop
     return counts
