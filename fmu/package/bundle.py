@@ -108,11 +108,12 @@ def copy_license(package: str, folder: Path) -> dict[str, str]:
     return {"source": f"{package} {version}", "license": main[1] if main else "see text", "text": f"{package}.txt"}
 
 
-def bundle(library: Path, folder: Path, patchelf: str, own: Sequence[str], headers: Iterable[str]) -> None:
+def bundle(library: Path, folder: Path, patchelf: str, own: Sequence[str], headers: Iterable[str]) -> list[str]:
     """Write the library, its dependencies, their licences and a list of components into the folder.
 
     The list, ``bundle.json``, contains every component (file, source, licence, name of the licence text) and the
-    required symbol versions. ``own`` and ``headers`` come from the command line: see ``main``.
+    required symbol versions. ``own`` and ``headers`` come from the command line: see ``main``. Returns the arguments
+    with which patchelf renames the dependencies.
     """
     needed = closure(library)
     names = own_names(library, needed)
@@ -139,6 +140,7 @@ def bundle(library: Path, folder: Path, patchelf: str, own: Sequence[str], heade
         parts.append({"file": names[soname], **source})
     listing = {"needs": version_needs(targets), "components": parts}
     (folder / "bundle.json").write_text(json.dumps(listing, indent=1) + "\n")
+    return replacements
 
 
 def copy_own(description: str, folder: Path) -> dict[str, str]:
@@ -167,11 +169,14 @@ def main() -> None:
     fresh = Path(tempfile.mkdtemp(dir=arguments.folder.parent))
     fresh.chmod(0o755)
     try:
-        bundle(arguments.library, fresh, arguments.patchelf, arguments.own, arguments.headers)
+        replacements = bundle(arguments.library, fresh, arguments.patchelf, arguments.own, arguments.headers)
         program = fresh / arguments.program.name
         shutil.copyfile(arguments.program, program)
         program.chmod(0o755)
         run("strip", program)
+        if closure(arguments.program):
+            run(arguments.patchelf, *replacements, program)
+            run(arguments.patchelf, "--set-rpath", "$ORIGIN", program)
         shutil.rmtree(arguments.folder, ignore_errors=True)
         fresh.rename(arguments.folder)
     finally:

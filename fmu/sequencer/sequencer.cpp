@@ -35,7 +35,7 @@ Sequencer::Values::Values(const CellDescription& description)
 
 Sequencer::Sequencer(const CellDescription& cell, const std::string& name, const Log& log,
                      const StepOptions& options)
-    : Instance(name, log, options),
+    : TableInstance(name, log, options),
       cycle_(static_cast<double>(cell.controller_cycle_us) / kMicrosecondsPerSecond),
       has_gripper_(cell.gripper.has_value()),
       start_(cell),
@@ -122,13 +122,13 @@ void Sequencer::advance(double step) {
   values_.finished = values_.number == values_.count;
   if (values_.finished) return;
   values_.command = values_.steps[static_cast<std::size_t>(values_.number++)].command;
-  values_.began = values_.time;
+  memory_ = values_.time;  // when the step began
 }
 
 /// The cell receives a command at the end of this communication step, its controller reads it within a cycle,
 /// and what follows is an input of the sequencer a communication step later.
 bool Sequencer::is_complete(const Step& step, double communication_step) const {
-  const double elapsed = values_.time - values_.began + kHalfMicrosecond;
+  const double elapsed = values_.time - memory_ + kHalfMicrosecond;
   const CellReadings& cell = values_.cell;
   if (elapsed < step.duration) return false;
   switch (static_cast<Until>(step.until)) {
@@ -155,96 +155,8 @@ void Sequencer::stop(std::int32_t error) {
   for (ConveyorCommand& belt : values_.command.conveyors) belt.speed = 0;
 }
 
-/// State of a sequencer: the values of all variables, as bytes.
-struct Sequencer::State : SavedState {
-  SavedPhase saved;
-  double began = 0;
-  std::vector<std::uint8_t> values;
-
-  void assign(const SavedState& other) override { *this = dynamic_cast<const State&>(other); }
-};
-
-namespace {
-
-/// Exchanges the values of all variables with bytes.
-template <class Archive>
-void exchange_values(Archive& archive, const VariableTable& table) {
-  for (const Variable& variable : table.variables()) {
-    switch (variable.type) {
-      case Type::kReal:
-        exchange(archive, member<double>(variable));
-        break;
-      case Type::kInteger:
-      case Type::kEnumeration:
-        exchange(archive, member<std::int32_t>(variable));
-        break;
-      case Type::kBoolean:
-        exchange(archive, member<bool>(variable));
-        break;
-      default:
-        exchange(archive, member<std::string>(variable));
-    }
-  }
-}
-
-template <class Archive>
-void exchange_head(Archive& archive, SavedPhase& saved, double& began) {
-  auto phase = static_cast<std::int32_t>(saved.phase);
-  exchange_up_to(archive, phase, static_cast<std::int32_t>(Phase::kFailed));
-  saved.phase = static_cast<Phase>(phase);
-  exchange(archive, saved.start_time);
-  exchange_unless_infinite(archive, saved.stop_time);
-  exchange(archive, saved.communication_time);
-  exchange(archive, began);
-}
-
-constexpr std::uint64_t kStateLayout = 1;  // the token stands for the variables
-
-}  // namespace
-
-std::unique_ptr<SavedState> Sequencer::snapshot() const {
-  auto state = std::make_unique<State>();
-  state->saved = saved_phase();
-  state->began = values_.began;
-  Writer writer;
-  exchange_values(writer, table());
-  state->values = writer.take();
-  return state;
-}
-
-void Sequencer::restore(const SavedState& saved) {
-  const auto& state = dynamic_cast<const State&>(saved);
-  check_restorable(state.saved.phase);
-  const Values before = values_;
-  try {
-    Reader reader(state.values.data(), state.values.size());
-    exchange_values(reader, table());
-    check_end(reader);
-    check_bounds();
-    if (values_.number < 0 || values_.number > static_cast<std::int32_t>(kSteps)) reject_value();
-  } catch (...) {
-    values_ = before;
-    throw;
-  }
-  values_.began = state.began;
-  restore_phase(state.saved);
-}
-
-std::vector<std::uint8_t> Sequencer::serialize(const SavedState& saved) const {
-  State state = dynamic_cast<const State&>(saved);
-  Writer writer = sealed_writer(token(), kStateLayout);
-  exchange_head(writer, state.saved, state.began);
-  exchange(writer, state.values);
-  return sealed(writer);
-}
-
-std::unique_ptr<SavedState> Sequencer::deserialize(const std::uint8_t* bytes, std::size_t size) const {
-  Reader reader = unsealed(bytes, size, token(), kStateLayout);
-  auto state = std::make_unique<State>();
-  exchange_head(reader, state->saved, state->began);
-  exchange(reader, state->values);
-  check_end(reader);
-  return state;
+void Sequencer::check_restored() const {
+  if (values_.number < 0 || values_.number > static_cast<std::int32_t>(kSteps)) reject_value();
 }
 
 }  // namespace robotcell::sequencer

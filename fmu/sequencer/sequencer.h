@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "fmu/fmi/instance.h"
+#include "fmu/fmi/table_instance.h"
 #include "fmu/model/description/cell_description.h"
 
 namespace robotcell::sequencer {
@@ -38,17 +38,13 @@ struct CellReadings {
 };
 
 /// The sequence with its inputs and outputs, as variables.
-class Sequencer : public fmi::Instance {
+class Sequencer : public fmi::TableInstance {
  public:
   /// For a cell of this layout; all steps start with the cell's own start values.
   explicit Sequencer(const CellDescription& cell, const std::string& name = "sequencer",
                      const fmi::Log& log = fmi::Log({}, false), const fmi::StepOptions& options = {});
 
   fmi::StepResult do_step(double current, double step) override;
-  std::unique_ptr<fmi::SavedState> snapshot() const override;
-  void restore(const fmi::SavedState& state) override;
-  std::vector<std::uint8_t> serialize(const fmi::SavedState& state) const override;
-  std::unique_ptr<fmi::SavedState> deserialize(const std::uint8_t* bytes, std::size_t size) const override;
 
  private:
   struct Values {
@@ -62,12 +58,14 @@ class Sequencer : public fmi::Instance {
     std::int32_t number = 0;  // of the present step, counted from 1
     bool finished = false;
     std::int32_t error = 0;  // of the controller, at which the sequence stopped
-    double began = 0;        // s, when the present step began
   };
-  struct State;
 
   void start() override;
-  void clear() override { values_ = start_; }
+  void clear() override {
+    values_ = start_;
+    memory_ = 0;
+  }
+  void check_restored() const override;
   void before_get(const fmi::Variable& /*variable*/) override { values_.time = communication_time_; }
   std::vector<fmi::Variable> variables(const CellLayout& layout);
   void advance(double step);

@@ -29,6 +29,8 @@ TILT = 'scan.axis=[{ name = "tilt", step_deg = 30 }]'
 TRACK = 'scan.axis=[{ name = "track", step_mm = 200 }]'
 EDGE = ('cell.axis[1].along="y"', "cell.axis[1].pose.x_mm=800")  # of the reach; the tilt leads towards the arm
 CELLS = (
+    ("table", "default", (), ""),
+    ("held part", "held_part", (), ""),
     ("tilt-turn", "tilt_turn", (), TILT),
     ("tilt-turn at the edge of the reach", "tilt_turn", EDGE, TILT),
     ("track, table 750 mm beside the arm", "track", ("cell.table.pose.y_mm=750",), TRACK),
@@ -67,9 +69,9 @@ def table(coverage: bool) -> None:
     more = ("scan.coverage.enabled=true",) if coverage else ()
     print("| cell, part | surface seen | time | positions | views omitted |\n| --- | --- | --- | --- | --- |")
     for name, cell, words, axis in CELLS:
-        for part, chosen in product(PARTS, ((), (axis,))):
-            how = "chosen" if chosen else "at the start"
-            row(f"{name}, {part}, {how}", cell, (*words, *chosen, *more), assets_dir() / f"parts/{part}.stl")
+        for part, chosen in product(PARTS, ((), (axis,)) if axis else ((),)):
+            how = ", chosen" if chosen else ", at the start" if axis else ""
+            row(f"{name}, {part}{how}", cell, (*words, *chosen, *more), assets_dir() / f"parts/{part}.stl")
     wide = ("cell.table.radius_mm=300", "cell.table.pose.y_mm=300", "scan.sweep.enabled=false")
     for chosen in ((), (TRACK,)):
         how = "chosen" if chosen else "at the start"

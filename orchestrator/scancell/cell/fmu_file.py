@@ -23,6 +23,7 @@ from scancell.cell.fmu_package import (
     FmiVersion,
     FmuOptions,
     fmu_contents,
+    sensor_contents,
     sequencer_contents,
     write_archive,
     write_unpacked,
@@ -286,11 +287,16 @@ def runtime_dir() -> Path:
     CellError
         If the native part was not built.
     """
-    for folder in scancell.cell.__path__:
-        candidate = Path(folder) / "runtime"
-        if (candidate / "robotcell-describe").is_file():
+    return _runtime_of("cell", "robotcell-describe")
+
+
+def _runtime_of(package: str, printer: str) -> Path:
+    """Folder ``runtime`` of a package, with a description printer; see `runtime_dir`."""
+    for folder in scancell.__path__:
+        candidate = Path(folder) / package / "runtime"
+        if (candidate / printer).is_file():
             return candidate
-    raise CellError("the native robot cell is not installed; run `make setup`")
+    raise CellError(f"the native {package} is not installed; run `make setup`")
 
 
 @checked_arguments
@@ -547,6 +553,29 @@ def build_sequencer_fmu(description: Mapping[str, Any], path: Path, version: Fmi
         If the file cannot be written.
     """
     contents = sequencer_contents(runtime_dir(), description_text(description, indent=1), version)
+    with atomic_write(path) as temporary:
+        write_archive(temporary, contents)
+
+
+def build_sensor_fmu(description: Mapping[str, Any], path: Path) -> None:
+    """Write the FMU (FMI 3) of a sensor in a cell, which sees what that of the cell moves, to `path` atomically.
+
+    Parameters
+    ----------
+    description
+        Description of the sensor and of what it sees, as `World.for_sensor_fmu` makes it.
+    path
+        File of the FMU.
+
+    Raises
+    ------
+    CellError
+        If the native part is missing or refuses the description.
+    OutputError
+        If the file cannot be written.
+    """
+    runtime = _runtime_of("sensor", "profile-sensor-describe")
+    contents = sensor_contents(runtime, description_text(description))
     with atomic_write(path) as temporary:
         write_archive(temporary, contents)
 

@@ -505,6 +505,32 @@ def sequencer_contents(runtime: Path, cell: str, version: FmiVersion = 2) -> dic
     }
 
 
+def sensor_contents(runtime: Path, sensor: str) -> dict[str, bytes]:
+    """All files of the FMU (FMI 3) of a sensor.
+
+    Parameters
+    ----------
+    runtime
+        Folder with the native library, its closure and the description printer.
+    sensor
+        Description of the sensor and of what it sees (JSON).
+
+    Raises
+    ------
+    CellError
+        If the native part refuses the description.
+    """
+    bundle = read_bundle(runtime)
+    return {
+        "modelDescription.xml": _printed([runtime / "profile-sensor-describe", "-"], sensor),
+        "resources/sensor.json": sensor.encode(),
+        "documentation/licenses/license.txt": license_text(bundle).encode(),
+        "documentation/externalDependencies.txt": dependencies_text(bundle).encode(),
+        **{f"binaries/{_LINUX[3]}/{file.name}": file.read_bytes() for file in sorted(runtime.glob("*.so*"))},
+        **dict(sorted(_licenses(runtime, bundle).items())),
+    }
+
+
 def _optional_binary(runtime: Path, binary: str, version: FmiVersion) -> dict[str, bytes]:
     """The binary for Windows, if it was built."""
     dll = windows_dll(runtime, binary)
@@ -584,8 +610,8 @@ def _describe(runtime: Path, cell: str, version: FmiVersion, options: FmuOptions
 
 
 def _printed(command: list[str | Path], cell: str) -> bytes:
-    """Output of a description printer for a description of a cell."""
+    """Output of a description printer for a description of a cell or a sensor."""
     result = subprocess.run(command, input=cell.encode(), capture_output=True, check=False)
     if result.returncode:
-        raise CellError(f"the native robot cell refuses the description: {result.stderr.decode().strip()}")
+        raise CellError(f"{Path(command[0]).name} refuses the description: {result.stderr.decode().strip()}")
     return result.stdout

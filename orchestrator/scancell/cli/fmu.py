@@ -27,10 +27,15 @@ def fmu_build(
     ahead: Annotated[bool, "controller.ahead, the path ahead of the controller, which a guard reads"] = False,
     records: Annotated[bool, "FMI 3: arrays of all records that a communication step completed"] = False,
     sequencer: Annotated[bool, "also write CellSequencer2.fmu and CellSequencer3.fmu, which command it"] = False,
+    sensor: Annotated[
+        bool,
+        "also write ProfileSensor3.fmu (FMI 3), which gives the profile of each trigger; of each further sensor, too",
+    ] = False,
 ) -> Outcome:
     """Write the co-simulation FMUs of a cell: RobotCell2.fmu (FMI 2.0) and RobotCell3.fmu (FMI 3.0)."""
     from scancell.cell.fmu_file import (  # noqa: PLC0415
         build_fmu,
+        build_sensor_fmu,
         build_sequencer_fmu,
         simplified,
     )
@@ -51,6 +56,14 @@ def fmu_build(
             path = out / f"CellSequencer{version}.fmu"
             build_sequencer_fmu(description, path, 2 if version == 2 else 3)
             files.append(str(path))
+    if sensor:
+        from scancell.scanning.pipeline import ScanPipeline  # noqa: PLC0415
+
+        with ScanPipeline() as pipeline:
+            for world in pipeline.load(setup, mesh, seed=seed).sensors:
+                path = out / f"ProfileSensor3{'' if world.number == 1 else f'_{world.name}'}.fmu"
+                build_sensor_fmu(world.for_sensor_fmu(), path)
+                files.append(str(path))
     sizes = {Path(file).name: Path(file).stat().st_size for file in files}
     lighter = simplified(setup.cell, nominal)
     lines = [f"{file}: {Path(file).stat().st_size / 1e6:.1f} MB" for file in files]

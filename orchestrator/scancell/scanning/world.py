@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from scancell import sensor as sensor_rt
 from scancell.arrays import Array
-from scancell.cell.fmu_file import cell_json
+from scancell.cell.fmu_file import cell_json, mesh_json
 from scancell.cell.recording import ExposureTruth, Recording
 from scancell.config.cell import (
     PrismaticAxisDescription,
@@ -63,62 +63,104 @@ def visible_bodies(cell: NominalCell, number: int = 1) -> tuple[Body | Lamp, ...
 def build_scene(bodies: Sequence[Body | Lamp]) -> sensor_rt.Scene:
     """Ray-tracing scene of bodies, with one mesh per material, and lamps."""
     scene = sensor_rt.Scene()
-    for body in bodies:
-        if isinstance(body, Lamp):
-            power = (body.power, body.in_band, body.spectrum)
-            scene.add_light(body.name, body.kind, body.frame_from_lamp, body.size, *power)
-            continue
-        _add_body(scene, body)
+    for shape, arguments in _shapes_of(bodies):
+        material = {"material": native_material(arguments["material"])} if "material" in arguments else {}
+        getattr(scene, f"add_{shape}")(**arguments | material)
     return scene
 
 
-def _add_body(scene: sensor_rt.Scene, body: Body) -> None:
-    """Add the exact shapes of the body, or one mesh per material, all under its name, so that they move together."""
-    if isinstance(body.mesh, ShapeMesh):
-        for placed in body.mesh.shapes.shapes:
-            _add_shape(scene, body.name, placed, native_material(body.material))
-        return
+def scene_json(bodies: Sequence[Body | Lamp]) -> list[dict[str, Any]]:
+    """The shapes and lamps of `build_scene` as the FMU of a sensor reads them, SI units, poses row by row."""
+    return [{"shape": shape, **_plain(arguments)} for shape, arguments in _shapes_of(bodies)]
+
+
+def _plain(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments of a function of a scene as JSON takes them."""
+    values = {name: value.ravel().tolist() if isinstance(value, np.ndarray) else value
+              for name, value in arguments.items() if name not in ("vertices", "faces", "curved")}  # fmt: skip
+    if "faces" in arguments:
+        names = ("kind", "body_from_face", "radius", "second")
+        values |= mesh_json(arguments["vertices"], arguments["faces"])
+        values["curved"] = [_plain(dict(zip(names, face, strict=True))) for face in arguments["curved"]]
+    if "material" in arguments:
+        values["material"] = _plain(_material_arguments(arguments["material"]))
+    return values
+
+
+def _shapes_of(bodies: Sequence[Body | Lamp]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Shapes and lamps: ``mesh`` and the arguments of `Scene.add_mesh`, and so on; the material as it is described.
+
+    All shapes of a body have its name, so that they move together.
+    """
+    for body in bodies:
+        if isinstance(body, Lamp):
+            power = {"power": body.power, "in_band": body.in_band, "spectrum": body.spectrum}
+            where = {"body_from_light": np.asarray(body.frame_from_lamp), "size": np.asarray(body.size)}
+            yield "light", {"name": body.name, "kind": body.kind, **where, **power}
+        elif isinstance(body.mesh, ShapeMesh):
+            for placed in body.mesh.shapes.shapes:
+                shape, arguments = _exact_shape(body.name, placed)
+                yield shape, {"name": body.name, **arguments, "material": body.material}
+        else:
+            yield from (("mesh", mesh) for mesh in _meshes_of(body))
+
+
+def _meshes_of(body: Body) -> Iterator[dict[str, Any]]:
+    """One mesh per material."""
     patched = np.zeros(len(body.mesh.faces), bool)
     for patch in body.patches:
         patched[patch.faces] = True
     for patch in (Patch(np.flatnonzero(~patched), body.material), *body.patches):
         if len(patch.faces) == 0:
             continue
-        material = native_material(patch.material)
-        exact = body.mesh.curved_surfaces(patch.faces) if isinstance(body.mesh, CadMesh) else ()
-        if len(patch.faces) == len(patched):
-            scene.add_mesh(body.name, body.mesh.vertices, body.mesh.faces, material, *exact)
-        else:
-            used, faces = np.unique(body.mesh.faces[patch.faces], return_inverse=True)
-            scene.add_mesh(body.name, body.mesh.vertices[used], faces.reshape(-1, 3), material, *exact)
+        vertices, faces = body.mesh.vertices, body.mesh.faces
+        if len(patch.faces) < len(patched):
+            used, faces = np.unique(faces[patch.faces], return_inverse=True)
+            vertices, faces = vertices[used], faces.reshape(-1, 3)
+        curved, numbers = (
+            body.mesh.curved_surfaces(patch.faces) if isinstance(body.mesh, CadMesh) else ([], np.zeros(0, np.int32))
+        )
+        mesh = {"name": body.name, "vertices": vertices, "faces": faces}
+        yield {**mesh, "material": patch.material, "curved": curved, "curved_of_face": numbers}
 
 
-def _add_shape(scene: sensor_rt.Scene, name: str, placed: PlacedShape, material: sensor_rt.Material) -> None:
+def _exact_shape(name: str, placed: PlacedShape) -> tuple[str, dict[str, Any]]:
     shape, pose = placed.shape, placed.frame_from_shape
     match shape:
         case Sphere():
-            scene.add_sphere(name, pose[:3, 3], shape.radius, material)
+            return "sphere", {"centre": pose[:3, 3], "radius": shape.radius}
         case Plane():
-            scene.add_plane(name, pose, (shape.size_x, shape.size_y), material)
+            return "plane", {"body_from_plane": pose, "size": np.array([shape.size_x, shape.size_y])}
         case Box():
-            scene.add_box(name, pose, shape.size, material)
+            return "box", {"body_from_box": pose, "size": np.asarray(shape.size)}
         case Cylinder():
-            scene.add_cylinder(name, pose, shape.radius, shape.height, material)
+            return "cylinder", {"body_from_cylinder": pose, "radius": shape.radius, "height": shape.height}
         case Cone():
-            scene.add_cone(name, pose, shape.bottom_radius, shape.top_radius, shape.height, material)
+            radii = {"bottom_radius": shape.bottom_radius, "top_radius": shape.top_radius}
+            return "cone", {"body_from_cone": pose, **radii, "height": shape.height}
         case Ring():
-            scene.add_ring(name, pose, shape.inner_radius, shape.outer_radius, shape.height, material)
+            radii = {"inner_radius": shape.inner_radius, "outer_radius": shape.outer_radius}
+            return "ring", {"body_from_ring": pose, **radii, "height": shape.height}
         case _:
             raise TypeError(f"{name}: the ray tracer has no {type(shape).__name__}")
 
 
 def native_material(m: Material) -> sensor_rt.Material:
     """The material as the ray tracer takes it."""
-    centre = None if m.groove_centre_mm is None else 1e-3 * np.array(m.groove_centre_mm)
-    along, scattering = m.roughness_along or 0.0, 1e3 * (m.scattering_per_mm or 0.0)
-    return sensor_rt.Material(
-        m.reflectance, m.model, m.roughness, m.refractive_index, along, m.groove_axis, centre, scattering
-    )
+    return sensor_rt.Material(**_material_arguments(m))
+
+
+def _material_arguments(m: Material) -> dict[str, Any]:
+    return {
+        "reflectance": m.reflectance,
+        "model": m.model,
+        "roughness": m.roughness,
+        "refractive_index": m.refractive_index,
+        "roughness_along": m.roughness_along or 0.0,
+        "groove_axis": m.groove_axis,
+        "groove_centre": None if m.groove_centre_mm is None else 1e-3 * np.array(m.groove_centre_mm),
+        "scattering": 1e3 * (m.scattering_per_mm or 0.0),
+    }
 
 
 def exposures_from_truth(
@@ -460,6 +502,33 @@ class World:
     def for_fmu(self, collision_outputs: bool = False) -> dict[str, Any]:
         """The cell as the FMU reads it; collision outputs cost most of a run, and no scan reads them."""
         return cell_json(self.setup.cell, self.true, self.seed, collision_outputs=collision_outputs)
+
+    def for_sensor_fmu(self) -> dict[str, Any]:
+        """The sensor and what it sees as its FMU reads them.
+
+        Raises `DescriptionError` for exposure times that images choose, and several exposures of a profile.
+        """
+        described = self.sensor_true_description
+        if described.exposure.mode != "fixed":
+            raise DescriptionError(
+                key="sensor.exposure.mode", value=described.exposure.mode, expected="fixed in the FMU of a sensor"
+            )
+        windows = self.control().next(1)
+        frames = [None if body.moves_with == "world" else fmu_frame(body.moves_with) for body in self.bodies]
+        cell = self.setup.cell
+        return {
+            "format": 1,
+            "name": self.name,
+            "frame": self.frame,
+            "every": 1 if self.number == 1 else cell.further_sensor[self.number - 2].every,
+            "delay": self.delays[1],
+            "exposure": None if windows is None else float(windows[0, 0, 1]),
+            "step": cell.world.controller_cycle,
+            "sensor": sensor_json(self.estimated_sensor or self.setup.sensor, self._noise_seed),
+            "as_built": None if self.sensor_true is self.sensor else sensor_json(described, self._noise_seed),
+            "bodies": [{"name": body.name, "frame": frame} for body, frame in zip(self.bodies, frames, strict=True)],
+            "shapes": scene_json(self.bodies),
+        }
 
     @property
     def windows(self) -> Array:
