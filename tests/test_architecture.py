@@ -82,6 +82,7 @@ SENSOR_RT = {
     "imaging": {"geometry", "optics"},
     "cloud": {"geometry"},
     "pipeline": {"geometry", "optics", "scene", "tracing", "render", "fan", "detector", "imaging"},
+    "fmi": {"pipeline", "scene", "fmu/fmi", "fmu/model"},  # the sensor as an FMU: the one place that knows both
     "bindings": {
         "geometry",
         "optics",
@@ -188,7 +189,7 @@ def cpp_files(folder: Path) -> list[Path]:
 
 
 def include_violations(root: Path, library: str, rules: dict[str, set[str]], other: str) -> list[str]:
-    """Includes of `library` that its `rules` do not allow, or of the `other` library."""
+    """Includes that the `rules` of a `library` do not allow: of its folders, and of those of the `other` library."""
     found = []
     for folder in sorted(path for path in (root / library).iterdir() if path.is_dir() and cpp_files(path)):
         if folder.name not in rules:
@@ -198,8 +199,8 @@ def include_violations(root: Path, library: str, rules: dict[str, set[str]], oth
             for header in re.findall(r'^\s*#\s*include\s*"([^"]+)"', path.read_text(), re.MULTILINE):
                 top, _, rest = header.partition("/")
                 target = rest.split("/")[0]
-                allowed = top != library or target in {folder.name, "third_party"} | rules[folder.name]
-                if not allowed or top == other:
+                named = target if top == library else f"{top}/{target}"
+                if top in (library, other) and named not in {folder.name, "third_party"} | rules[folder.name]:
                     found.append(f"{path}: includes {header}")
     return found
 
