@@ -44,6 +44,7 @@ from scancell.planning.options import scan_options
 from scancell.planning.path_map.configuration_map import QualityFactor
 from scancell.planning.plan import Plan
 from scancell.planning.setups import SetUpPlanner, SetUps
+from scancell.planning.views.coverage import Sight
 from scancell.progress import Progress, ProgressCallback, Stopwatch, as_progress
 from scancell.results import ScanResult, ShotResult
 from scancell.scanning.pipeline import FmuRunner, PreScanHook, ScanPipeline
@@ -361,7 +362,7 @@ class Scanner(Closing):
             Bounds of keys of the cell, in their units: ``{"table.pose.x_mm": (300, 700)}`` or
             ``["table.pose.x_mm=300:700"]``; default: of table, rotation of the arm's base, and sensor on the flange.
         samples
-            Number of layouts that are screened by inverse kinematics.
+            Number of layouts that are screened: planned from views that are searched once for all.
         plans
             Number of layouts that are planned in full, the best ones of these.
         seed
@@ -608,21 +609,27 @@ class Scanner(Closing):
     def _layout_planner(self, parts: Sequence[Mesh], progress: Progress) -> LayoutPlanner:
         """Planner of layouts for some parts, which are scanned by coverage."""
         setup = self.setup
-        for key in ("pose", "belt", "path"):
-            if getattr(setup.scan, key):
-                raise DescriptionError(
-                    "a layout is judged by views that are chosen by coverage", key=f"scan.{key}", expected="none"
-                )
+        given = {key: getattr(setup.scan, key) for key in ("pose", "belt", "path")}
+        for key, value in {**given, "coverage.feature": setup.scan.coverage.feature}.items():
+            if value:
+                problem = "a layout is judged by views that are chosen by coverage of the surface"
+                raise DescriptionError(problem, key=f"scan.{key}", expected="none")
         scan = setup.scan.replace({"coverage.enabled": True})
 
+        def world_of(cell: CellDescription, part: Mesh) -> World:
+            return self._world(part, "mm", setup=replace(setup, cell=cell, scan=scan))
+
+        def sight(part: Mesh) -> Sight:
+            return self.pipeline.sight(world_of(setup.cell, part), work=Work(progress=progress))
+
         def planned(cell: CellDescription, part: Mesh) -> tuple[Plan, float]:
-            world = self._world(part, "mm", setup=replace(setup, cell=cell, scan=scan))
+            world = world_of(cell, part)
             plan = self.pipeline.plan(world, progress=progress)
             return plan, self.pipeline.clearance(world, plan, MOST_CLEARANCE)
 
         options, threads = scan_options(scan, setup.sensor), self.pipeline.threads
         range_ = SensorRange.of(make_sensor(setup.sensor, 0))
-        return LayoutPlanner(setup.cell, setup.sensor, range_, options, planned, parts, progress, threads)
+        return LayoutPlanner(setup.cell, setup.sensor, range_, options, sight, planned, parts, progress, threads)
 
     def _calibration_scan(self, nominal: World, request: CalibrationRequest) -> CalibrationScan:
         """The one made last, whose plan is kept, where it is for the same cell and request."""

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from cells import block, planning_cell
 
 from bench.planner_campaign import make_cell
+from scancell.arrays import Array
 from scancell.config.files import assets_dir
 from scancell.config.loading import load_setup
 from scancell.errors import CancelledError
@@ -19,7 +22,7 @@ from scancell.planning.model import PlanningCell, SensorRange, Work
 from scancell.planning.options import scan_options
 from scancell.planning.planner import plan
 from scancell.planning.views import paths
-from scancell.planning.views.placement import Infeasible, Placer
+from scancell.planning.views.placement import Infeasible, PlacedPass, Placer
 from scancell.planning.views.views import sample_part, seen_by
 from scancell.progress import NullProgress
 from scancell.scanning.world import make_sensor
@@ -58,6 +61,25 @@ def test_passes_that_collide_need_no_inverse_kinematics_along_them() -> None:
     )
     assert isinstance(found, Infeasible) and "plate" in found.reason
     assert work.spent < 0.5
+
+
+def test_pass_whose_middle_alone_is_out_of_reach_is_infeasible(monkeypatch: pytest.MonkeyPatch) -> None:
+    cell, setup = planning_cell(block(0.08, 0.06, 0.03)), load_setup()
+    options, along = scan_options(setup.scan, setup.sensor), PlanningCell.ik_along
+    views = paths.passes(sample_part(cell.nominal.part, cell.nominal.table_from_part), cell.range, options)[:1]
+
+    def placed() -> PlacedPass | Infeasible:
+        (found,) = Placer(cell, options.azimuth, options.clearance).passes(views, [40], 0.05, None)
+        return found
+
+    def without_middle(*given: Any) -> Array:
+        found = along(*given)
+        found[:, 1] = np.nan
+        return found
+
+    assert isinstance(placed(), PlacedPass)
+    monkeypatch.setattr(PlanningCell, "ik_along", without_middle)
+    assert isinstance(placed(), Infeasible)
 
 
 @pytest.mark.parametrize("calls", [0, 5])

@@ -360,7 +360,10 @@ def layout(
         ),
     ] = None,
     samples: Annotated[
-        int, typer.Option(min=1, max=100_000, help="layouts that are screened by inverse kinematics alone")
+        int,
+        typer.Option(
+            min=1, max=100_000, help="layouts that are screened: planned from views that are searched once for all"
+        ),
     ] = 128,
     plans: Annotated[
         int, typer.Option(min=1, max=1000, help="layouts that are planned in full, the best of these")

@@ -1,7 +1,7 @@
 """Layouts of a cell: where table, base of the arm and sensor should stand for the shortest scan of given parts.
 
 A layout is a cell description in which some numbers are varied between bounds. A low-discrepancy sample of them is
-screened by inverse kinematics alone, with views that are the same for all; the best few are planned in full.
+screened: planned from candidates of views that are searched once for all. The best few are planned in full.
 
 Layouts are ranked by `ranking`: those that scan nearly as much as the best one by time, the others by what they scan.
 """
@@ -17,7 +17,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from scancell.arguments import Within
-from scancell.arrays import Array, Flags, Indices
+from scancell.arrays import Array, Flags
 from scancell.config.cell import CellDescription
 from scancell.config.description import checked
 from scancell.config.files import plain_data, set_value, split_path, toml_text
@@ -27,12 +27,12 @@ from scancell.geometry import pose
 from scancell.geometry.mesh import Mesh
 from scancell.nominal.cell import NominalCell, nominal_cell
 from scancell.planning.model import PlanningCell, SensorRange, Work, join_reasons
-from scancell.planning.motion.trajectory import Limits
 from scancell.planning.options import ScanOptions
 from scancell.planning.path_map.configuration_map import arm_metric
 from scancell.planning.plan import Plan
-from scancell.planning.views.coverage import TRANSIT, CoveragePlanner, Sight, greedy_cover
-from scancell.planning.views.placement import LIMIT_FRACTION, MIN_METRIC
+from scancell.planning.planner import plan
+from scancell.planning.views.coverage import Candidate, CoveragePlanner, Sight
+from scancell.planning.views.placement import MIN_METRIC
 from scancell.planning.views.views import Pass, Sweep, sample_part
 from scancell.progress import Progress
 from scancell.values import Result, Value
@@ -65,8 +65,9 @@ _DIGITS = 3  # of proposed values, in the units of their keys
 _TRIES = 10  # layouts that are tried for each that is planned
 _SAMPLES = 1500  # of the surface, for screening
 _ROUNDS = 2  # of passes
-# Views of a part for screening, table angles of each, and poses along each, by closed form and by numerical solution.
-_SCREENING = {True: (80, 24, 2), False: (24, 8, 1)}
+_WORK = 30.0  # limit of the work of screening one part in a layout
+# Views of a part for its reach, table angles of each, and poses along each, by closed form and by numerical solution.
+_REACH = {True: (80, 24, 2), False: (24, 8, 1)}
 
 PlanScan = Callable[[CellDescription, Mesh], tuple[Plan, float]]
 """Plan of a part in a cell, and the smallest distance between bodies in it, m; raises `ScancellError`."""
@@ -359,27 +360,23 @@ def with_values(cell: CellDescription, values: Mapping[str, float], source: str)
 
 @dataclass(frozen=True)
 class Views:
-    """Views of a part for screening.
+    """Candidates of the views of a part, which are the same in all layouts.
 
-    `targets` (c, a, k, 4, 4) are their poses ``table_from_sensor`` at several table angles or azimuths, `angles` (c, a)
-    the table angles, `seen` (c, n) and `time` (c,), s, as of `CoveragePlanner.candidates`; `goal` is the number of
-    samples that are to be seen.
+    `targets` (c, a, k, 4, 4) are the poses ``table_from_sensor`` of some of them at several table angles or azimuths.
     """
 
+    sight: Sight
+    candidates: Sequence[Candidate]
     targets: Array
-    angles: Array
-    seen: Flags
-    time: Array
-    goal: int
 
 
 @dataclass(frozen=True)
 class Screened:
-    """Estimates for all parts in a layout: `reach` of each; worst share `scanned`, and sum of `time`, s."""
+    """Estimates for all parts in a layout: worst share `scanned`, sum of `time`, s, or the `problem` of a part."""
 
-    reach: tuple[float, ...]
     scanned: float
     time: float
+    problem: str = ""
 
 
 class LayoutPlanner:
@@ -393,7 +390,9 @@ class LayoutPlanner:
         Description and measuring range of the sensor.
     options
         Options of the scan; its views are chosen by coverage.
-    plan
+    sight
+        Judges what views of a part see in the cell as described.
+    plan_scan
         Plans the scan of a part in another cell.
     parts
         Meshes of the parts.
@@ -407,14 +406,17 @@ class LayoutPlanner:
         sensor: SensorDescription,
         sensor_range: SensorRange,
         options: ScanOptions,
-        plan: PlanScan,
+        sight: Callable[[Mesh], Sight],
+        plan_scan: PlanScan,
         parts: Sequence[Mesh],
         progress: Progress,
         threads: int = 0,
     ) -> None:
         self._cell, self._sensor, self._range, self._options = cell, sensor, sensor_range, options
-        self._plan, self._parts, self._threads = plan, parts, threads
+        self._sight, self._plan, self._parts, self._threads = sight, plan_scan, parts, threads
         self._progress, self._work = progress, Work(progress=progress)
+        # What is planned in full is verified.
+        self._screening = replace(options, scan=options.scan.model_copy(update={"verify": False}))
         progress.stage("views", len(parts), "parts")
         self._views = [self._views_of(part) for part in parts]
 
@@ -431,7 +433,7 @@ class LayoutPlanner:
             screened.append(self.screen(at))
             self._progress.advance(1)
         order = ranking([one.scanned for one in screened], [one.time for one in screened])
-        order = [number for number in order if screened[number].scanned > 0.0]
+        order = [number for number in order if not screened[number].problem]
         self._progress.stage("planning", 1 + plans, "layouts")
         here = {key: value_at(self._cell, key) for key in bounds}
         present = self.planned("present", {key: value for key, value in here.items() if value is not None})
@@ -448,7 +450,10 @@ class LayoutPlanner:
             if len(made) == plans:
                 break
         if not made:
-            raise PlanningError(join_reasons(self._none(samples, len(order), len(reasons)), sorted(set(reasons))))
+            left_out = [one.problem for one in screened if one.problem]
+            title = f"no layout within the bounds can scan the parts: {len(left_out)} of {samples} by screening"
+            tried = f", {len(reasons)} others when planned in full" if reasons else ""
+            raise PlanningError(join_reasons(title + tried, sorted({*reasons, *left_out})))
         chosen = tuple(
             # Deviations that calibration found are those of the cell as it stands.
             replace(one, name=f"layout_{rank}", cell=one.cell.model_copy(update={"estimated": None}))
@@ -456,37 +461,43 @@ class LayoutPlanner:
         )
         return Layouts(chosen, present, dict(bounds), samples, dict(Counter(reasons)))
 
-    @staticmethod
-    def _none(samples: int, reachable: int, tried: int) -> str:
-        """Message why no layout is proposed."""
-        of_reach = f"in {samples - reachable} of {samples} layouts no view is within reach of the arm"
-        limit = f"{of_reach}, and {tried} others cannot be planned" if tried else of_reach
-        return f"no layout within the bounds can scan the parts; {limit}"
-
     def screen(self, values: Mapping[str, float]) -> Screened:
-        """Estimates at values of keys, by inverse kinematics alone.
+        """Estimates at values of keys: of plans from the views that are the same in all layouts.
 
         Raises `DescriptionError` if the cell is not valid there.
         """
-        nominal = nominal_cell(self._at(values), None).with_axes_held()
-        cell = self._planning_cell(nominal)
-        reach, scanned, time = zip(*(screened(cell, views) for views in self._views), strict=True)
-        return Screened(reach, min(scanned), sum(time))
+        described, scanned, time = self._at(values), [], 0.0
+        for part, views in zip(self._parts, self._views, strict=True):
+            try:
+                work = Work(min(_WORK, self._options.scan.max_planning_work), self._progress)
+                cell = self._planning_cell(nominal_cell(described, part), work)
+                if not reached(cell.held(), views.targets):  # faster than to place views one by one
+                    raise PlanningError("no view is within reach of the arm", file=part.source)
+                found = plan(cell, self._screening, views.sight, candidates=views.candidates)
+            except (PlanningError, CellError) as error:
+                return Screened(0.0, np.inf, str(error))
+            assert found.report is not None  # views are chosen by coverage
+            time += found.program.duration
+            scanned.append(found.report.share * views.sight.surface.measurable_fraction)
+        return Screened(min(scanned), time)
+
+    def reach(self, values: Mapping[str, float]) -> tuple[float, ...]:
+        """Share of the views of each part that the arm reaches, by inverse kinematics alone."""
+        cell = self._planning_cell(nominal_cell(self._at(values), None).with_axes_held())
+        return tuple(reached(cell, views.targets) for views in self._views)
 
     def planned(self, name: str, values: Mapping[str, float]) -> Layout:
         """The layout at values of keys with planned scans, or the reason why they cannot be planned."""
         cell, scans = self._at(values), []
-        reach = self.screen(values).reach
-        for part, reached in zip(self._parts, reach, strict=True):
+        for part, reach in zip(self._parts, self.reach(values), strict=True):
             try:
-                plan, clearance = self._plan(cell, part)
+                found, clearance = self._plan(cell, part)
             except (PlanningError, CellError) as error:
                 return Layout(name, cell, dict(values), (), str(error))
-            assert plan.report is not None  # views are chosen by coverage
-            measurable = plan.report.measurable_area / float(part.areas.sum())
-            scans.append(
-                LayoutScan(Path(part.source).name, reached, measurable, plan.report.share * measurable, clearance, plan)
-            )
+            assert found.report is not None  # views are chosen by coverage
+            measurable = found.report.measurable_area / float(part.areas.sum())
+            scanned = found.report.share * measurable
+            scans.append(LayoutScan(Path(part.source).name, reach, measurable, scanned, clearance, found))
         return Layout(name, cell, dict(values), tuple(scans))
 
     def _at(self, values: Mapping[str, float]) -> CellDescription:
@@ -495,29 +506,49 @@ class LayoutPlanner:
 
     def _views_of(self, part: Mesh) -> Views:
         """Views in range and sight of a part, which the arm may reach or not."""
-        nominal = nominal_cell(self._cell, part).with_axes_held()
-        if nominal.holds_part or not nominal.table_turns:
-            key, value = ("part.moves_with", "flange") if nominal.holds_part else ("table.turns", False)
-            expected = "a part on a table that turns: layouts of other cells are not proposed yet"
-            raise DescriptionError(key=f"cell.{key}", value=value, expected=expected)
-        surface = unknown_surface(nominal, self._sensor, _SAMPLES, self._threads)
-        every = replace(surface, measurable=np.ones(len(surface.samples), bool))
-        sight = Sight(nominal, self._sensor, lambda *_: every, self._threads, self._work, _SAMPLES)
-        planner = CoveragePlanner(self._planning_cell(nominal), sight, self._options)
-        views, seen, time = planner.candidates(sample_part(part, nominal.table_from_part), _ROUNDS)
-        if not views:
-            raise PlanningError("nothing of its surface is in range and sight of the sensor", file=part.source)
-        count, angles, poses = _SCREENING[nominal.arm.has_named_branches]
-        rows = spread(seen, time, count)
-        placed = [_poses(views[row], self._options.azimuth, angles, poses) for row in rows]
-        goal = int(np.ceil(self._options.scan.coverage.share * seen[rows].any(0).sum()))
-        self._progress.advance(1)
-        targets, turns = (np.array(arrays) for arrays in zip(*placed, strict=True))
-        return Views(targets, turns, seen[rows], time[rows], goal)
+        nominal = nominal_cell(self._cell, part)
+        others = {
+            "part.moves_with": (nominal.support != "table", self._cell.part.moves_with),
+            "tool.moves_with": (not nominal.carries_sensor, nominal.sensor.parent),
+            "table.turns": (not nominal.table_turns, False),
+        }
+        for key, (is_other, value) in others.items():
+            if is_other:
+                expected = "a sensor on the flange and a part on a table that turns: layouts of others are not proposed"
+                raise DescriptionError(key=f"cell.{key}", value=value, expected=expected)
+        cell, samples = self._planning_cell(nominal), sample_part(part, nominal.table_from_part)
+        surface = unknown_surface(nominal.with_axes_held(), self._sensor, _SAMPLES, self._threads)
 
-    def _planning_cell(self, nominal: NominalCell) -> PlanningCell:
+        def sight_of(measurable: Flags) -> Sight:
+            found = replace(surface, measurable=measurable)
+            held = nominal.with_axes_held()
+            return Sight(held, self._sensor, lambda *_: found, self._threads, self._work, _SAMPLES)
+
+        def searched(sight: Sight, is_searched: bool) -> list[Candidate]:
+            return CoveragePlanner(cell, sight, self._options).candidates(samples, _ROUNDS, is_searched)
+
+        every = searched(sight_of(np.ones(_SAMPLES, bool)), is_searched=False)
+        if not every:
+            raise PlanningError("nothing of its surface is in range and sight of the sensor", file=part.source)
+        count, angles, poses = _REACH[nominal.arm.has_named_branches]
+        some = every[:: -(-len(every) // count)]
+        targets = np.array([_poses(one.view, self._options.azimuth, angles, poses) for one in some])
+        visible = np.any([one.seen for one in every], axis=0)
+        try:
+            sight = self._sight(part)
+            is_reached = sight.surface.measurable_fraction >= visible.mean() - WORTH
+        except CellError:  # bodies of the cell as described intersect
+            is_reached = False
+        if is_reached:
+            candidates = searched(sight, is_searched=True)
+        else:  # other layouts may be better
+            sight, candidates = sight_of(visible), [replace(one, seen=one.seen[visible]) for one in every]
+        self._progress.advance(1)
+        return Views(sight, candidates, targets)
+
+    def _planning_cell(self, nominal: NominalCell, work: Work | None = None) -> PlanningCell:
         return PlanningCell(
-            nominal, self._range, self._cell.world.controller_cycle, threads=self._threads, work=self._work
+            nominal, self._range, self._cell.world.controller_cycle, threads=self._threads, work=work or self._work
         )
 
 
@@ -531,73 +562,19 @@ def sampled(bounds: Mapping[str, tuple[float, float]], samples: int, seed: int) 
     return [dict(zip(bounds, row, strict=True)) for row in values.tolist()]
 
 
-def spread(seen: Flags, time: Array, count: int) -> Indices:
-    """Numbers of at most `count` views: those of a greedy cover, those of a cover by the others, and so on."""
-    chosen: list[int] = []
-    left = np.arange(len(seen))
-    while len(chosen) < count and len(left):
-        cover = left[greedy_cover(seen[left], time[left], seen.shape[1])]
-        chosen += cover.tolist()
-        left = np.setdiff1d(left, cover)
-    return np.array(chosen[:count], np.int64)
-
-
-def _poses(view: Sweep | Pass, azimuth: float, count: int, poses: int) -> tuple[Array, Array]:
-    """Poses (count, poses, 4, 4) of the sensor and table angles (count,): with the table turned, or around it."""
+def _poses(view: Sweep | Pass, azimuth: float, count: int, poses: int) -> Array:
+    """Poses (count, poses, 4, 4) of the sensor: with the table turned, or around it."""
     if isinstance(view, Sweep):
         around = azimuth + 2 * np.pi * np.arange(count // 2) / (count // 2)
         at = np.array([view.at(angle, roll) for angle in around for roll in (0.0, np.pi)])
-        return np.repeat(at[:, None], poses, 1), np.zeros(count)
+        return np.repeat(at[:, None], poses, 1)
     angles = 2 * np.pi * np.arange(count) / count
     along = view.length * (np.linspace(0.0, 1.0, poses) if poses > 1 else np.array([0.5]))
-    return pose.from_rotation(pose.rotation_about(2, angles))[:, None] @ view.at(along), angles
+    return np.asarray(pose.from_rotation(pose.rotation_about(2, angles))[:, None] @ view.at(along))
 
 
-def screened(cell: PlanningCell, views: Views) -> tuple[float, float, float]:
-    """Share of the views that the arm reaches, share of the surface that a choice of them sees, and its time, s.
-
-    The time includes moves between the views, each to the nearest in time, without regard to collisions.
-    """
-    count, angles, poses = views.targets.shape[:3]
-    q = cell.ik(views.targets.reshape(-1, 4, 4))
-    q = q.reshape(count, angles, poses, *q.shape[1:])
-    metric = arm_metric(cell.nominal.arm, q).min(2)
-    usable = metric > MIN_METRIC
-    rows = np.flatnonzero(usable.any((1, 2)))
-    if not len(rows):
-        return 0.0, 0.0, 0.0
-    chosen = rows[greedy_cover(views.seen[rows], views.time[rows], views.goal)]
-    # As planning does: one branch as far as possible, and there the configuration in the middle of the joint ranges.
-    branch = int(np.argmax(usable[chosen].any(1).sum(0)))
-    score = metric[chosen] + (usable[chosen] & (np.arange(metric.shape[2]) == branch))
-    angle, of = np.unravel_index(score.reshape(len(chosen), -1).argmax(1), score.shape[1:])
-    ends = [np.column_stack([q[chosen, angle, end, of], views.angles[chosen, angle]]) for end in (0, -1)]
-    time = float((views.time[chosen] - TRANSIT).sum()) + _tour(cell, *ends)
-    return len(rows) / count, float(views.seen[chosen].any(0).mean()), time
-
-
-def _tour(cell: PlanningCell, starts: Array, ends: Array) -> float:
-    """Time, s, of straight moves from home through views that begin at `starts` and end at `ends` (n, axes), and home.
-
-    The nearest view comes next; rad.
-    """
-    limits = cell.axis_limits.scaled(LIMIT_FRACTION)
-    at, left, total = cell.start, list(range(len(starts))), 0.0
-    while left:
-        times = _move_times(starts[left] - at, limits)
-        nearest = int(np.argmin(times))
-        total += float(times[nearest])
-        at = ends[left.pop(nearest)]
-    home = np.append(cell.nominal.home, at[-1])
-    return total + float(_move_times(home - at, limits))
-
-
-def _move_times(travel: Array, limits: Limits) -> Array:
-    """Durations (...,), s, of moves from rest to rest by `travel` (..., axes), rad; the table takes the shorter way."""
-    distance = np.abs(travel)
-    distance[..., -1] = np.abs(np.remainder(travel[..., -1] + np.pi, 2 * np.pi) - np.pi)
-    ramp = limits.speed / limits.acceleration
-    long = distance > limits.speed * ramp
-    return np.asarray(
-        np.where(long, distance / limits.speed + ramp, 2 * np.sqrt(distance / limits.acceleration)).max(-1)
-    )
+def reached(cell: PlanningCell, targets: Array) -> float:
+    """Share of views that the arm reaches at some table angle, by their poses (c, a, k, 4, 4), see `Views`."""
+    q = cell.ik(targets.reshape(-1, 4, 4))
+    metric = arm_metric(cell.nominal.arm, q.reshape(*targets.shape[:3], *q.shape[1:])).min(2)
+    return float((metric > MIN_METRIC).any((1, 2)).mean())

@@ -21,7 +21,7 @@ from scancell.planning.path_map.configuration_map import QualityFactor
 from scancell.planning.path_map.path_planner import PathPlanner, PlacedPath
 from scancell.planning.plan import Plan
 from scancell.planning.views import paths
-from scancell.planning.views.coverage import CHOICE_SHARE, CoveragePlanner, Sight
+from scancell.planning.views.coverage import CHOICE_SHARE, Candidate, CoveragePlanner, Sight
 from scancell.planning.views.placement import (
     Infeasible,
     Placed,
@@ -122,12 +122,16 @@ def _check_loss(wanted: Flags, seen: Flags, most: float, warnings: list[str]) ->
 
 
 def plan(
-    cell: PlanningCell, options: ScanOptions, sight: Sight | None = None, quality_factors: Sequence[QualityFactor] = ()
+    cell: PlanningCell,
+    options: ScanOptions,
+    sight: Sight | None = None,
+    quality_factors: Sequence[QualityFactor] = (),
+    candidates: Sequence[Candidate] = (),
 ) -> Plan:
     """Plan a scan.
 
-    `sight` judges coverage-driven views, which need it; `quality_factors` are further constraints of motions along
-    sensor paths.
+    `sight` judges coverage-driven views, which need it, and are chosen from `candidates` if there are any;
+    `quality_factors` are further constraints of motions along sensor paths.
 
     Raises `PlanningError` if the part does not fit on the table or poses are infeasible, naming them with the distance
     out of reach, the angle outside the joint limits, or the bodies that collide.
@@ -148,7 +152,7 @@ def plan(
     warnings = []
     if options.scan.coverage.enabled:
         assert sight is not None
-        views, report = CoveragePlanner(stands, sight, options).choose(part, left)
+        views, report = CoveragePlanner(stands, sight, options, candidates).choose(part, left)
         if cell.work.spent > CHOICE_SHARE * cell.work.limit:
             warnings.append(
                 f"views were chosen until {100 * CHOICE_SHARE:.0f} % of scan.max_planning_work ="

@@ -246,11 +246,7 @@ class ScanPipeline(Closing):
                 value=list(saved.program.further),
                 expected=f"{list(at_start)}, where the further axes of the cell start",
             )
-        further = setup.cell.further_sensor
-        beside = [(one.sensor or setup.sensor) if one.every == 1 else None for one in further]
-        find = partial(self._measurable, work, _faces_to_see(setup.scan.coverage, nominal.part))
-        noise = point_noise(world) if setup.scan.coverage.feature else None
-        sight = Sight(nominal.with_axes_held(), setup.sensor, find, self.threads, work, beside=beside, noise=noise)
+        sight = self.sight(world, nominal, work)
         # Only what this plan depends on: a study of other values plans once.
         described: list[Any] = [
             setup.scan.model_dump_json(),
@@ -258,6 +254,7 @@ class ScanPipeline(Closing):
             [path.pitch_mm for path in options.scan.path],
         ]
         if setup.scan.coverage.enabled:
+            further = setup.cell.further_sensor
             described += [setup.sensor.model_dump_json(), *(one.model_dump_json() for one in further)]
         described += [setup.cell.model_dump_json()] if is_dynamic else []
         key = _digest([_without_optics(nominal), cell.range, cell.cycle, *described])
@@ -274,6 +271,14 @@ class ScanPipeline(Closing):
 
         with self._planning:
             return _kept(self._plans, key, _MAX_PLANS, make)
+
+    def sight(self, world: World, nominal: NominalCell | None = None, work: Work | None = None) -> Sight:
+        """What views of the part see in a nominal cell, by default that of the world; see `Sight`."""
+        setup, nominal, work = world.setup, nominal or world.nominal, work or Work()
+        beside = [(one.sensor or setup.sensor) if one.every == 1 else None for one in setup.cell.further_sensor]
+        find = partial(self._measurable, work, _faces_to_see(setup.scan.coverage, nominal.part))
+        noise = point_noise(world) if setup.scan.coverage.feature else None
+        return Sight(nominal.with_axes_held(), setup.sensor, find, self.threads, work, beside=beside, noise=noise)
 
     def approach(
         self,

@@ -384,6 +384,16 @@ class CoverageReport(Value):
     features: tuple[FeatureOutlook, ...] = ()
 
 
+@dataclass(frozen=True)
+class Candidate:
+    """A view, the samples of the `Sight` that it sees (n,), its time, s, and its number of exposures."""
+
+    view: Sweep | Pass
+    seen: Flags
+    time: float
+    count: int
+
+
 @dataclass
 class _Pool:
     """Candidates: what they see (c, n), their time (c,), and why they are infeasible ("": not known to be)."""
@@ -393,10 +403,10 @@ class _Pool:
     time: list[float] = field(default_factory=list)
     obstacle: list[str] = field(default_factory=list)
 
-    def add(self, view: Sweep | Pass, judged: Judgements, time: float) -> None:
-        self.views.append(view)
-        self.seen.append(judged == SEEN)
-        self.time.append(time)
+    def add(self, one: Candidate) -> None:
+        self.views.append(one.view)
+        self.seen.append(one.seen)
+        self.time.append(one.time)
         self.obstacle.append("")
 
     @property
@@ -421,9 +431,13 @@ class CoveragePlanner:
         Judges what views see.
     options
         Options of the scan; `sweep` and `raster` state which kinds of views are allowed, and their speeds.
+    given
+        Candidates that are chosen from in place of those of a search; see `candidates`.
     """
 
-    def __init__(self, cell: PlanningCell | Stands, sight: Sight, options: ScanOptions) -> None:
+    def __init__(
+        self, cell: PlanningCell | Stands, sight: Sight, options: ScanOptions, given: Sequence[Candidate] = ()
+    ) -> None:
         self._stands = cell if isinstance(cell, Stands) else Stands(cell, options)
         self._order = [*self._stands.candidates]  # those that views were placed at come first
         if len(self._order) > 1:
@@ -431,7 +445,7 @@ class CoveragePlanner:
         self._cell, self._sight, self._options = self._stands.cell, sight, options
         self._wish, self._sweep, self._raster = options.scan.coverage, options.scan.sweep, options.scan.raster
         self._best = np.full(len(sight.points), OUT_OF_RANGE, np.int8)
-        self._pool = _Pool()
+        self._given, self._pool = given, _Pool()
         self._chosen: dict[int, Placed] = {}  # by the number of the candidate
         self._branch: int | None = None  # that of the first view, which others prefer
         self.covered = np.zeros(len(sight.points), bool)
@@ -465,6 +479,20 @@ class CoveragePlanner:
         """
         if not len(self._sight.points):
             raise PlanningError("nothing of the part is measurable: no pose that the arm reaches sees its surface")
+        for candidate in self._given:
+            self._take(candidate)
+        if not self._given:
+            self._search(part)
+        self._extend()
+        if not self._chosen:
+            reasons = sorted({reason for reason in self._pool.obstacle if reason})
+            unseen = "none sees its surface; see scan.sweep.standoff_mm"
+            raise PlanningError(f"no feasible view of the part: {reasons[0] if reasons else unseen}")
+        self._drop_redundant()
+        return self._report()
+
+    def _search(self, part: Surface) -> None:
+        """Add sweeps and rounds of legs, and choose views as soon as these together are enough."""
         self._cell.work.doing = self._reached("judging sweeps")
         self._add_sweeps(part)
         fruitless, rng = 0, np.random.default_rng(_SEED)
@@ -481,32 +509,23 @@ class CoveragePlanner:
                 self._extend()
             fruitless = fruitless + 1 if self._possible().sum() + self.covered.sum() == before else 0
             if self._is_done() or fruitless == _FRUITLESS:
-                break
-        self._extend()
-        if not self._chosen:
-            reasons = sorted({reason for reason in self._pool.obstacle if reason})
-            unseen = "none sees its surface; see scan.sweep.standoff_mm"
-            raise PlanningError(f"no feasible view of the part: {reasons[0] if reasons else unseen}")
-        self._drop_redundant()
-        return self._report()
+                return
 
-    def candidates(self, part: Surface, rounds: int) -> tuple[list[Sweep | Pass], Flags, Array]:
-        """Views of the part whether or not the arm reaches them, passes from several `rounds` of `legs`.
+    def candidates(self, part: Surface, rounds: int, is_searched: bool) -> list[Candidate]:
+        """Views of the part whether or not the arm reaches them: those that `select` searches.
 
-        Returns
-        -------
-        views, seen, time
-            Views (c), the samples of `Sight` that they see (c, n), and their estimated duration (c,), s, which includes
-            `TRANSIT`.
+        Legs come from at most some `rounds`; `is_searched` is that of `legs`.
         """
         self._add_sweeps(part)
         rng = np.random.default_rng(_SEED)
         for _ in range(rounds if self._raster.enabled else 0):
-            unseen = np.flatnonzero(~self._possible())
-            for leg in legs(self._sight, unseen, _TARGETS, _LEGS_EACH, rng, is_searched=False):
+            wanted = np.flatnonzero(~self._possible() if self._pool.has_legs else ~self.covered)
+            for leg in legs(self._sight, wanted, _TARGETS, _LEGS_EACH, rng, is_searched):
                 self._add(leg.view, leg.judged)
-        seen = np.array(self._pool.seen, bool).reshape(-1, len(self.covered))
-        return self._pool.views, seen, np.array(self._pool.time)
+            if self._is_possible():
+                break
+        found = zip(self._pool.views, self._pool.seen, self._pool.time, strict=True)
+        return [Candidate(view, seen, time, self._count(view)) for view, seen, time in found]
 
     def _add_sweeps(self, part: Surface) -> None:
         if self._sweep.enabled:
@@ -537,8 +556,11 @@ class CoveragePlanner:
         judged = np.maximum(judged, self._sight.judge_beside(view))
         self._best = np.maximum(self._best, judged)
         if (judged == SEEN).any():
-            self._pool.add(view, judged, self._time(view))
-            self._goal.add(view, judged == SEEN, self._count(view))
+            self._take(Candidate(view, judged == SEEN, self._time(view), self._count(view)))
+
+    def _take(self, one: Candidate) -> None:
+        self._pool.add(one)
+        self._goal.add(one.view, one.seen, one.count)
 
     def _time(self, view: Sweep | Pass) -> float:
         count = self._count(view)
@@ -668,23 +690,6 @@ class CoveragePlanner:
         if not isinstance(self._goal, FeatureGoals):
             return ()
         return self._goal.outlooks(self._chosen, self._pool.feasible)
-
-
-def greedy_cover(seen: Flags, time: Array, goal: int) -> list[int]:
-    """Numbers of views chosen in turn by added samples per time, until `goal` samples are seen or none adds any.
-
-    `seen` (c, n) are the samples that each view sees, `time` (c,) its duration, s.
-    """
-    chosen: list[int] = []
-    covered = np.zeros(seen.shape[1], bool)
-    while len(seen) and (missing := goal - int(covered.sum())) > 0:
-        gain = np.minimum((seen & ~covered).sum(1), missing)
-        best = int(np.argmax(gain / time))
-        if not gain[best]:
-            break
-        chosen.append(best)
-        covered |= seen[best]
-    return chosen
 
 
 def _least_time(gain: Indices, time: Array, goal: int) -> float:

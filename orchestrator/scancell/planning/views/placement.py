@@ -247,7 +247,9 @@ class Placer:
         found = cell.ik_along(targets.reshape(-1, 3, 4, 4))
         branches = found.shape[2]
         q = found.reshape(len(views), len(angles), *found.shape[1:])
-        metric = configuration_map.arm_metric(cell.nominal.arm, q[:, :, ::2]).min(2).reshape(len(views), -1)
+        metric = configuration_map.arm_metric(cell.nominal.arm, q[:, :, ::2]).min(2)
+        # The arm may reach both ends of a pass and not its middle.
+        metric = np.where(np.isfinite(q[:, :, 1]).all(-1), metric, 0.0).reshape(len(views), -1)
         within = np.repeat(self._is_within_turn(angles), branches)
         usable = (metric > MIN_METRIC) & within
         other_branch = np.tile(np.arange(branches) != branch, len(angles))
