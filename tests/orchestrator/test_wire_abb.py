@@ -189,6 +189,9 @@ def test_correction_without_content_keeps_what_is_in_force(server: EgmServer, co
         correction(planned={"cartesian": {"pos": {"x": 1.0}}}),
         to_pose(pose.translation((5.0, 0.0, 0.0))),
         to_pose(pose.translation((1e280, 0.0, 0.0))),
+        correction(
+            planned={"cartesian": {**pose_message(np.eye(4)), "orient": dict.fromkeys(("u0", "u1", "u2", "u3"), 1e300)}}
+        ),
         at_speeds(cartesians={"value": [1.0, 2.0, 3.0]}),
         at_speeds(joints={"joints": [1.0]}),
     ],

@@ -18,6 +18,7 @@ from scancell.guard.transport import resolved
 
 _MAX_CLIENTS = 64
 _RECEIVE = 65_536  # bytes at a time
+_MOST_DATAGRAMS = 64  # of a sensor, between two cycles
 _SEND_BUFFER = 65_536  # bytes in the system: a client in simulated time is not far behind
 _MOST_UNSENT = 1_000_000  # bytes that wait for a client that does not read them
 _STALLED = 5.0  # s without reading after which a client is disconnected in simulated time
@@ -239,8 +240,9 @@ class ControllerServer:
             if source in self._listeners:
                 self._accept(source)
             elif (sensor := self._sensors.get(source)) is not None:
-                with contextlib.suppress(OSError):  # nobody listens at the address
-                    sensor.receive(source.recv(_RECEIVE))
+                with contextlib.suppress(OSError):  # nothing more has come, or nobody listens at the address
+                    for _ in range(_MOST_DATAGRAMS):
+                        sensor.receive(source.recv(_RECEIVE))
             elif (client := self._clients.get(source)) is not None:
                 if mask & EVENT_WRITE:
                     self._send(client, b"")

@@ -155,7 +155,7 @@ class EgmServer:
     Attributes
     ----------
     is_started
-        Whether the sensor has answered the last state.
+        Whether the sensor has answered the last state by a correction.
     is_open
         True: datagrams have no connection.
     """
@@ -169,7 +169,6 @@ class EgmServer:
 
     def receive(self, received: bytes) -> bytes:
         """Take a message of the sensor; there is no answer to it."""
-        self.is_started = True
         try:
             message = unpacked(received, SENSOR)
             kind = message.get("header", {}).get("mtype")
@@ -178,6 +177,7 @@ class EgmServer:
         except MessageError as error:  # of no known sender: guidance goes on
             self._controller.refuse(_EGM, str(error))
             return b""
+        self.is_started = True
         try:
             self._controller.correct(message)
         except ScancellError as error:

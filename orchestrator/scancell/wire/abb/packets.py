@@ -167,7 +167,7 @@ def pose_from(message: Message) -> Array:
         raise MessageError(key=POSE, value=sorted(message), expected="pos (x, y, z) and orient (u0 to u3)")
     if max(map(abs, position)) > _FARTHEST:
         raise MessageError(key="pos", value=position, expected=f"within {_FARTHEST:g} mm")
-    if not 0.9 < float(np.linalg.norm(quaternion)) < 1.1:
+    if max(map(abs, quaternion)) > 1.1 or not 0.9 < float(np.linalg.norm(quaternion)) < 1.1:
         raise MessageError(key="orient", value=quaternion, expected="a quaternion of length 1")
     return pose.pose(1e-3 * np.array(position), quaternion)
 
