@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "sensor_rt/geometry/multiversion.h"
 #include "sensor_rt/tracing/lane_planes.h"
@@ -79,6 +80,7 @@ constexpr double kNearFace = 2e-5;       // m between exact surfaces and their t
 constexpr double kGrazing = 1e-6;        // cosine below which a ray has no point of intersection
 constexpr double kConverged = 1e-12;     // m
 constexpr int kNewtonSteps = 12;
+constexpr int kMostLayers = 8;  // of triangles that a ray passes without meeting their surface
 
 /// Whether triangles of a face lie at a point of its exact surface; they end at the edges of the face.
 bool is_on_face(const Shape& shape, const Eigen::Vector3d& point, const Eigen::Vector3d& normal,
@@ -100,48 +102,59 @@ bool is_on_face(const Shape& shape, const Eigen::Vector3d& point, const Eigen::V
   return rays.hit.geomID[0] != RTC_INVALID_GEOMETRY_ID && shape.curved_of_face[rays.hit.primID[0]] == number;
 }
 
-/// Moves hits from the triangles to the exact surfaces of their faces, by Newton's method along the rays.
-void meet_exact_faces(const Shape& shape, const Lanes3& origin, const Lanes3& direction, Candidates& found) {
+/// Moves hits from the triangles to the exact surfaces of their faces, by Newton's method along the rays,
+/// which begin before them: the triangles enclose convex surfaces. `coarse`: where the rays meet the
+/// triangles. Sets again[lane] to -1 and found.t to kNoHit where the ray passes between a triangle and its
+/// surface, else to 0, and returns whether there is such a lane.
+bool meet_exact_faces(const Shape& shape, const Lanes3& origin, const Lanes3& direction, const float* coarse,
+                      Candidates& found, int* again) {
+  bool any = false;
   for (int l = 0; l < kLanes; ++l) {
+    again[l] = 0;
     const std::int32_t number = shape.curved_of_face[found.face[l]];
     if (number < 0 || !(found.t[l] < kNoHit)) continue;
     const CurvedFace& face = shape.curved[static_cast<std::size_t>(number)];
     const Eigen::Vector3d from = lane(origin, l);
     const Eigen::Vector3d along = lane(direction, l);
     const double length = along.norm();
-    double t = found.t[l];
+    const double start = coarse[l];
+    double t = start;
     Eigen::Vector3d gradient;
     double distance = face.distance(from + t * along, gradient);
     for (int step = 0; step < kNewtonSteps && std::abs(distance) > kConverged; ++step) {
       const double towards = gradient.dot(along);
       if (!(std::abs(towards) > kGrazing * length)) break;
       t -= distance / towards;
-      if (!(std::abs(t - found.t[l]) * length <= kFarthestMove)) break;
+      if (!(std::abs(t - start) * length <= kFarthestMove)) break;
       distance = face.distance(from + t * along, gradient);
     }
-    if (!(std::abs(distance) <= kConverged && t > 0.0)) continue;
-    const double move = std::abs(t - found.t[l]) * length;
-    if (!(move <= kFarthestMove)) continue;
-    if (move > kUncheckedMove && !is_on_face(shape, from + t * along, gradient, number)) continue;
-    const double side = gradient.dot(lane(found.normal, l)) < 0.0 ? -1.0 : 1.0;
+    const double move = std::abs(t - start) * length;
+    bool meets = std::abs(distance) <= kConverged && t > 0.0 && move <= kFarthestMove;
+    const Eigen::Vector3d outward = lane(found.normal, l);
+    const double side = gradient.dot(outward) < 0.0 ? -1.0 : 1.0;
+    if (meets && move > kUncheckedMove && !is_on_face(shape, from + t * along, gradient, number)) {
+      // Beyond an edge of the face the triangle counts, but not before the other side of the surface.
+      if (side * gradient.dot(along) * outward.dot(along) > 0.0) continue;
+      meets = false;
+    }
+    if (!meets) {
+      found.t[l] = kNoHit;
+      again[l] = -1;
+      any = true;
+      continue;
+    }
     found.t[l] = t;
     found.normal.x[l] = side * gradient.x();
     found.normal.y[l] = side * gradient.y();
     found.normal.z[l] = side * gradient.z();
   }
+  return any;
 }
 
-/// Returns false when no ray hits the mesh.
-bool find_faces(const Shape& shape, const Lanes3& origin, const Lanes3& direction, const int* valid,
-                const PacketHits& hits, Candidates& found) {
-  RTCRayHit16 rays;
-  fill_rays(origin, direction, rays.ray);
-  for (int l = 0; l < kLanes; ++l) {
-    // Rounded up, so that a surface at the current closest distance is not lost before the comparison in
-    // double precision.
-    rays.ray.tfar[l] = static_cast<float>(hits.t[l]) * 1.00001f;
-    rays.hit.geomID[l] = RTC_INVALID_GEOMETRY_ID;
-  }
+/// Finds the nearest triangles up to the ends of the rays; returns false when no ray meets one.
+bool find_triangles(const Shape& shape, const Lanes3& origin, const Lanes3& direction, const int* valid,
+                    RTCRayHit16& rays, Candidates& found) {
+  for (std::uint32_t& id : rays.hit.geomID) id = RTC_INVALID_GEOMETRY_ID;
   intersect16(shape.embree.get(), valid, rays);
   bool any = false;
   for (int l = 0; l < kLanes; ++l) {
@@ -156,7 +169,42 @@ bool find_faces(const Shape& shape, const Lanes3& origin, const Lanes3& directio
   for (int l = 0; l < kLanes; ++l) {
     if (valid[l] == 0 || rays.hit.geomID[l] == RTC_INVALID_GEOMETRY_ID) found.t[l] = kNoHit;
   }
-  if (!shape.curved_of_face.empty()) meet_exact_faces(shape, origin, direction, found);
+  return true;
+}
+
+/// Finds the nearest faces up to t = farthest[lane]; returns false when no ray hits the mesh.
+bool find_faces(const Shape& shape, const Lanes3& origin, const Lanes3& direction, const int* valid,
+                const double* farthest, Candidates& found) {
+  RTCRayHit16 rays;
+  fill_rays(origin, direction, rays.ray);
+  // Rounded up, so that a surface at the current closest distance is not lost before the comparison in double
+  // precision.
+  const auto end = [&](int l) { return static_cast<float>(farthest[l]) * 1.00001f; };
+  for (int l = 0; l < kLanes; ++l) rays.ray.tfar[l] = end(l);
+  if (!find_triangles(shape, origin, direction, valid, rays, found)) return false;
+  if (shape.curved_of_face.empty()) return true;
+  alignas(64) int again[kLanes];
+  bool any = meet_exact_faces(shape, origin, direction, rays.ray.tfar, found, again);
+  for (int layer = 0; any && layer < kMostLayers; ++layer) {
+    for (int l = 0; l < kLanes; ++l) {
+      if (again[l] == 0) continue;
+      rays.ray.tnear[l] = std::nextafter(rays.ray.tfar[l], std::numeric_limits<float>::infinity());
+      rays.ray.tfar[l] = end(l);
+    }
+    Candidates behind;
+    if (!find_triangles(shape, origin, direction, again, rays, behind)) break;
+    alignas(64) int passed[kLanes];
+    any = meet_exact_faces(shape, origin, direction, rays.ray.tfar, behind, passed);
+    for (int l = 0; l < kLanes; ++l) {
+      if (again[l] == 0) continue;
+      found.t[l] = behind.t[l];
+      found.face[l] = behind.face[l];
+      found.normal.x[l] = behind.normal.x[l];
+      found.normal.y[l] = behind.normal.y[l];
+      found.normal.z[l] = behind.normal.z[l];
+      again[l] = passed[l];
+    }
+  }
   return true;
 }
 
@@ -188,7 +236,7 @@ void intersect_shape(const Shape& shape, std::int32_t index, const LaneTransform
   if (!meet_box(shape, transform.origin, local, valid, hits.t)) return;
   Candidates found;
   if (shape.kind == ShapeKind::kMesh) {
-    if (!find_faces(shape, transform.origin, local, valid, hits, found)) return;
+    if (!find_faces(shape, transform.origin, local, valid, hits.t, found)) return;
   } else {
     intersect_primitive(shape, transform.origin, local, found.t, found.normal);
     for (int l = 0; l < kLanes; ++l) {
@@ -206,7 +254,14 @@ void occlude_by_shape(const Shape& shape, const LaneTransform& transform, const 
   alignas(64) double end[kLanes];
   std::fill(end, end + kLanes, farthest);
   if (!meet_box(shape, transform.origin, local, unoccluded, end)) return;
-  if (shape.kind == ShapeKind::kMesh) {
+  if (!shape.curved_of_face.empty()) {
+    // The triangles enclose the surfaces, from which segments start or at which they end.
+    alignas(64) int valid[kLanes];
+    std::copy(unoccluded, unoccluded + kLanes, valid);
+    Candidates found;
+    if (!find_faces(shape, transform.origin, local, valid, end, found)) return;
+    for (int l = 0; l < kLanes; ++l) unoccluded[l] = found.t[l] < farthest ? 0 : unoccluded[l];
+  } else if (shape.kind == ShapeKind::kMesh) {
     RTCRay16 rays;
     fill_rays(transform.origin, local, rays);
     for (float& tfar : rays.tfar) tfar = static_cast<float>(farthest);
