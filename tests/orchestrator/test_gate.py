@@ -77,6 +77,14 @@ def test_values_that_an_input_does_not_offer_are_refused(uuid: str, value: Any) 
     assert refusal(update(uuid, value)) != ""
 
 
+def test_clicks_on_bodies_pass() -> None:
+    click = {"type": "SceneNodeClickMessage", "name": "/frames/part/part", "instance_index": None, "modifier": None}
+    click |= {"ray_origin": [0.1, 0.2, 0.3], "ray_direction": [0.0, 0.6, -0.8], "screen_pos": [0.5, 0.5], "owner": ""}
+    assert refusal(click) == ""
+    for wrong in ({"ray_origin": [np.nan, 0, 0]}, {"ray_direction": [1, 2]}, {"name": 3}, {"more": 1}):
+        assert refusal(click | wrong) != ""
+
+
 def test_refusal_names_the_input_its_value_and_what_was_expected() -> None:
     assert refusal(update("slider", 11.0)) == "joint 1, deg = 11.0: expected a number from -10.1 to 10.1"
     assert refusal(update("choice", "c")) == "axis = c: expected one of a, b"

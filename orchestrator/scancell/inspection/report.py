@@ -21,7 +21,7 @@ VERDICT_COLOURS: dict[Verdict, str] = {
     "cannot be decided": "#e08a00",
     "not evaluated": "#8a9099",
 }
-_SEVERITY: tuple[Verdict, ...] = ("not evaluated", "conforms", "cannot be decided", "does not conform")
+SEVERITY: tuple[Verdict, ...] = ("not evaluated", "conforms", "cannot be decided", "does not conform")
 _PLAIN, _DATUM = "#e6e9ed", "#4575b4"
 _SAMPLES = 300_000
 _WIDTH, _HEIGHT = 1120, 560  # px of the picture of the part
@@ -65,7 +65,7 @@ def _rgb(colour: str) -> list[int]:
 def part_picture(inspection: Inspection, faces: _Faces | None = None) -> Sheet:
     """The part from two sides, each face in the colour of the worst verdict on it; `faces` draws it."""
     colours: dict[int, str] = {}
-    ordered = sorted(inspection.decisions, key=lambda one: _SEVERITY.index(one.verdict))
+    ordered = sorted(inspection.decisions, key=lambda one: SEVERITY.index(one.verdict))
     for one in ordered:
         colours |= dict.fromkeys(inspection.faces(one)[0], VERDICT_COLOURS[one.verdict])
     faces, sheet = faces or _Faces(inspection), Sheet(_WIDTH, _HEIGHT)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
@@ -190,6 +190,8 @@ class BodyNodes:
             for body in cell.bodies
         }
         self._wires: list[Any] = []
+        self._painted_faces: list[Any] = []
+        self._clicked: Callable[[Any], object] | None = None
 
     def move(self, frames: Mapping[str, Array]) -> None:
         """Put frames at poses ``world_from_frame`` (4, 4)."""
@@ -208,6 +210,23 @@ class BodyNodes:
         """Paint a body, or restore its own colour."""
         if body in self._meshes:
             self._meshes[body].color = self._colours[body] if colour is None else colour
+
+    def on_part_click(self, act: Callable[[Any], object]) -> None:
+        """Call `act` with the event of each click on the part or its painted faces; one function at a time."""
+        self._clicked = act
+        self._meshes["part"].on_click(act)
+
+    def paint_faces(self, faces: Mapping[Rgb, Mesh]) -> None:
+        """Paint faces of the part, meshes in its frame by colour, which lie as far out as the part itself does."""
+        for node in self._painted_faces:
+            node.remove()
+        self._painted_faces = [
+            self._scene.add_mesh_simple(f"/frames/part/faces/{number}", *split_at_creases(mesh), color=colour)
+            for number, (colour, mesh) in enumerate(faces.items())
+        ]
+        if self._clicked is not None:
+            for node in self._painted_faces:
+                node.on_click(self._clicked)
 
     def show_frames(self, shown: bool) -> None:
         """Show the axes and names of all frames, and bodies translucent, or none."""

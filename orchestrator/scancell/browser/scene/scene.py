@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scancell.arrays import Array, Image
-from scancell.browser.scene.bodies import FORBIDDEN, PREVIEW, BodyNodes, Ghost, PairView, drawn_mesh
+from scancell.browser.scene.bodies import FORBIDDEN, PREVIEW, BodyNodes, Ghost, PairView, Rgb, drawn_mesh
 from scancell.browser.scene.cloud import GrowingCloud, Trace
 from scancell.browser.scene.devices import BeltMarks, DeviceView, SensorView
 from scancell.cell.driver import Mode
@@ -20,6 +20,7 @@ from scancell.config.cell import CellDescription, sensor_frame
 from scancell.config.sensor import SensorDescription
 from scancell.errors import DescriptionError
 from scancell.geometry import pose
+from scancell.geometry.mesh import Mesh
 from scancell.live.scan import LiveChunk
 from scancell.live.state import LiveState
 from scancell.nominal.cell import NominalCell
@@ -236,6 +237,23 @@ class CellScene:
             self._show_laser(laser)
             self._pairs.clear()
             self._show_ghost()
+        self._server.flush()
+
+    def on_part_click(self, act: Callable[[Array, Array], object]) -> None:
+        """Call `act` with the ray of each click on the part: origin and direction (3,) in the frame of the part, m."""
+
+        def clicked(event: Any) -> None:
+            part_from_world = pose.inverse(self._bodies.poses["part"])
+            origin = pose.transform_points(part_from_world, np.array([event.ray_origin]))[0]
+            act(origin, part_from_world[:3, :3] @ np.array(event.ray_direction))
+
+        with self._lock:
+            self._bodies.on_part_click(clicked)
+
+    def paint_faces(self, faces: Mapping[Rgb, Mesh]) -> None:
+        """Paint faces of the part, meshes in its frame by colour, m; others have the colour of the part."""
+        with self._lock, self._server.atomic():
+            self._bodies.paint_faces(faces)
         self._server.flush()
 
     def show_preview(self, axes: Array | None, forbidden: bool = False) -> None:

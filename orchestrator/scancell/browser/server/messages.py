@@ -93,6 +93,16 @@ class _TransformControlsDragEndMessage(_Message):
     owner: _Text = ""
 
 
+class _SceneNodeClickMessage(_Message):
+    name: _Text
+    instance_index: int | None
+    ray_origin: _Vector
+    ray_direction: _Vector
+    screen_pos: tuple[_Number, _Number]
+    modifier: _Text | None = None
+    owner: _Text = ""
+
+
 class _GetRenderResponseMessage(_Message):
     payload: bytes
     render_uuid: _Text
@@ -109,6 +119,7 @@ _KINDS = (
     | _TransformControlsUpdateMessage
     | _TransformControlsDragStartMessage
     | _TransformControlsDragEndMessage
+    | _SceneNodeClickMessage
     | _GetRenderResponseMessage
 )
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from scancell.browser.panels.camera_panel import CameraPanel, ViewPanel, add_view_options
 from scancell.browser.panels.cell_panel import CellPanel, JogPanel, JointPanel, PosePanel, SensorPanel
+from scancell.browser.panels.faces import FacesPanel, PartFaces
 from scancell.browser.panels.handles import report_errors, set_changed
 from scancell.browser.panels.help import ExercisePanel, HelpPanel, TourCard, add_help
 from scancell.browser.panels.operator_commands import OperatorCommands, is_stopped
@@ -30,6 +31,7 @@ from scancell.config.sensor import SensorDescription
 from scancell.errors import CommandError, PlanningError
 from scancell.exercises import Attempt, Exercise
 from scancell.geometry import pose
+from scancell.geometry.cad import CadMesh
 from scancell.live.camera import CameraFeed
 from scancell.live.cell import LiveCell
 from scancell.live.plan import LivePlan
@@ -94,6 +96,8 @@ class Workspace:
         Scene, shared by all browsers.
     plans
         The plan of the scan.
+    faces
+        Faces of the part; None where it is no CAD part.
     scans, playback
         Scans of the part, and the last one played back.
     feed
@@ -122,6 +126,7 @@ class Workspace:
         )
         self.playback = ScanPlayback(self.live, session.true, self.scans, self.feed, self.scene)
         has_part = mesh is not None
+        self.faces = PartFaces(mesh, self.scene, lambda: self.scans.result) if isinstance(mesh, CadMesh) else None
         self.plans = Plans(LivePlan(self.live, session, has_part), self.scene, has_part)
         self._operators, self._lock = Operators(), Lock()
         self._views: dict[int, ClientView] = {}
@@ -141,6 +146,7 @@ class Workspace:
             self.plans,
             self.scans,
             self.playback,
+            self.faces,
             self.feed,
             self._recording,
             {name: setup.seen_by(number).sensor for number, name in enumerate(setup.sensor_names, 1)},
@@ -301,6 +307,7 @@ class Shared:
     plans: Plans
     scans: Scans
     playback: ScanPlayback
+    faces: PartFaces | None
     feed: CameraFeed
     recording: SessionRecording
     sensors: Mapping[str, SensorDescription]
@@ -350,6 +357,9 @@ class ClientView:
         scan = self._add_tab(tabs, "Scan", lambda: ScanPanel(gui, operator, shared.scans, shared.playback))
         with scan, gui.add_folder("Plan", expand_by_default=False):
             self._panels.append(PlanPanel(gui, operator, shared.plans))
+        if (faces := shared.faces) is not None:
+            with scan, gui.add_folder("Faces"):
+                self._panels.append(FacesPanel(gui, operator, faces, shared.scans))
         with tabs.add_tab("Program"):
             programs = gui.add_tab_group()
         self._add_tab(
