@@ -21,7 +21,7 @@ from scancell.scanning.world import World
 
 BELT = axis_deviations("conveyor[1]")
 ENCODER = 20e-6  # m, standard deviation of the readings of the belt's travel
-THINNED = 12  # of so many points one is used
+THINNED = 24  # of so many points one is used
 CENTRE, REACH, PROFILES = 0.21, 0.06, 48  # m: travel at which the part is under the sensor, and on either side
 
 
@@ -33,12 +33,14 @@ def part_on_belt(part: str = "parts/free_form.stl") -> World:
     return ScanPipeline(threads=1).load(setup, load_part(assets_dir() / part))
 
 
-def problem_of(planted: Mapping[str, float], seed: int, encoder: float = ENCODER) -> CalibrationProblem:
+def problem_of(
+    planted: Mapping[str, float], seed: int, encoder: float = ENCODER, part: str = "parts/free_form.stl"
+) -> CalibrationProblem:
     """Calibration of the belt by profiles with noise, where the belt has the `planted` deviations, SI.
 
     The part lies up to 0.3 mm and 0.2 deg from where it is described.
     """
-    rng, world = np.random.default_rng(seed), replace(part_on_belt(), seed=seed)
+    rng, world = np.random.default_rng(seed), replace(part_on_belt(part), seed=seed)
     nominal = world.nominal
     shift, turn = rng.uniform(-3e-4, 3e-4, 3), np.radians(rng.uniform(-0.2, 0.2, 3))
     displaced = nominal.with_part_at(nominal.support_from_part @ pose.from_euler_xyz(shift, turn))

@@ -67,6 +67,32 @@ def test_noise_of_the_encoder_is_estimated_and_enters_the_intervals() -> None:
     assert noisy.half_widths()[2] > 5 * quiet.half_widths()[2]
 
 
+def test_exposures_with_large_errors_of_the_encoder_are_no_outliers() -> None:
+    """On slopes they move all points of a profile far; implausible errors are none of the encoder."""
+    problem = problem_of(planted(SMALL), 148)
+    observed = problem.observations
+    counts = np.bincount(observed.frame)
+    assert set(solve(problem).frame) >= set(np.flatnonzero(counts >= 5))
+    axes, jumped = observed.readings.axes.copy(), np.flatnonzero(counts)[-3]
+    axes[jumped, -1] += 2e-3
+    readings = replace(observed.readings, axes=axes)
+    result = solve(replace(problem, observations=replace(observed, readings=readings)))
+    assert jumped not in result.frame
+    assert (np.abs(result.values - SMALL) <= result.half_widths(0.9999)).all()
+
+
+def test_parts_that_do_not_determine_a_belt_are_refused() -> None:
+    """Faces without slopes, and faces that are mistaken for others."""
+    with pytest.raises(CalibrationError, match=r"not determine:.*conveyor\[1\]\.encoder_scale.*slopes or curved"):
+        solve(problem_of(planted(SMALL), 1, part="parts/step_block.stl"))
+    problem = problem_of(planted(SMALL), 6)
+    points = problem.observations.points_in_sensor.copy()
+    points[::6, 2] += 1e-3
+    observed = replace(problem.observations, points_in_sensor=points)
+    with pytest.raises(CalibrationError, match=r"8\d% of the points near the part agree with it.*mistaken"):
+        solve(replace(problem, observations=observed))
+
+
 def test_position_of_the_belt_along_its_travel_is_no_deviation() -> None:
     problem = replace(problem_of(planted(SMALL), 5), free=(*BELT, "conveyor[1].x"))
     with pytest.raises(CalibrationError, match=r"also = 'conveyor\[1\]\.x'.*one of .*conveyor\[1\]\.encoder"):

@@ -22,9 +22,10 @@ from benchmarks.sphere_cell import (
     passing_sphere,
     sphere_views,
 )
+from scancell import sensor as sensor_rt
 from scancell.calibration.cell.kinematics import LATENCY, PLATTER, TABLE, TOOL, WOBBLE, AxisReadings, written_unit
 from scancell.calibration.cell.problem import Artefact, CalibrationProblem, Observations
-from scancell.calibration.cell.scan import readings_of
+from scancell.calibration.cell.scan import observations_of, readings_of
 from scancell.calibration.cell.solve import circles_of, solve, sphere_start
 from scancell.calibration.cell.views import design_poses
 from scancell.cell.recording import TriggerRecords
@@ -34,6 +35,8 @@ from scancell.errors import CalibrationError
 from scancell.geometry import pose
 from scancell.geometry.shapes import Plane
 from scancell.nominal.cell import estimated_cell, nominal_cell
+from scancell.reconstruction.reconstruct import ProfilePoints
+from scancell.scanning.world import make_sensor
 
 
 def some_readings(rng: np.random.Generator, count: int) -> AxisReadings:
@@ -188,6 +191,44 @@ def test_outliers_are_left_out() -> None:
     true = np.array([case.deviations[name] for name in TOOL])
     assert np.all(np.abs(result.values - true) < result.half_widths(0.9999))
     assert len(result.residuals) == pytest.approx(result.points - bad.sum(), abs=0.002 * result.points)
+
+
+def test_sheet_that_triangulation_neglects_enters_the_intervals() -> None:
+    """As a standard deviation: by how much the result changes once the points are where the sheet is."""
+    rng = np.random.default_rng(9)
+    case = SphereCase(misaligned(rng, *TOOL))
+    observed = case.observe(at_rest(rng, 24, turn_table=False), rng)
+    points = observed.points_in_sensor
+    off_sheet = np.outer(2e-6 * (points[:, 1] / 0.02) ** 2, [1.0, 0.0, 1.5])
+    plane, curved = (
+        solve(case.problem(each, TOOL)) for each in (observed, replace(observed, points_in_sensor=points + off_sheet))
+    )
+    stated = solve(case.problem(replace(observed, off_sheet=off_sheet), TOOL))
+    assert not plane.neglected.any()
+    assert stated.values == pytest.approx(plane.values, abs=1e-12)
+    change = curved.values - plane.values
+    assert stated.neglected == pytest.approx(change, abs=0.1 * np.abs(change).max())
+    assert stated.covariance - plane.covariance == pytest.approx(np.outer(stated.neglected, stated.neglected))
+    assert (stated.half_widths() >= 1.9 * np.abs(stated.neglected)).all()
+
+
+@pytest.mark.parametrize("bends", [(), (0.0, 0.1, 0.4)], ids=["plane", "curved"])
+@pytest.mark.parametrize("triangulation", ["exact", "sheet"])
+def test_points_off_the_described_sheet_are_known(bends: tuple[float, ...], triangulation: str) -> None:
+    setup = load_setup(
+        settings={"sensor.laser.straightness_mrad": bends, "sensor.extraction.triangulation": triangulation}
+    )
+    sensor, count = make_sensor(setup.sensor, 0), 5
+    pixels = np.column_stack([np.linspace(100.0, 900.0, count), np.full(count, 300.0)])
+    where, on_sheet = (sensor_rt.triangulate_pixels(pixels, sensor, 0, form) for form in (triangulation, "sheet"))
+    zeros = np.zeros(count)
+    columns = (zeros + 1e-6, zeros, zeros.astype(np.int32), zeros.astype(np.int32), zeros.astype(int))
+    profiles = ProfilePoints(where, *columns, zeros.astype(np.uint32), zeros)
+    off = observations_of(profiles, AxisReadings.at_rest(np.zeros((1, 7))), sensor).off_sheet
+    assert (off is None) == (not bends or triangulation == "sheet")
+    if off is not None:
+        assert where + off == pytest.approx(on_sheet, abs=1e-10)
+        assert np.abs(off).max() > 1e-6
 
 
 def plane_observations(

@@ -63,6 +63,9 @@ class Observations:
         (m,) exposure of the point minus the latched instant, s: not 0 with a rolling shutter.
     shape
         (m,) shape of the artefact to which the point belongs, -1 for none; None: `Surface.assign` determines it.
+    off_sheet
+        (m, 3) from the point to where the laser sheet is by its description, m, where triangulation assumes a plane;
+        None: they agree, or this is unknown.
     """
 
     readings: AxisReadings
@@ -72,6 +75,7 @@ class Observations:
     frame: NDArray[np.intp]
     time_offset: Array
     shape: NDArray[np.intp] | None = None
+    off_sheet: Array | None = None
 
     def chosen(self, rows: NDArray[np.bool_]) -> Observations:
         """Observations of some of the points; all exposures are kept."""
@@ -83,6 +87,7 @@ class Observations:
             self.frame[rows],
             self.time_offset[rows],
             None if self.shape is None else self.shape[rows],
+            None if self.off_sheet is None else self.off_sheet[rows],
         )
 
 
@@ -236,6 +241,8 @@ class CalibrationResult:
         unknown, and `sizes`. What the artefact's surface does not determine, such as rotations of a sphere, is kept.
     degrees_of_freedom
         (p,) of each variance; small where the noise of few exposures was estimated.
+    neglected
+        (p,) changes of `values` by a laser sheet that triangulation neglects, which the covariance contains.
     held
         Deviations that were given and kept.
     platter_from_artefact
@@ -260,6 +267,7 @@ class CalibrationResult:
     values: Array
     joint_covariance: Array
     degrees_of_freedom: Array
+    neglected: Array
     held: Mapping[str, float]
     platter_from_artefact: Array
     sizes: Array

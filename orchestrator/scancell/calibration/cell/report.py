@@ -48,6 +48,7 @@ from scancell.progress import Progress
 from scancell.scanning.world import World
 
 _DOUBTFUL = 3.0  # times the stated noise of points, from which a warning is given
+_MAIN_SHARE = 0.5  # of a standard deviation, from which a warning says what else than noise is in it
 # Pose errors from exposure to exposure from which a warning is given: of a position (m) and an orientation (rad).
 _DOUBTFUL_POSE = (0.2e-3, np.radians(0.03))
 
@@ -192,6 +193,17 @@ class CalibrationReport(SavedCalibration):
         if not self._is_found_alone:
             found += filter(None, [shift_text(self.calibration.shift)])
             found += implausible(self.result)
+        if (np.abs(self.result.neglected) > _MAIN_SHARE * self.result.standard_deviations).any():
+            units = [written_unit(name) for name in self.result.names]
+            changes = ", ".join(
+                f"{self._named(name)} {abs(change) / scale:.4f} {unit}"
+                for name, change, (unit, scale) in zip(self.result.names, self.result.neglected, units, strict=True)
+            )
+            found.append(
+                "triangulation takes the laser sheet for a plane, which it is not by its description: the intervals"
+                f" contain {changes} as standard deviations for it; calibrate the sensor, or set"
+                ' extraction.triangulation = "sheet"'
+            )
         if self.result.noise_of_points > _DOUBTFUL:
             found.append(
                 f"points scatter {self.result.noise_of_points:.1f} times as much as their stated sigma: is the artefact"
@@ -221,6 +233,7 @@ class CalibrationReport(SavedCalibration):
                 }
                 for one in result.directions
             ],
+            "neglected_sheet_si": result.neglected.tolist(),
             "degrees_of_freedom": result.degrees_of_freedom.tolist(),
             "exposures": len(np.unique(result.frame)),
             "points": self.calibration.measured,

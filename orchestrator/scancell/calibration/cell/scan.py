@@ -72,6 +72,7 @@ from scancell.scanning.scan import Scan
 from scancell.scanning.world import World
 
 _LEAST_SIGMA = 1e-7  # m: standard deviation of points of a sensor without noise, whose weights are finite, too
+_ON_SHEET = 1e-9  # m
 _POSES, _PASSES = 24, 8  # unless stated
 _PER_POSE = 20  # candidates per wanted pose
 _LEAST_CANDIDATES = 400
@@ -276,7 +277,18 @@ def observations_of(profiles: ProfilePoints, readings: AxisReadings, sensor: sen
         direction=direction / np.linalg.norm(direction, axis=1, keepdims=True),
         frame=np.asarray(profiles.frame[good], np.intp),
         time_offset=profiles.time_offset[good],
+        off_sheet=_off_sheet(points, profiles.camera[good], sensor),
     )
+
+
+def _off_sheet(points: Array, camera: NDArray[np.int32], sensor: sensor_rt.Sensor) -> Array | None:
+    """From points (m, 3) to the described sheet, on the lines of sight of their cameras; None if they are on it."""
+    found = np.zeros_like(points)
+    for number, one in enumerate(sensor.cameras):
+        rows = camera == number
+        seen = sensor_rt.triangulate_pixels(one.project(points[rows]), sensor, number, "sheet")
+        found[rows] = np.nan_to_num(seen - points[rows])
+    return found if np.abs(found).max(initial=0.0) > _ON_SHEET else None
 
 
 def artefact_of(nominal: NominalCell, request: CalibrationRequest) -> Artefact:
@@ -339,7 +351,7 @@ class CalibrationScan:
         if self.request.what == "belt":
             return self.pipeline.plan(self.world)
         rng, count = np.random.default_rng(self.request.pose_seed), self.request.pass_count
-        still = self._still(rng)
+        still = self.still_poses(rng)
         moving = passes(self._cell, count, rng, self._scan) if count else []
         return plan_views(self._cell, self._scan, still, moving)
 
@@ -481,8 +493,11 @@ class CalibrationScan:
             robot_noise=request.robot_noise,
         )
 
-    def _still(self, rng: np.random.Generator) -> Array:
-        """Positions (n, axes) at rest, rad."""
+    def still_poses(self, rng: np.random.Generator) -> Array:
+        """Positions (n, axes), rad, of the exposures at rest, chosen among random ones of the generator.
+
+        Raises `CalibrationError` if too few of them show the artefact.
+        """
         count = self.request.pose_count
         if not count:
             return np.empty((0, len(self._cell.start)))
@@ -533,6 +548,7 @@ def joined(parts: Sequence[Observations]) -> Observations:
         np.concatenate([getattr(part.readings, name) for part in parts]) for name in ("axes", "rates", "accelerations")
     )
     directions = [part.direction for part in parts if part.direction is not None]
+    off_sheet = [part.off_sheet for part in parts if part.off_sheet is not None]
     return Observations(
         AxisReadings(axes, rates, accelerations, further=parts[0].readings.further),
         np.concatenate([part.points_in_sensor for part in parts]),
@@ -540,6 +556,7 @@ def joined(parts: Sequence[Observations]) -> Observations:
         np.concatenate(directions) if directions else None,
         np.concatenate([part.frame + first for part, first in zip(parts, counts[:-1], strict=True)]),
         np.concatenate([part.time_offset for part in parts]),
+        off_sheet=np.concatenate(off_sheet) if len(off_sheet) == len(parts) else None,
     )
 
 

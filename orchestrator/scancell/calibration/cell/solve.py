@@ -56,9 +56,13 @@ _LEAST_RATE = 1e-3  # rad/s
 
 _MOST_STEPS = 60
 _MOST_ASSIGNMENTS = 10
+_DIVERGED = 10.0  # m or rad, of one step
 _COARSE = 1e-3  # of UNIT: last step of the coarse fit
 _SETTLED = 1e-4  # of logarithms of variances
 _OUTLIER = 5.0  # standard deviations
+_LEAST_ON_BELT = (
+    0.9  # of the points near a part on a belt, that agree with it: others are on faces mistaken for its own
+)
 _LEAST_SHARE = 2 / 3  # of the points, that agree with the artefact: the robust fit alone keeps a half of any points
 _COARSE_FLOOR = 2e-6  # m: least scale of residuals of the coarse fit
 _ROUNDS = 12  # of noise and outliers
@@ -318,6 +322,11 @@ def require_determined(problem: CalibrationProblem, moments: Moments, basis: Arr
 
 def _advice(problem: CalibrationProblem) -> str:
     """Measurements that the exposures lack."""
+    if problem.kinematics.belt is not None:
+        return (
+            "Let the belt carry a part with slopes or curved surfaces in all directions: faces that are parallel or"
+            " square to the travel do not show where along it they pass, and are mistaken for one another"
+        )
     readings = problem.observations.readings
     readings = readings.rows(np.unique(problem.observations.frame))
     poses = problem.kinematics.poses(readings, problem.start).platter_from_sensor
@@ -336,11 +345,12 @@ def _advice(problem: CalibrationProblem) -> str:
             " axis"
         )
     if any(name.startswith(("table.", "platter.")) for name in problem.free):
-        if np.ptp(readings.table) < _LEAST_TABLE_TURN:
-            return "The table hardly turns: measure at three or more table angles, 90 deg apart or more"
+        is_turned = np.ptp(readings.table) >= _LEAST_TABLE_TURN
         return (
             "Measure a sphere off the axis of the table, or an artefact with several spheres at different heights and"
             " distances from the axis"
+            if is_turned
+            else "The table hardly turns: measure at three or more table angles, 90 deg apart or more"
         )
     return "Free fewer deviations, or add exposures from other directions and distances"
 
@@ -402,6 +412,10 @@ def solve(problem: CalibrationProblem) -> CalibrationResult:
     First a robust fit without pose errors finds what belongs to the artefact; then outliers are removed, the noise is
     estimated, and all is fitted again.
 
+    A laser sheet that is not the plane of the triangulation displaces points in the same way in every scan, which no
+    scatter shows: how far it displaces the unknowns, by the description of the sensor, counts as a standard deviation
+    beside that of the noise.
+
     Raises `CalibrationError` if there are too few points, or the poses do not determine the unknowns; the message
     states what is missing.
     """
@@ -416,6 +430,7 @@ def solve(problem: CalibrationProblem) -> CalibrationResult:
     log_variances = equal_shares(moments)
     for _ in range(_ROUNDS):
         state = _fitted(inner, state, found.variance, log_variances)
+        state = _with_lost_exposures(problem, state, kept, log_variances)
         residuals = _residuals(problem, state)
         limit = _OUTLIER * np.sqrt(residuals.variance * np.exp(log_variances[0]))
         was_kept, kept = kept, np.abs(residuals.gap) < limit
@@ -430,6 +445,11 @@ def solve(problem: CalibrationProblem) -> CalibrationResult:
         if change < _SETTLED and np.array_equal(was_kept, kept):
             break
     require_determined(inner, moments, basis, log_variances)
+    if problem.kinematics.belt is not None and kept.sum() < _LEAST_ON_BELT * observed:
+        raise CalibrationError(
+            f"{kept.mean():.0%} of the points near the part agree with it, expected {_LEAST_ON_BELT:.0%}."
+            f" {_advice(problem)}"
+        )
     if kept.sum() < _LEAST_SHARE * observed:
         raise CalibrationError(
             f"{kept.sum()} of {observed} points agree with the artefact", expected="two thirds of them"
@@ -654,6 +674,8 @@ def _fitted(
 def _moved(problem: CalibrationProblem, state: _State, x: Array) -> _State:
     """The state after a step (unknowns,) in units of `UNIT`."""
     step, count = x * UNIT, len(problem.free)
+    if not np.abs(step).max(initial=0.0) < _DIVERGED:
+        raise CalibrationError(f"the fit of the artefact diverges. {_advice(problem)}")
     deviations = dict(state.deviations)
     for name, change in zip(problem.free, step[:count].tolist(), strict=True):
         deviations[name] += change
@@ -672,6 +694,28 @@ def _difference(a: _State, b: _State) -> Array:
     return np.concatenate([deviations, artefact, b.sizes - a.sizes])
 
 
+def _with_lost_exposures(
+    problem: CalibrationProblem, state: _State, kept: NDArray[np.bool_], log_variances: Array
+) -> _State:
+    """The state with errors of exposures whose points are left out, by these points, where they are plausible.
+
+    The coarse fit takes points that a large pose error moves far for outliers: where exposures show pose errors to
+    different extents, by the slopes of a surface, these are whole exposures, and without them the errors that remain
+    would seem too small.
+    """
+    data, counts = problem.observations, len(state.errors)
+    used = np.bincount(data.frame[kept], minlength=counts)
+    lost = (used < _LEAST_POINTS) & (np.bincount(data.frame, minlength=counts) >= _LEAST_POINTS)
+    if not (lost.any() and state.errors.shape[1]):
+        return state
+    found = _residuals(problem, state)
+    moments = _moments(problem, found, np.where(lost[data.frame], found.variance, np.inf))
+    errors = equations_at(moments, np.zeros(1), state.errors, log_variances)[1](np.zeros(moments.design.shape[-1]))
+    deviations = np.repeat(np.exp(0.5 * log_variances[1:]), [mode.shape[-1] for mode in found.modes])
+    plausible = lost & (np.abs(errors) <= _OUTLIER * deviations).all(1)
+    return replace(state, errors=np.where(plausible[:, None], errors, state.errors))
+
+
 def _result(
     problem: CalibrationProblem,
     state: _State,
@@ -685,14 +729,17 @@ def _result(
     rows = basis[:count]
     noise = np.exp(0.5 * last.log_variances)
     moments = moments.by_basis(basis)
+    neglected = _neglected(problem, found, basis, last)
+    whole = replace(last, covariance=last.covariance + np.outer(neglected, neglected))
     # A profile is displaced along y and z of the sensor, and offset along its normals.
     by_displacement = np.zeros((len(found.motion), moments.design.shape[1], 3))
     by_displacement[:, :3, :2], by_displacement[:, 6, 2] = found.poses.platter_from_sensor[:, :3, 1:3], 1.0
     return CalibrationResult(
         names=problem.free,
         values=np.array([state.deviations[name] for name in problem.free]),
-        joint_covariance=basis @ last.covariance @ basis.T * UNIT**2,
-        degrees_of_freedom=last.of_values(rows)[1],
+        joint_covariance=basis @ whole.covariance @ basis.T * UNIT**2,
+        degrees_of_freedom=whole.of_values(rows)[1],
+        neglected=rows @ neglected * UNIT,
         held={name: value for name, value in state.deviations.items() if name not in problem.free},
         platter_from_artefact=state.platter_from_artefact,
         sizes=state.sizes,
@@ -704,3 +751,15 @@ def _result(
         noise_of_surface=float(noise[-1]) if len(noise) > 1 else 0.0,
         left_out=left_out(moments, last, by_displacement, 2),
     )
+
+
+def _neglected(problem: CalibrationProblem, found: _Residuals, basis: Array, last: Estimate) -> Array:
+    """Change (r,) of the fit, in units of `UNIT`, if the points were on the described laser sheet."""
+    data = problem.observations
+    if data.off_sheet is None:
+        return np.zeros(basis.shape[1])
+    sensor = found.poses.platter_from_sensor[data.frame, :3, :3]
+    effect = np.einsum("mi,mij,mj->m", found.wrench[:, :3], sensor, data.off_sheet)
+    displaced = replace(found, gap=effect / found.cosine, explained=np.zeros(len(effect)))
+    moments = _moments(problem, displaced, found.variance).by_basis(basis)
+    return np.asarray(last.covariance @ normal_equations(moments, last.log_variances).gradient)
